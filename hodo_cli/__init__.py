@@ -1,0 +1,7 @@
+"""hodo: batches of rigid-body rotation experiments, integrated, classified, plotted and checked."""
+
+__version__ = "0.1.0"
+
+
+class HodoError(Exception):
+    """A mistake that the user can mend; shown as one line, without a traceback. Exit status 2."""

@@ -1,0 +1,183 @@
+"""What every model states, and what the body-frame models share."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from .. import rigid
+from ..keys import Key, Number, Table, Vector
+
+Report = Callable[[tuple[str | int, ...], str], None]
+"""Called as report(path within the case, what is right) for every mistake in a case."""
+
+
+class Variable(NamedTuple):
+    """How one stored variable is labelled in a result file."""
+
+    dims: tuple[str, ...]
+    long_name: str
+    units: str = "1"
+
+
+class Event(NamedTuple):
+    """A zero of `function(t, y, k)`; integration ends there if it is `terminal`."""
+
+    kind: str
+    function: Callable[[Any, Sequence[Any], Any], Any]
+    terminal: bool = False
+
+
+class Model:
+    """One form of a model: its equations, stated once, and how case data become numbers.
+
+    `rhs(t, y, k)` and the events are written with + - * / and ** only, so that numbers, arrays and the
+    symbols of an engine all pass through the same lines. `k` has the names of `constants` as attributes.
+
+    `degree` maps a constant to the degree in the angular velocity of the terms that it multiplies. It makes
+    a change of units possible: with omega = sigma W and s = rho t, every such constant becomes
+    value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its own units.
+    """
+
+    name: ClassVar[str]
+    form: ClassVar[str]
+    keys: ClassVar[dict[str, Key]]
+    state: ClassVar[tuple[str, ...]]
+    variables: ClassVar[dict[str, Variable]]
+    degree: ClassVar[dict[str, int]] = {}
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        """The time derivative of each state variable."""
+        raise NotImplementedError
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+        """Report what is wrong with values that are each right by themselves."""
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, float | tuple[float, ...]]:
+        """The numbers that `rhs` uses, by name."""
+        raise NotImplementedError
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        """The initial state."""
+        raise NotImplementedError
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`."""
+        raise NotImplementedError
+
+    @classmethod
+    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+        """What the data say against the model's own assumptions."""
+        return []
+
+    @classmethod
+    def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+        """Events that belong to the motion itself and are recorded whenever it is integrated."""
+        return ()
+
+    @classmethod
+    def class_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+        """Events that only `classify` looks for."""
+        return ()
+
+
+INERTIA = Key(Vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia")
+"""Three moments in any order; `BodyFrame.check` wants the triangle inequality besides."""
+
+INITIAL = Key(
+    Table(
+        {
+            "p": Key(Number(), "angular velocity about x1", unit="1/time", default=None),
+            "q": Key(Number(), "angular velocity about x2", unit="1/time", default=None),
+            "r": Key(Number(), "angular velocity about x3", unit="1/time", default=None),
+            "G": Key(
+                Number(above=0),
+                "|G|, in place of one of p, q, r (its positive root)",
+                unit="moment of inertia / time",
+                default=None,
+            ),
+        }
+    ),
+    "initial angular velocity in body axes",
+)
+
+
+def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...] | str:
+    """(p, q, r) from initial data in which |G| may stand for one of them; a sentence if that cannot be done."""
+    omega = [initial.get(axis) for axis in "pqr"]
+    missing = [axis for axis, value in zip("pqr", omega, strict=True) if value is None]
+    momentum = initial.get("G")
+    if momentum is None and not missing:
+        return tuple(omega)  # type: ignore[arg-type]
+    if momentum is None:
+        return f"{' and '.join(missing)} missing: give p, q and r, or two of them and G"
+    if len(missing) != 1:
+        return "G stands for exactly one of p, q, r: leave that one out and give the other two"
+    known = np.array([value if value is not None else 0.0 for value in omega]) * np.asarray(inertia)
+    largest = float(np.hypot.reduce(known))
+    if largest > momentum:
+        return f"|G| is at least {largest:.17g} with the components given, so G: {momentum:.17g} leaves no {missing[0]}"
+    at = "pqr".index(missing[0])
+    omega[at] = float(np.sqrt(momentum - largest) * np.sqrt(momentum + largest)) / inertia[at]
+    return tuple(omega)  # type: ignore[arg-type]
+
+
+class BodyFrame(Model):
+    """A model whose state is the angular velocity (p, q, r) in principal axes.
+
+    Its constants carry A1, A2, A3 and `g` = 1, the factor of the gyroscopic terms (of degree 2).
+    """
+
+    state = ("p", "q", "r")
+    variables = {"omega": Variable(("time", "axis"), "angular velocity in body axes")}
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+        A = data.get("inertia")
+        if A is None:
+            return
+        if 2 * max(A) > sum(A):
+            largest = A.index(max(A))
+            report(
+                ("inertia", largest),
+                f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
+            )
+        if "initial" in data and isinstance(problem := complete(A, data["initial"]), str):
+            report(("initial",), problem)
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        omega = complete(data["inertia"], data["initial"])
+        assert not isinstance(omega, str), omega
+        return omega
+
+    @classmethod
+    def inertia(cls, data: Mapping[str, Any]) -> dict[str, float]:
+        """The constants that every body-frame model has."""
+        return dict(zip(("A1", "A2", "A3"), data["inertia"], strict=True)) | {"g": 1.0}
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        return {"omega": y}
+
+    @classmethod
+    def class_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+        return (Event("separatrix", Separatrix(rigid.inertia_order(data["inertia"]))),)
+
+
+@dataclass(frozen=True)
+class Separatrix:
+    """D as an event; its order of axes is part of its identity, so that one compilation serves one order."""
+
+    order: tuple[int, int, int]
+
+    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
+        outer, inner = rigid.separatrix_terms((k.A1, k.A2, k.A3), y, self.order)
+        return outer - inner

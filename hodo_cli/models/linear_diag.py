@@ -1,0 +1,47 @@
+"""Linear resistance proportional to the angular momentum, component by component."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..keys import Key, Vector
+from .base import INERTIA, INITIAL, BodyFrame
+
+
+class LinearDiag(BodyFrame):
+    """A rigid body in a medium that resists each component of its angular momentum linearly.
+
+    A1 p' + (A3 - A2) q r = -lambda1 A1 p
+    A2 q' + (A1 - A3) p r = -lambda2 A2 q
+    A3 r' + (A2 - A1) p q = -lambda3 A3 r
+
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of inertia
+    (`inertia`); lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`), all zero for free
+    motion. Assumed: constant coefficients, about the same axes as the inertia.
+
+    Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (1)-(4).
+    """
+
+    name = "linear-diag"
+    form = "full"
+    keys = {
+        "inertia": INERTIA,
+        "damping": Key(
+            Vector(3, scalar=True), "coefficients of resistance lambda_i; a scalar means all three equal",
+            unit="1/time", default=(0.0, 0.0, 0.0),
+        ),
+        "initial": INITIAL,
+    }
+    degree = {"g": 2, "lam1": 1, "lam2": 1, "lam3": 1}
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        p, q, r = y
+        return (
+            k.g * (k.A2 - k.A3) / k.A1 * q * r - k.lam1 * p,
+            k.g * (k.A3 - k.A1) / k.A2 * p * r - k.lam2 * q,
+            k.g * (k.A1 - k.A2) / k.A3 * p * q - k.lam3 * r,
+        )
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, float | tuple[float, ...]]:
+        return cls.inertia(data) | dict(zip(("lam1", "lam2", "lam3"), data["damping"], strict=True))

@@ -1,0 +1,77 @@
+"""Linear resistance by a constant tensor."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..keys import Either, Key, Matrix, Number, Table
+from .base import INERTIA, INITIAL, BodyFrame
+
+
+class Tensor(BodyFrame):
+    """A rigid body in a medium that resists its angular velocity through a constant tensor I.
+
+    A1 p' + (A3 - A2) q r = -(I11 p + I12 q + I13 r)      and cyclically
+
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of inertia
+    (`inertia`); I: tensor of resistance, moment of inertia / time (`resistance`). Assumed: I is constant. It
+    takes energy out of every motion only if its symmetric part is positive semi-definite; a tensor that
+    feeds energy in runs too, with a warning.
+
+    Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (9)-(11).
+    """
+
+    name = "tensor"
+    form = "full"
+    keys = {
+        "inertia": INERTIA,
+        "resistance": Key(
+            Either(
+                Matrix(3),
+                Table(
+                    {
+                        "diagonal": Key(Number(), "every I_ii", unit="moment of inertia / time"),
+                        "off_diagonal": Key(Number(), "every I_ij, i != j", unit="moment of inertia / time"),
+                    }
+                ),
+            ),
+            "tensor of resistance I",
+            unit="moment of inertia / time",
+        ),
+        "initial": INITIAL,
+    }
+    entries = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+    degree = {"g": 2} | dict.fromkeys(entries, 1)
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        p, q, r = y
+        return (
+            (k.g * (k.A2 - k.A3) * q * r - (k.I11 * p + k.I12 * q + k.I13 * r)) / k.A1,
+            (k.g * (k.A3 - k.A1) * p * r - (k.I21 * p + k.I22 * q + k.I23 * r)) / k.A2,
+            (k.g * (k.A1 - k.A2) * p * q - (k.I31 * p + k.I32 * q + k.I33 * r)) / k.A3,
+        )
+
+    @classmethod
+    def tensor(cls, data: Mapping[str, Any]) -> np.ndarray:
+        """I as a 3x3 array."""
+        given = data["resistance"]
+        if isinstance(given, Mapping):
+            off = np.full((3, 3), given["off_diagonal"])
+            np.fill_diagonal(off, given["diagonal"])
+            return off
+        return np.array(given, dtype=float)
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, float | tuple[float, ...]]:
+        return cls.inertia(data) | dict(zip(cls.entries, cls.tensor(data).ravel().tolist(), strict=True))
+
+    @classmethod
+    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+        resistance = cls.tensor(data)
+        values = np.linalg.eigvalsh(resistance / 2 + resistance.T / 2)
+        if values[0] >= -1e-12 * abs(values[-1]):
+            return []
+        named = ", ".join(f"{value:.6g}" for value in values)
+        return [f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"]

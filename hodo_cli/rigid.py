@@ -1,0 +1,37 @@
+"""A rigid body by its principal moments of inertia: pure functions of (A, omega)."""
+
+from typing import Any
+
+import numpy as np
+
+UNDETERMINED, SEPARATRIX = -1, 0
+LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
+
+
+def angular_momentum(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """G = A omega, in body axes; A (3,), omega (..., 3)."""
+    return A * omega
+
+
+def kinetic_energy(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """T = (A1 p^2 + A2 q^2 + A3 r^2) / 2; A (3,), omega (..., 3)."""
+    return (A * omega * omega).sum(axis=-1) / 2
+
+
+def inertia_order(A: Any) -> tuple[int, int, int]:
+    """The positions of the largest, middle and smallest moment of inertia; ties keep the order given."""
+    largest, middle, smallest = sorted(range(3), key=lambda i: -A[i])
+    return largest, middle, smallest
+
+
+def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
+    """The two non-negative terms whose difference is D = G^2 - 2 T A_middle.
+
+    D = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2, with l, m, s the axes of largest, middle and smallest
+    inertia. The hodograph of G encloses axis l where D > 0 and axis s where D < 0. Subtracting G^2 - 2TA_m
+    itself loses every digit near the separatrix; this form costs only what the data's own conditioning costs.
+
+    Source: Rachinskaya, eqs (7)-(8), solved for D.
+    """
+    l, m, s = order
+    return A[l] * (A[l] - A[m]) * omega[l] * omega[l], A[s] * (A[m] - A[s]) * omega[s] * omega[s]
