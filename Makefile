@@ -1,0 +1,66 @@
+# `make` or `make help` lists the targets. Each of them makes .venv first if need be, so a fresh clone needs no other step.
+
+CONFIGS ?= $(wildcard configs/paper*.yaml)
+RUNS = $(CONFIGS:configs/%.yaml=runs/%.h5)
+
+# The first Python that is new enough; looked for only when .venv has to be made.
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+# A file's tests stay in one process, so that what its fixtures integrate is integrated once.
+PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup run classify figures test lint lock clean
+
+help:  ## List the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo "  CONFIGS=configs/mine.yaml limits run, classify and figures to the case files named."
+
+setup: $(READY)  ## Make .venv with the locked dependencies (by uv where it is installed, else by venv and pip)
+
+run: $(READY)  ## Integrate every case of the papers into runs/ (finished cases are not run again)
+	$(BIN)/hodo run $(CONFIGS)
+
+classify: run  ## Label the axis that each hodograph encloses and find the separatrix crossings
+	$(BIN)/hodo classify $(RUNS)
+
+figures: classify  ## The main job: run, classify and draw every figure into runs/figures/
+	$(BIN)/hodo plot $(RUNS)
+
+test: lint  ## The checks of `lint`, then the whole test suite, without heyoka and with it
+	$(PYTEST) --no-heyoka
+	$(PYTEST)
+
+lint: $(READY)  ## ruff on everything, mypy --strict on the package
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+lock:  ## Renew requirements.lock from pyproject.toml (needs uv)
+	uv pip compile --quiet --upgrade --universal --python-version 3.11 --all-extras --generate-hashes \
+		--custom-compile-command 'make lock' --output-file requirements.lock pyproject.toml
+
+clean:  ## Remove results, figures and caches; keep .venv and runs/reference
+	find runs -mindepth 1 -maxdepth 1 ! -name reference -exec rm -rf {} +
+	rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find hodo_cli tests -name __pycache__ -prune -exec rm -rf {} +
+
+$(READY): pyproject.toml requirements.lock
+ifneq ($(shell command -v uv 2>/dev/null),)
+	uv venv --quiet --allow-existing --python '$(or $(PYTHON),>=3.11)' $(VENV)
+	uv pip sync --quiet --python $(BIN)/python --require-hashes requirements.lock
+	uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
+else
+	@test -n '$(PYTHON)' || { \
+		echo 'hodo needs Python 3.11 or newer: sudo apt-get install -y python3 python3-venv' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+		echo '$(PYTHON) cannot make virtual environments: sudo apt-get install -y $(notdir $(PYTHON))-venv' >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+endif
+	@touch $@

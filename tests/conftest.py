@@ -1,0 +1,53 @@
+"""What all tests share: the leg without heyoka, hypothesis' profiles, and `hodo` run as a user runs it."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).parents[1]
+
+# Other work on the machine must not fail a test, nor two runs of the suite differ;
+# `pytest --hypothesis-profile explore` looks further.
+settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None, max_examples=5000)
+settings.load_profile("repeatable")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--no-heyoka", action="store_true", help="hide heyoka, also from the processes that tests start")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--no-heyoka"):
+        sys.modules["heyoka"] = None  # type: ignore[assignment]
+        hidden = str(ROOT / "tests" / "without_heyoka")
+        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [hidden, os.environ.get("PYTHONPATH")]))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if find_spec("heyoka") is None:
+        for item in items:
+            if item.get_closest_marker("heyoka"):
+                item.add_marker(pytest.mark.skip(reason="needs heyoka"))
+
+
+Hodo = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def hodo(tmp_path: Path) -> Hodo:
+    """Run `hodo ARGUMENTS` as a process in `tmp_path`; keyword arguments are those of subprocess.run."""
+    script = Path(sysconfig.get_path("scripts")) / "hodo"
+
+    def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+        command = [str(script), *map(str, arguments)]
+        return subprocess.run(command, **{"cwd": tmp_path, "capture_output": True, "text": True, **options})
+
+    return run
