@@ -1,0 +1,155 @@
+"""The project's frame: what README promises exists, heavy libraries stay where they belong, the lock is complete."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from conftest import ROOT, Hodo
+
+PACKAGE = ROOT / "hodo_cli"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+# A heavy library and the only module that may import it.
+IMPORTERS = {
+    "dask": "batch.py",
+    "distributed": "batch.py",
+    "h5py": "store.py",
+    "heyoka": "engines/taylor.py",
+    "matplotlib": "plot.py",
+    "netCDF4": "dataset.py",
+    "scipy.integrate": "engines/ivp.py",
+    "xarray": "dataset.py",
+    "yaml": "document.py",
+}
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Every dotted name that a file imports; relative ones begin with dots."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            module = "." * node.level + (node.module or "")
+            separator = "" if module.endswith(".") else "."
+            yield from (f"{module}{separator}{alias.name}" for alias in node.names)
+
+
+MODULES = {path.relative_to(PACKAGE).as_posix(): list(imports(path)) for path in PACKAGE.rglob("*.py")}
+
+
+@pytest.mark.parametrize("library", IMPORTERS)
+def test_one_module_imports_a_heavy_library(library: str) -> None:
+    users = {name for name, loaded in MODULES.items() if any(f"{used}.".startswith(f"{library}.") for used in loaded)}
+    assert users <= {IMPORTERS[library]}
+
+
+def test_nothing_imports_the_command_line() -> None:
+    assert not [name for name, loaded in MODULES.items() if any(re.search(r"(^|\.)cli(\.|$)", used) for used in loaded)]
+
+
+def test_models_know_no_solver_file_or_plot() -> None:
+    loaded = {used for name in MODULES if name.startswith("models/") for used in MODULES[name]}
+    assert not {used.lstrip(".").split(".")[0] for used in loaded} & {"scipy", "engines", "integrate", "case", "store", "dataset", "plot", "classify", "batch"}
+
+
+needs_cli = pytest.mark.skipif(not (PACKAGE / "cli.py").exists(), reason="no command line yet")
+
+
+def commands() -> set[str]:
+    from hodo_cli.cli import main
+
+    return set(main.commands)
+
+
+@needs_cli
+def test_readme_lists_the_commands() -> None:
+    assert set(re.findall(r"^\| `hodo ([a-z]+)", README, re.MULTILINE)) == commands()
+
+
+@needs_cli
+def test_readme_names_only_commands_that_exist() -> None:
+    assert set(re.findall(r"\bhodo ([a-z]+)\b(?=[^`\n]*`)", README)) <= commands()
+
+
+def test_readme_names_only_targets_that_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
+    named = set(re.findall(r"(?:`|^ {4})make ([a-z]+)", README, re.MULTILINE))
+    assert {"figures", "test"} <= named <= targets
+
+
+def test_every_target_is_explained_by_help() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
+    assert phony
+    listed = subprocess.run(["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE) == phony[1].split()
+
+
+def test_readme_model_loses_the_energy_that_it_says() -> None:
+    source = re.search(r"```python\n(from \.\.keys.*?)```", README, re.DOTALL)
+    assert source
+    scope: dict[str, Any] = {"__package__": "hodo_cli.models", "__name__": "hodo_cli.models.quadratic_drag"}
+    exec(compile(source[1], "README.md", "exec"), scope)
+    model = scope["QuadraticDrag"]
+    k = SimpleNamespace(**model.constants({"inertia": (1.0, 0.8, 0.6), "drag": 0.1}))
+    omega = (0.6, 0.8, 0.0)
+    energy = sum(A * w * dw for A, w, dw in zip((1.0, 0.8, 0.6), omega, model.rhs(0.0, omega, k), strict=True))
+    assert energy == pytest.approx(-0.1 * (0.36 + 0.8 * 0.64), rel=1e-15)
+    assert set(model.degree) <= set(vars(k))
+
+
+@needs_cli
+def test_help_loads_nothing_heavy() -> None:
+    heavy = {"numpy", "scipy", "h5py", "xarray", "matplotlib", "heyoka", "netCDF4", "yaml", "pandas", "dask"}
+    script = (
+        "import sys\n"
+        "from hodo_cli.cli import main\n"
+        "main(['--help'], standalone_mode=False)\n"
+        f"print('loaded:', *sorted({heavy!r} & sys.modules.keys()))"
+    )
+    shown = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert shown.splitlines()[0].startswith("Usage:")
+    assert shown.splitlines()[-1] == "loaded:"
+
+
+@needs_cli
+def test_the_console_script_runs(hodo: Hodo) -> None:
+    from hodo_cli import __version__
+
+    done = hodo("--version")
+    assert done.returncode == 0, done.stderr
+    assert __version__ in done.stdout
+
+
+def test_heyoka_can_be_hidden_from_processes() -> None:
+    hidden = os.environ | {"PYTHONPATH": str(ROOT / "tests" / "without_heyoka")}
+    done = subprocess.run([sys.executable, "-c", "import heyoka"], env=hidden, capture_output=True, text=True)
+    assert "import of heyoka halted" in done.stderr
+
+
+def pinned() -> set[str]:
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    return set(re.findall(r"^([a-z0-9-]+)==", lock, re.MULTILINE))
+
+
+def test_the_lock_covers_every_dependency() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = chain(project["dependencies"], *project["optional-dependencies"].values())
+    assert {re.match(r"[A-Za-z0-9-]+", name)[0].lower() for name in wanted} <= pinned()
+
+
+def test_the_lock_pins_versions_by_hash_and_names_no_host() -> None:
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    for entry in re.split(r"\n(?=[a-z])", lock)[1:]:
+        assert re.match(r"[a-z0-9-]+==\S+( ; [^\\]+)? \\\n    --hash=sha256:", entry), entry[:80]
+    assert not re.search(r"://|^-|file:", lock, re.MULTILINE)
