@@ -35,3 +35,21 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
     """
     l, m, s = order
     return A[l] * (A[l] - A[m]) * omega[l] * omega[l], A[s] * (A[m] - A[s]) * omega[s] * omega[s]
+
+
+def enclosed_axis(A: Any, omega: np.ndarray, band: float) -> np.ndarray:
+    """The axis that the hodograph of G encloses, for omega (..., 3) at any scale, as int8.
+
+    1, 2, 3 name the body axes; 0 is the separatrix, where |D| is at most `band` times the sum of its two terms;
+    -1 is undetermined: no rotation, or no axis to go round (steady rotation of a symmetric or spherical body).
+    """
+    order = inertia_order(A)
+    largest, middle, smallest = order
+    outer, inner = separatrix_terms(A, np.moveaxis(omega, -1, 0), order)
+    difference, total = outer - inner, outer + inner
+    labels = np.where(difference > 0, largest + 1, smallest + 1)
+    labels = np.where(np.abs(difference) <= band * total, SEPARATRIX, labels)
+    triaxial = A[largest] > A[middle] > A[smallest]
+    moving = np.any(omega != 0, axis=-1)
+    known = np.isfinite(total) & (moving if triaxial else total > 0)
+    return np.where(known, labels, UNDETERMINED).astype(np.int8)

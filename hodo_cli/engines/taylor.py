@@ -1,0 +1,100 @@
+"""Adaptive Taylor series through heyoka; the only module that imports it."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import heyoka as hy
+import numpy as np
+
+from ..models.base import Event, Model
+from . import Constants, Hit, Leg, Structure, Watch, count, flatten, namespace
+
+hy.set_logger_level_error()
+
+DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
+EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
+
+
+class Taylor:
+    """One compiled integrator; the constants are its runtime parameters, so that it serves every case."""
+
+    def __init__(
+        self, model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str
+    ) -> None:
+        self.dtype = fp = DTYPES[precision]
+        self.eps = EPS[precision]
+        self.tol = self.eps if tol is None else max(tol, self.eps / 1024)
+        self.hits: list[Hit] = []
+        y = [hy.expression(name) for name in model.state]
+        k = namespace(structure, [hy.par[i] for i in range(count(structure))])
+        functions = [event.function(hy.time, y, k) for event in events]
+        self.terminal = [i for i, event in enumerate(events) if event.terminal]
+        self.ta = hy.taylor_adaptive(
+            list(zip(y, model.rhs(hy.time, y, k), strict=True)),
+            np.zeros(len(y)).astype(fp),
+            tol=fp(self.tol),
+            pars=np.zeros(count(structure)).astype(fp),
+            t_events=[hy.t_event(functions[i], fp_type=fp) for i in self.terminal],
+            nt_events=[
+                hy.nt_event(functions[i], self._recorder(i), fp_type=fp)
+                for i in range(len(events))
+                if i not in self.terminal
+            ],
+            fp_type=fp,
+        )
+
+    def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
+        def record(ta: Any, time: Any, direction: int) -> None:
+            ta.update_d_output(time)
+            self.hits.append(Hit(event, time, direction, ta.d_output.copy()))
+
+        return record
+
+    def _dense(self, time: Any) -> np.ndarray:
+        self.ta.update_d_output(time)
+        return np.array(self.ta.d_output)
+
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
+        """See `Engine.leg`."""
+        ta, zero = self.ta, self.dtype(0)
+        ta.pars[:] = np.array(flatten(k)).astype(self.dtype)
+        ta.state[:] = y
+        ta.dtime = (grid[0], zero)
+        if ta.with_events:
+            ta.reset_cooldowns()
+        self.hits.clear()
+        state, observe, last = ta.state, watch.observer, grid[0]
+
+        def after_step(ta: Any) -> bool:
+            nonlocal last
+            if observe is not None:
+                observe(last, ta.time, self._dense, self.hits)
+                self.hits.clear()
+                last = ta.time
+            return watch.step(state)
+
+        outcome, *_, rows = ta.propagate_grid(grid, callback=after_step)
+        stopped_by = -1 - int(outcome)
+        hit = None
+        if 0 <= stopped_by < len(self.terminal):
+            hit = Hit(self.terminal[stopped_by], ta.time, 0, state.copy())
+        elif outcome == hy.taylor_outcome.err_nf_state:
+            watch.give_up("failed", "the state became infinite or not a number")
+        return Leg(rows, ta.dtime, state.copy(), hit)
+
+
+def longdouble(values: np.ndarray) -> np.ndarray:
+    """Values of any of the three precisions as long doubles."""
+    if values.dtype != np.dtype(hy.real128):
+        return values.astype(np.longdouble)
+    high = values.astype(np.float64)
+    return high.astype(np.longdouble) + (values - high.astype(hy.real128)).astype(np.float64)
+
+
+@lru_cache(maxsize=64)
+def build(
+    model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str
+) -> Taylor:
+    """The compiled integrator for one model, its structure, events, tolerance and precision."""
+    return Taylor(model, structure, events, tol, precision)
