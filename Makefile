@@ -45,7 +45,7 @@ lock:  ## Renew requirements.lock from pyproject.toml (needs uv)
 		--custom-compile-command 'make lock' --output-file requirements.lock pyproject.toml
 
 clean:  ## Remove results, figures and caches; keep .venv and runs/reference
-	find runs -mindepth 1 -maxdepth 1 ! -name reference -exec rm -rf {} +
+	[ ! -d runs ] || find runs -mindepth 1 -maxdepth 1 ! -name reference -exec rm -rf {} +
 	rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find hodo_cli tests -name __pycache__ -prune -exec rm -rf {} +
 

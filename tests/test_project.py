@@ -113,18 +113,37 @@ def test_readme_model_loses_the_energy_that_it_says() -> None:
     assert set(model.degree) <= set(vars(k))
 
 
-@needs_cli
-def test_help_loads_nothing_heavy() -> None:
-    heavy = {"numpy", "scipy", "h5py", "xarray", "matplotlib", "heyoka", "netCDF4", "yaml", "pandas", "dask"}
+HEAVY = {"numpy", "scipy", "h5py", "xarray", "matplotlib", "heyoka", "netCDF4", "yaml", "pandas", "dask"}
+
+
+def loaded_by(folder: Path, *arguments: str) -> tuple[str, set[str]]:
+    """What `hodo ARGUMENTS` prints in a fresh interpreter, and the heavy libraries that it loads."""
     script = (
         "import sys\n"
         "from hodo_cli.cli import main\n"
-        "main(['--help'], standalone_mode=False)\n"
-        f"print('loaded:', *sorted({heavy!r} & sys.modules.keys()))"
+        f"main({list(arguments)!r}, standalone_mode=False)\n"
+        f"print('loaded:', *{HEAVY!r} & sys.modules.keys())"
     )
-    shown = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    assert shown.splitlines()[0].startswith("Usage:")
-    assert shown.splitlines()[-1] == "loaded:"
+    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True)
+    printed, _, loaded = done.stdout.rpartition("loaded:")
+    return printed, set(loaded.split())
+
+
+@needs_cli
+def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
+    printed, loaded = loaded_by(tmp_path, "--help")
+    assert printed.startswith("Usage:")
+    assert loaded == set()
+
+
+@needs_cli
+@pytest.mark.heyoka
+def test_run_loads_what_it_uses(tmp_path: Path) -> None:
+    case = "{model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1, samples: 2}, initial: {p: 1, q: 1, r: 1}}"
+    (tmp_path / "tiny.yaml").write_text(f"title: t\ncases:\n  tiny: {case}\n", encoding="utf-8")
+    _, loaded = loaded_by(tmp_path, "run", "tiny.yaml")
+    assert loaded == {"numpy", "h5py", "heyoka", "yaml"}
+    assert (tmp_path / "runs" / "tiny.h5").exists()
 
 
 @needs_cli
