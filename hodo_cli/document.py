@@ -1,0 +1,344 @@
+"""YAML 1.2 text as plain values that know their place, and back: the only importer of PyYAML.
+
+PyYAML's own constructor is not used: it follows YAML 1.1 (`1e-3` text, `no` a bool, `12:30:00` a number, the last of
+two equal keys wins), recurses, and expands aliases without a bound. Here the parser's events are read in one loop.
+Scalars follow the core schema of YAML 1.2, in which `010` is the integer ten. Documents may come from strangers:
+their size, depth and number of values are limited, and tags beyond the core schema are refused.
+
+Source: YAML 1.2.2, section 10.3 (core schema).
+"""
+
+import json
+import re
+from typing import Any, NamedTuple, NoReturn
+
+import yaml
+
+from . import HodoError
+from .keys import Misnamed, Path, shown
+
+MAX_BYTES = 16_000_000
+MAX_DEPTH = 50
+MAX_VALUES = 2_000_000
+MAX_ALIASED = 100_000
+MAX_KEY = 128
+MAX_MISTAKES = 1000
+
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+class Place(NamedTuple):
+    """Where a value stands: line and column of the file from 1, or in the text of an override."""
+
+    line: int
+    column: int
+    override: str = ""
+
+
+class Block(dict[str, Any]):
+    """A mapping that knows the places of its keys and values, and which keys it inherited from `defaults`.
+
+    The place of a value that is itself a mapping or list in block style is that of its key.
+    """
+
+    def __init__(self) -> None:
+        self.key_places: dict[str, Place] = {}
+        self.value_places: dict[str, Place] = {}
+        self.inherited: set[str] = set()
+
+    def put(self, key: str, value: Any, key_place: Place, value_place: Place, inherited: bool = False) -> None:
+        """Set one entry."""
+        self[key] = value
+        self.key_places[key] = key_place
+        self.value_places[key] = value_place
+        (self.inherited.add if inherited else self.inherited.discard)(key)
+
+    def copy(self) -> "Block":
+        """A shallow copy, places included."""
+        new = Block()
+        for key, value in self.items():
+            new.put(key, value, self.key_places[key], self.value_places[key], key in self.inherited)
+        return new
+
+
+class Items(list[Any]):
+    """A list that knows the places of its values."""
+
+    def __init__(self, values: list[Any] | None = None, places: list[Place] | None = None) -> None:
+        super().__init__(values or [])
+        self.places = places or []
+
+    def copy(self) -> "Items":
+        """A shallow copy, places included."""
+        return Items(list(self), list(self.places))
+
+
+def locate(root: Any, at: Path, place: Place) -> tuple[Place, bool]:
+    """The place of what stands at a path, or of its nearest ancestor, and whether it is inherited."""
+    node, inherited = root, False
+    for part in at:
+        if isinstance(node, Block) and isinstance(part, str) and part in node:
+            inherited = inherited or part in node.inherited
+            place = (node.key_places if isinstance(part, Misnamed) else node.value_places)[part]
+            node = node[part]
+        elif isinstance(node, Items) and isinstance(part, int) and part < len(node):
+            place, node = node.places[part], node[part]
+        else:
+            break
+    return place, inherited
+
+
+class Mistakes:
+    """The mistakes found in a file, each once, to be raised together."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.found: dict[tuple[bool, Place, str], None] = {}
+
+    def add(self, place: Place, path: Path, message: str) -> None:
+        """Note a mistake; raises them all when there are too many to go on."""
+        where = ".".join(str(part) for part in path)
+        self.found[bool(place.override), place, f"{where}: {message}" if where else message] = None
+        if len(self.found) >= MAX_MISTAKES:
+            raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
+
+    def fatal(self, place: Place, message: str, path: Path = ()) -> HodoError:
+        """The error to raise for a mistake after which reading cannot go on, with all mistakes so far."""
+        self.add(place, path, message)
+        return self.error()
+
+    def error(self, end: str = "") -> HodoError:
+        """One line for each mistake, by line and column; those of overrides last."""
+        return HodoError("\n".join(self._line(place, text) for _, place, text in sorted(self.found)) + end)
+
+    def raise_any(self) -> None:
+        """Raise what was noted, if anything was."""
+        if self.found:
+            raise self.error()
+
+    def _line(self, place: Place, text: str) -> str:
+        start = f"--set {place.override}" if place.override else f"{self.name}:{place.line}:{place.column}"
+        return _one_line(f"{start}: {text}")
+
+
+def _one_line(text: str) -> str:
+    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
+    """The one document of a text, as nested Block, Items and scalars.
+
+    Duplicate keys are noted in `mistakes`. Raises HodoError, with all that was noted, for text that is not YAML or
+    exceeds a limit.
+    """
+    reader = _Reader(mistakes, override)
+    if bad := _UNPRINTABLE.search(text):
+        line, column = text.count("\n", 0, bad.start()) + 1, bad.start() - text.rfind("\n", 0, bad.start())
+        reader.fail(Place(line, column, override), f"the character U+{ord(bad[0]):04X} is not allowed")
+    try:
+        for event in yaml.parse(text, Loader=_LOADER):
+            reader.take(event)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        said = ", ".join(part for part in (error.context, error.problem) if part)
+        raise mistakes.fatal(reader.place(mark) if mark else Place(1, 1, override), f"not YAML: {said}") from None
+    except yaml.YAMLError as error:
+        raise mistakes.fatal(Place(1, 1, override), f"not YAML: {error}") from None
+    return reader.root
+
+
+class _Open:
+    """A mapping or list that is being read."""
+
+    def __init__(self, node: Block | Items, place: Place, anchor: str | None, count: int) -> None:
+        self.node, self.place, self.anchor, self.count = node, place, anchor, count
+        self.key: str | None = None
+        self.key_place = place
+
+
+class _Reader:
+    """Builds the values from the events of the parser."""
+
+    def __init__(self, mistakes: Mistakes, override: str) -> None:
+        self.mistakes, self.override = mistakes, override
+        self.root: Any = None
+        self.documents = 0
+        self.open: list[_Open] = []
+        self.anchors: dict[str, tuple[Any, int] | None] = {}
+        self.count = self.aliased = 0
+
+    def place(self, mark: Any) -> Place:
+        return Place(mark.line + 1, mark.column + 1, self.override)
+
+    def path(self) -> Path:
+        parts = ((o.key or "") if isinstance(o.node, Block) else len(o.node) for o in self.open)
+        return tuple(part for part in parts if part != "")
+
+    def fail(self, place: Place, message: str) -> NoReturn:
+        raise self.mistakes.fatal(place, message, self.path())
+
+    def take(self, event: Any) -> None:
+        """Take the next event."""
+        match event:
+            case yaml.ScalarEvent():
+                self.take_scalar(event)
+            case yaml.SequenceStartEvent() | yaml.MappingStartEvent():
+                self.start(event)
+            case yaml.SequenceEndEvent() | yaml.MappingEndEvent():
+                self.end()
+            case yaml.AliasEvent():
+                self.take_alias(event)
+            case yaml.DocumentStartEvent():
+                self.documents += 1
+                if self.documents > 1:
+                    self.fail(self.place(event.start_mark), "a second document starts here; one is allowed")
+
+    def take_scalar(self, event: Any) -> None:
+        place = self.place(event.start_mark)
+        top = self.open[-1] if self.open else None
+        if top and isinstance(top.node, Block) and top.key is None:
+            self.take_key(top, event, place)
+            return
+        if _UNPRINTABLE.search(event.value):
+            self.mistakes.add(place, self.path(), "control characters are not allowed in text")
+        plain = event.implicit[0] or event.tag not in (None, "!", "tag:yaml.org,2002:str")
+        value = resolve_scalar(event.value) if plain else event.value
+        if event.tag and not _agrees(event.tag, value):
+            self.fail(place, f"the tag {event.tag!r} is not allowed here")
+        if event.anchor:
+            self.anchors[event.anchor] = (value, 1)
+        self.add(value, place if event.value or not top else top.key_place)
+
+    def take_key(self, top: _Open, event: Any, place: Place) -> None:
+        """A key is the text as written, whatever it looks like: `404:` is the name "404"."""
+        key = event.value
+        if len(key) > MAX_KEY or _UNPRINTABLE.search(key):
+            self.fail(place, f"a key is printable text of at most {MAX_KEY} characters")
+        if key == "<<" and event.implicit[0]:
+            self.fail(place, "merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:")
+        if event.anchor or event.tag not in (None, "tag:yaml.org,2002:str"):
+            self.fail(place, "a key takes no anchor and no tag")
+        first = top.node.key_places.get(key) if isinstance(top.node, Block) else None
+        top.key, top.key_place = key, place
+        if first:
+            self.mistakes.add(place, self.path(), f"duplicate key; the first is in line {first.line}")
+
+    def start(self, event: Any) -> None:
+        place = self.place(event.start_mark)
+        top = self.open[-1] if self.open else None
+        if top and isinstance(top.node, Block) and top.key is None:
+            self.fail(place, "a key is plain text, not a list or mapping")
+        if len(self.open) >= MAX_DEPTH:
+            self.fail(place, f"nested deeper than {MAX_DEPTH} levels")
+        node: Block | Items = Block() if isinstance(event, yaml.MappingStartEvent) else Items()
+        if event.tag and not _agrees(event.tag, node):
+            self.fail(place, f"the tag {event.tag!r} is not allowed here")
+        if event.anchor:
+            self.anchors[event.anchor] = None
+        if top and isinstance(top.node, Block) and not event.flow_style:
+            place = top.key_place
+        self.open.append(_Open(node, place, event.anchor, self.count))
+
+    def end(self) -> None:
+        done = self.open.pop()
+        if done.anchor:
+            self.anchors[done.anchor] = (done.node, self.count - done.count)
+        self.add(done.node, done.place)
+
+    def take_alias(self, event: Any) -> None:
+        place = self.place(event.start_mark)
+        top = self.open[-1] if self.open else None
+        if top and isinstance(top.node, Block) and top.key is None:
+            self.fail(place, "a key is plain text, not an alias")
+        anchored = self.anchors.get(event.anchor)
+        if anchored is None:
+            known = event.anchor in self.anchors
+            self.fail(place, f"*{event.anchor} " + ("stands inside itself" if known else "has no anchor before it"))
+        value, size = anchored
+        self.aliased += size
+        if self.aliased > MAX_ALIASED:
+            self.fail(place, f"aliases stand for more than {MAX_ALIASED} values")
+        self.count += size
+        self.add(value, place)
+
+    def add(self, value: Any, place: Place) -> None:
+        """Put a finished value where it belongs."""
+        self.count += 1
+        if self.count > MAX_VALUES:
+            self.fail(place, f"more than {MAX_VALUES} values")
+        if not self.open:
+            self.root = value
+            return
+        top = self.open[-1]
+        if isinstance(top.node, Items):
+            top.node.append(value)
+            top.node.places.append(place)
+        elif top.key is not None:
+            if top.key not in top.node:
+                top.node.put(top.key, value, top.key_place, place)
+            top.key = None
+
+
+_WORDS: dict[str, Any] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+    **{sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in (".inf", ".Inf", ".INF")},
+    **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
+}
+_INTEGER = re.compile(r"[-+]?[0-9]{1,300}|0o[0-7]{1,300}|0x[0-9a-fA-F]{1,200}")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+
+
+def resolve_scalar(text: str) -> Any:
+    """The value of a plain scalar by the core schema of YAML 1.2: None, bool, int, float or str."""
+    if text in _WORDS:
+        return _WORDS[text]
+    if text[0] not in "+-.0123456789":
+        return text
+    if _INTEGER.fullmatch(text):
+        return int(text[2:], {"o": 8, "x": 16}[text[1]]) if text[1:2] in ("o", "x") else int(text)
+    return float(text) if _FLOAT.fullmatch(text) else text
+
+
+_TAGGED: dict[str, tuple[type, ...]] = {
+    "!": (str, Block, Items),
+    "tag:yaml.org,2002:null": (type(None),),
+    "tag:yaml.org,2002:bool": (bool,),
+    "tag:yaml.org,2002:int": (int,),
+    "tag:yaml.org,2002:float": (int, float),
+    "tag:yaml.org,2002:str": (str,),
+    "tag:yaml.org,2002:map": (Block,),
+    "tag:yaml.org,2002:seq": (Items,),
+}
+
+
+def _agrees(tag: str, value: Any) -> bool:
+    """Whether a tag is one of the core schema that says what the value is anyway."""
+    return type(value) in _TAGGED.get(tag, ())
+
+
+def write(value: Any) -> str:
+    """A plain value as YAML in one line (flow style); numbers keep every bit. Tuples are written as lists."""
+    match value:
+        case dict():
+            return "{" + ", ".join(f"{write(str(key))}: {write(item)}" for key, item in value.items()) + "}"
+        case list() | tuple():
+            return "[" + ", ".join(map(write, value)) + "]"
+        case None | bool() | int():
+            return json.dumps(value)
+        case float():
+            return repr(value)
+        case str():
+            return value if _PLAIN.fullmatch(value) and isinstance(resolve_scalar(value), str) else _quoted(value)
+    raise TypeError(f"no plain value: {shown(value)}")
+
+
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.+-]*")
+_ESCAPED = re.compile("[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+
+
+def _quoted(text: str) -> str:
+    text = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    return '"' + _ESCAPED.sub(lambda match: f"\\u{ord(match[0]):04x}", text) + '"'
