@@ -15,7 +15,7 @@ PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify figures test lint lock clean
+.PHONY: help setup run classify figures test lint readme lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -39,6 +39,9 @@ test: lint  ## The checks of `lint`, then the whole test suite, without heyoka a
 lint: $(READY)  ## ruff on everything, mypy --strict on the package
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+readme: $(READY)  ## Renew the tables of README.md that come from the program
+	$(BIN)/python -c 'from hodo_cli.case import key_table; print(key_table())' | $(BIN)/python tools/readme.py 'key table'
 
 lock:  ## Renew requirements.lock from pyproject.toml (needs uv)
 	uv pip compile --quiet --upgrade --universal --python-version 3.11 --all-extras --generate-hashes \

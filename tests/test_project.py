@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from conftest import ROOT, Hodo
 
+from hodo_cli.case import key_table, parse
+
 PACKAGE = ROOT / "hodo_cli"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -66,23 +68,25 @@ def test_models_know_no_solver_file_or_plot() -> None:
     assert not modules & {"scipy", "engines", "integrate", "case", "store", "dataset", "plot", "classify", "batch"}
 
 
-needs_cli = pytest.mark.skipif(not (PACKAGE / "cli.py").exists(), reason="no command line yet")
-
-
 def commands() -> set[str]:
     from hodo_cli.cli import main
 
     return set(main.commands)
 
 
-@needs_cli
 def test_readme_lists_the_commands() -> None:
     assert set(re.findall(r"^\| `hodo ([a-z]+)", README, re.MULTILINE)) == commands()
 
 
-@needs_cli
 def test_readme_names_only_commands_that_exist() -> None:
-    assert set(re.findall(r"\bhodo ([a-z]+)\b(?=[^`\n]*`)", README)) <= commands()
+    written = re.sub(r"<!-- begin: (.*?) -->.*?<!-- end: \1 -->", "", README, flags=re.DOTALL)
+    assert set(re.findall(r"\bhodo ([a-z]+)\b(?=[^`\n]*`)", written)) <= commands()
+
+
+def test_readme_has_the_key_table() -> None:
+    printed = re.search(r"<!-- begin: key table -->\n(.*?)<!-- end: key table -->", README, re.DOTALL)
+    assert printed
+    assert printed[1].strip() == key_table().strip(), "run `make readme`"
 
 
 def test_readme_names_only_targets_that_exist() -> None:
@@ -98,6 +102,14 @@ def test_every_target_is_explained_by_help() -> None:
     assert phony
     listed = subprocess.run(["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE) == phony[1].split()
+
+
+def test_readme_case_file_is_one() -> None:
+    source = re.search(r"```yaml\n(.*?)```", README, re.DOTALL)
+    assert source
+    config = parse(source[1], "README.md")
+    assert list(config.cases) == ["turning", "staying"]
+    assert parse(source[1], "README.md", ["turning.damping.2=0.002"]).cases["turning"].data["damping"][2] == 0.002
 
 
 def test_readme_model_loses_the_energy_that_it_says() -> None:
@@ -129,14 +141,12 @@ def loaded_by(folder: Path, *arguments: str) -> tuple[str, set[str]]:
     return printed, set(loaded.split())
 
 
-@needs_cli
 def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
     printed, loaded = loaded_by(tmp_path, "--help")
     assert printed.startswith("Usage:")
     assert loaded == set()
 
 
-@needs_cli
 @pytest.mark.heyoka
 def test_run_loads_what_it_uses(tmp_path: Path) -> None:
     case = "{model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1, samples: 2}, initial: {p: 1, q: 1, r: 1}}"
@@ -146,7 +156,6 @@ def test_run_loads_what_it_uses(tmp_path: Path) -> None:
     assert (tmp_path / "runs" / "tiny.h5").exists()
 
 
-@needs_cli
 def test_the_console_script_runs(hodo: Hodo) -> None:
     from hodo_cli import __version__
 
