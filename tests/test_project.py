@@ -134,7 +134,7 @@ def loaded_by(folder: Path, *arguments: str) -> tuple[str, set[str]]:
         "import sys\n"
         "from hodo_cli.cli import main\n"
         f"main({list(arguments)!r}, standalone_mode=False)\n"
-        f"print('loaded:', *{HEAVY!r} & sys.modules.keys())"
+        f"print('loaded:', *(name for name in {HEAVY!r} if sys.modules.get(name)))"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True)
     printed, _, loaded = done.stdout.rpartition("loaded:")
