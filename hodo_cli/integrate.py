@@ -30,6 +30,8 @@ MANY_STEPS = 1e5
 REFERENCE_STEPS = 1e6
 """The most Taylor steps that the measuring of an error may take."""
 
+RESOLUTION = {"double": 0.0, "extended": 0.0, "quadruple": float(np.finfo(np.longdouble).eps)}
+
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 
@@ -347,7 +349,8 @@ def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; a scalar relative to its largest value; the
-    time of a terminal event relative to itself.
+    time of a terminal event relative to itself. Quadruple motions are compared in long double, and no error of
+    theirs is called smaller than that resolves.
     """
     model = find(case.model, case.form)
     n = min(len(path.time), len(reference.time))
@@ -370,7 +373,7 @@ def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
         else:
             off, scale = np.abs(a - b), np.max(np.abs(b), initial=0)
         relative = np.divide(off, scale, out=off.copy(), where=scale > 0)
-        errors[name] = float(np.max(relative, initial=0))
+        errors[name] = max(float(np.max(relative, initial=0)), RESOLUTION[case.precision])
     return errors
 
 

@@ -1,0 +1,69 @@
+"""The command line: one short function a command. Each imports what it needs, so that `--help` loads nothing heavy."""
+
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+import click
+
+from . import HodoError, __version__
+
+
+class Hodo(click.Group):
+    """Turns the user's mistakes into one line and exit status 2, and Ctrl-C into 130."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except HodoError as error:
+            if ctx.params["traceback"]:
+                traceback.print_exc()
+            else:
+                click.echo(str(error), err=True)
+            ctx.exit(2)
+        except KeyboardInterrupt:
+            click.echo("interrupted; finished cases are kept", err=True)
+            ctx.exit(130)
+
+
+@click.group(cls=Hodo, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="hodo")
+@click.option("--traceback", is_flag=True, help="Show where an error arose.")
+def main(traceback: bool) -> None:
+    """Batches of rigid-body rotation experiments: integrated, classified, plotted and checked.
+
+    Exit status: 0 all well, 1 a case failed, 2 bad input, 3 a difference or a contradicted expectation,
+    130 interrupted.
+    """
+
+
+RUNS = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON value instead of a table.")
+
+
+@main.command()
+@click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--case", "globs", multiple=True, metavar="GLOB", help="Only cases whose name matches (repeatable).")
+@click.option("--set", "overrides", multiple=True, metavar="CASE.KEY=VALUE", help="Change a value (repeatable).")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, help="Folder of results.")
+@click.option("--force", is_flag=True, help="Run finished cases again.")
+@click.option("--dry-run", is_flag=True, help="Say what would run, and why; run nothing.")
+@click.option("--quiet", is_flag=True, help="No progress on stderr.")
+@JSON
+def run(
+    configs: tuple[Path, ...],
+    globs: tuple[str, ...],
+    overrides: tuple[str, ...],
+    out: Path,
+    force: bool,
+    dry_run: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are kept."""
+    raise NotImplementedError
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""The driver and the engines: accuracy at every scale, measured errors that are true, limits that are kept."""
+
+import math
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+import pytest
+
+from hodo_cli import HodoError, engines, exact
+from hodo_cli.case import Case, Time
+from hodo_cli.integrate import Clock, choose, integrate, sample_times, solve
+
+taylor = pytest.mark.heyoka
+
+BODY = (1.0, 0.8, 0.6)
+START = (0.8, 0.5, 0.74)
+
+
+def diagonal(damping: tuple[float, float, float], start: tuple[float, float, float] = START, **common: object) -> Case:
+    time = common.pop("time", Time(end=1000.0, samples=101))
+    data = {"inertia": BODY, "damping": damping, "initial": dict(zip("pqr", start, strict=True)) | {"G": None}}
+    return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)  # type: ignore[arg-type]
+
+
+def distance(omega: np.ndarray, reference: np.ndarray) -> float:
+    """The largest |difference| / |reference| over the samples."""
+    scale = np.abs(reference).max(axis=1, keepdims=True)
+    return float(np.linalg.norm(omega / scale - reference / scale, axis=1).max())
+
+
+@taylor
+def test_a_motion_that_decays_by_44_orders_stays_right_to_every_digit() -> None:
+    # 1e-12 is what is promised; heyoka alone, in the motion's own units, is wrong in all digits below 1e-16.
+    case = diagonal((0.1, 0.1, 0.1))
+    omega = integrate(case).variables["omega"]
+    assert np.linalg.norm(omega[-1]) < 1e-43
+    assert distance(omega, exact.solve(case, sample_times(case))) < 1e-12
+
+
+@taylor
+@pytest.mark.parametrize("size", [1e-150, 1e150])
+def test_every_size_of_the_angular_velocity_gives_the_same_motion(size: float) -> None:
+    unit = integrate(diagonal((0.0, 0.0, 0.0))).variables["omega"]
+    start = tuple(size * value for value in START)
+    scaled = integrate(diagonal((0.0, 0.0, 0.0), start, time=Time(end=1000.0 / size, samples=101)))  # type: ignore
+    # The size is not a power of two, so that the data differ by an ulp, which 1000 units of time make 1e-12.
+    assert distance(scaled.variables["omega"] / size, unit) < 1e-12
+    assert scaled.error < 1e-12
+
+
+@taylor
+def test_a_power_of_two_changes_no_bit() -> None:
+    unit = integrate(diagonal((0.0, 0.0, 0.0))).variables["omega"]
+    start = tuple(2.0**400 * value for value in START)
+    scaled = integrate(diagonal((0.0, 0.0, 0.0), start, time=Time(end=1000.0 * 2.0**-400, samples=101)))  # type: ignore
+    assert np.array_equal(scaled.variables["omega"] * 2.0**-400, unit)
+
+
+@taylor
+def test_the_state_survives_below_the_smallest_double() -> None:
+    trajectory = integrate(diagonal((1.2, 1.2, 1.2)))
+    assert not trajectory.variables["omega"][-1].any()
+    assert trajectory.exponent[-1] < -1700
+    assert trajectory.error < 1e-12
+
+
+@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF", "auto"])
+def test_the_measured_error_is_the_true_one(method: str) -> None:
+    case = diagonal((0.05, 0.05, 0.05), method=method, time=Time(end=60.0, samples=61))
+    trajectory = integrate(case)
+    true = distance(trajectory.variables["omega"], exact.solve(case, sample_times(case)))
+    # Within a factor of two where the error stands well above the rounding of the closed form itself.
+    assert trajectory.error == pytest.approx(true, rel=1, abs=2e-14)
+
+
+@taylor
+@pytest.mark.parametrize("precision", ["double", "extended", "quadruple"])
+def test_each_precision_is_as_good_as_it_says(precision: str) -> None:
+    trajectory = integrate(diagonal((0.005, 0.004, 0.003), precision=precision, time=Time(end=600.0, samples=11)))
+    # 600 units of time, with a passage of the separatrix, cost about three digits.
+    assert 0 < trajectory.error < {"double": 1e-12, "extended": 1e-15, "quadruple": 2e-19}[precision]
+
+
+@pytest.mark.parametrize("method", ["taylor", "DOP853", "LSODA"])
+def test_the_error_falls_with_the_tolerance(method: str) -> None:
+    if method == "taylor" and not engines.have_taylor():
+        pytest.skip("heyoka is not installed")
+    case = diagonal((0.02, 0.01, 0.03), method=method, time=Time(end=50.0, samples=11))
+    errors = [integrate(replace(case, tol=tol)).error for tol in (1e-4, 1e-7, 1e-10)]
+    assert errors[0] > 30 * errors[1] > 900 * errors[2]
+
+
+@pytest.mark.parametrize("method", ["auto", "DOP853"])
+def test_limits_are_honoured_inside_one_integration(method: str) -> None:
+    case = diagonal((0.0, 0.0, 0.0), method=method, time=Time(end=1e7, samples=1001), error="off")
+    stopped = integrate(replace(case, max_steps=100))
+    assert (stopped.status, stopped.steps) == ("timeout", 100)
+    began = perf_counter()
+    assert integrate(replace(case, method="DOP853", max_seconds=0.2)).status == "timeout"
+    assert perf_counter() - began < 2
+
+
+def test_samples_do_not_depend_on_their_number() -> None:
+    case = diagonal((0.01, 0.02, 0.03), time=Time(end=100.0, samples=11))
+    few, many = integrate(case), integrate(replace(case, time=Time(end=100.0, samples=1001)))
+    assert distance(many.variables["omega"][::100], few.variables["omega"]) < (
+        1e-14 if engines.have_taylor() else 1e-11
+    )
+
+
+def test_the_smallest_grids() -> None:
+    end = integrate(diagonal((0.01, 0.02, 0.03), time=Time(end=10.0, samples=1)))
+    assert end.time.tolist() == [10.0]
+    still = integrate(diagonal((0.01, 0.02, 0.03), time=Time(end=0.0, samples=3)))
+    assert still.variables["omega"].tolist() == [list(START)] * 3
+    rest = integrate(diagonal((0.01, 0.02, 0.03), (0.0, 0.0, 0.0)))
+    assert not rest.variables["omega"].any()
+    assert rest.error == 0
+
+
+def test_stiff_cases_leave_the_taylor_series() -> None:
+    method, reason = choose(diagonal((1e9, 1.0, 2.0)))
+    assert method == "Radau"
+    assert "stiff" in reason
+    assert choose(diagonal((0.1, 0.2, 0.3)))[0] == ("taylor" if engines.have_taylor() else "DOP853")
+
+
+def test_a_tensor_that_feeds_energy_in_is_named() -> None:
+    data = {
+        "inertia": BODY,
+        "resistance": {"diagonal": 0.001, "off_diagonal": 0.003},
+        "initial": {"p": 0.5, "q": 0.25, "r": None, "G": 1.0},
+    }
+    case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=5001))
+    trajectory = integrate(case)
+    assert "-0.002, -0.002, 0.007" in trajectory.warnings[0]
+    momentum = np.linalg.norm(trajectory.variables["omega"] * BODY, axis=1)
+    assert momentum.max() == pytest.approx(1.0083, abs=5e-5)
+
+
+def test_exact_says_where_it_does_not_apply() -> None:
+    with pytest.raises(HodoError, match="three equal coefficients"):
+        solve(diagonal((0.1, 0.2, 0.3)), "exact")
+
+
+def test_the_clock_loses_no_digits() -> None:
+    clock = Clock(np.float64(0), np.float64(0), 1.0)
+    for _ in range(10_000):
+        clock.advance((np.float64(0.1), np.float64(0)))
+    assert float(clock.high + clock.low) == math.fsum([0.1] * 10_000)
