@@ -63,13 +63,14 @@ def equal_damping(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) 
 def scaled_motion(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`equal_damping` as a state (n, 3) of size about 1 and an exponent (n,): omega = state * 2**exponent.
 
-    It has its digits where omega itself is far below the smallest double.
+    It has its digits where omega itself is far below the smallest double; the exponent ends at -1e9.
     """
     t = np.asarray(t, dtype=float)
     size, unit = _units(omega0)
     z = lam * t
     slowing = np.divide(-np.expm1(-z), z, out=np.ones_like(z), where=z != 0)
-    halvings = np.clip(np.rint(z / math.log(2)), -1e9, 1e9)
+    z = np.clip(z, -7e8, 7e8)
+    halvings = np.rint(z / math.log(2))
     decay = np.exp(halvings * LN2_HEAD - z + halvings * LN2_TAIL)
     return decay[:, np.newaxis] * _free(A, unit, np.ldexp(t * slowing, size)), size - halvings.astype(np.int64)
 

@@ -285,6 +285,13 @@ def test_decay_far_below_the_smallest_double():
     assert np.array_equal(np.ldexp(state[0], exponent[0]), found[0])
 
 
+def test_a_rotation_stopped_at_once_keeps_its_direction():
+    A, omega0 = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74])
+    (state,), (exponent,) = exact.scaled_motion(A, omega0, 1e9, np.array([1e3]))
+    assert exponent < -(10**9)
+    assert state / np.linalg.norm(state) == pytest.approx(exact.final_direction(A, omega0, 1e9), rel=1e-15)
+
+
 @pytest.mark.parametrize("lam", [1e-3, 0.005, 0.1, 1e4])
 @pytest.mark.parametrize("size", [1, 2.0**-498, 2.0**498])
 def test_final_direction(lam, size):
