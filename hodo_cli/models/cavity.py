@@ -1,0 +1,299 @@
+"""A body with a cavity full of viscous fluid, under a torque that is constant in body axes."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from ..keys import Choice, Key, Number, Table, Vector
+from .base import INERTIA, INITIAL, BodyFrame, Event, Model, Report, Variable, complete
+
+LARGE = 0.1
+"""Where a ratio that the theory takes as small is no longer so."""
+
+CAVITY = Key(
+    Table(
+        {
+            "density": Key(Number(above=0), "density rho of the fluid", unit="mass/length^3", default=None),
+            "viscosity": Key(Number(above=0), "kinematic viscosity nu", unit="length^2/time", default=None),
+            "P0": Key(Number(above=0), "shape factor P0 of the cavity", unit="length^5 * length^2", default=None),
+            "radius": Key(Number(above=0), "radius b of a sphere: P0 = 8 pi b^7/525", unit="length", default=None),
+            "kappa": Key(Number(least=0), "rho P0/nu, in place of all others", default=None),
+        }
+    ),
+    "the cavity: density, viscosity and P0 or radius; or kappa",
+    default=None,
+)
+
+START = Key(
+    Table(
+        {
+            **cast(Table, INITIAL.kind).keys,
+            "x": Key(Number(least=0), "p^2 + q^2, with y in place of p, q, r", unit="1/time^2", default=None),
+            "y": Key(Number(least=0), "r^2 (then r >= 0)", unit="1/time^2", default=None),
+        }
+    ),
+    "initial angular velocity: p, q, r, or x and y (then p = sqrt(x), q = 0, r = sqrt(y))",
+)
+
+
+def shape_factor(cavity: Mapping[str, float | None]) -> float:
+    """P0 of the cavity, given itself or by the radius of a sphere; Chernousko 1972."""
+    if cavity["P0"] is not None:
+        return cavity["P0"]
+    assert cavity["radius"] is not None
+    return 8 * math.pi / 525 * math.prod((cavity["radius"],) * 7)
+
+
+def coefficient(data: Mapping[str, Any]) -> float | str:
+    """kappa = rho P0/nu from whichever way it is given; a sentence unless that is exactly one."""
+    cavity: dict[str, float] = {name: value for name, value in (data["cavity"] or {}).items() if value is not None}
+    alone: float | None = data["kappa"]
+    if alone is not None and cavity:
+        return "kappa is given, so leave out the cavity"
+    if alone is not None:
+        return alone
+    if set(cavity) == {"kappa"}:
+        return cavity["kappa"]
+    if set(cavity) in ({"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}):
+        kappa = cavity["density"] * shape_factor(data["cavity"]) / cavity["viscosity"]
+        return kappa if math.isfinite(kappa) else "kappa = rho P0/nu is too large a number"
+    named = f"not {', '.join(cavity)}" if cavity else "and none of them is given"
+    return f"the cavity is density, viscosity and P0 or radius, or kappa alone, {named}"
+
+
+def velocity(data: Mapping[str, Any]) -> tuple[float, ...] | str:
+    """(p, q, r) at the start; a sentence if the data do not say it in exactly one way."""
+    initial = data["initial"]
+    squares = [initial.get(name) for name in "xy"]
+    if squares == [None, None]:
+        return complete(data["inertia"], initial)
+    if None in squares or any(initial.get(name) is not None for name in "pqrG"):
+        return "give x and y alone, or p, q and r"
+    return math.sqrt(squares[0]), 0.0, math.sqrt(squares[1])
+
+
+def applied(data: Mapping[str, Any]) -> tuple[float, ...]:
+    """The constant torque, epsilon M."""
+    return tuple(data["epsilon"] * component for component in data["torque"])
+
+
+class Cavity(Model):
+    """What the forms share: the keys, their checks and the limits of the theory."""
+
+    name = "cavity+constant"
+    keys = {
+        "inertia": INERTIA,
+        "cavity": CAVITY,
+        "kappa": Key(
+            Number(least=0), "rho P0/nu, in place of the cavity", unit="moment of inertia * time", default=None
+        ),
+        "torque": Key(
+            Vector(3), "constant torque M1, M2, M3", unit="moment of inertia / time^2", default=(0.0, 0.0, 0.0)
+        ),
+        "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
+        "initial": START,
+    }
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+        BodyFrame.check({name: value for name, value in data.items() if name != "initial"}, report)
+        if {"cavity", "kappa"} <= set(data) and isinstance(kappa := coefficient(data), str):
+            report(("cavity",) if data["cavity"] else (), kappa)
+        if {"inertia", "initial"} <= set(data) and isinstance(omega := velocity(data), str):
+            report(("initial",), omega)
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        omega = velocity(data)
+        assert not isinstance(omega, str), omega
+        return omega
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        kappa = coefficient(data)
+        assert not isinstance(kappa, str), kappa
+        return BodyFrame.inertia(data) | {"kappa": kappa} | dict(zip(("N1", "N2", "N3"), applied(data), strict=True))
+
+    @classmethod
+    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+        A, omega = np.array(data["inertia"]), np.array(velocity(data))
+        torques = {"of the fluid": fluid_torque(A, omega, coefficient(data)), "epsilon M": applied(data)}
+        return [*slow_flow(data["cavity"], omega), *weak(torques, A, omega)]
+
+
+def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:
+    """A warning if the Reynolds number b^2 |omega|/nu is not small, as the fluid's torque assumes.
+
+    b is the radius of the sphere with the cavity's P0. With kappa alone the Reynolds number is unknown.
+    """
+    if cavity is None or cavity["viscosity"] is None:
+        return []
+    b = (525 * shape_factor(cavity) / (8 * math.pi)) ** (1 / 7)
+    speed = float(np.linalg.norm(omega))
+    reynolds = b * b * speed / cavity["viscosity"]
+    if reynolds <= LARGE:
+        return []
+    size = f"b = {b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g}"
+    return [f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {reynolds:.3g} ({size})"]
+
+
+def weak(torques: Mapping[str, Sequence[float]], A: np.ndarray, omega: np.ndarray) -> list[str]:
+    """Warnings for torques that turn G at a rate not small beside |omega|."""
+    scale = float(np.linalg.norm(omega) * np.linalg.norm(A * omega))
+    sizes = {name: float(np.linalg.norm(torque)) for name, torque in torques.items()}
+    return [
+        f"the torque {name} is not small: {size / scale:.3g} of |omega| |G| at the start"
+        for name, size in sizes.items()
+        if 0 < LARGE * scale < size
+    ]
+
+
+def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> tuple[Any, Any, Any]:
+    """The torque of a highly viscous fluid: kappa (omega'' + omega x omega'), with the omega' of free motion.
+
+    It is orthogonal to G = (Ap, Bq, Cr), and turns the body's energy into heat. For A = B it is that of
+    Leshchenko and Kozachenko, eq. (2).
+
+    Source: F. L. Chernousko, The movement of a rigid body with cavities containing a viscous fluid, 1972.
+    """
+    A, B, C = inertia
+    p, q, r = omega
+    pp, qq, rr = p * p, q * q, r * r
+    return (
+        kappa / (A * B * C) * p * (C * (A - C) * (A + C - B) * rr + B * (A - B) * (A + B - C) * qq),
+        kappa / (A * B * C) * q * (A * (B - A) * (B + A - C) * pp + C * (B - C) * (B + C - A) * rr),
+        kappa / (A * B * C) * r * (B * (C - B) * (C + B - A) * qq + A * (C - A) * (C + A - B) * pp),
+    )
+
+
+class Full(Cavity, BodyFrame):
+    """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body axes.
+
+    A1 p' + (A3 - A2) q r = kappa/(A1 A2 A3) p [A3 (A1 - A3)(A1 + A3 - A2) r^2 + A2 (A1 - A2)(A1 + A2 - A3) q^2]
+                            + epsilon M1                                                      and cyclically
+
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of inertia of
+    body and fluid together (`inertia`); kappa = rho P0/nu, moment of inertia * time (`cavity`, or `kappa`);
+    M1, M2, M3: constant torque (`torque`) with its factor epsilon (`epsilon`). Assumed: small Reynolds number,
+    torques small beside |omega| |G|. The fluid's torque is internal: without M, |G| is constant and the
+    energy falls.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eq. (2), where
+    A1 = A2; F. L. Chernousko 1972 for the triaxial body. Their eq. (1) has epsilon^2, (2) epsilon.
+    """
+
+    form = "full"
+    degree = {"g": 2, "kappa": 3, "N1": 0, "N2": 0, "N3": 0}
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        p, q, r = y
+        L1, L2, L3 = fluid_torque((k.A1, k.A2, k.A3), y, k.kappa)
+        return (
+            (k.g * (k.A2 - k.A3) * q * r + L1 + k.N1) / k.A1,
+            (k.g * (k.A3 - k.A1) * p * r + L2 + k.N2) / k.A2,
+            (k.g * (k.A1 - k.A2) * p * q + L3 + k.N3) / k.A3,
+        )
+
+
+def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """r of an averaged form, as an event."""
+    return y[1]
+
+
+class Averaged(Cavity):
+    """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q) about x3.
+
+    a' = -kappa C (C - A) a r^2 / A^3
+    r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
+
+    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2; the other symbols are those of the full
+    form. Without M1 and M2 this is no approximation but an identity of the full equations. With them it is
+    right to first order in epsilon, until r, and with it the frequency |(C - A) r/A|, has become small.
+    r reaches 0 in finite time where M3 opposes it: the end of spin, an event that ends the motion or is passed
+    (`spin_reversal`). In y the equations are not Lipschitz there, and solvers stop or go astray.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs (5), (6),
+    with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6), not - as in (5).
+    """
+
+    form = "averaged"
+    keys = Cavity.keys | {
+        "spin_reversal": Key(Choice("stop", "continue"), "what to do where r reaches 0", default="stop"),
+    }
+    state = ("a", "r")
+    variables = {
+        "x": Variable(("time",), "square of the equatorial angular velocity, p^2 + q^2"),
+        "y": Variable(("time",), "square of the axial angular velocity, r^2"),
+    }
+    classifiable = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        a, r = y
+        return (
+            -k.kappa * k.C * (k.C - k.A) / k.A**3 * a * r * r,
+            k.kappa * (k.C - k.A) / (k.A * k.C) * a * a * r + k.N3 / k.C,
+        )
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+        super().check(data, report)
+        A = data.get("inertia")
+        if A is not None and A[0] != A[1]:
+            report(("inertia",), f"form {cls.form} wants A1 = A2, not {A[0]:.17g} and {A[1]:.17g}; form full does not")
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        p, q, r = super().start(data)
+        return math.hypot(p, q), r
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        every = super().constants(data)
+        return {"A": every["A1"], "C": every["A3"], "kappa": every["kappa"], "N3": every["N3"]}
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        a, r = y.T
+        return {"x": a * a, "y": r * r}
+
+    @classmethod
+    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+        found = super().warnings(data)
+        A, _, C = data["inertia"]
+        a, r = cls.start(data)
+        dropped, turning = abs(data["epsilon"]) * math.hypot(*data["torque"][:2]), abs((C - A) * r) * a
+        if dropped:
+            ratio = f"{dropped / turning:.3g}" if turning else "infinite"
+            found.append(
+                f"averaging drops M1 and M2, which is right while epsilon |(M1, M2)| / (|C - A| |r| a) is small: "
+                f"it is {ratio} at the start, and grows as r falls"
+            )
+        return found
+
+    @classmethod
+    def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+        return (Event("end_of_spin", axial_spin, terminal=data["spin_reversal"] == "stop"),)
+
+
+class AveragedAsPrinted(Averaged):
+    """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the paper's figures.
+
+    a' = +kappa C (C - A) a r^2 / A^3
+
+    With this sign the fluid's torque, though internal, changes |G|: without M, x - C^2 y/A^2 is constant, where
+    it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form averaged.
+
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs (5), (6).
+    """
+
+    form = "averaged-as-printed"
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        a, r = Averaged.rhs(t, y, k)
+        return -a, r

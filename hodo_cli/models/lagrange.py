@@ -1,0 +1,535 @@
+"""The Lagrange top under a small torque that changes slowly with time."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..keys import Angle, Choice, Either, Integer, Key, Number, Table, Variant
+from ..keys import Sequence as Several
+from .base import Event, Model, Report, Variable
+
+NEAR = 1e-12
+"""The 1 - k^2 below which the averaged forms have lost too many digits."""
+
+ROUNDING = 1e-13
+"""How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
+
+LAW = Either(
+    Several(Number()),
+    Variant(
+        "law",
+        {
+            "exponential": {
+                "value": Key(Number(), "value at tau = 0", "moment of inertia / time"),
+                "rate": Key(Number(), "value exp(-rate tau)"),
+            },
+            "power": {
+                "value": Key(Number(), "value at tau = 0", "moment of inertia / time"),
+                "rate": Key(Number(least=0), "value (1 + rate tau)^exponent"),
+                "exponent": Key(Number(), "value (1 + rate tau)^exponent"),
+            },
+        },
+    ),
+)
+"""A function of tau: the coefficients of 1, tau, tau^2, ..., or a law of LAWS with its parameters."""
+
+
+def polynomial(c: Sequence[Any], tau: Any) -> Any:
+    """c0 + c1 tau + c2 tau^2 + ..."""
+    total = c[-1]
+    for coefficient in c[-2::-1]:
+        total = coefficient + tau * total
+    return total
+
+
+def exponential(c: Sequence[Any], tau: Any) -> Any:
+    """value exp(-rate tau), from (value, rate, e)."""
+    value, rate, e = c
+    return value * e ** (-rate * tau)
+
+
+def power(c: Sequence[Any], tau: Any) -> Any:
+    """value (1 + rate tau)^exponent, from (value, rate, exponent)."""
+    value, rate, exponent = c
+    return value * (1 + rate * tau) ** exponent
+
+
+LAWS = {"polynomial": polynomial, "exponential": exponential, "power": power}
+
+
+def law(given: Any) -> tuple[str, tuple[float, ...]]:
+    """The name and the numbers of a law as given in a case."""
+    if not isinstance(given, Mapping):
+        return "polynomial", tuple(given)
+    name, *numbers = (given[key] for key in ("law", "value", "rate", "exponent") if key in given)
+    return name, (*numbers, math.e) if name == "exponential" else tuple(numbers)
+
+
+def linear_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
+    """M = (-a p, -a q, -b r), eq. (3.1)."""
+    return -LAWS[k.a_law](k.a, tau), -LAWS[k.b_law](k.b, tau) * r
+
+
+def cubic_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
+    """M = |omega|^2 (-a p, -a q, -b r)."""
+    f, M3 = linear_dissipation(tau, Gz, H, r, u, k)
+    square = (2 * (H - k.mu * u) - k.C * r * r) / k.A + r * r
+    return square * f, square * M3
+
+
+Perturbation = Callable[..., tuple[Any, Any]]
+
+PERTURBATIONS: dict[str, Perturbation] = {
+    "linear-dissipation": linear_dissipation,
+    "cubic-dissipation": cubic_dissipation,
+}
+"""Torques epsilon (p f, q f, M3), eq. (2.3): each returns (f, M3), both functions of tau, Gz, H, r and u = cos theta.
+
+To add one, write it with + - * / and ** and name it here; the forms averaged-quadrature and full take it.
+"""
+
+
+def mean_cosine(e: Any, w: Any) -> Any:
+    """-<cos phi>/e over one nutation, u = s - e cos phi and dt ~ dphi/sqrt(w + e cos phi): <u> is s + e^2 times it.
+
+    By the arithmetic-geometric mean: analytic in e^2, also at e = 0 (regular precession), where the elliptic
+    integrals of v = u3 - (u3 - u1) E/K, eq. (3.5), cancel. Its seven terms reach 1e-16 down to
+    1 - k^2 = (w - e)/(w + e) = 1e-14.
+
+    Source: M. Abramowitz and I. A. Stegun, 17.6, with c_{n+1} = c_n^2/(4 a_{n+1}).
+    """
+    d = e * e
+    b = ((w - e) * (w + e)) ** 0.5
+    a, b, c = ((w + b) / 2) ** 0.5, b**0.5, 1 / (2 * (w + b))
+    total, factor = c, 1
+    for _ in range(6):
+        a, b = (a + b) / 2, (a * b) ** 0.5
+        c, factor = d * c * c / (16 * a * a), 2 * factor
+        total = total + factor * c
+    return total
+
+
+def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
+    """X and w of the state: u1, u2, u3 = 1 - X - e, 1 - X + e, 1 - X + w.
+
+    T1 = x1 + x2 + x3 and T2 = x1 x2 + x1 x3 + x2 x3 are eqs (1.5) for x_i = 1 - u_i. With e known, the cubic
+    for the roots is a quadratic; X is written so that nothing cancels for a fast or for an upright top.
+    """
+    U, Z, r, e = y
+    c = k.C * r
+    T1 = 2 - c * c / (2 * k.A * k.mu) + Z
+    T2 = c * U / (k.A * k.mu) + 2 * Z
+    w = (T1 * T1 - 3 * T2 - 3 * e * e) ** 0.5
+    return (T1 + w - T2 - e * e) / (3 - T1 + w), w
+
+
+def drift(y: Sequence[Any], k: Any, means: Sequence[Any], shape: tuple[Any, Any]) -> tuple[Any, ...]:
+    """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over one nutation.
+
+    U, Z and r follow from eqs (2.4). e follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3'
+    at x = X divided by e by hand, so that regular precession, e = 0, is as regular as any other motion.
+    """
+    U, Z, r, e = y
+    X, w = shape
+    f, f_cos, M3, M3_cos = means
+    A, C, mu = k.A, k.C, k.mu
+    c, G = C * r, U + C * r * X
+    fx = X * f + e * f_cos
+    dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
+    dZ = -2 * (fx - Z * f) / A
+    dT1 = dZ - c * M3 / (A * mu)
+    M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos) + G * M3_cos / (A * mu)
+    slope = 2 * dZ * (X - 1) - (c * (dU + M3 * X) + G * M3) / (A * mu)
+    de = (w * (M + e * dT1) - e * slope) / (2 * (w - e) * (w + e))
+    return dU, dZ, M3 / C, de
+
+
+def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any]:
+    """Gz and H, eqs (1.2), from the components of omega and of the vertical in body axes; k has A, C and mu."""
+    p, q, r = omega
+    Gz = k.A * (p * gamma[0] + q * gamma[1]) + k.C * r * gamma[2]
+    return Gz, (k.A * (p * p + q * q) + k.C * r * r) / 2 + k.mu * gamma[2]
+
+
+def slow_state(data: Mapping[str, Any]) -> tuple[float, float, float, float] | str:
+    """(U, Z, r, e) at the start; a sentence if the initial data do not make one."""
+    theta, r, Gz, H = (data["initial"][name] for name in ("theta", "r", "Gz", "H"))
+    if (theta is None) == (Gz is None) or (Gz is None) != (H is None):
+        return "give theta and r, or Gz, H and r"
+    with np.errstate(all="ignore"):
+        A, C, mu = (np.float64(value) for value in (data["inertia"]["A"], data["inertia"]["C"], data["mu"]))
+        c, scale = C * r, 2 * A * mu
+        if theta is not None:
+            x, e = released(theta, c * c / scale - 2)
+            start = -c * x, x, r, e
+        else:
+            U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
+            width = spread(2 - c * c / scale + Z, 2 * c * U / scale + 2 * Z, U * U / scale)
+            if width is None:
+                return "no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met"
+            start = U, Z, r, width
+    return start if np.isfinite(start).all() else "the initial data are out of range"
+
+
+def released(theta: float, excess: float) -> tuple[float, float]:
+    """x = 1 - cos theta and e = (u2 - u1)/2 of a top let go with p = q = 0, where u2 = cos theta.
+
+    `excess` is C^2 r^2/(2 A mu) - 2. No digit is lost at theta = 0 or pi.
+    """
+    x = 2 * math.sin(theta / 2) ** 2
+    root = math.sqrt(excess * excess + 4 * (excess + 2) * x)
+    ahead = (root + excess) / 2 if excess >= 0 else 2 * (excess + 2) * x / (root - excess)
+    gap = x + ahead
+    return x, math.sin(theta) ** 2 / (2 * gap) if gap > 0 else -excess / 2
+
+
+def spread(T1: float, T2: float, T3: float) -> float | None:
+    """e = (u2 - u1)/2 from the coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
+
+    None if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What the rounding of the data
+    does to a double root is forgiven.
+    """
+    y = 1 + max(abs(T1), abs(T2), T3)
+    while (slope := (3 * y + 2 * T1) * y + T2) > 0 and (lower := y - (((y + T1) * y + T2) * y - T3) / slope) < y:
+        y = lower
+    product = T3 / y if y > 1 else T2 + (T1 + y) * y
+    X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
+    d = X * X - product
+    e = math.sqrt(max(d, 0.0))
+    return e if d >= -ROUNDING and -math.sqrt(ROUNDING) <= X - e and X + e <= 2 + math.sqrt(ROUNDING) else None
+
+
+INTEGRALS = {
+    "Gz": Variable(("time",), "vertical component of the angular momentum"),
+    "H": Variable(("time",), "energy"),
+    "r": Variable(("time",), "angular velocity about the axis of symmetry"),
+}
+ROOTS = {f"u{i}": Variable(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)}
+
+
+class Top(Model):
+    """What the forms share: the keys and their checks."""
+
+    name = "Lagrange-averaged"
+    keys = {
+        "inertia": Key(
+            Table(
+                {
+                    "A": Key(Number(above=0), "equatorial moment of inertia", "moment of inertia"),
+                    "C": Key(Number(above=0), "axial moment of inertia", "moment of inertia"),
+                }
+            ),
+            "moments of inertia about the fixed point",
+        ),
+        "mu": Key(Number(above=0), "largest restoring moment (heavy top: m g l)", "moment of inertia / time^2"),
+        "a": Key(LAW, "equatorial coefficient of resistance a(tau)", "moment of inertia / time"),
+        "b": Key(LAW, "axial coefficient of resistance b(tau)", "moment of inertia / time"),
+        "initial": Key(
+            Table(
+                {
+                    "theta": Key(Angle(), "angle of nutation, with p = q = 0", "rad", None),
+                    "r": Key(Number(), "angular velocity about the axis of symmetry", "1/time"),
+                    "Gz": Key(Number(), "vertical angular momentum", "moment of inertia / time", None),
+                    "H": Key(Number(), "energy", "moment of inertia / time^2", None),
+                }
+            ),
+            "initial theta and r (p = q = 0), or Gz, H and r",
+        ),
+    }
+    perturbation = Key(Choice(*PERTURBATIONS), "the torque M = (p f, q f, M3)", default="linear-dissipation")
+    classifiable = "gravity turns G in space, so no separatrix of free motion divides its hodographs"
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+        inertia = data.get("inertia")
+        if inertia and inertia["C"] > 2 * inertia["A"]:
+            report(("inertia", "C"), f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}")
+        if {"inertia", "mu", "initial"} <= set(data) and (problem := cls.obstacle(data)):
+            report(("initial",), problem)
+
+    @classmethod
+    def obstacle(cls, data: Mapping[str, Any]) -> str:
+        """What is wrong with the initial data, if anything."""
+        start = slow_state(data)
+        return start if isinstance(start, str) else ""
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        a_law, a = law(data["a"])
+        b_law, b = law(data["b"])
+        return dict(data["inertia"]) | {"mu": data["mu"], "a": a, "b": b, "a_law": a_law, "b_law": b_law}
+
+    @classmethod
+    def slow_start(cls, data: Mapping[str, Any]) -> tuple[tuple[float, float, float, float], float, float]:
+        """The start as (U, Z, r, e), with its X and w; w is not a number where no digit of it is left."""
+        start = slow_state(data)
+        assert not isinstance(start, str), start
+        with np.errstate(all="ignore"):
+            X, w = nutation([np.float64(value) for value in start], SimpleNamespace(**Top.constants(data)))
+        return start, float(X), float(w)
+
+    @classmethod
+    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+        return [
+            f"{name} has a negative coefficient: where {name}(tau) < 0 the torque feeds energy in"
+            for name in "ab"
+            if (min(data[name]) if isinstance(data[name], tuple) else data[name]["value"]) < 0
+        ]
+
+
+class Nutating(Top):
+    """What the averaged forms share: they need a nutation of finite period, hence u2 < u3."""
+
+    variables = INTEGRALS | ROOTS
+
+    @classmethod
+    def obstacle(cls, data: Mapping[str, Any]) -> str:
+        if problem := super().obstacle(data):
+            return problem
+        start, _, w = cls.slow_start(data)
+        if w > start[3]:
+            return ""
+        return "u2 = u3: the top is at, or tends to, an unstable equilibrium and has no period; form full takes it"
+
+    @classmethod
+    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+        (_, _, _, e), _, w = cls.slow_start(data)
+        near = (w - e) / (w + e)
+        found = super().warnings(data)
+        if near < NEAR:
+            found.append(f"1 - k^2 = {near:.1e} at the start: too near u2 = u3 for a mean over the nutation")
+        return found
+
+
+def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """C^2 r^2 - 4 A mu: positive while a top that turns upright is stable."""
+    return k.C * k.C * y[2] * y[2] - 4 * k.A * k.mu
+
+
+class Averaged(Nutating):
+    """The Lagrange top under linear resistance that changes slowly with time, averaged over its nutation.
+
+    dGz/dtau = -[a (Gz - C r v)/A + b r v],  dH/dtau = -[a (2 H - C r^2 - 2 mu v)/A + b r^2],  dr/dtau = -b r/C,
+    v = <cos theta> = u3 - (u3 - u1) E(k)/K(k)
+
+    Gz, H, r: vertical angular momentum, energy, angular velocity about the axis of symmetry (`initial`);
+    u1 <= u2 <= 1 <= u3: roots of the cubic Q(cos theta), cos theta running from u1 to u2, and
+    k^2 = (u2 - u1)/(u3 - u1); A, C: equatorial and axial moments of inertia about the fixed point (`inertia`);
+    mu: largest restoring moment (`mu`); a, b: coefficients of resistance, functions of tau (`a`, `b`);
+    tau = epsilon t is the time. Assumed: epsilon small; right to O(epsilon) on an interval of order 1/epsilon,
+    while u2 < u3. A = C is allowed: no formula divides by A - C.
+
+    The state is U = Gz - C r and Z = 1 - (2 H - C r^2)/(2 mu), both 0 for an upright top, r, and
+    e = (u2 - u1)/2, which obeys e' = e F with F regular: so regular precession (u1 = u2, where every motion
+    ends and (3.5) divides by zero) is no singularity, and u1, u2 lose no digits. With x = 1 - cos theta =
+    X + e cos phi, X = 1 - (u1 + u2)/2 and w = u3 - (u1 + u2)/2 the time is dt ~ dphi/sqrt(w + e cos phi).
+
+    Source: L. D. Akulenko, Ya. S. Zinkevich, T. A. Kozachenko, D. D. Leshchenko, evolution of motions of a rigid
+    body close to the Lagrange case under a non-stationary torque (2017), eqs (1.2)-(1.5), (2.4), (3.1).
+    """
+
+    form = "averaged"
+    state = ("U", "Z", "r", "e")
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        r, e = y[2], y[3]
+        X, w = nutation(y, k)
+        a, b = LAWS[k.a_law](k.a, t), LAWS[k.b_law](k.b, t)
+        towards_u2 = e * mean_cosine(e, w)
+        return drift(y, k, (-a, a * towards_u2, -b * r, b * r * towards_u2), (X, w))
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        return cls.slow_start(data)[0]
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        U, Z, r, e = state = [*y.T]
+        X, w = nutation(state, k)
+        H = k.mu * (1 - Z) + k.C * r * r / 2
+        return {"Gz": U + k.C * r, "H": H, "r": r, "u1": 1 - X - e, "u2": 1 - X + e, "u3": 1 - X + w}
+
+    @classmethod
+    def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+        """For a top that starts upright: it stays so, and the averages end where it becomes unstable."""
+        (_, x, _, e), _, _ = cls.slow_start(data)
+        return (Event("upright_unstable", upright_stability, terminal=True),) if x == e == 0 else ()
+
+
+class AveragedU(Nutating):
+    """The averaged equations for the roots u1, u2, u3, eq. (3.5) as printed; for comparison.
+
+    du1/dtau = -1/(A Delta) {a [(Gz - C r u1)(Gz - C r v)/A + (u1^2 - 1)(2 H - C r^2 - 2 mu v)]
+                             + b r (Gz - C r u1)(v - u1)},   Delta = mu (u1 - u2)(u1 - u3),   and cyclically
+
+    The symbols are those of the form averaged. Delta vanishes at regular precession, u1 = u2, to which every
+    motion tends, and the solution loses its digits on the way. Gz and H follow from eqs (1.5), with r from (3.3),
+    and not from the inverse (2.5), whose signs of R and delta change in mid-motion. It needs r != 0.
+
+    Source: L. D. Akulenko et al. 2017, eqs (1.5), (3.3), (3.5).
+    """
+
+    form = "averaged-u"
+    state = ("u1", "u2", "u3", "r")
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        u1, u2, u3, r = y
+        A, c, mu = k.A, k.C * r, k.mu
+        Gz, H = inverse(y, k)
+        a, b = LAWS[k.a_law](k.a, t), LAWS[k.b_law](k.b, t)
+        s, e = (u1 + u2) / 2, (u2 - u1) / 2
+        v = s + e * e * mean_cosine(e, u3 - s)
+
+        def rate(u: Any, delta: Any) -> Any:
+            equatorial = (Gz - c * u) * (Gz - c * v) / A + (u * u - 1) * (2 * H - c * r - 2 * mu * v)
+            return -(a * equatorial + b * r * (Gz - c * u) * (v - u)) / (A * mu * delta)
+
+        return (
+            rate(u1, (u1 - u2) * (u1 - u3)),
+            rate(u2, (u2 - u3) * (u2 - u1)),
+            rate(u3, (u3 - u1) * (u3 - u2)),
+            -b * r / k.C,
+        )
+
+    @classmethod
+    def obstacle(cls, data: Mapping[str, Any]) -> str:
+        if problem := super().obstacle(data):
+            return problem
+        _, _, r, e = cls.slow_start(data)[0]
+        return "" if r and e else f"form {cls.form} divides by r and by u2 - u1, and one is 0; form averaged does not"
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        (_, _, r, e), X, w = cls.slow_start(data)
+        return 1 - X - e, 1 - X + e, 1 - X + w, r
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        Gz, H = inverse([*y.T], k)
+        return dict(zip(("Gz", "H", "r", "u1", "u2", "u3"), (Gz, H, y[:, 3], *y[:, :3].T), strict=True))
+
+
+def inverse(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
+    """Gz and H from (u1, u2, u3, r): the second and the first of eqs (1.5)."""
+    u1, u2, u3, r = y
+    c = k.C * r
+    Gz = k.A * k.mu * (1 + u1 * u2 + u1 * u3 + u2 * u3) / c
+    return Gz, k.mu * (u1 + u2 + u3) + c * r / 2 - c * c / (2 * k.A)
+
+
+class Full(Top):
+    """The Lagrange top under a perturbing torque: the full equations, which the others average.
+
+    A p' + (C - A) q r = mu gamma2 + epsilon M1,   A q' + (A - C) p r = -mu gamma1 + epsilon M2,
+    C r' = epsilon M3,   gamma' = gamma x omega
+
+    p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin phi,
+    sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta = 0 and pi;
+    M = (p f, q f, M3) (`perturbation`); the derivative is by t = tau/epsilon (`epsilon`), the stored time is
+    tau. The other symbols are those of the form averaged. The start is at the top of the nutation,
+    cos theta = u2, with phi = 0; the averages do not depend on this choice.
+
+    Source: L. D. Akulenko et al. 2017, eqs (1.1).
+    """
+
+    form = "full"
+    keys = Top.keys | {
+        "epsilon": Key(Number(above=0), "small parameter: tau = epsilon t"),
+        "perturbation": Top.perturbation,
+    }
+    state = ("p", "q", "r", "gamma1", "gamma2", "gamma3")
+    variables = {
+        "omega": Variable(("time", "axis"), "angular velocity in body axes"),
+        "gamma": Variable(("time", "axis"), "the vertical in body axes"),
+    }
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        p, q, r, g1, g2, g3 = y
+        A, C, mu, eps = k.A, k.C, k.mu, k.epsilon
+        f, M3 = PERTURBATIONS[k.perturbation](t, *first_integrals(y[:3], y[3:], k), r, g3, k)
+        return (
+            ((A - C) * q * r + mu * g2) / (A * eps) + f * p / A,
+            ((C - A) * p * r - mu * g1) / (A * eps) + f * q / A,
+            M3 / C,
+            (g2 * r - g3 * q) / eps,
+            (g3 * p - g1 * r) / eps,
+            (g1 * q - g2 * p) / eps,
+        )
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        return super().constants(data) | {"epsilon": data["epsilon"], "perturbation": data["perturbation"]}
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        theta, r = data["initial"]["theta"], data["initial"]["r"]
+        if theta is not None:
+            return 0.0, 0.0, r, 0.0, math.sin(theta), math.cos(theta)
+        A, C, mu = data["inertia"]["A"], data["inertia"]["C"], data["mu"]
+        (U, Z, r, e), X, _ = cls.slow_start(data)
+        x = min(max(X - e, 0.0), 2.0)
+        sine = math.sqrt(x * (2 - x))
+        speed = math.sqrt(max(2 * mu * (x - Z) / A, 0.0))
+        # Gz gives q best where the axis is inclined, H where it is nearly vertical.
+        q = (U + C * r * x) / (A * sine) if sine > 1e-4 else math.copysign(speed, U + C * r * x)
+        return 0.0, q, r, 0.0, sine, 1 - x
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        return {"omega": y[:, :3], "gamma": y[:, 3:]}
+
+
+class AveragedQuadrature(Averaged):
+    """The averaged top under any torque M = (p f, q f, M3), f and M3 functions of tau, Gz, H, r and theta.
+
+    dGz/dtau = <f (Gz - C r u)/A + M3 u>,  dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>,  dr/dtau = <M3>/C
+
+    <.> is the mean over one nutation, u = cos theta. The torque is a function of PERTURBATIONS
+    (`perturbation`); the state and the other symbols are those of the form averaged. The integrand is
+    periodic in phi and analytic, so that the sum over `nodes` points of a half turn is right to about
+    [(w + sqrt(w^2 - e^2))/e]^(-2 nodes).
+
+    Source: L. D. Akulenko et al. 2017, eqs (2.3), (2.4), (2.8).
+    """
+
+    form = "averaged-quadrature"
+    keys = Top.keys | {
+        "perturbation": Top.perturbation,
+        "nodes": Key(Integer(least=2, most=1000), "nodes of the quadrature over half a nutation", default=32),
+    }
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        U, Z, r, e = y
+        X, w = nutation(y, k)
+        Gz, H = U + k.C * r, k.mu * (1 - Z) + k.C * r * r / 2
+        weights = [1 / (w + e * cos) ** 0.5 for cos in k.cosines]
+        torques = [PERTURBATIONS[k.perturbation](t, Gz, H, r, 1 - X - e * cos, k) for cos in k.cosines]
+        period = sum(weights)
+        means = [
+            sum(weight * values[i] * factor for weight, values, factor in zip(weights, torques, factors, strict=True))
+            for i in (0, 1)
+            for factors in ([1] * len(weights), k.cosines)
+        ]
+        return drift(y, k, [mean / period for mean in means], (X, w))
+
+    @classmethod
+    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        n = data["nodes"]
+        cosines = tuple(math.cos((i + 0.5) * math.pi / n) for i in range(n))
+        return super().constants(data) | {"perturbation": data["perturbation"], "cosines": cosines}
+
+    @classmethod
+    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+        (_, _, _, e), _, w = cls.slow_start(data)
+        remainder = math.exp(-2 * data["nodes"] * math.acosh(w / e)) if e else 0.0
+        found = super().warnings(data)
+        if remainder > NEAR:
+            found.append(f"the quadrature is right to {remainder:.0e} only at the start: give it more nodes")
+        return found
