@@ -1,7 +1,9 @@
 """Which cases of a config are to be run, why, and their running."""
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from inspect import getfile
@@ -11,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from . import HodoError, models
-from .case import Case, dump
+from .case import Case, Config, dump
 from .integrate import choose, integrate
+from .report import SUMMARY
+from .store import Finished, Writer, finished, group_of, open_run, root_attributes, stamp
 from .trajectory import Trajectory
 
 PACKAGE = Path(__file__).parent
@@ -43,19 +47,84 @@ def _version(library: str) -> str:
         return library
 
 
-def why(case: Case, stored: Mapping[str, Any] | None, force: bool) -> str:
-    """Why a case is to be run, given the attributes of its stored group; an empty string if it need not be."""
-    if stored is None:
+def why(case: Case, done: Finished | None, force: bool) -> str:
+    """Why a case is to be run, given what is stored of it; an empty string if it need not be."""
+    if done is None:
         return "it has no result yet"
     if force:
         return "--force"
-    if stored.get("status") != "ok":
-        return f"its status is {stored.get('status')}"
-    ours, theirs = fingerprint(case).split("-"), str(stored.get("hash", "")).split("-")
+    if done.attributes["status"] != "ok":
+        return f"its status is {done.attributes['status']}"
+    ours, theirs = fingerprint(case).split("-"), str(done.attributes["hash"]).split("-")
     for i, reason in enumerate(REASONS):
         if theirs[i : i + 1] != ours[i : i + 1]:
             return reason
     return ""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is kept."""
+
+    config: Config
+    path: Path
+    asked: tuple[str, ...]
+    reasons: dict[str, str]
+    kept: dict[str, Finished]
+
+    def lines(self) -> list[str]:
+        """For each case that is asked for, why it runs or not."""
+        return [f"{name}: {'runs, ' + self.reasons[name] if name in self.reasons else 'is kept'}" for name in self.asked]
+
+    def execute(self, say: Callable[[str], None]) -> list[dict[str, Any]]:
+        """Run and store; the attributes of each case that was asked for, in the order of the config."""
+        for line in self.lines():
+            say(line)
+        history = stamp(f"hodo run {self.config.path}")
+        attributes = root_attributes(self.config.title, self.config.references, self.config.text, history)
+        with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
+            for done in self.kept.values():
+                writer.keep(done)
+            for trajectory in run([self.config.cases[name] for name in self.reasons]):
+                case = trajectory.case
+                labels = models.find(case.model, case.form).variables
+                writer.add(case.name, group_of(trajectory, labels, fingerprint(case)))
+        with open_run(self.path) as result:
+            return [{"case": name, **result.summary(name, SUMMARY)} for name in self.asked]
+
+
+def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool) -> list[Plan]:
+    """The plan of each config; its results go to `out`/NAME.h5.
+
+    Raises HodoError if two configs have one name, no case is asked for, or a result that is there is not whole.
+    """
+    paths = [out / f"{Path(config.path).stem}.h5" for config in configs]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise HodoError(f"{path} would hold the results of {paths.count(path)} configs: rename one")
+    made = [plan(config, path, globs, force) for config, path in zip(configs, paths, strict=True)]
+    if not any(plan.asked for plan in made):
+        raise HodoError(f"no case matches {' or '.join(globs)}")
+    return made
+
+
+def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
+    """Which cases of a config run, and why; those that `globs` leave out stay as they are stored."""
+    done = finished(path)
+    asked = tuple(name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs))
+    reasons: dict[str, str] = {}
+    kept: dict[str, Finished] = {}
+    for name, case in config.cases.items():
+        found = [(item, why(case, item, force)) for item in done.get(name, [])]
+        if name not in asked and found:
+            kept[name] = found[0][0]
+        elif name not in asked:
+            continue
+        elif fresh := [item for item, reason in found if not reason]:
+            kept[name] = fresh[0]
+        else:
+            reasons[name] = found[0][1] if found else why(case, None, force)
+    return Plan(config, path, asked, reasons, kept)
 
 
 def run(cases: list[Case]) -> Iterator[Trajectory]:

@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from . import HodoError, rigid
-from .case import Case
+from .case import Case, parse_case
 from .integrate import Solution, Step, extended, references, solve, stored
 from .models import find
+from .store import Attribute, Group, Variable
 
 EPS = 2.0**-52
 
@@ -36,6 +38,67 @@ class Classification:
     warnings: tuple[str, ...] = ()
 
 
+def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
+    """What `classify` adds to a stored case (None if labels do not apply to it), and its line in the table.
+
+    Raises HodoError as `classify` does.
+    """
+    case = parse_case(str(group.attributes["case"]))
+    reason = find(case.model, case.form).unclassifiable
+    if reason or "omega" not in group.variables:
+        remark = reason or "omega is not stored"
+        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
+    recorded = {key: float(group.attributes[key]) for key in ("tol", "error")}
+    found = classify(case, str(group.attributes["method"]), omega=group.variables["omega"].data, **recorded)
+    ends = [rigid.LABELS[int(label)] for label in found.labels[[0, -1]]] if len(found.labels) else ["-", "-"]
+    table = [
+        {"time": c.time, "error": c.error, "from": rigid.LABELS[c.start], "to": rigid.LABELS[c.end], "G": c.momentum}
+        for c in found.crossings
+    ]
+    row = {"case": name, "start": ends[0], "end": ends[1], "crossings": table, "warnings": list(found.warnings)}
+    return labelled(found), row
+
+
+def labelled(found: Classification) -> Group:
+    """A classification as it is stored."""
+    flags: dict[str, Attribute] = {
+        "flag_values": np.array(list(rigid.LABELS), dtype=np.int8),
+        "flag_meanings": " ".join(rigid.LABELS.values()),
+    }
+    crossings = found.crossings
+    variables = {
+        "enclosed_axis": Variable(
+            ("time",), found.labels, {"long_name": "axis that the hodograph of G encloses", "units": "1", **flags}
+        ),
+        "crossing_time": Variable(
+            ("crossing",),
+            np.array([c.time for c in crossings]),
+            {"long_name": "time of passage through the separatrix", "units": "1"},
+        ),
+        "crossing_error": Variable(
+            ("crossing",),
+            np.array([c.error for c in crossings]),
+            {"long_name": "measured error of crossing_time", "units": "1"},
+        ),
+        "crossing_from": Variable(
+            ("crossing",),
+            np.array([c.start for c in crossings], dtype=np.int8),
+            {"long_name": "axis enclosed before", "units": "1", **flags},
+        ),
+        "crossing_to": Variable(
+            ("crossing",),
+            np.array([c.end for c in crossings], dtype=np.int8),
+            {"long_name": "axis enclosed after", "units": "1", **flags},
+        ),
+        "crossing_G": Variable(
+            ("crossing",),
+            np.array([c.momentum for c in crossings]),
+            {"long_name": "|G| at the passage", "units": "1"},
+        ),
+    }
+    return Group({"classify_warnings": "\n".join(found.warnings)}, variables)
+
+
 @dataclass
 class Sides:
     """Watches a motion step by step and keeps the crossings of D = 0 that are beyond doubt.
@@ -53,13 +116,11 @@ class Sides:
     crossings: list[Crossing] = field(default_factory=list)
 
     def __call__(self, step: Step) -> None:
-        times = [hit.time for hit in step.hits]
-        ends = [*times[1:], step.end]
-        if step.hits or self.side == 0:
-            self.look(step, step.start if not times else (step.start + times[0]) / 2)
-        for hit, following in zip(step.hits, ends, strict=True):
+        before = step.start
+        for hit in step.hits:
+            self.look(step, (before + hit.time) / 2)
             self.roots.append((step.at(hit.time), hit.state, step.units.size))
-            self.look(step, (hit.time + following) / 2)
+            before = hit.time
         self.look(step, step.end)
 
     def look(self, step: Step, time: float) -> None:
@@ -70,7 +131,8 @@ class Sides:
             return
         side = 1 if outer > inner else -1
         if side == -self.side:
-            at, where, size = self.roots[len(self.roots) // 2] if self.roots else (step.at(time), state, step.units.size)
+            here = step.at(time), state, step.units.size
+            at, where, size = self.roots[len(self.roots) // 2] if self.roots else here
             axes = self.order[0] + 1, self.order[2] + 1
             start, end = axes if side < 0 else axes[::-1]
             momentum = float(np.sqrt(np.square(self.A * where.astype(float)).sum()))
@@ -88,7 +150,6 @@ def classify(case: Case, method: str, tol: float, error: float, omega: np.ndarra
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
-    model = find(case.model, case.form)
     A = np.array(case.data["inertia"])
     band = 8 * max(EPS, 0.0 if math.isnan(error) else error)
     solution, crossings = cross(case, method, case.precision, tol, band)
@@ -97,12 +158,11 @@ def classify(case: Case, method: str, tol: float, error: float, omega: np.ndarra
     apart = relative_distance(again, omega[: len(again)])
     if apart > allowed or (len(again) < len(omega) and not case.max_seconds):
         raise HodoError(
-            f"{case.name}: the stored motion differs from its case by {apart:.1e}, more than the {allowed:.1e} that its "
-            "error allows; run it again with --force"
+            f"{case.name}: the stored motion differs from its case by {apart:.1e}, and its error allows {allowed:.1e}; "
+            "run it again with --force"
         )
     labels = rigid.enclosed_axis(A, extended(solution.path.state), band)
     labels = np.append(labels, np.full(len(omega) - len(again), rigid.UNDETERMINED, dtype=np.int8))
-    assert model.class_events(case.data)
     return Classification(labels, *checked(case, method, solution, crossings, band))
 
 
@@ -127,8 +187,9 @@ def checked(
         if [(c.start, c.end) for c in crossings] == [(c.start, c.end) for c in theirs]:
             pairs = zip(crossings, theirs, strict=True)
             return tuple(Crossing(a.time, a.start, a.end, a.momentum, abs(a.time - b.time)) for a, b in pairs), ()
-        warning = f"{len(crossings)} crossings by {method}, {len(theirs)} by {reference_method} in {precision} precision"
-        return tuple(theirs), (f"the crossings are beyond the precision of the data: {warning}, which is stored",)
+        finer = f"{reference_method} in {precision} precision"
+        lists = f"{len(crossings)} by {method}, {len(theirs)} by {finer}, which are stored"
+        return tuple(theirs), (f"the crossings hang on the last digits of the data: {lists}",)
     return tuple(crossings), ()
 
 

@@ -1,7 +1,9 @@
 """The command line: one short function a command. Each imports what it needs, so that `--help` loads nothing heavy."""
 
+import json
 import sys
 import traceback
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +48,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON valu
 @click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--case", "globs", multiple=True, metavar="GLOB", help="Only cases whose name matches (repeatable).")
 @click.option("--set", "overrides", multiple=True, metavar="CASE.KEY=VALUE", help="Change a value (repeatable).")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("runs"), show_default=True, help="Folder of results.")
+@click.option("--out", type=click.Path(path_type=Path), default="runs", show_default=True, help="Folder of results.")
 @click.option("--force", is_flag=True, help="Run finished cases again.")
 @click.option("--dry-run", is_flag=True, help="Say what would run, and why; run nothing.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr.")
@@ -62,7 +64,60 @@ def run(
     as_json: bool,
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are kept."""
-    raise NotImplementedError
+    from . import batch, report
+    from .case import load
+
+    loaded = [load(path, overrides) for path in configs]
+    plans = batch.plans(loaded, out, globs, force)
+    if dry_run:
+        click.echo("\n".join(line for plan in plans for line in plan.lines()))
+        return
+    say = (lambda line: None) if quiet else partial(click.echo, err=True)
+    rows = [row for plan in plans for row in plan.execute(say)]
+    click.echo(json.dumps(rows) if as_json else report.cases(rows))
+    if any(row["status"] != "ok" for row in rows):
+        sys.exit(1)
+
+
+@main.command()
+@RUNS
+@JSON
+def classify(runs: tuple[Path, ...], as_json: bool) -> None:
+    """Label the axis that each hodograph encloses and find the separatrix crossings; both go into RUNS."""
+    from . import classify, report, store
+
+    rows = []
+    for path in runs:
+        with store.update(path, store.stamp(f"hodo classify {path}")) as changes:
+            for name in changes.run.cases():
+                part, row = classify.classified(name, changes.run.read(name))
+                rows.append({"run": str(path), **row})
+                if part is not None:
+                    changes.write(name, part)
+    click.echo(json.dumps(rows) if as_json else report.crossings(rows))
+
+
+@main.command()
+@RUNS
+@JSON
+def show(runs: tuple[Path, ...], as_json: bool) -> None:
+    """Print what is in RUNS: the cases, how they ended, their error and run time."""
+    from . import report, store
+
+    rows = []
+    for path in runs:
+        with store.open_run(path) as run:
+            rows += [{"run": str(path), "case": name, **run.summary(name, report.SUMMARY)} for name in run.cases()]
+    click.echo(json.dumps(rows) if as_json else report.cases(rows))
+
+
+@main.command()
+@click.option("--table", is_flag=True, help="Print the keys as a Markdown table instead.")
+def schema(table: bool) -> None:
+    """Print the JSON Schema of case files."""
+    from . import case
+
+    click.echo(case.key_table() if table else json.dumps(case.schema(), indent=2, ensure_ascii=False))
 
 
 if __name__ == "__main__":

@@ -10,9 +10,9 @@ import numpy as np
 
 from . import HodoError, engines
 from .case import Case
-from .engines import Constants, Engine, Hit, Watch, flatten, jacobian, namespace, structure
+from .engines import Engine, Hit, Watch, flatten, jacobian, namespace, structure
 from .models import find
-from .models.base import Event, Model
+from .models.base import Constants, Event, Model
 from .trajectory import Occurrence, Trajectory
 
 BAND = (1 / 64, 64.0)
@@ -53,8 +53,8 @@ class Units:
         """The units for a model at the state `y`, itself in units of 2**size."""
         if not model.degree:
             return cls()
-        logs = {name: math.log2(abs(float(k[name]))) for name in model.degree if k[name]}  # type: ignore[arg-type]
-        lightest = math.log2(min(value for name, value in k.items() if name in ("A1", "A2", "A3")))  # type: ignore
+        logs = {name: math.log2(abs(number(k, name))) for name in model.degree if k[name]}
+        lightest = math.log2(min(number(k, name) for name in ("A1", "A2", "A3")))
         largest = float(np.max(np.abs(y)))
         sizes = [size + math.frexp(largest)[1]] if largest else []
         sizes += [math.ceil((log - lightest) / 2) for name, log in logs.items() if model.degree[name] == 0]
@@ -64,10 +64,17 @@ class Units:
 
     def constants(self, model: type[Model], k: Constants) -> Constants:
         """The constants of the equations in these units."""
-        return k | {
-            name: math.ldexp(float(k[name]), (degree - 1) * self.size - self.rate)  # type: ignore[arg-type]
+        return {**k} | {
+            name: math.ldexp(number(k, name), (degree - 1) * self.size - self.rate)
             for name, degree in model.degree.items()
         }
+
+
+def number(k: Constants, name: str) -> float:
+    """A constant that is a plain number."""
+    value = k[name]
+    assert isinstance(value, float), f"{name} must be a number to have a degree"
+    return value
 
 
 class Path(NamedTuple):
@@ -259,7 +266,7 @@ def integrate(case: Case) -> Trajectory:
     warnings = find(case.model, case.form).warnings(case.data)
     asked = max(solution.tol, ASKED)
     if errors and not max(errors.values()) <= 10 * asked:
-        warnings.append(f"the measured error {max(errors.values()):.1e} is more than ten times the {asked:.0e} asked for")
+        warnings.append(f"the measured error {max(errors.values()):.1e} exceeds ten times the {asked:.0e} asked for")
     path = solution.path
     return Trajectory(
         case=case,

@@ -1,7 +1,11 @@
 """Plain tables and numbers for the terminal."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+SUMMARY = ("model", "form", "method", "steps", "run_time", "error", "status", "message", "warnings")
+"""The attributes of a case that its line in a table shows."""
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> str:
@@ -27,3 +31,52 @@ def seconds(value: float) -> str:
 def magnitude(value: float) -> str:
     """An error to two digits; a dash where none was measured."""
     return "-" if math.isnan(value) else "0" if value == 0 else f"{value:.1e}"
+
+
+def cases(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Cases with their method, cost, error and what is to be said about them."""
+    return table(
+        ("case", "model", "form", "method", "steps", "run time", "error", "warnings"),
+        [
+            (
+                row["case"],
+                row["model"],
+                row["form"],
+                row["method"],
+                str(row["steps"]),
+                seconds(row["run_time"]),
+                magnitude(row["error"]),
+                remarks(row),
+            )
+            for row in rows
+        ],
+        right=("steps", "run time", "error"),
+    )
+
+
+def remarks(row: Mapping[str, Any]) -> str:
+    """How a case ended, unless well, and its warnings, on one line."""
+    ended = [] if row["status"] == "ok" else [f"{row['status']}: {row['message']}"]
+    return "; ".join([*ended, *row["warnings"].splitlines()])
+
+
+def crossings(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Cases with the axes enclosed at start and end, and the crossings between."""
+    return table(
+        ("case", "start", "end", "crossings"),
+        [
+            (
+                row["case"],
+                row["start"],
+                row["end"],
+                "; ".join([*map(passage, row["crossings"]), *row["warnings"]]),
+            )
+            for row in rows
+        ],
+    )
+
+
+def passage(crossing: Mapping[str, Any]) -> str:
+    """One crossing: when, with its error, from which axis to which."""
+    error = magnitude(crossing["error"])
+    return f"{crossing['time']:.15g} ({crossing['from']} -> {crossing['to']}, error {error})"

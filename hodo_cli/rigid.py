@@ -10,12 +10,12 @@ LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
 
 def angular_momentum(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """G = A omega, in body axes; A (3,), omega (..., 3)."""
-    return A * omega
+    return np.asarray(A * omega)
 
 
 def kinetic_energy(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """T = (A1 p^2 + A2 q^2 + A3 r^2) / 2; A (3,), omega (..., 3)."""
-    return (A * omega * omega).sum(axis=-1) / 2
+    return np.asarray((A * omega * omega).sum(axis=-1) / 2)
 
 
 def inertia_order(A: Any) -> tuple[int, int, int]:

@@ -10,13 +10,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from .. import HodoError
-from ..models.base import Event, Model
+from ..models.base import Constants, Event, Model
 
 IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 METHODS = ("taylor", *IVP)
 PRECISIONS = ("double", "extended", "quadruple")
-
-Constants = dict[str, float | tuple[float, ...] | str]
 
 
 class Hit(NamedTuple):
@@ -171,9 +169,9 @@ def build(
             raise HodoError("method taylor needs heyoka, which is not installed: pip install heyoka, or method: auto")
         from . import taylor
 
-        return taylor.build(model, structure(k), events, tol, precision)
+        return taylor.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]
     if precision != "double":
         raise HodoError(f"method {method} works in double precision only, not {precision}")
     from . import ivp
 
-    return ivp.build(method, model, structure(k), events, tol)
+    return ivp.build(method, model, structure(k), events, tol)  # type: ignore[arg-type]

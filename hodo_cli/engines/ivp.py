@@ -8,8 +8,8 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 from scipy.optimize import brentq
 
-from ..models.base import Event, Model
-from . import Constants, Hit, Leg, Structure, Watch, flatten, jacobian, namespace
+from ..models.base import Constants, Event, Model
+from . import Hit, Leg, Structure, Watch, flatten, jacobian, namespace
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
 LEAST_TOL = 100 * 2.0**-52
@@ -73,9 +73,9 @@ class Ivp:
         for i, event in enumerate(self.events):
 
             def value(t: float, event: Event = event) -> float:
-                return float(event.function(t, dense(t), k))
+                return float(event.function(t, list(dense(t)), k))
 
-            signs = np.sign(event.function(times, states, k))
+            signs = np.sign(event.function(times, list(states), k))
             for j in np.flatnonzero(signs[:-1] * signs[1:] < 0):
                 root = brentq(value, times[j], times[j + 1], xtol=1e-300, rtol=4 * self.eps)
                 found.append(Hit(i, root, int(signs[j + 1]), dense(root)))

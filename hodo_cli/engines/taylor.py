@@ -7,8 +7,8 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 
-from ..models.base import Event, Model
-from . import Constants, Hit, Leg, Structure, Watch, count, flatten, namespace
+from ..models.base import Constants, Event, Model
+from . import Hit, Leg, Structure, Watch, count, flatten, namespace
 
 hy.set_logger_level_error()
 
@@ -89,7 +89,7 @@ def longdouble(values: np.ndarray) -> np.ndarray:
     if values.dtype != np.dtype(hy.real128):
         return values.astype(np.longdouble)
     high = values.astype(np.float64)
-    return high.astype(np.longdouble) + (values - high.astype(hy.real128)).astype(np.float64)
+    return np.asarray(high.astype(np.longdouble) + (values - high.astype(hy.real128)).astype(np.float64))
 
 
 @lru_cache(maxsize=64)

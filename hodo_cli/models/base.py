@@ -14,6 +14,10 @@ Report = Callable[[tuple[str | int, ...], str], None]
 """Called as report(path within the case, what is right) for every mistake in a case."""
 
 
+Constants = Mapping[str, float | tuple[float, ...] | str]
+"""Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
+
+
 class Variable(NamedTuple):
     """How one stored variable is labelled in a result file."""
 
@@ -39,6 +43,8 @@ class Model:
     `degree` maps a constant to the degree in the angular velocity of the terms that it multiplies. It makes
     a change of units possible: with omega = sigma W and s = rho t, every such constant becomes
     value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its own units.
+
+    `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
     """
 
     name: ClassVar[str]
@@ -47,6 +53,7 @@ class Model:
     state: ClassVar[tuple[str, ...]]
     variables: ClassVar[dict[str, Variable]]
     degree: ClassVar[dict[str, int]] = {}
+    unclassifiable: ClassVar[str] = "the state has no angular velocity in body axes, so no axis is enclosed"
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -58,7 +65,7 @@ class Model:
         """Report what is wrong with values that are each right by themselves."""
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, float | tuple[float, ...]]:
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
         """The numbers that `rhs` uses, by name."""
         raise NotImplementedError
 
@@ -136,6 +143,7 @@ class BodyFrame(Model):
     """
 
     state = ("p", "q", "r")
+    unclassifiable = ""
     variables = {"omega": Variable(("time", "axis"), "angular velocity in body axes")}
 
     @classmethod

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..keys import Key, Vector
-from .base import INERTIA, INITIAL, BodyFrame
+from .base import INERTIA, INITIAL, BodyFrame, Constants
 
 
 class LinearDiag(BodyFrame):
@@ -43,5 +43,5 @@ class LinearDiag(BodyFrame):
         )
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, float | tuple[float, ...]]:
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
         return cls.inertia(data) | dict(zip(("lam1", "lam2", "lam3"), data["damping"], strict=True))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..keys import Either, Key, Matrix, Number, Table
-from .base import INERTIA, INITIAL, BodyFrame
+from .base import INERTIA, INITIAL, BodyFrame, Constants
 
 
 class Tensor(BodyFrame):
@@ -64,7 +64,7 @@ class Tensor(BodyFrame):
         return np.array(given, dtype=float)
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, float | tuple[float, ...]]:
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
         return cls.inertia(data) | dict(zip(cls.entries, cls.tensor(data).ravel().tolist(), strict=True))
 
     @classmethod
