@@ -1,0 +1,247 @@
+"""Labelled arrays in HDF5 that netCDF-4 readers understand, group by group. The only importer of h5py."""
+
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
+
+from . import HodoError
+
+FORMAT_VERSION = 1
+STRING = h5py.string_dtype()
+NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
+HIDDEN = ("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates")
+DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
+"""What h5py raises when the bytes of a file make no sense."""
+
+Attribute = str | int | float | np.ndarray
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A labelled array: numbers that netCDF knows (not bool, half or long double), or strings."""
+
+    dims: tuple[str, ...]
+    data: np.ndarray
+    attributes: Mapping[str, Attribute] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Group:
+    """What a group holds. A variable that is named as its only dimension is that dimension's coordinate."""
+
+    attributes: Mapping[str, Attribute]
+    variables: Mapping[str, Variable]
+
+
+class Run:
+    """A result file that is open for reading; made by `open_run`."""
+
+    def __init__(self, path: Path, file: h5py.File) -> None:
+        self.path = path
+        self.attributes: dict[str, Any] = _attributes(file)
+        self._file = file
+
+    @property
+    def text(self) -> str:
+        """The case file that was run."""
+        return str(self.attributes.get("config", ""))
+
+    def groups(self) -> list[str]:
+        """The names of all groups, in their order."""
+        return list(self._file)
+
+    def cases(self) -> list[str]:
+        """The names of the cases, in the order of the case file: the groups that do not begin with `_`."""
+        return [name for name in self._file if not name.startswith("_")]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._file
+
+    def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
+        """The attributes of a group (all, or those named), without reading an array.
+
+        Raises HodoError if there is no such group or it is damaged.
+        """
+        with self._group(name) as group:
+            return _attributes(group, only)
+
+    def read(self, name: str) -> Group:
+        """A group whole. Raises HodoError if there is no such group or it is damaged."""
+        with self._group(name) as group:
+            named, variables = _by_address(group), {}
+            for key, item in group.items():
+                if h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE):
+                    continue
+                data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
+                variables[key] = Variable(_dims(item, named) or (key,) * data.ndim, data, _attributes(item))
+            return Group(_attributes(group), variables)
+
+    @contextmanager
+    def _group(self, name: str) -> Iterator[h5py.Group]:
+        try:
+            group = self._file.get(name)
+            if isinstance(group, h5py.Group):
+                yield group
+                return
+        except DAMAGE as error:
+            if refusal(error):
+                raise
+            raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
+        raise HodoError(f"{self.path}: there is no case {name!r}")
+
+
+@contextmanager
+def open_run(path: Path | str) -> Iterator[Run]:
+    """A result file, open for reading.
+
+    Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a newer format.
+    """
+    path = Path(path)
+    try:
+        file = h5py.File(path, "r", locking="best-effort")
+    except (OSError, ValueError) as error:
+        raise HodoError(f"{path}: {_why_closed(path, error)}") from None
+    with file:
+        try:
+            run = Run(path, file)
+        except DAMAGE as error:
+            raise HodoError(f"{path} is damaged ({_first_line(error)})") from None
+        version = run.attributes.get("format_version")
+        if not isinstance(version, int):
+            raise HodoError(f"{path} is HDF5, but not a result of hodo (it has no format_version)")
+        if version > FORMAT_VERSION:
+            raise HodoError(f"{path} has format version {version}, newer than {FORMAT_VERSION}: update hodo to read it")
+        yield run
+
+
+def _why_closed(path: Path, error: Exception) -> str:
+    """Why HDF5 does not open a file."""
+    text = str(error)
+    if isinstance(error, BlockingIOError) or "unable to lock file" in text:
+        return "locked: another program has it open for writing"
+    if path.is_dir():
+        return "a folder, not a file"
+    if "signature not found" in text:
+        return "not an HDF5 file"
+    if "truncated file" in text:
+        return "truncated: its end is missing; restore it, or move it away and run again"
+    number = getattr(error, "errno", None)
+    return os.strerror(number).lower() if number else f"damaged ({_first_line(error)})"
+
+
+def refusal(error: BaseException) -> str:
+    """What the operating system said (no space, no permission), which HDF5 hides in its own errors; or nothing."""
+    told = re.search(r"error message = '([^']*)'", str(error))
+    number = getattr(error, "errno", None)
+    return told[1].lower() if told else os.strerror(number).lower() if number else ""
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
+    """Attributes as plain values, in their order."""
+    found = {}
+    for name in item.attrs:
+        if name not in HIDDEN and (not only or name in only):
+            value = item.attrs[name]
+            value = "" if isinstance(value, h5py.Empty) else value
+            value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+            found[name] = value.item() if isinstance(value, np.generic) else value
+    return found
+
+
+def _by_address(group: h5py.Group) -> dict[int, str]:
+    """The names in a group by the addresses of what they name; HDF5 itself takes milliseconds to find a name."""
+    return {h5o.get_info(item.id).addr: name for name, item in group.items()}
+
+
+def _dims(dataset: h5py.Dataset, named: Mapping[int, str]) -> tuple[str, ...]:
+    """The dimensions of a dataset by the names of their scales; none for a scale itself."""
+    scales = dataset.attrs.get("DIMENSION_LIST", ())
+    return tuple(named[h5o.get_info(h5r.dereference(scale[0], dataset.id)).addr] for scale in scales)
+
+
+class Output:
+    """A file that is being written; made by `create`."""
+
+    def __init__(self, file: h5py.File) -> None:
+        self._file = file
+
+    def write(self, name: str, group: Group) -> None:
+        """Add a group. The order of creation is tracked throughout: without it netCDF-4 cannot append."""
+        target = self._file.create_group(name, track_order=True)
+        _set_attributes(target, group.attributes)
+        sizes: dict[str, int] = {}
+        for key, variable in group.variables.items():
+            for dim, size in zip(variable.dims, variable.data.shape, strict=True):
+                if sizes.setdefault(dim, size) != size:
+                    raise ValueError(f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}")
+            dtype = _file_type(key, variable.data)
+            dataset = target.create_dataset(key, data=variable.data, dtype=dtype, track_order=True)
+            _set_attributes(dataset, variable.attributes)
+        for dim, size in sizes.items():
+            if dim in group.variables:
+                target[dim].make_scale(dim)
+            else:
+                scale = target.create_dataset(dim, (size,), ">f4", track_order=True)
+                scale.make_scale(f"{NO_VARIABLE.decode()}{size:10d}")
+        for key, variable in group.variables.items():
+            if key not in sizes:
+                for i, dim in enumerate(variable.dims):
+                    h5ds.attach_scale(target[key].id, target[dim].id, i)
+
+    def copy(self, run: Run, name: str) -> None:
+        """Copy a group as it is stored. Raises HodoError if it is damaged.
+
+        HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew.
+        """
+        with run._group(name) as old:
+            old.file.copy(old, self._file, name)
+            new, named = self._file[name], _by_address(old)
+            for item in new.values():
+                for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
+                    if h5a.exists(item.id, link):
+                        h5a.delete(item.id, link)
+            for key, item in old.items():
+                for i, dim in enumerate(_dims(item, named)):
+                    h5ds.attach_scale(new[key].id, new[dim].id, i)
+
+
+@contextmanager
+def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
+    """A new file with these root attributes and the version of the format.
+
+    It takes no lock, since nobody else knows of it yet, and some network folders have none.
+    """
+    with h5py.File(path, "w", track_order=True, locking=False) as file:
+        _set_attributes(file, {**attributes, "format_version": FORMAT_VERSION})
+        yield Output(file)
+
+
+def _file_type(name: str, data: np.ndarray) -> Any:
+    """The type of an array in the file. Old netCDF readers lose bool, and crash on half and long double."""
+    if data.dtype.kind in "OU":
+        return STRING
+    if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8 or data.dtype == np.float16:
+        raise TypeError(f"{name}: netCDF has no type {data.dtype}")
+    return data.dtype
+
+
+def _set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:
+    """Set new attributes; text with variable length, which every reader gives back as text."""
+    for name, value in attributes.items():
+        if isinstance(value, str):
+            value = value.encode("utf-8", "replace").decode().replace("\0", "\ufffd")
+        data = np.asarray(value, dtype=STRING if isinstance(value, str) else None)
+        space = h5s.create_simple(data.shape) if data.shape else h5s.create(h5s.SCALAR)
+        h5a.create(item.id, name.encode(), h5t.py_create(_file_type(name, data), logical=True), space).write(data)

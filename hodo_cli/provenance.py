@@ -1,0 +1,66 @@
+"""What a result says of its own making: time, command, versions, commit."""
+
+import re
+import subprocess
+import sys
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from . import __version__
+
+LIBRARIES = ("numpy", "scipy", "heyoka", "h5py")
+
+
+def stamp(command: str) -> str:
+    """A line of history: the time, UTC, and the command."""
+    return f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {command}"
+
+
+def root_attributes(title: str, references: str, config: str, history: str) -> dict[str, str]:
+    """The root attributes of a result but for its format version; `config` is the case file's text."""
+    return {
+        "Conventions": "CF-1.11",
+        "title": title,
+        "source": f"hodo {__version__}",
+        "references": references,
+        "history": history,
+        **versions(),
+        "config": config,
+    }
+
+
+def versions() -> dict[str, str]:
+    """The versions of Python and the libraries that count, and the commit of hodo where it is a git checkout."""
+    git = _git_status()
+    found = {"python_version": sys.version.split()[0]}
+    found |= {f"{library}_version": _version(library) for library in LIBRARIES}
+    status = git.communicate()[0] if git else ""
+    commit = re.search(r"^# branch.oid ([0-9a-f]+)$", status, re.MULTILINE)
+    if commit:
+        dirty = any(not line.startswith("#") for line in status.splitlines())
+        found |= {"git_commit": commit[1], "git_dirty": "yes" if dirty else "no"}
+    return found
+
+
+def _git_status() -> "subprocess.Popen[str] | None":
+    """A process that prints the commit and the changes of the package's own checkout; None if it is not in one."""
+    package = Path(__file__).parent
+    if not (package.parent / ".git").exists():
+        return None
+    command = ["git", "--no-optional-locks", "-C", str(package), "status", "--porcelain=v2", "--branch", "--", "."]
+    with suppress(OSError):
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    return None
+
+
+def _version(library: str) -> str:
+    """The version of a library: from itself if it is loaded, since looking up what is installed takes 10 ms."""
+    if (module := sys.modules.get(library)) is not None:
+        return str(getattr(module, "__version__", "unknown"))
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
