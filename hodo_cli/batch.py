@@ -15,8 +15,9 @@ import numpy as np
 from . import HodoError, models
 from .case import Case, Config, dump
 from .integrate import choose, integrate
+from .provenance import root_attributes, stamp
 from .report import SUMMARY
-from .store import Finished, Writer, finished, group_of, open_run, root_attributes, stamp
+from .store import Finished, Writer, finished, group_of, open_run
 from .trajectory import Trajectory
 
 PACKAGE = Path(__file__).parent

@@ -8,9 +8,9 @@ import numpy as np
 
 from . import HodoError, rigid
 from .case import Case, parse_case
+from .hdf5 import Attribute, Group, Variable
 from .integrate import Solution, Step, extended, references, solve, stored
 from .models import find
-from .store import Attribute, Group, Variable
 
 EPS = 2.0**-52
 

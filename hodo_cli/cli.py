@@ -85,10 +85,11 @@ def run(
 def classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the axis that each hodograph encloses and find the separatrix crossings; both go into RUNS."""
     from . import classify, report, store
+    from .provenance import stamp
 
     rows = []
     for path in runs:
-        with store.update(path, store.stamp(f"hodo classify {path}")) as changes:
+        with store.update(path, stamp(f"hodo classify {path}")) as changes:
             for name in changes.run.cases():
                 part, row = classify.classified(name, changes.run.read(name))
                 rows.append({"run": str(path), **row})

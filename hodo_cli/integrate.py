@@ -249,8 +249,7 @@ def closed_form(case: Case, times: np.ndarray) -> Solution:
     if not exact.applies(case):
         raise HodoError(f"{case.name}: method exact needs linear-diag with three equal coefficients of damping")
     began = perf_counter()
-    omega = exact.solve(case, times)
-    path = Path(times, omega, np.zeros(len(times), dtype=np.int64), ())
+    path = Path(times, *exact.solve_scaled(case, times), ())
     return Solution(path, 2.0**-52, 0, perf_counter() - began)
 
 
