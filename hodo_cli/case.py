@@ -268,7 +268,7 @@ def _all_keys() -> frozenset[str]:
     return frozenset({"model", "form", *COMMON}.union(*(form.keys for form in classes)))
 
 
-def _case(name: str, block: Block, report: Report) -> Case | None:
+def _case(case: str, block: Block, report: Report) -> Case | None:
     """The case that a merged block describes, or None after reporting what is wrong with it."""
     wrong = False
 
@@ -282,12 +282,15 @@ def _case(name: str, block: Block, report: Report) -> Case | None:
     data = {key: values[key] for key in found.keys if key in values} if found else {}
     if found:
         found.check(data, note)
+        for i, name in enumerate(() if values.get("sweep") else values.get("store", ())):
+            if name not in found.variables:
+                note(("store", i), keys.unknown(f"variable {name!r}", name, found.variables))
     if "time" in values and not 0 <= values["time"]["end"] - values["time"]["start"] < float("inf"):
         note(("time", "end"), f"the span from {values['time']['start']:g} to {values['time']['end']:g} is not possible")
     if wrong or not found:
         return None
     common = {key: values[key] for key in COMMON} | {"time": Time(**values["time"])}
-    return Case(name=name, model=found.name, form=found.form, data=data, **common)
+    return Case(name=case, model=found.name, form=found.form, data=data, **common)
 
 
 def _own(block: Block, found: type[Model] | None, taken: Mapping[str, Key], report: Report) -> dict[str, Any]:
@@ -430,6 +433,16 @@ def key_table() -> str:
     return "\n".join(lines) + "\n"
 
 
+def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:
+    """JSON Schema of a case of one of some forms of a model."""
+    own: dict[str, list[dict[str, Any]]] = {}
+    for name, key in (item for found in classes for item in found.keys.items()):
+        if (rule := key.schema()) not in own.setdefault(name, []):
+            own[name].append(rule)
+    rules = {name: some[0] if len(some) == 1 else {"anyOf": some} for name, some in own.items()}
+    return {"properties": dict.fromkeys(("model", *COMMON), True) | form | rules, "additionalProperties": False}
+
+
 def schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of the case files.
 
@@ -443,13 +456,10 @@ def schema() -> dict[str, Any]:
     rules = []
     for model, forms in catalogue.items():
         named = {"properties": {"model": {"const": model}}, "required": ["model"]}
+        rules.append({"if": named, "then": _closed({"form": {"enum": list(forms)}}, forms.values())})
         for form, found in forms.items():
             this = {"properties": {"form": {"const": form}}, "required": ["form"]}
-            taken = dict.fromkeys(("model", "form", *COMMON), True) | {n: key.schema() for n, key in found.keys.items()}
-            rules.append({"if": {"allOf": [named, this]}, "then": {"properties": taken, "additionalProperties": False}})
-        allowed = {"form": {"enum": list(forms)}} | dict.fromkeys(("model", *COMMON), True)
-        allowed |= {name: True for found in forms.values() for name in found.keys}
-        rules.append({"if": named, "then": {"properties": allowed, "additionalProperties": False}})
+            rules.append({"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [found])})
     figures = [Table({"kind": Key(Choice(kind), "what is drawn")} | taken).schema() for kind, taken in KINDS.items()]
     sections = {name: key.schema() for name, key in SECTIONS.items()}
     names = {"propertyNames": {"pattern": f"^{_NAME.pattern}$"}}

@@ -19,7 +19,7 @@ from .keys import Misnamed, Path, shown
 
 MAX_BYTES = 16_000_000
 MAX_DEPTH = 50
-MAX_VALUES = 2_000_000
+MAX_VALUES = 500_000
 MAX_ALIASED = 100_000
 MAX_KEY = 128
 MAX_MISTAKES = 1000
@@ -202,10 +202,10 @@ class _Reader:
             return
         if _UNPRINTABLE.search(event.value):
             self.mistakes.add(place, self.path(), "control characters are not allowed in text")
-        plain = event.implicit[0] or event.tag not in (None, "!", "tag:yaml.org,2002:str")
+        plain = event.implicit[0] if event.tag is None else event.tag not in ("!", "tag:yaml.org,2002:str")
         value = resolve_scalar(event.value) if plain else event.value
         if event.tag and not _agrees(event.tag, value):
-            self.fail(place, f"the tag {event.tag!r} is not allowed here")
+            self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
         if event.anchor:
             self.anchors[event.anchor] = (value, 1)
         self.add(value, place if event.value or not top else top.key_place)
@@ -230,10 +230,10 @@ class _Reader:
         if top and isinstance(top.node, Block) and top.key is None:
             self.fail(place, "a key is plain text, not a list or mapping")
         if len(self.open) >= MAX_DEPTH:
-            self.fail(place, f"nested deeper than {MAX_DEPTH} levels")
+            raise self.mistakes.fatal(place, f"nested deeper than {MAX_DEPTH} levels")
         node: Block | Items = Block() if isinstance(event, yaml.MappingStartEvent) else Items()
         if event.tag and not _agrees(event.tag, node):
-            self.fail(place, f"the tag {event.tag!r} is not allowed here")
+            self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
         if event.anchor:
             self.anchors[event.anchor] = None
         if top and isinstance(top.node, Block) and not event.flow_style:

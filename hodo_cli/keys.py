@@ -104,7 +104,7 @@ def shown(value: Any) -> str:
     """A value as a message names it, in YAML's words and shortened."""
     match value:
         case None:
-            return "nothing"
+            return "an empty value"
         case bool():
             return str(value).lower()
         case str():
@@ -198,7 +198,7 @@ class Integer:
         return {"type": "integer"} | {word: bound for _, word, bound in _bounds(self)}
 
     def describe(self) -> str:
-        return " ".join(["integer", ", ".join(f"{sign} {bound}" for sign, _, bound in _bounds(self))]).rstrip()
+        return " ".join(["integer", ", ".join(f"{sign} {bound:g}" for sign, _, bound in _bounds(self))]).rstrip()
 
 
 @dataclass(frozen=True, init=False)
@@ -214,14 +214,15 @@ class Choice:
         if isinstance(value, str) and value in self.names:
             return str(value)
         near = nearest(value, self.names) if isinstance(value, str) else ""
-        report(at, f"wants {' or '.join(self.names)}, not {shown(value)}{near}")
+        report(at, f"wants {self.describe()}, not {shown(value)}{near}")
         return self.names[0]
 
     def schema(self) -> dict[str, Any]:
         return {"enum": list(self.names)}
 
     def describe(self) -> str:
-        return " or ".join(self.names)
+        *names, last = self.names
+        return f"{', '.join(names)} or {last}" if names else last
 
 
 @dataclass(frozen=True)
@@ -357,7 +358,7 @@ class Variant:
         return {"oneOf": [Table({self.tag: Key(Choice(name), "which law"), **keys}).schema() for name, keys in tables]}
 
     def describe(self) -> str:
-        return f"a mapping with {self.tag}: {' or '.join(self.tables)}"
+        return f"a mapping with {self.tag}: {Choice(*self.tables).describe()}"
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,652 @@
+"""The loader of case files: values, mistakes with their places, overrides, round trips, hostile files."""
+
+import math
+import pickle
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from conftest import ROOT
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hodo_cli import HodoError, document
+from hodo_cli.case import COMMON, Case, Time, dump, key_table, load, parse, parse_case, schema
+from hodo_cli.document import Mistakes, read, write
+from hodo_cli.figures import KINDS
+from hodo_cli.keys import (
+    Angle,
+    Choice,
+    Either,
+    Integer,
+    Key,
+    Matrix,
+    Names,
+    Number,
+    Sequence,
+    Table,
+    Text,
+    Variant,
+    Vector,
+    resolve,
+)
+from hodo_cli.keys import Path as KeyPath
+from hodo_cli.models import catalogue
+
+CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
+NAME_RULE = "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
+BODY = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
+SPAN = "time: {end: 10}"
+GOOD = f"cases:\n  a: {{{BODY}, {SPAN}, damping: 0.1}}\n  a.b: {{{BODY}, {SPAN}}}\n"
+
+
+def mistakes(text: str, *overrides: str) -> list[str]:
+    """The lines of the error that a file's text gives."""
+    with pytest.raises(HodoError) as caught:
+        parse(text, "x.yaml", overrides)
+    return str(caught.value).split("\n")
+
+
+def one_case(entries: str) -> Case:
+    return parse(f"cases: {{a: {{{entries}}}}}", "x.yaml").cases["a"]
+
+
+# What is read
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_every_config_loads_and_its_cases_come_back_from_their_dump(path: Path) -> None:
+    config = load(path)
+    assert config.text == path.read_text(encoding="utf-8")
+    for name, case in config.cases.items():
+        assert case.name == name
+        assert parse_case(dump(case)) == case
+        assert dump(parse_case(dump(case))) == dump(case)
+        assert pickle.loads(pickle.dumps(case)) == case
+
+
+def test_a_case_is_complete() -> None:
+    case = one_case(f"{BODY}, {SPAN}")
+    assert case == Case(
+        name="a", model="linear-diag", form="full",
+        data={
+            "inertia": (1.0, 0.8, 0.6), "damping": (0.0, 0.0, 0.0),
+            "initial": {"p": 0.8, "q": 0.5, "r": 0.74, "G": None},
+        },
+        time=Time(start=0.0, end=10.0, samples=1001),
+    )  # fmt: skip
+
+
+def test_dump_is_complete_and_readable() -> None:
+    assert dump(one_case(f"{BODY}, time: {{end: 1e3}}, damping: 1e-5, tol: 1e-10, note: 'no: \"1\"'")) == (
+        "name: a\nmodel: linear-diag\nform: full\ninertia: [1.0, 0.8, 0.6]\ndamping: [1e-05, 1e-05, 1e-05]\n"
+        "initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 1001}\nmethod: auto\n"
+        'tol: 1e-10\nprecision: double\nerror: on\nstore: []\nnote: "no: \\"1\\""\n'
+    )
+
+
+def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
+    config = parse(
+        "defaults: {inertia: [3, 2, 1.5], damping: 0.2, resistance: {diagonal: 1, off_diagonal: 0}, "
+        "time: {end: 7, samples: 3}, initial: {p: 1, q: 1, r: 1}}\n"
+        "cases:\n"
+        "  one: {model: linear-diag, time: {samples: 5}, initial: {p: 2, q: 0, G: 9}}\n"
+        "  two: {model: tensor, inertia: [1, 1, 1]}\n",
+        "x.yaml",
+    )
+    one, two = config.cases.values()
+    assert one.time == Time(start=0.0, end=7.0, samples=5)
+    assert one.data == {
+        "inertia": (3.0, 2.0, 1.5), "damping": (0.2,) * 3, "initial": {"p": 2.0, "q": 0.0, "r": None, "G": 9.0}
+    }  # fmt: skip
+    assert two.time == Time(end=7.0, samples=3)
+    assert two.data["inertia"] == (1.0, 1.0, 1.0)
+    assert "damping" not in two.data
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-3", 1e-3), ("1E5", 1e5), (".5", 0.5), ("5.", 5.0), ("-.5e+1", -5.0), ("+1", 1), ("010", 10), ("-0", 0),
+        ("0x1F", 31), ("0o17", 15), ("1_000", "1_000"), ("0b1", "0b1"), ("12:30:00", "12:30:00"), ("1.2.3", "1.2.3"),
+        ("2026-01-01", "2026-01-01"), ("no", "no"), ("off", "off"), ("yes", "yes"), ("on", "on"), ("y", "y"),
+        ("True", True), ("false", False), ("tRUE", "tRUE"), ("~", None), ("null", None), ("Null", None), ("", None),
+        (".inf", math.inf), ("-.INF", -math.inf), ("inf", "inf"), ("1e400", math.inf), ("1" * 400, math.inf),
+        ("'1'", "1"), ('"a\\tb"', "a\tb"), ("!!str 12", "12"), ("!!float 1", 1), ("! 1", "1"), ("-", "-"), ("e5", "e5"),
+        ("٣", "٣"), ("=", "="),
+    ],
+)  # fmt: skip
+def test_scalars_follow_the_core_schema_of_yaml_1_2(text: str, value: Any) -> None:
+    text = text if text != "-" else "'-'"
+    found = read(f"a: {text}", Mistakes("x"))["a"]
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_nan_is_read_as_one() -> None:
+    assert math.isnan(read(".NaN", Mistakes("x")))
+
+
+def test_an_alias_is_its_anchor() -> None:
+    text = f"cases:\n  a: &a {{{BODY}, {SPAN}}}\n  b: *a\n  c: {{{BODY}, time: {{end: &e 3, start: *e}}}}\n"
+    cases = parse(text, "x").cases
+    assert cases["a"].data == cases["b"].data
+    assert cases["c"].time == Time(start=3.0, end=3.0)
+
+
+def test_a_config_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
+    assert list(load(tmp_path / "a.yaml").cases) == ["a", "a.b"]
+
+
+# Mistakes
+
+LINEAR = ["model", "form", "inertia", "damping", "initial", *COMMON]
+MODELS = Choice(*catalogue()).describe()
+LINES = ["model: linear-diag", "inertia: [1, 0.8, 0.6]", "initial: {p: 0.8, q: 0.5, r: 0.74}", "time: {end: 10}"]
+
+
+@pytest.mark.parametrize(
+    ("entry", "column", "message"),
+    [
+        ("dampng: 1", 5, f".dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
+        ("DAMPING: 1", 5, f".DAMPING: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
+        ("damping: abc", 14, ".damping: wants a finite number, not 'abc'"),
+        ("damping: '0.1'", 14, ".damping: wants a finite number, not '0.1'"),
+        ("damping: true", 14, ".damping: wants a finite number, not true"),
+        ("damping: .nan", 14, ".damping: wants a finite number, not nan"),
+        ("damping: [0, 0, 1e400]", 21, ".damping.2: wants a finite number, not inf"),
+        ("damping: [0, -.inf, 0]", 18, ".damping.1: wants a finite number, not -inf"),
+        ("damping: [0, 0]", 14, ".damping: wants 3 numbers or one for all, not a list of 2"),
+        ("damping: {x: 1}", 14, ".damping: wants 3 numbers or one for all, not a mapping"),
+        ("inertia: [1, 0, 1]", 18, ".inertia.1: wants a number > 0, not 0"),
+        ("inertia: [1, 2, 4]", 21, ".inertia.2: no body has A3 = 4 larger than the sum of the other two"),
+        ("initial: {p: 1, q: 1}", 14, ".initial: r missing: give p, q and r, or two of them and G"),
+        ("initial: [1, 2, 3]", 14, ".initial: wants a mapping of p, q, r, G, not a list of 3"),
+        ("time: {end: 1, samples: 0}", 29, ".time.samples: wants an integer >= 1, <= 1e+15, not 0"),
+        ("time: {end: 1, samples: 1.5}", 29, ".time.samples: wants an integer >= 1, <= 1e+15, not 1.5"),
+        ("time: {start: 2}", 11, ".time: missing 'end'"),
+        ("time: {end: -1}", 17, ".time.end: the span from 0 to -1 is not possible"),
+        ("time: {start: -1e308, end: 1e308}", 32, ".time.end: the span from -1e+308 to 1e+308 is not possible"),
+        ("method: dop853", 13, ".method: wants auto, taylor, DOP853, RK45, LSODA, Radau, BDF or exact, not 'dop853'; "
+         "did you mean 'DOP853'?"),
+        ("precision: long", 16, ".precision: wants double, extended or quadruple, not 'long'"),
+        ("error: true", 12, ".error: wants on or off, not true"),
+        ("tol: 0", 10, ".tol: wants a number > 0, < 1, not 0"),
+        ("max_steps: x", 16, ".max_steps: wants an integer >= 1, <= 1e+15, not 'x'"),
+        ("note: 12", 11, ".note: wants text, not 12; put it in quotes"),
+        ("note:", 5, ".note: wants text, not an empty value"),
+        (r'note: "a\0b"', 11, ".note: control characters are not allowed in text"),
+        ("store: {a: 1}", 12, ".store: wants a name or a list of names, not a mapping"),
+        ("store: [omega, omga]", 20, ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega)"),
+        ("sweep: 3", 12, ".sweep: wants a mapping, not 3"),
+        ("sweep: {p: [1, .nan]}", 20, ".sweep.p.1: wants a finite number, not nan"),
+        ("form: averaged", 11, ".form: wants full, not 'averaged'"),
+        ("model: linear-dig", 12, f".model: wants {MODELS}, not 'linear-dig'; did you mean 'linear-diag'?"),
+        ("model: [1]", 12, f".model: wants {MODELS}, not a list of 1"),
+        ("time: {end: 1, end: 2}", 20, ".time.end: duplicate key; the first is in line 3"),
+        ("tol: !foo 1", 10, ".tol: the tag '!foo' is not allowed here"),
+        ("tol: !!int 1.5", 10, ".tol: the tag 'tag:yaml.org,2002:int' is not allowed here"),
+        ("tol: *t", 10, ".tol: *t has no anchor before it"),
+        ("sweep: &s {p: [*s]}", 20, ".sweep.p.0: *s stands inside itself"),
+        ("<<: {p: 1}", 5, ": merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:"),
+        ("? [p]\n    : 1", 7, ": a key is plain text, not a list or mapping"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str) -> None:
+    rest = [line for line in LINES if line.split(":")[0] != entry.split(":")[0]]
+    text = "\n    ".join(["cases:\n  a:", entry, *rest]) + "\n"
+    assert mistakes(text) == [f"x.yaml:3:{column}: cases.a{message}"]
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("", ["1:1: wants a mapping of keys to values, not an empty value"]),
+        ("# nothing", ["1:1: wants a mapping of keys to values, not an empty value"]),
+        ("[1, 2]", ["1:1: wants a mapping of keys to values, not a list of 2"]),
+        ("text", ["1:1: wants a mapping of keys to values, not 'text'"]),
+        ("title: t", ["1:1: missing 'cases'"]),
+        ("cases: {}", ["1:8: cases: there is no case"]),
+        ("cases:\n", ["1:1: missing 'cases'"]),
+        ("cases: [a]", ["1:8: cases: wants a mapping, not a list of 1"]),
+        ("cases: {a: 3}", ["1:12: cases.a: wants a mapping, not 3"]),
+        ("cases:\n  a: {}", ["2:6: cases.a: missing 'model', 'time'"]),
+        ("a: 1\n--- 2", ["2:1: a second document starts here; one is allowed"]),
+        ("a: [1, 2\n", ["2:1: not YAML: while parsing a flow sequence, did not find expected ',' or ']'"]),
+        ("a:\n\tb: 1",
+         ["2:1: not YAML: while scanning for the next token, found character that cannot start any token"]),
+        ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
+        ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
+        (GOOD + "titel: t\n", ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
+                               "cases, figures, claims)"]),
+        (GOOD + "title: [t]\n", ["4:8: title: wants text, not a list of 1"]),
+        (GOOD + "claims: [1]\n", ["4:10: claims.0: wants a mapping, not 1"]),
+        (GOOD + "defaults: {inertia: 3, tol: 2}\n", ["4:29: defaults.tol: wants a number > 0, < 1, not 2"]),
+        (GOOD + "defaults: {resistance: 3}\n", ["4:12: defaults.resistance: no case here takes this key"]),
+        (GOOD + "figures: {f: {cases: a}}\n", ["4:14: figures.f: missing 'kind'"]),
+        (GOOD + "figures: {f: {kind: hodgraph, foo: 1}}\n",
+         [f"4:21: figures.f.kind: wants {Choice(*KINDS).describe()}, not 'hodgraph'; did you mean 'hodograph'?"]),
+        (GOOD + "figures: {f: {kind: sphere, cases: [a, aa]}}\n",
+         ["4:40: figures.f.cases.1: unknown name 'aa'; did you mean 'a'? (valid: a, a.b)"]),
+        (GOOD + "figures: {../f: {kind: sphere, cases: a}}\n", [f"4:11: figures.../f: {NAME_RULE}"]),
+        ("cases: {a/b: {}}", [f"1:9: cases.a/b: {NAME_RULE}"]),
+        ('cases: {"a\\nb": {}}', [rf"1:9: cases.a\nb: {NAME_RULE}"]),
+        ('cases: {"a\\0b": {}}', ["1:9: cases: a key is printable text of at most 128 characters"]),
+        (f"cases: {{{'n' * 101}: {{}}}}", [f"1:9: cases.{'n' * 101}: {NAME_RULE}"]),
+        (f"cases: {{{'n' * 300}: {{}}}}", ["1:9: cases: a key is printable text of at most 128 characters"]),
+        ("cases: {é: {}}", [f"1:9: cases.é: {NAME_RULE}"]),
+        ("a: !!python/object:os.system []",
+         ["1:4: a: the tag 'tag:yaml.org,2002:python/object:os.system' is not allowed here"]),
+    ],
+)  # fmt: skip
+def test_a_mistake_outside_the_cases_is_named_with_its_place(text: str, lines: list[str]) -> None:
+    assert mistakes(text) == [f"x.yaml:{line}" for line in lines]
+
+
+def test_all_mistakes_are_raised_together_by_line() -> None:
+    text = (
+        "figures:\n"
+        "  f: {kind: sphere, cases: [b, c]}\n"
+        "cases:\n"
+        f"  a: {{{BODY}, {SPAN}, tol: 3, foo: 1}}\n"
+        "  b: {model: tensor}\n"
+        "  a: {}\n"
+        "titel: t\n"
+    )
+    assert [line.split(": ")[:2] for line in mistakes(text)] == [
+        ["x.yaml:2:32", "figures.f.cases.1"],
+        ["x.yaml:4:109", "cases.a.tol"],
+        ["x.yaml:4:112", "cases.a.foo"],
+        ["x.yaml:5:6", "cases.b"],
+        ["x.yaml:6:3", "cases.a"],
+        ["x.yaml:7:1", "titel"],
+    ]
+
+
+def test_a_mistake_of_a_default_is_raised_once_at_its_own_place() -> None:
+    text = "defaults: {inertia: [1, 1, 3], time: {end: x}, tol: no}\ncases:\n" + "".join(
+        f"  c{i}: {{model: linear-diag, initial: {{p: 1, q: 1, r: 1}}, time: {{samples: 3}}}}\n" for i in range(5)
+    )
+    assert mistakes(text) == [
+        "x.yaml:1:28: defaults.inertia.2: no body has A3 = 3 larger than the sum of the other two",
+        "x.yaml:1:44: defaults.time.end: wants a finite number, not 'x'",
+        "x.yaml:1:53: defaults.tol: wants a finite number > 0, < 1, not 'no'",
+    ]
+
+
+def test_a_missing_key_is_named_at_the_case_itself() -> None:
+    text = "cases:\n  a:\n    model: tensor\n    time:\n      samples: 3\n"
+    assert mistakes(text) == [
+        "x.yaml:2:3: cases.a: missing 'inertia', 'resistance', 'initial'",
+        "x.yaml:4:5: cases.a.time: missing 'end'",
+    ]
+
+
+def test_a_key_of_another_form_says_which() -> None:
+    lines = mistakes(f"cases:\n  a: {{model: cavity+constant, {SPAN}, spin_reversal: stop}}\n")
+    assert (
+        "x.yaml:2:48: cases.a.spin_reversal: is a key of form averaged or averaged-as-printed, and this is form full"
+    ) in lines
+
+
+def test_a_broken_line_in_a_name_stays_on_one_line() -> None:
+    with pytest.raises(HodoError) as caught:
+        parse("[]", "a\nb.yaml")
+    assert str(caught.value) == r"a\nb.yaml:1:1: wants a mapping of keys to values, not a list of 0"
+
+
+# Files that cannot be read
+
+
+@pytest.mark.parametrize(
+    ("raw", "message"),
+    [
+        (b"a: 1\nb: \xff", ":2:4: not UTF-8 text (byte 0xff)"),
+        (GOOD.encode("utf-16"), ":1:1: not UTF-8 text (byte 0xff)"),
+        (b"#" * (document.MAX_BYTES + 1), ":1:1: larger than 16 MB; split the file"),
+    ],
+)
+def test_what_is_no_text_is_refused(tmp_path: Path, raw: bytes, message: str) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_bytes(raw)
+    with pytest.raises(HodoError) as caught:
+        load(path)
+    assert str(caught.value) == f"{path}{message}"
+
+
+@pytest.mark.parametrize("name", ["missing.yaml", ".", "a\0b", "n" * 300])
+def test_what_is_no_file_is_one_line(tmp_path: Path, name: str) -> None:
+    with pytest.raises(HodoError, match=r"\A[^\n]+: [^\n]+\Z"):
+        load(str(tmp_path) + "/" + name)
+
+
+@pytest.fixture(params=["CSafeLoader", "SafeLoader"])
+def loader(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both parsers of PyYAML: its own, and libyaml's where there is one."""
+    monkeypatch.setattr(document, "_LOADER", getattr(yaml, request.param, yaml.SafeLoader))
+
+
+BOMBS = {
+    "brackets": "[" * 10**6,
+    "closed brackets": "a: " + "[" * 10**5 + "]" * 10**5,
+    "braces": "{a: " * 10**6,
+    "dashes": "- " * 10**6,
+    "indentation": "\n".join(" " * i + "a:" for i in range(2000)),
+    "questions": "? " * 10**6,
+    "anchors": "&a " * 10**5,
+    "exclamations": "!" * 10**6,
+    "quotes": "'" * 10**5,
+    "aliases": "a0: &a0 [x, x, x, x, x, x, x, x, x]\n"
+    + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)),
+    "wide aliases": "a: &a [" + "1, " * 1000 + "1]\nb: [" + "*a, " * 1000 + "1]",
+    "unknown keys": "cases: {a: {model: tensor, " + ", ".join(f"resistanc{i}: 1" for i in range(5000)) + "}}",
+    "itself": "cases: &c {a: *c}",
+}
+
+
+@pytest.mark.usefixtures("loader")
+@pytest.mark.parametrize("text", BOMBS.values(), ids=BOMBS.keys())
+def test_a_bomb_is_refused_at_once(text: str) -> None:
+    start = time.process_time()
+    lines = mistakes(text)
+    assert time.process_time() - start < 1.5
+    assert len(lines) <= document.MAX_MISTAKES + 1
+    assert max(map(len, lines)) < 600
+
+
+@pytest.mark.usefixtures("loader")
+def test_both_parsers_read_the_same() -> None:
+    path = ROOT / "configs" / "paper1.yaml"
+    config = parse(path.read_text(encoding="utf-8"), str(path))
+    assert config == load(path)
+    assert mistakes("cases:\n  é: {ö: ü, ö: 1}") == [
+        f"x.yaml:2:3: cases.é: {NAME_RULE}",
+        "x.yaml:2:13: cases.é.ö: duplicate key; the first is in line 2",
+    ]
+
+
+def test_a_large_file_is_read_in_proportion() -> None:
+    def seconds(n: int) -> float:
+        cases = "".join(f"  c{i}: {{damping: [0, 0, {i}]}}\n" for i in range(n))
+        text = f"defaults: {{{BODY}, {SPAN}}}\ncases:\n{cases}"
+        start = time.process_time()
+        assert len(parse(text, "x").cases) == n
+        return time.process_time() - start
+
+    # Measured: 6 ms for 100 cases, 0.7 s for 10,000; the bound leaves room for a slow machine.
+    assert seconds(10_000) < 200 * max(seconds(100), 0.01)
+
+
+# Overrides
+
+
+def overridden(*overrides: str, text: str = GOOD) -> dict[str, Case]:
+    return parse(text, "x.yaml", overrides).cases
+
+
+def test_an_override_changes_one_value_of_one_case() -> None:
+    changed, plain = overridden("a.initial.p=0.1"), overridden()
+    assert changed["a"].data["initial"] == {"p": 0.1, "q": 0.5, "r": 0.74, "G": None}
+    assert changed["a.b"] == plain["a.b"]
+
+
+@pytest.mark.parametrize(
+    ("override", "case", "damping"),
+    [
+        ("a.damping.2=0.001", "a", (0.1, 0.1, 0.001)),
+        ("a.damping=3e-1", "a", (0.3, 0.3, 0.3)),
+        ("a.damping=[1, 2, 3]", "a", (1.0, 2.0, 3.0)),
+        ("a.b.damping.0=1", "a.b", (1.0, 0.0, 0.0)),
+        ("a*.damping=2", "a.b", (2.0, 2.0, 2.0)),
+        ("*.damping.1=2", "a", (0.1, 2.0, 0.1)),
+    ],
+)
+def test_an_override_reaches_into_a_vector(override: str, case: str, damping: tuple[float, ...]) -> None:
+    assert overridden(override)[case].data["damping"] == damping
+
+
+def test_overrides_are_applied_in_their_order_over_defaults() -> None:
+    text = f"defaults: {{{SPAN}, inertia: [1, 1, 1]}}\n" + GOOD.replace(f", {SPAN}", "").replace("0.8, 0.6", "0.8, 0.7")
+    cases = overridden("a.time.start=1", "a.time.start=2", "a.b.max_steps=10", "a.inertia.0=1.1", text=text)
+    assert cases["a"].time == Time(start=2.0, end=10.0)
+    assert cases["a.b"].time == Time(end=10.0)
+    assert cases["a.b"].max_steps == 10
+    assert cases["a"].data["inertia"] == (1.1, 0.8, 0.7)
+
+
+def test_an_override_leaves_an_alias_of_its_value_alone() -> None:
+    text = f"cases:\n  a: &a {{{BODY}, time: &t {{end: 5}}}}\n  b: *a\n  c: {{{BODY}, time: *t}}\n"
+    cases = overridden("a.time.end=7", "a.initial.p=9", text=text)
+    assert [case.time.end for case in cases.values()] == [7.0, 5.0, 5.0]
+    assert [case.data["initial"]["p"] for case in cases.values()] == [9.0, 0.8, 0.8]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("a.damping", "an override reads CASE.KEY=VALUE"),
+        ("a=1", "an override reads CASE.KEY=VALUE"),
+        ("aa.tol=1e-3", "unknown case 'aa'; did you mean 'a'? (valid: a, a.b)"),
+        ("z*.tol=1e-3", "unknown case 'z*' (valid: a, a.b)"),
+        ("a.dampng=1", f"cases.a.dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
+        ("a.damping.3=1", "cases.a.damping.3: there is no '3' in a list whose positions are 0 to 2"),
+        ("a.damping.x=1", "cases.a.damping.x: there is no 'x' in a list whose positions are 0 to 2"),
+        ("a.damping.1=x", "cases.a.damping.1: wants a finite number, not 'x'"),
+        ("a.time.end.0=1", "cases.a.time.end.0: there is no '0' in 10"),
+        ("a.tol=2", "cases.a.tol: wants a number > 0, < 1, not 2"),
+        ("a.tol=", "cases.a.tol: wants a finite number > 0, < 1, not an empty value"),
+        ("a.inertia.0=9", "cases.a.inertia.0: no body has A1 = 9 larger than the sum of the other two"),
+        ("a.tol=[1", "not YAML: while parsing a flow sequence, did not find expected ',' or ']'"),
+        ("a.tol=" + "[" * 100, "nested deeper than 50 levels"),
+        ("a" + ".a" * 1000 + "=1", "an override reads CASE.KEY=VALUE"),
+    ],
+)
+def test_a_mistake_of_an_override_names_it(override: str, message: str) -> None:
+    assert mistakes(GOOD, override) == [f"--set {override}: {message}"]
+
+
+def test_mistakes_of_overrides_follow_those_of_the_file() -> None:
+    text = GOOD.replace("damping: 0.1", "damping: x")
+    assert mistakes(text, "b.tol=1", "a.tol=[", "a.b.tol=3") == [
+        "x.yaml:2:113: cases.a.damping: wants a finite number, not 'x'",
+        "--set a.b.tol=3: cases.a.b.tol: wants a number > 0, < 1, not 3",
+        "--set b.tol=1: unknown case 'b' (valid: a, a.b)",
+        "--set a.tol=[: not YAML: while parsing a flow node, did not find expected node content",
+    ]
+
+
+# Kinds
+
+
+ONE_OF_TWO = Either(Matrix(1), Table({"d": Key(Number(), "")}))
+LAW = Variant("law", {"exp": {"k": Key(Number(), "")}, "f": {}})
+
+
+def checked(kind: Any, value: Any) -> tuple[Any, list[tuple[KeyPath, str]]]:
+    found: list[tuple[KeyPath, str]] = []
+    return kind.check(value, (), lambda at, message: found.append((at, message))), found
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "value"),
+    [
+        (Number(), 3, 3.0), (Number(least=0), 0, 0.0), (Number(most=0), 0, 0.0),
+        (Integer(), 5e3, 5000), (Integer(least=1), 1, 1),
+        (Angle(), 1.5, 1.5), (Angle(), "60 deg", math.radians(60)), (Angle(), "-1e2deg", math.radians(-100)),
+        (Angle(), "0.5 rad", 0.5),
+        (Vector(2, above=0, scalar=True), 2, (2.0, 2.0)), (Vector(2), [1, 2], (1.0, 2.0)),
+        (Matrix(2), [[1, 2], [3, 4]], ((1.0, 2.0), (3.0, 4.0))),
+        (Sequence(Number()), [1, 2, 3], (1.0, 2.0, 3.0)),
+        (Names(), "a", ("a",)), (Names(), ["a", "b"], ("a", "b")),
+        (ONE_OF_TWO, {"d": 1}, {"d": 1.0}),
+        (Either(Number(), Choice("a")), "a", "a"),
+        (LAW, {"law": "exp", "k": 2}, {"law": "exp", "k": 2.0}),
+    ],
+)  # fmt: skip
+def test_a_kind_resolves(kind: Any, given: Any, value: Any) -> None:
+    found = checked(kind, given)
+    assert found == (value, [])
+    assert type(found[0]) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "at", "message"),
+    [
+        (Number(above=0), 0.0, (), "wants a number > 0, not 0.0"),
+        (Number(below=1), 1, (), "wants a number < 1, not 1"),
+        (Number(most=1), 1.5, (), "wants a number <= 1, not 1.5"),
+        (Number(), 10**400, (), "wants a finite number, not a huge integer"),
+        (Integer(most=3), 4, (), "wants an integer <= 3, not 4"),
+        (Integer(), True, (), "wants an integer, not true"),
+        (Angle(), "60 degrees", (), "wants an angle in radians, or such as '60 deg', not '60 degrees'"),
+        (Angle(), "1e999 deg", (), "wants an angle in radians, or such as '60 deg', not '1e999 deg'"),
+        (Angle(), "1.2.3 deg", (), "wants an angle in radians, or such as '60 deg', not '1.2.3 deg'"),
+        (Matrix(2), [[1, 2], [3]], (1,), "wants 2 numbers, not a list of 1"),
+        (Matrix(2), [[1, 2], [3, "x"]], (1, 1), "wants a finite number, not 'x'"),
+        (Sequence(Number()), [], (), "wants a list of one or more: number, not a list of 0"),
+        (Names(), [1], (0,), "wants text, not 1; put it in quotes"),
+        (Text(), None, (), "wants text, not an empty value"),
+        (ONE_OF_TWO, {"e": 1, "d": 1}, ("e",), "unknown key (valid: d)"),
+        (ONE_OF_TWO, [[1], [2]], (), "wants 1 rows of 1 numbers, not a list of 2"),
+        (ONE_OF_TWO, 3, (), "wants 1 rows of 1 numbers, or a mapping of d, not 3"),
+        (LAW, {"law": "f", "k": 2}, ("k",),
+         "unknown key (valid: law)"),
+        (LAW, {"law": "exq", "k": 2}, ("law",),
+         "wants exp or f, not 'exq'; did you mean 'exp'?"),
+    ],
+)  # fmt: skip
+def test_a_kind_reports(kind: Any, given: Any, at: KeyPath, message: str) -> None:
+    assert checked(kind, given)[1] == [(at, message)]
+
+
+def test_resolve_leaves_out_what_is_wrong() -> None:
+    keys = {"a": Key(Number(), ""), "b": Key(Number(), "", default=2.0), "c": Key(Number(), "", default=None)}
+    found: list[KeyPath] = []
+    assert resolve(keys, {"a": "x", "d": 1}, ("case",), lambda at, message: found.append(at)) == {"b": 2.0, "c": None}
+    assert sorted(found) == [("case", "a"), ("case", "d")]
+
+
+# Round trips
+
+TEXTS = st.text(st.characters(exclude_categories=["Cs", "Cc"]) | st.sampled_from("\n\t:#'\"\\-{}[]"), max_size=30)
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+WORDS = st.sampled_from(["no", "1e-3", "null", "", "0x1", "~", "True", ".inf", "-", "010"])
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | NUMBERS | TEXTS | WORDS,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(TEXTS, inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(PLAIN)
+def test_what_is_written_is_read_back(value: Any) -> None:
+    assert repr(read(write(value), Mistakes("x"))) == repr(value)
+
+
+@given(
+    inertia=st.tuples(*[st.floats(1, 2)] * 3),
+    damping=st.tuples(*[NUMBERS] * 3),
+    initial=st.tuples(*[NUMBERS] * 3),
+    note=TEXTS,
+    span=st.tuples(st.floats(-1e300, 0), st.floats(0, 1e300)),
+    sweep=st.none() | st.dictionaries(TEXTS, PLAIN, max_size=3),
+)
+def test_a_case_comes_back_from_its_dump(
+    inertia: Any, damping: Any, initial: Any, note: str, span: tuple[float, float], sweep: Any
+) -> None:
+    data = {"inertia": inertia, "damping": damping, "initial": dict(zip("pqr", initial, strict=True)) | {"G": None}}
+    case = Case("a", "linear-diag", "full", data, Time(start=span[0], end=span[1]), note=note, sweep=sweep)
+    assert parse_case(dump(case)) == case
+    assert dump(parse_case(dump(case))) == dump(case)
+
+
+def test_what_is_no_dump_is_refused() -> None:
+    whole = dump(one_case(f"{BODY}, {SPAN}"))
+    for text in ("", "[]", whole.replace("name: a", ""), whole.replace("name: a", "name: ../a"), whole + "foo: 1\n"):
+        with pytest.raises(HodoError, match=r"\Acase:\d+:\d+: [^\n]+\Z"):
+            parse_case(text)
+
+
+# Schema and key table
+
+
+def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
+    """Whether a value obeys a JSON Schema: those words of it that the schema of the case files uses."""
+    if isinstance(rule, bool):
+        return rule
+    assert rule.keys() <= KNOWN_WORDS, rule.keys() - KNOWN_WORDS
+    if "$ref" in rule:
+        return conforms(value, root["$defs"][rule["$ref"].rsplit("/", 1)[1]], root)
+    if "if" in rule and conforms(value, rule["if"], root) and not conforms(value, rule["then"], root):
+        return False
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    types = {
+        "object": isinstance(value, dict), "array": isinstance(value, list), "string": isinstance(value, str),
+        "number": number, "integer": number and value == int(value),
+    }  # fmt: skip
+    parts = [types[rule["type"]]] if "type" in rule else []
+    parts += [value in rule["enum"]] if "enum" in rule else []
+    parts += [value == rule["const"]] if "const" in rule else []
+    parts += [any(conforms(value, part, root) for part in rule["anyOf"])] if "anyOf" in rule else []
+    parts += [sum(conforms(value, part, root) for part in rule["oneOf"]) == 1] if "oneOf" in rule else []
+    parts += [conforms(value, part, root) for part in rule.get("allOf", ())]
+    if number:
+        parts += [value >= rule.get("minimum", value), value > rule.get("exclusiveMinimum", -math.inf)]
+        parts += [value <= rule.get("maximum", value), value < rule.get("exclusiveMaximum", math.inf)]
+    if isinstance(value, str) and "pattern" in rule:
+        parts.append(bool(re.search(rule["pattern"], value)))
+    if isinstance(value, list):
+        parts += [rule.get("minItems", 0) <= len(value) <= rule.get("maxItems", math.inf)]
+        parts += [conforms(item, rule.get("items", True), root) for item in value]
+    if isinstance(value, dict):
+        parts += [name in value for name in rule.get("required", ())] + [len(value) >= rule.get("minProperties", 0)]
+        parts += [conforms(name, rule.get("propertyNames", True), root) for name in value]
+        other = rule.get("additionalProperties", True)
+        parts += [conforms(item, rule.get("properties", {}).get(name, other), root) for name, item in value.items()]
+    return all(parts)
+
+
+KNOWN_WORDS = set(
+    re.findall(
+        r"\S+",
+        """$schema $defs $ref title description default type enum const anyOf oneOf allOf if then pattern items minItems
+        maxItems minimum maximum exclusiveMinimum exclusiveMaximum required properties additionalProperties
+        propertyNames minProperties""",
+    )
+)
+
+
+def obeys_schema(text: str) -> bool:
+    rules = schema()
+    return conforms(read(text, Mistakes("x")), rules, rules)
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_every_config_obeys_the_schema(path: Path) -> None:
+    assert obeys_schema(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    "entry",
+    ["dampng: 1", "damping: x", "damping: [0, 0]", "inertia: [1, 0, 1]", "initial: {x: 1}", "time: {samples: 0}",
+     "model: foo", "form: foo", "method: foo", "tol: 0", "error: true", "note: 1", "resistance: 1"],
+)  # fmt: skip
+def test_the_schema_finds_the_mistakes_that_a_schema_can(entry: str) -> None:
+    rest = [line for line in LINES if line.split(":")[0] != entry.split(":")[0]]
+    assert obeys_schema("\n    ".join(["cases:\n  a:", *LINES]))
+    assert not obeys_schema("\n    ".join(["cases:\n  a:", entry, *rest]))
+
+
+def test_the_key_table_has_every_key_once_per_meaning() -> None:
+    rows = key_table().strip().split("\n")
+    assert len(rows) == len(set(rows))
+    named = {row.split("`")[1] for row in rows[2:]}
+    classes = [form for forms in catalogue().values() for form in forms.values()]
+    assert named >= {"model", "form", "time.end", "initial.p", "resistance.diagonal", *COMMON}
+    assert named >= {key for form in classes for key in form.keys}
+    assert "| `damping` | linear-diag | 3 numbers or one for all | 1/time | [0.0, 0.0, 0.0] |" in key_table()
+    assert "| `inertia` | linear-diag, tensor | 3 numbers > 0 |" in key_table().replace("cavity+constant, ", "")

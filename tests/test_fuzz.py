@@ -1,0 +1,94 @@
+"""Hostile case files: whatever the text, the loader gives a Config or a HodoError, in time.
+
+HODO_FUZZ sets the number of inputs of each test (default 150).
+"""
+
+import os
+import time
+
+from conftest import ROOT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hodo_cli import HodoError
+from hodo_cli.case import Config, dump, parse, parse_case
+from hodo_cli.document import Mistakes, read, write
+
+COUNT = settings(max_examples=int(os.environ.get("HODO_FUZZ", "150")))
+CONFIGS = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "configs").glob("*.yaml"))]
+PIECES = st.sampled_from(
+    ["[", "]", "{", "}", ":", ": ", "- ", "? ", "&a ", "*a", "!!int ", "!x ", "|\n", ">\n", "'", '"', "#", "\n", "\t", "  "]
+    + ["<<: ", "---\n", "...\n", "%YAML 1.1\n", "\0", "\x85", "\u2028", "\ufeff", "1e400", ".nan", "-.inf", "~", "no"]
+    + ["9" * 5000, "0x" + "f" * 400, "60 deg", "é", "model: tensor", "form: averaged", "time: {end: 1e308, start: -1e308}"]
+    + ["[" * 60, "initial: {x: -1}", "inertia: [1, 1, 1e-320]", "G: 1e-300", "defaults: ", "cases: ", "a" * 200]
+)
+WORDS = st.sampled_from(["on", "x", "60 deg", "taylor", "continue"])
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | WORDS
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from("pqrGabxyz"), inner, max_size=4),
+    max_leaves=8,
+)
+
+
+@st.composite
+def mutants(draw: st.DrawFn) -> str:
+    """A shipped config with some stretches deleted, doubled or replaced."""
+    text = draw(st.sampled_from(CONFIGS))
+    for _ in range(draw(st.integers(1, 4))):
+        start = draw(st.integers(0, len(text)))
+        end = min(len(text), start + draw(st.integers(0, 40)))
+        text = text[:start] + draw(PIECES | st.just(text[start:end] * 2) | st.text(max_size=5)) + text[end:]
+    return text
+
+
+@st.composite
+def misfits(draw: st.DrawFn) -> str:
+    """A shipped config, still YAML, in which some values are replaced by others of any shape."""
+    document = read(draw(st.sampled_from(CONFIGS)), Mistakes("x"))
+    for _ in range(draw(st.integers(1, 4))):
+        parent, key = document, draw(st.sampled_from(sorted(document)))
+        while isinstance(parent[key], dict) and parent[key] and draw(st.integers(0, 3)):
+            parent, key = parent[key], draw(st.sampled_from(sorted(parent[key])))
+        parent[key] = draw(VALUES)
+    return write(document).replace("inf", ".inf").replace("nan", ".nan")
+
+
+def outcome(text: str, overrides: tuple[str, ...] = ()) -> Config | None:
+    """The config, or None if it was refused as it should be; any other exception is a failure."""
+    config, said = None, ""
+    start = time.process_time()
+    try:
+        config = parse(text, "x.yaml", overrides)
+    except HodoError as error:
+        said = str(error)
+    assert time.process_time() - start < 1
+    assert config or all(line.startswith(("x.yaml:", "--set ")) and line.isprintable() for line in said.split("\n"))
+    for case in config.cases.values() if config else ():
+        assert parse_case(dump(case)) == case
+    return config
+
+
+@COUNT
+@given(st.text(max_size=60) | st.lists(PIECES, max_size=30).map("".join))
+def test_any_text(text: str) -> None:
+    outcome(text)
+    outcome("cases:\n  a:\n    " + text)
+
+
+@COUNT
+@given(mutants())
+def test_a_config_with_its_text_mangled(text: str) -> None:
+    outcome(text)
+
+
+@COUNT
+@given(misfits())
+def test_a_config_with_its_values_replaced(text: str) -> None:
+    outcome(text)
+
+
+@COUNT
+@given(st.text(max_size=20) | st.lists(PIECES | st.sampled_from([".", "=", "*", "initial", "p", "0"])).map("".join))
+def test_any_override(text: str) -> None:
+    outcome(CONFIGS[0], (text, "fig4." + text, "*.initial=" + text))
