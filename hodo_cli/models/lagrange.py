@@ -11,8 +11,8 @@ from ..keys import Angle, Choice, Either, Integer, Key, Number, Table, Variant
 from ..keys import Sequence as Several
 from .base import Event, Model, Report, Variable
 
-NEAR = 1e-12
-"""The 1 - k^2 below which the averaged forms have lost too many digits."""
+NEAR, TOO_NEAR = 1e-8, 1e-14
+"""The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
 
 ROUNDING = 1e-13
 """How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
@@ -289,19 +289,24 @@ class Nutating(Top):
     def obstacle(cls, data: Mapping[str, Any]) -> str:
         if problem := super().obstacle(data):
             return problem
-        start, _, w = cls.slow_start(data)
-        if w > start[3]:
+        if cls.separation(data) > TOO_NEAR:
             return ""
         return "u2 = u3: the top is at, or tends to, an unstable equilibrium and has no period; form full takes it"
 
     @classmethod
     def warnings(cls, data: Mapping[str, Any]) -> list[str]:
-        (_, _, _, e), _, w = cls.slow_start(data)
-        near = (w - e) / (w + e)
-        found = super().warnings(data)
-        if near < NEAR:
-            found.append(f"1 - k^2 = {near:.1e} at the start: too near u2 = u3 for a mean over the nutation")
+        found, separation = super().warnings(data), cls.separation(data)
+        if separation < NEAR:
+            found.append(
+                f"1 - k^2 = {separation:.1e} at the start: so near u2 = u3 the mean over a nutation loses digits"
+            )
         return found
+
+    @classmethod
+    def separation(cls, data: Mapping[str, Any]) -> float:
+        """1 - k^2 = (u3 - u2)/(u3 - u1) at the start; not a number where no digit of it is left."""
+        (_, _, _, e), _, w = cls.slow_start(data)
+        return (w - e) / (w + e) if w + e else math.nan
 
 
 def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -348,8 +353,9 @@ class Averaged(Nutating):
 
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        U, Z, r, e = state = [*y.T]
-        X, w = nutation(state, k)
+        U, Z, r, e = y.T
+        # w is 0 where an upright top becomes unstable, and rounding may bring w^2 below.
+        X, w = (value.real for value in nutation([*(y.T + 0j)], k))
         H = k.mu * (1 - Z) + k.C * r * r / 2
         return {"Gz": U + k.C * r, "H": H, "r": r, "u1": 1 - X - e, "u2": 1 - X + e, "u3": 1 - X + w}
 
@@ -530,6 +536,6 @@ class AveragedQuadrature(Averaged):
         (_, _, _, e), _, w = cls.slow_start(data)
         remainder = math.exp(-2 * data["nodes"] * math.acosh(w / e)) if e else 0.0
         found = super().warnings(data)
-        if remainder > NEAR:
+        if remainder > 1e-12:
             found.append(f"the quadrature is right to {remainder:.0e} only at the start: give it more nodes")
         return found
