@@ -154,12 +154,12 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     cases, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
     if "cases" in sections and not cases:
         report(("cases",), "there is no case")
-    blocks = {name: _merge(defaults, block) for name, block in cases.items() if _is_entry("cases", name, block, report)}
+    blocks = {case: _merge(defaults, block) for case, block in cases.items() if _is_entry("cases", case, block, report)}
     for override in overrides:
         _override(override, blocks, mistakes)
     checked = [
-        _case(name, block, _reporter(block, ("cases", name), cases.value_places[name], mistakes))
-        for name, block in blocks.items()
+        _case(case, block, _reporter(block, ("cases", case), cases.value_places[case], mistakes))
+        for case, block in blocks.items()
     ]
     _check_defaults(defaults, blocks.values(), report)
     figures = _figures(sections.get("figures") or {}, cases, report)
@@ -268,7 +268,7 @@ def _all_keys() -> frozenset[str]:
     return frozenset({"model", "form", *COMMON}.union(*(form.keys for form in classes)))
 
 
-def _case(case: str, block: Block, report: Report) -> Case | None:
+def _case(name: str, block: Block, report: Report) -> Case | None:
     """The case that a merged block describes, or None after reporting what is wrong with it."""
     wrong = False
 
@@ -282,15 +282,15 @@ def _case(case: str, block: Block, report: Report) -> Case | None:
     data = {key: values[key] for key in found.keys if key in values} if found else {}
     if found:
         found.check(data, note)
-        for i, name in enumerate(() if values.get("sweep") else values.get("store", ())):
-            if name not in found.variables:
-                note(("store", i), keys.unknown(f"variable {name!r}", name, found.variables))
+        for i, kept in enumerate(() if values.get("sweep") else values.get("store", ())):
+            if kept not in found.variables:
+                note(("store", i), keys.unknown(f"variable {kept!r}", kept, found.variables))
     if "time" in values and not 0 <= values["time"]["end"] - values["time"]["start"] < float("inf"):
         note(("time", "end"), f"the span from {values['time']['start']:g} to {values['time']['end']:g} is not possible")
     if wrong or not found:
         return None
     common = {key: values[key] for key in COMMON} | {"time": Time(**values["time"])}
-    return Case(name=case, model=found.name, form=found.form, data=data, **common)
+    return Case(name=name, model=found.name, form=found.form, data=data, **common)
 
 
 def _own(block: Block, found: type[Model] | None, taken: Mapping[str, Key], report: Report) -> dict[str, Any]:
