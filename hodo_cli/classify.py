@@ -117,6 +117,8 @@ class Sides:
 
     def __call__(self, step: Step) -> None:
         before = step.start
+        if not self.side:
+            self.look(step, before)
         for hit in step.hits:
             self.look(step, (before + hit.time) / 2)
             self.roots.append((step.at(hit.time), hit.state, step.units.size))

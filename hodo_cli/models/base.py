@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal, localcontext
 from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
 
@@ -127,12 +128,13 @@ def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> t
         return f"{' and '.join(missing)} missing: give p, q and r, or two of them and G"
     if len(missing) != 1:
         return "G stands for exactly one of p, q, r: leave that one out and give the other two"
-    known = np.array([value if value is not None else 0.0 for value in omega]) * np.asarray(inertia)
-    largest = float(np.hypot.reduce(known))
-    if largest > momentum:
-        return f"|G| is at least {largest:.17g} with the components given, so G: {momentum:.17g} leaves no {missing[0]}"
-    at = "pqr".index(missing[0])
-    omega[at] = float(np.sqrt(momentum - largest) * np.sqrt(momentum + largest)) / inertia[at]
+    with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
+        known = sum((Decimal(A) * Decimal(w)) ** 2 for A, w in zip(inertia, omega, strict=True) if w is not None)
+        rest = Decimal(momentum) ** 2 - known
+        if rest < 0:
+            return f"|G| is at least {known.sqrt():.6g} with the two given, so G: {momentum:.6g} leaves no {missing[0]}"
+        at = "pqr".index(missing[0])
+        omega[at] = float(rest.sqrt() / Decimal(inertia[at]))
     return tuple(omega)  # type: ignore[arg-type]
 
 

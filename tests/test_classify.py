@@ -1,0 +1,159 @@
+"""Labels and crossings: what counts as one, at every scale, whatever the sampling and the engine."""
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hodo_cli import HodoError, engines, rigid
+from hodo_cli.case import Case, Time
+from hodo_cli.classify import Classification, Crossing, Sides, classify, labelled
+from hodo_cli.integrate import Step, Units, integrate
+
+BODY = (1.0, 0.8, 0.6)
+CROSSING = 305.3589551667112034886  # of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv
+
+
+def diagonal(damping: float | tuple[float, ...], start: tuple[float, ...], **common: object) -> Case:
+    inertia, time = common.pop("inertia", BODY), common.pop("time", Time(end=1000.0, samples=101))
+    damping = damping if isinstance(damping, tuple) else (damping,) * 3
+    data = {"inertia": inertia, "damping": damping, "initial": dict(zip("pqr", start, strict=True)) | {"G": None}}
+    return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)  # type: ignore[arg-type]
+
+
+def found(case: Case) -> Classification:
+    motion = integrate(case)
+    return classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+
+
+FIG4 = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74))
+
+ON_SEPARATRIX = (math.sqrt(0.6), 0.3, 1.0)
+"""D = 0 but for the rounding of the root: D = A1(A1-A2) p^2 - A3(A2-A3) r^2 = 0.2 p^2 - 0.12 r^2."""
+
+
+def test_rounding_makes_no_crossings() -> None:
+    # D stays at a few ulps for ever here, and its sign is noise: heyoka alone reports dozens of roots.
+    for damping in (0.0, 0.01):
+        case = diagonal(damping, ON_SEPARATRIX)
+        classification = found(case)
+        assert not classification.crossings
+        assert classification.labels[0] == rigid.SEPARATRIX
+
+
+@pytest.mark.parametrize(("damping", "end"), [((0.005, 0.004, 0.003), 3), ((0.003, 0.004, 0.005), 1)])
+def test_a_start_on_the_separatrix_is_no_crossing(damping: tuple[float, ...], end: int) -> None:
+    classification = found(diagonal(damping, ON_SEPARATRIX))
+    assert not classification.crossings
+    assert (classification.labels[0], classification.labels[-1]) == (rigid.SEPARATRIX, end)
+
+
+def test_rotation_about_the_middle_axis_is_the_separatrix() -> None:
+    assert set(found(diagonal(0.01, (0.0, 1.0, 0.0))).labels) == {rigid.SEPARATRIX}
+
+
+@pytest.mark.parametrize(
+    ("inertia", "start", "label"),
+    [
+        ((1.0, 0.8, 0.8), (0.1, 0.5, 0.5), 1),
+        ((1.0, 0.8, 0.8), (0.0, 0.5, 0.5), rigid.UNDETERMINED),
+        ((1.0, 1.0, 0.6), (0.5, 0.5, 0.1), 3),
+        ((1.0, 1.0, 0.6), (0.5, 0.5, 0.0), rigid.UNDETERMINED),
+        ((1.0, 1.0, 1.0), (0.5, 0.5, 0.5), rigid.UNDETERMINED),
+        ((0.8, 1.0, 0.6), (0.1, 0.9, 0.1), 2),
+        ((0.8, 0.6, 1.0), (0.1, 0.9, 0.1), 2),
+        (BODY, (0.0, 0.0, 0.0), rigid.UNDETERMINED),
+    ],
+)
+def test_labels_name_the_body_axes_as_given(inertia: tuple[float, ...], start: tuple[float, ...], label: int) -> None:
+    assert set(found(diagonal(0.001, start, inertia=inertia)).labels) == {label}
+
+
+def test_labels_go_on_below_the_smallest_double() -> None:
+    case = diagonal((1.2, 1.2, 1.2 - 2**-40), (0.8, 0.3, 0.2))
+    assert not integrate(case).variables["omega"][-1].any()
+    assert set(found(case).labels) == {1}
+
+
+@pytest.mark.parametrize("samples", [1, 2, 17, 5001])
+def test_crossings_do_not_depend_on_the_sampling(samples: int) -> None:
+    (crossing,) = found(replace(FIG4, time=Time(end=1000.0, samples=samples))).crossings
+    bound = 1e-12 if engines.have_taylor() else 1e-10
+    assert crossing.time == pytest.approx(CROSSING, rel=bound)
+    assert (crossing.start, crossing.end) == (1, 3)
+
+
+@pytest.mark.parametrize(("method", "bound"), [("DOP853", 1e-11), ("RK45", 1e-6), ("LSODA", 1e-6), ("Radau", 1e-6)])
+def test_every_engine_finds_the_same_crossing_to_its_own_error(method: str, bound: float) -> None:
+    case = replace(FIG4, method=method, time=Time(end=400.0, samples=3))
+    if method == "Radau":
+        case = replace(case, tol=1e-7)
+    (crossing,) = found(case).crossings
+    assert crossing.time == pytest.approx(CROSSING, rel=bound)
+    assert abs(crossing.time - CROSSING) <= 2 * crossing.error + 1e-13 * CROSSING
+
+
+def test_a_stored_motion_that_is_not_the_case_s_is_refused() -> None:
+    motion = integrate(FIG4)
+    wrong = motion.variables["omega"] * (1 + 1e-9)
+    with pytest.raises(HodoError, match="differs from its case"):
+        classify(FIG4, motion.method, motion.tol, motion.error, wrong)
+
+
+def test_labels_and_crossings_as_they_are_stored() -> None:
+    group = labelled(Classification(np.array([1, 3], dtype=np.int8), (Crossing(1.0, 1, 3, 0.5, 1e-12),)))
+    assert group.variables["enclosed_axis"].attributes["flag_meanings"] == "undetermined separatrix x1 x2 x3"
+    assert group.variables["enclosed_axis"].attributes["flag_values"].dtype == np.int8
+    assert group.variables["crossing_from"].data.tolist() == [1]
+
+
+# Sides by itself, on motions made of straight pieces of D.
+
+
+def sides_of(values: list[float], roots: list[int]) -> list[tuple[int, int]]:
+    """The crossings seen when D / (sum of its terms) takes these values at whole times, with an engine's report of
+    a root in each of the steps listed."""
+
+    def dense(time: float) -> np.ndarray:
+        i = min(int(time), len(values) - 2)
+        d = values[i] + (values[i + 1] - values[i]) * (time - i)
+        return np.array([math.sqrt((1 + d) / 2 / 0.2), 1.0, math.sqrt((1 - d) / 2 / 0.12)])
+
+    sides = Sides(np.array(BODY), (0, 1, 2), band=1e-15)
+    for i in range(len(values) - 1):
+        hits = [engines.Hit(0, i + 0.5, 1, dense(i + 0.5)) for _ in range(roots.count(i))]
+        sides(Step(float(i), float(i + 1), float, Units(), dense, hits))
+    return [(c.start, c.end) for c in sides.crossings]
+
+
+def test_a_root_reported_twice_or_never_is_one_crossing() -> None:
+    for roots in ([], [0], [0, 0], [0, 0, 0]):
+        assert sides_of([0.5, -0.5], roots) == [(1, 3)]
+
+
+def test_a_touch_is_no_crossing() -> None:
+    assert sides_of([0.5, 0.0, 0.5], [0, 1]) == []
+    assert sides_of([0.5, 0.0, 0.0, 0.5], [1, 1]) == []
+    assert sides_of([0.0, 0.5], [0]) == []
+
+
+def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
+    assert sides_of([0.5, 1e-17, -1e-17, 1e-17, -0.5], [1, 2, 3]) == [(1, 3)]
+
+
+@given(st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3), st.permutations([1.0, 0.8, 0.6]), st.integers(-900, 900))
+def test_a_label_is_the_sign_of_the_separatrix_function(
+    omega: list[float], inertia: list[float], exponent: int
+) -> None:
+    A, w = [Fraction(x) for x in inertia], [Fraction(x) for x in omega]
+    momentum = sum((a * x) ** 2 for a, x in zip(A, w, strict=True))
+    energy = sum(a * x * x for a, x in zip(A, w, strict=True))
+    exact = momentum - energy * Fraction(0.8)
+    terms = sum(abs(a * (a - Fraction(0.8))) * x * x for a, x in zip(A, w, strict=True))
+    label = int(rigid.enclosed_axis(inertia, np.array(omega), 1e-15))
+    if any(omega) and terms > Fraction(10) ** -300 and abs(exact) > terms / 10**14:
+        assert label == 1 + inertia.index(1.0 if exact > 0 else 0.6)
