@@ -1,0 +1,117 @@
+"""The commands as a user runs them: processes, exit statuses, what they print and what they leave alone."""
+
+import json
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, Hodo
+
+CONFIG = """\
+title: two cases
+defaults:
+  inertia: [1, 0.8, 0.6]
+  time: {end: 400, samples: 101}
+cases:
+  turns:
+    model: linear-diag
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+  stays:
+    model: linear-diag
+    damping: [0.003, 0.004, 0.005]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "two.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+def test_the_main_job(hodo: Hodo, config: Path, tmp_path: Path) -> None:
+    ran = hodo("run", config)
+    assert ran.returncode == 0, ran.stderr
+    header, *lines = ran.stdout.splitlines()
+    assert header.split() == ["case", "model", "form", "method", "steps", "run", "time", "error", "warnings"]
+    assert [line.split()[0] for line in lines] == ["turns", "stays"]
+    labelled = hodo("classify", "runs/two.h5")
+    assert labelled.returncode == 0, labelled.stderr
+    assert "305.35895516" in labelled.stdout
+    before = (tmp_path / "runs" / "two.h5").read_bytes()
+    assert hodo("classify", "runs/two.h5").stdout == labelled.stdout
+    assert (tmp_path / "runs" / "two.h5").read_bytes() == before
+    assert hodo("show", "runs/two.h5").stdout == ran.stdout
+
+
+def test_finished_cases_are_kept(hodo: Hodo, config: Path, tmp_path: Path) -> None:
+    hodo("run", config)
+    hodo("classify", "runs/two.h5")
+    before = (tmp_path / "runs" / "two.h5").read_bytes()
+    again = hodo("run", config)
+    assert again.returncode == 0
+    assert "turns: is kept" in again.stderr
+    assert (tmp_path / "runs" / "two.h5").read_bytes() == before
+    config.write_text(CONFIG.replace("[0.003, 0.004, 0.005]", "[0.003, 0.004, 0.006]"))
+    plan = hodo("run", config, "--dry-run").stdout
+    assert "turns: is kept" in plan
+    assert "stays: runs, its case has changed" in plan
+    hodo("run", config)
+    crossing = json.loads(hodo("classify", "runs/two.h5", "--json").stdout)[0]["crossings"]
+    assert len(crossing) == 1
+
+
+def test_a_change_from_the_command_line(hodo: Hodo, config: Path) -> None:
+    ran = hodo("run", config, "--case", "st*", "--set", "stays.damping.0=0.009", "--json")
+    (row,) = json.loads(ran.stdout)
+    assert row["case"] == "stays"
+    assert row["status"] == "ok"
+    (row,) = json.loads(hodo("classify", "runs/two.h5", "--json").stdout)
+    assert [(c["from"], c["to"]) for c in row["crossings"]] == [("x1", "x3")]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("damping: [0.005, 0.004]", "two.yaml:8:14: cases.turns.damping"),
+        ("dampng: 0.1", "two.yaml:8:5: cases.turns.dampng: unknown key"),
+        ("damping: [0.005, 0.004, .nan]", "two.yaml:8:29: cases.turns.damping.2"),
+    ],
+)
+def test_bad_input_is_named_by_its_place_and_writes_nothing(
+    hodo: Hodo, config: Path, tmp_path: Path, wrong: str, message: str
+) -> None:
+    config.write_text(CONFIG.replace("damping: [0.005, 0.004, 0.003]", wrong))
+    ran = hodo("run", config)
+    assert ran.returncode == 2
+    assert message in ran.stderr
+    assert "Traceback" not in ran.stderr
+    assert not ran.stdout
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_failed_case_is_exit_status_1_and_costs_no_other(hodo: Hodo, config: Path) -> None:
+    ran = hodo("run", config, "--set", "turns.max_steps=3")
+    assert ran.returncode == 1
+    assert "timeout: max_steps: stopped after 3 steps" in ran.stdout
+    rows = json.loads(hodo("show", "runs/two.h5", "--json").stdout)
+    assert [row["status"] for row in rows] == ["timeout", "ok"]
+
+
+def test_no_such_file(hodo: Hodo) -> None:
+    for command in (["run", "no.yaml"], ["classify", "no.h5"], ["show", "no.h5"]):
+        ran = hodo(*command)
+        assert ran.returncode == 2
+        assert len(ran.stderr.splitlines()) == 1
+
+
+def test_the_schema_accepts_the_papers(hodo: Hodo) -> None:
+    schema = json.loads(hodo("schema").stdout)
+    assert schema["$schema"].endswith("2020-12/schema")
+    assert "| key |" in hodo("schema", "--table").stdout.splitlines()[0].replace("`", "")
+
+
+@pytest.mark.parametrize("config", sorted((ROOT / "configs").glob("paper*.yaml")), ids=lambda path: path.stem)
+def test_every_config_of_the_papers_can_be_planned(hodo: Hodo, config: Path) -> None:
+    assert hodo("run", config, "--dry-run").returncode == 0
