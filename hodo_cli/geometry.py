@@ -1,0 +1,114 @@
+"""What figures of curves in space and of the quadrants are made of: views, the sphere, regions. Numbers only."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import HodoError, rigid
+
+Outline = Sequence[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class View:
+    """An orthographic view, so that all axes have one scale.
+
+    The rows of `matrix` (3, 3) are the directions right, up and toward the reader, in body axes.
+    """
+
+    matrix: np.ndarray
+
+    @classmethod
+    def toward(cls, angles: tuple[float, float]) -> "View":
+        """The view from an elevation above the x1 x2 plane and an azimuth from x1, degrees."""
+        e, a = (math.radians(angle) for angle in angles)
+        right = (-math.sin(a), math.cos(a), 0)
+        up = (-math.sin(e) * math.cos(a), -math.sin(e) * math.sin(a), math.cos(e))
+        near = (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
+        return cls(np.array([right, up, near]))
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) in body axes as (right, up, toward the reader)."""
+        return np.asarray(points @ self.matrix.T)
+
+
+def stretches(*keys: np.ndarray) -> list[slice]:
+    """The stretches of a curve on which all keys (n,) are constant, each reaching to the next one's first sample."""
+    table = np.stack(keys, axis=-1)
+    cuts = (np.flatnonzero((table[1:] != table[:-1]).any(axis=-1)) + 1).tolist()
+    return [slice(a, b + 1) for a, b in zip([0, *cuts], [*cuts, len(table)], strict=True)]
+
+
+def windings(curve: np.ndarray) -> float:
+    """The length of a curve (n, 3) in units of its size: about 2 pi for one turn."""
+    size = max(float(np.abs(curve).max()), math.ulp(0))
+    return float(np.linalg.norm(np.diff(curve / size, axis=0), axis=-1).sum())
+
+
+def round_step(size: float) -> float:
+    """A round spacing, 1, 2 or 5 times a power of ten, of two to five marks up to `size` > 0."""
+    power = 10.0 ** math.floor(math.log10(size / 2))
+    return max(m * power for m in (1, 2, 5) if m * power <= size / 2)
+
+
+def graticule() -> list[np.ndarray]:
+    """Parallels and meridians of the unit sphere about x3, 30 degrees apart, (181, 3) each."""
+    turn = np.linspace(0, 2 * np.pi, 181)
+    c, s = np.cos(turn), np.sin(turn)
+    latitudes, longitudes = np.radians(np.arange(-60, 90, 30)), np.radians(np.arange(0, 180, 30))
+    parallels = [np.stack([math.cos(b) * c, math.cos(b) * s, math.sin(b) + 0 * c], axis=-1) for b in latitudes]
+    meridians = [np.stack([math.cos(a) * c, math.sin(a) * c, s], axis=-1) for a in longitudes]
+    return parallels + meridians
+
+
+def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
+    """The two great circles of G/|G| (361, 3) on which D = 0, for moments A (3,); none if two are equal.
+
+    There (1 - A_m/A_l) G_l^2 = (A_m/A_s - 1) G_s^2.
+    """
+    if len(set(A.tolist())) < 3:
+        return []
+    largest, middle, smallest = rigid.inertia_order(A)
+    slope = math.sqrt((1 - A[middle] / A[largest]) / (A[middle] / A[smallest] - 1))
+    turn = np.linspace(0, 2 * np.pi, 361)[:, None]
+    circles = []
+    for sign in (1, -1):
+        across = np.zeros(3)
+        across[largest], across[smallest] = 1, sign * slope
+        circles.append(np.cos(turn) * across / math.hypot(1, slope) + np.sin(turn) * np.eye(3)[middle])
+    return circles
+
+
+def slope(A: Sequence[float] | np.ndarray) -> float:
+    """K = A_s (A_m - A_s) / (A_l (A_l - A_m)): zero where the smaller two moments are equal, inf where the larger two.
+
+    The separatrix is w_l^2 = K w_s^2. Raises HodoError for a spherical body, which has none.
+    Source: Rachinskaya, eqs (7)-(8).
+    """
+    largest, middle, smallest = (A[i] for i in rigid.inertia_order(A))
+    if largest == smallest:
+        raise HodoError("a body with three equal moments of inertia has no quadrants")
+    return math.inf if largest == middle else smallest * (middle - smallest) / (largest * (largest - middle))
+
+
+def sectors(K: float) -> tuple[tuple[float, float], Outline, Outline]:
+    """Within the unit square of (w_s^2, w_l^2): the end of the line of slope K, and the regions above and below it."""
+    end = (1.0, K) if K <= 1 else (1 / K, 1.0)
+    corner = [(1.0, 1.0)]
+    above = [(0.0, 0.0), end, *(corner if K <= 1 else []), (0.0, 1.0)]
+    below = [(0.0, 0.0), end, *(corner if K > 1 else []), (1.0, 0.0)]
+    return end, above, below
+
+
+def centroid(outline: Outline) -> tuple[float, float] | None:
+    """The centre of area of a polygon; None if it has no area."""
+    x, y = np.array(outline).T
+    cross = x * np.roll(y, -1) - y * np.roll(x, -1)
+    if not cross.sum():
+        return None
+    return (
+        float(((x + np.roll(x, -1)) * cross).sum() / (3 * cross.sum())),
+        float(((y + np.roll(y, -1)) * cross).sum() / (3 * cross.sum())),
+    )
