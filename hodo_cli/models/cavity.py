@@ -229,7 +229,7 @@ class Averaged(Cavity):
         "x": Variable(("time",), "square of the equatorial angular velocity, p^2 + q^2"),
         "y": Variable(("time",), "square of the axial angular velocity, r^2"),
     }
-    classifiable = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
+    unclassifiable = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:

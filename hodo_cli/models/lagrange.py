@@ -240,7 +240,7 @@ class Top(Model):
         ),
     }
     perturbation = Key(Choice(*PERTURBATIONS), "the torque M = (p f, q f, M3)", default="linear-dissipation")
-    classifiable = "gravity turns G in space, so no separatrix of free motion divides its hodographs"
+    unclassifiable = "gravity turns G in space, so no separatrix of free motion divides its hodographs"
 
     @classmethod
     def check(cls, data: Mapping[str, Any], report: Report) -> None:
