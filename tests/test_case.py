@@ -358,6 +358,11 @@ def test_a_bomb_is_refused_at_once(text: str) -> None:
     assert max(map(len, lines)) < 600
 
 
+def test_the_values_that_aliases_stand_for_are_counted() -> None:
+    assert mistakes(BOMBS["aliases"]) == ["x.yaml:6:10: a5.0: aliases stand for more than 100000 values"]
+    assert mistakes(BOMBS["wide aliases"]) == ["x.yaml:2:401: b.99: aliases stand for more than 100000 values"]
+
+
 @pytest.mark.usefixtures("loader")
 def test_both_parsers_read_the_same() -> None:
     path = ROOT / "configs" / "paper1.yaml"
@@ -420,7 +425,8 @@ def test_overrides_are_applied_in_their_order_over_defaults() -> None:
 
 def test_an_override_leaves_an_alias_of_its_value_alone() -> None:
     text = f"cases:\n  a: &a {{{BODY}, time: &t {{end: 5}}}}\n  b: *a\n  c: {{{BODY}, time: *t}}\n"
-    cases = overridden("a.time.end=7", "a.initial.p=9", text=text)
+    cases = overridden("a.time.end=7", "a.initial.p=9", "a.inertia.0=1.1", text=text)
+    assert [case.data["inertia"][0] for case in cases.values()] == [1.1, 1.0, 1.0]
     assert [case.time.end for case in cases.values()] == [7.0, 5.0, 5.0]
     assert [case.data["initial"]["p"] for case in cases.values()] == [9.0, 0.8, 0.8]
 
