@@ -1,158 +1,134 @@
-"""Which cases of a config are to be run, why, and their running."""
+"""Independent tasks, done here, in other processes or on other machines: the one place that knows executors."""
 
-import hashlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from fnmatch import fnmatchcase
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
-from inspect import getfile
-from pathlib import Path
-from typing import Any
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from itertools import islice
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
+from typing import Any, Self, TypeVar
 
-import numpy as np
+from . import HodoError
 
-from . import HodoError, models
-from .case import Case, Config, dump
-from .integrate import choose, integrate
-from .provenance import root_attributes, stamp
-from .report import SUMMARY
-from .store import Finished, Writer, finished, group_of, open_run
-from .trajectory import Trajectory
-
-PACKAGE = Path(__file__).parent
-SHARED = ("rigid.py", "integrate.py", "trajectory.py", "models/base.py", "engines/__init__.py")
-ENGINES = {"taylor": ("engines/taylor.py", "heyoka"), "exact": ("exact.py", "numpy")}
-REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 
-def fingerprint(case: Case) -> str:
-    """What a result depends on, as three hashes: the resolved case, the code of model and engine, the engine."""
-    method = choose(case)[0]
-    engine, library = ENGINES.get(method, ("engines/ivp.py", "scipy"))
-    model = getfile(models.find(case.model, case.form))
-    code = "".join(_code(str(PACKAGE / name)) for name in (*SHARED, engine, model))
-    return "-".join(hashlib.sha256(part.encode()).hexdigest()[:16] for part in (dump(case), code, _version(library)))
+class Pool:
+    """Applies functions to tasks, in this process or through an executor. A context manager; may be used repeatedly.
 
-
-@cache
-def _code(path: str) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-@cache
-def _version(library: str) -> str:
-    try:
-        return f"{library} {version(library)}"
-    except PackageNotFoundError:
-        return library
-
-
-def why(case: Case, done: Finished | None, force: bool) -> str:
-    """Why a case is to be run, given what is stored of it; an empty string if it need not be."""
-    if done is None:
-        return "it has no result yet"
-    if force:
-        return "--force"
-    if done.attributes["status"] != "ok":
-        return f"its status is {done.attributes['status']}"
-    ours, theirs = fingerprint(case).split("-"), str(done.attributes["hash"]).split("-")
-    for i, reason in enumerate(REASONS):
-        if theirs[i : i + 1] != ours[i : i + 1]:
-            return reason
-    return ""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is kept."""
-
-    config: Config
-    path: Path
-    asked: tuple[str, ...]
-    reasons: dict[str, str]
-    kept: dict[str, Finished]
-
-    def lines(self) -> list[str]:
-        """For each case that is asked for, why it runs or not."""
-        return [f"{name}: {'runs, ' + self.reasons[name] if name in self.reasons else 'is kept'}" for name in self.asked]
-
-    def execute(self, say: Callable[[str], None]) -> list[dict[str, Any]]:
-        """Run and store; the attributes of each case that was asked for, in the order of the config."""
-        for line in self.lines():
-            say(line)
-        history = stamp(f"hodo run {self.config.path}")
-        attributes = root_attributes(self.config.title, self.config.references, self.config.text, history)
-        with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
-            for done in self.kept.values():
-                writer.keep(done)
-            for trajectory in run([self.config.cases[name] for name in self.reasons]):
-                case = trajectory.case
-                labels = models.find(case.model, case.form).variables
-                writer.add(case.name, group_of(trajectory, labels, fingerprint(case)))
-        with open_run(self.path) as result:
-            return [{"case": name, **result.summary(name, SUMMARY)} for name in self.asked]
-
-
-def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool) -> list[Plan]:
-    """The plan of each config; its results go to `out`/NAME.h5.
-
-    Raises HodoError if two configs have one name, no case is asked for, or a result that is there is not whole.
+    `make` makes the executor (None: no executor); it is called when first needed, and again after a worker's death.
+    `ahead` is the number of tasks that are handed to it before the first of them has to be finished.
     """
-    paths = [out / f"{Path(config.path).stem}.h5" for config in configs]
-    for path in paths:
-        if paths.count(path) > 1:
-            raise HodoError(f"{path} would hold the results of {paths.count(path)} configs: rename one")
-    made = [plan(config, path, globs, force) for config, path in zip(configs, paths, strict=True)]
-    if not any(plan.asked for plan in made):
-        raise HodoError(f"no case matches {' or '.join(globs)}")
-    return made
+
+    def __init__(self, make: Callable[[], Executor] | None = None, ahead: int = 1) -> None:
+        self._make = make
+        self._ahead = ahead
+        self._executor: Executor | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Give up what is not finished."""
+        if self._executor is not None:
+            self._executor.shutdown(cancel_futures=True)
+            self._executor = None
+
+    def map(
+        self, function: Callable[[Task], Result], tasks: Iterable[Task]
+    ) -> Iterator[tuple[Task, Result | Exception]]:
+        """Each task with what the function makes of it, or the exception that it raises, as they are finished.
+
+        Tasks are taken from their iterable when they are needed, at most `ahead` of the results. With an executor,
+        the function, the tasks and the results must be picklable. A task whose worker dies, and dies again when it
+        has no other task beside it, comes back with a HodoError; what else was lost is done again.
+        """
+        if self._make is None:
+            return ((task, _attempt(function, task)) for task in tasks)
+        return self._map(function, iter(tasks))
+
+    def _map(self, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[tuple[Task, Any]]:
+        running: dict[Future[Any], Task] = {}
+        while True:
+            for task in islice(tasks, self._ahead - len(running)):
+                running[self._submit(function, task)] = task
+            if not running:
+                return
+            ready, _ = wait(running, return_when=FIRST_COMPLETED)
+            if any(map(_is_lost, ready)):
+                ready, _ = wait(running)  # a broken executor gives up all its tasks
+            for future in sorted(ready, key=_is_lost):
+                task = running.pop(future)
+                if _is_lost(future):
+                    yield task, self._alone(function, task)
+                else:
+                    yield task, future.exception() or future.result()
+
+    def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[Result]:
+        assert self._make is not None
+        try:
+            self._executor = self._executor or self._make()
+            return self._executor.submit(function, task)
+        except BrokenExecutor:
+            self.__exit__()
+            self._executor = self._make()
+            return self._executor.submit(function, task)
+
+    def _alone(self, function: Callable[[Task], Result], task: Task) -> Result | Exception:
+        try:
+            return self._submit(function, task).result()
+        except BrokenExecutor:
+            return HodoError("its process died: killed, or out of memory")
+        except Exception as error:
+            return error
 
 
-def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
-    """Which cases of a config run, and why; those that `globs` leave out stay as they are stored."""
-    done = finished(path)
-    asked = tuple(name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs))
-    reasons: dict[str, str] = {}
-    kept: dict[str, Finished] = {}
-    for name, case in config.cases.items():
-        found = [(item, why(case, item, force)) for item in done.get(name, [])]
-        if name not in asked and found:
-            kept[name] = found[0][0]
-        elif name not in asked:
-            continue
-        elif fresh := [item for item, reason in found if not reason]:
-            kept[name] = fresh[0]
-        else:
-            reasons[name] = found[0][1] if found else why(case, None, force)
-    return Plan(config, path, asked, reasons, kept)
+def _is_lost(future: Future[Any]) -> bool:
+    return isinstance(future.exception(), BrokenExecutor)
 
 
-def run(cases: list[Case]) -> Iterator[Trajectory]:
-    """The cases integrated, one after the other; one that fails comes back with status `failed`."""
-    for case in cases:
-        yield attempt(case)
-
-
-def attempt(case: Case) -> Trajectory:
-    """A case integrated; a mistake of the user's makes it a failed one."""
+def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
-        return integrate(case)
-    except HodoError as error:
-        model = models.find(case.model, case.form)
-        return Trajectory(
-            case=case,
-            time=np.empty(0),
-            state=np.empty((0, len(model.state))),
-            exponent=np.empty(0, dtype=np.int64),
-            variables={
-                name: np.empty((0, *[3] * (len(variable.dims) - 1))) for name, variable in model.variables.items()
-            },
-            method=case.method,
-            method_reason="asked for",
-            tol=case.tol or float("nan"),
-            steps=0,
-            run_time=0.0,
-            status="failed",
-            message=str(error),
-        )
+        return function(task)
+    except Exception as error:
+        return error
+
+
+class Processes(ProcessPoolExecutor):
+    """Spawned processes that end when this executor is shut down, whatever they do, or when this process ends."""
+
+    def __init__(self, workers: int) -> None:
+        context = get_context("spawn")
+        leash, self._end = context.Pipe(duplex=False)
+        super().__init__(workers, context, _obey, (leash,))
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Schedule a call. A worker that is started for it never sees Ctrl-C, which is this process's affair."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(function, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the workers."""
+        self._end.close()
+        super().shutdown(wait, cancel_futures=cancel_futures)
+
+
+def _obey(leash: Connection) -> None:
+    """End this worker when the other end of `leash` is closed: by `shutdown`, or by the death of its owner."""
+
+    def watch() -> None:
+        leash.poll(None)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+def pool(workers: int) -> Pool:
+    """Tasks in this process, if `workers` is 1, or in so many others."""
+    return Pool(lambda: Processes(workers), 2 * workers) if workers > 1 else Pool()

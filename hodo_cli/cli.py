@@ -50,6 +50,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON valu
 @click.option("--set", "overrides", multiple=True, metavar="CASE.KEY=VALUE", help="Change a value (repeatable).")
 @click.option("--out", type=click.Path(path_type=Path), default="runs", show_default=True, help="Folder of results.")
 @click.option("--force", is_flag=True, help="Run finished cases again.")
+@click.option("-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes.")
 @click.option("--dry-run", is_flag=True, help="Say what would run, and why; run nothing.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr.")
 @JSON
@@ -59,21 +60,24 @@ def run(
     overrides: tuple[str, ...],
     out: Path,
     force: bool,
+    jobs: int,
     dry_run: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are kept."""
-    from . import batch, report
+    from . import plan, report
+    from .batch import pool
     from .case import load
 
     loaded = [load(path, overrides) for path in configs]
-    plans = batch.plans(loaded, out, globs, force)
+    plans = plan.plans(loaded, out, globs, force)
     if dry_run:
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return
     say = (lambda line: None) if quiet else partial(click.echo, err=True)
-    rows = [row for plan in plans for row in plan.execute(say)]
+    with pool(jobs) as workers:
+        rows = [row for plan in plans for row in plan.execute(workers, say)]
     click.echo(json.dumps(rows) if as_json else report.cases(rows))
     if any(row["status"] != "ok" for row in rows):
         sys.exit(1)

@@ -1,0 +1,159 @@
+"""Which cases of a config are run, and why; their running, and what becomes of a case that fails."""
+
+import hashlib
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from inspect import getfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import HodoError, models
+from .batch import Pool
+from .case import Case, Config, dump
+from .integrate import choose, integrate
+from .provenance import root_attributes, stamp
+from .report import SUMMARY
+from .store import Finished, Group, Writer, finished, group_of, open_run
+from .trajectory import Trajectory
+
+PACKAGE = Path(__file__).parent
+SHARED = ("rigid.py", "integrate.py", "trajectory.py", "models/base.py", "engines/__init__.py")
+ENGINES = {"taylor": ("engines/taylor.py", "heyoka"), "exact": ("exact.py", "numpy")}
+REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
+
+
+def fingerprint(case: Case) -> str:
+    """What a result depends on, as three hashes: the resolved case, the code of model and engine, the engine."""
+    method = choose(case)[0]
+    engine, library = ENGINES.get(method, ("engines/ivp.py", "scipy"))
+    model = getfile(models.find(case.model, case.form))
+    code = "".join(_code(str(PACKAGE / name)) for name in (*SHARED, engine, model))
+    return "-".join(hashlib.sha256(part.encode()).hexdigest()[:16] for part in (dump(case), code, _version(library)))
+
+
+@cache
+def _code(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+@cache
+def _version(library: str) -> str:
+    try:
+        return f"{library} {version(library)}"
+    except PackageNotFoundError:
+        return library
+
+
+def why(case: Case, done: Finished | None, force: bool) -> str:
+    """Why a case is to be run, given what is stored of it; an empty string if it need not be."""
+    if done is None:
+        return "it has no result yet"
+    if force:
+        return "--force"
+    if done.attributes["status"] != "ok":
+        return f"its status is {done.attributes['status']}"
+    ours, theirs = fingerprint(case).split("-"), str(done.attributes["hash"]).split("-")
+    for i, reason in enumerate(REASONS):
+        if theirs[i : i + 1] != ours[i : i + 1]:
+            return reason
+    return ""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is kept."""
+
+    config: Config
+    path: Path
+    asked: tuple[str, ...]
+    reasons: dict[str, str]
+    kept: dict[str, Finished]
+
+    def lines(self) -> list[str]:
+        """For each case that is asked for, why it runs or not."""
+        return [
+            f"{name}: {'runs, ' + self.reasons[name] if name in self.reasons else 'is kept'}" for name in self.asked
+        ]
+
+    def execute(self, pool: Pool, say: Callable[[str], None]) -> list[dict[str, Any]]:
+        """Run and store; the attributes of each case that was asked for, in the order of the config."""
+        for line in self.lines():
+            say(line)
+        history = stamp(f"hodo run {self.config.path}")
+        attributes = root_attributes(self.config.title, self.config.references, self.config.text, history)
+        with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
+            for done in self.kept.values():
+                writer.keep(done)
+            for case, outcome in pool.map(finish, [self.config.cases[name] for name in self.reasons]):
+                writer.add(case.name, failure(case, outcome) if isinstance(outcome, Exception) else outcome)
+        with open_run(self.path) as result:
+            return [{"case": name, **result.summary(name, SUMMARY)} for name in self.asked]
+
+
+def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool) -> list[Plan]:
+    """The plan of each config; its results go to `out`/NAME.h5.
+
+    Raises HodoError if two configs have one name, no case is asked for, or a result that is there is not whole.
+    """
+    paths = [out / f"{Path(config.path).stem}.h5" for config in configs]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise HodoError(f"{path} would hold the results of {paths.count(path)} configs: rename one")
+    made = [plan(config, path, globs, force) for config, path in zip(configs, paths, strict=True)]
+    if not any(plan.asked for plan in made):
+        raise HodoError(f"no case matches {' or '.join(globs)}")
+    return made
+
+
+def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
+    """Which cases of a config run, and why; those that `globs` leave out stay as they are stored."""
+    done = finished(path)
+    asked = tuple(name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs))
+    reasons: dict[str, str] = {}
+    kept: dict[str, Finished] = {}
+    for name, case in config.cases.items():
+        found = [(item, why(case, item, force)) for item in done.get(name, [])]
+        if name not in asked and found:
+            kept[name] = found[0][0]
+        elif name not in asked:
+            continue
+        elif fresh := [item for item, reason in found if not reason]:
+            kept[name] = fresh[0]
+        else:
+            reasons[name] = found[0][1] if found else why(case, None, force)
+    return Plan(config, path, asked, reasons, kept)
+
+
+def finish(case: Case) -> Group:
+    """A case integrated, as it is stored. Raises HodoError if its method cannot be had here."""
+    return group_of(integrate(case), models.find(case.model, case.form).variables, fingerprint(case))
+
+
+def failure(case: Case, error: Exception) -> Group:
+    """A case that could not be integrated, as it is stored. The traceback of what is no HodoError goes to stderr."""
+    message = str(error)
+    if not isinstance(error, HodoError):
+        traceback.print_exception(error)
+        message = f"{type(error).__name__}: {message}"
+    model = models.find(case.model, case.form)
+    empty = Trajectory(
+        case=case,
+        time=np.empty(0),
+        state=np.empty((0, len(model.state))),
+        exponent=np.empty(0, dtype=np.int64),
+        variables={name: np.empty((0, *[3] * (len(variable.dims) - 1))) for name, variable in model.variables.items()},
+        method=case.method,
+        method_reason="asked for",
+        tol=case.tol or float("nan"),
+        steps=0,
+        run_time=0.0,
+        status="failed",
+        message=message,
+    )
+    return group_of(empty, model.variables, fingerprint(case))
