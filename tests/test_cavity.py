@@ -1,0 +1,224 @@
+"""The body with a fluid-filled cavity: its torque, the end of spin, full against averaged, wrong and doubtful data."""
+
+import csv
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import series
+
+from hodo_cli import HodoError
+from hodo_cli.case import Case, load, parse
+from hodo_cli.classify import classify
+from hodo_cli.engines import have_taylor
+from hodo_cli.integrate import integrate
+from hodo_cli.models import catalogue, find
+from hodo_cli.models.cavity import fluid_torque
+
+HERE = Path(__file__).parent
+PAPER2 = load(HERE.parent / "configs" / "paper2.yaml").cases
+ENDS = [row for row in csv.DictReader((HERE / "data" / "crossings.csv").open()) if row["event"] == "end of spin"]
+FORMS = catalogue()["cavity+constant"]
+KAPPA = 1260 * 0.48 / 1000
+CLOSE = 1e-13 if have_taylor() else 1e-9
+"""What a motion is right to: rounding by Taylor series, some hundred times its tolerance by DOP853."""
+
+
+def case(text: str = "", **given: str) -> Case:
+    """A case of a symmetric body with the keys given, in YAML."""
+    keys = {"inertia": "[1.3, 1.3, 1]", "kappa": "0.6", "initial": "{x: 1, y: 1}", "time": "{end: 10}"} | given
+    lines = "".join(f"    {key}: {value}\n" for key, value in keys.items() if value)
+    return parse(f"cases:\n  c:\n    model: cavity+constant\n{lines}", "test").cases["c"]
+
+
+def constants(case: Case) -> SimpleNamespace:
+    return SimpleNamespace(**find(case.model, case.form).constants(case.data))
+
+
+def value(polynomial: series.Polynomial, y: np.ndarray) -> float:
+    return sum(float(k) * math.prod(y[i] for i in monomial) for monomial, k in polynomial.items())
+
+
+def bodies(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Moments of inertia that a body can have, in any order, and an angular velocity."""
+    draw = np.random.default_rng(1)
+    masses = draw.uniform(0.05, 1, (count, 3))
+    return list(zip(masses.sum(axis=1, keepdims=True) - masses, draw.normal(size=(count, 3)), strict=True))
+
+
+def test_the_fluid_keeps_the_angular_momentum_and_takes_energy() -> None:
+    for A, omega in bodies(200):
+        torque = np.array(fluid_torque(A, omega, 0.6))
+        scale = np.linalg.norm(torque) * np.linalg.norm(A * omega)
+        assert abs(torque @ (A * omega)) < 1e-14 * scale
+        assert torque @ omega < 0
+
+
+def test_the_equations_are_those_of_the_independent_reference() -> None:
+    for A, omega in bodies(20):
+        k = SimpleNamespace(**dict(zip(("A1", "A2", "A3"), A, strict=True)), g=1, kappa=0.6, N1=0.1, N2=-0.2, N3=0.3)
+        expected = [value(row, omega) for row in series.cavity(A, 0.6, (0.1, -0.2, 0.3))]
+        assert np.allclose(FORMS["full"].rhs(0, omega, k), expected, rtol=1e-13, atol=1e-13)
+
+
+def test_for_an_axisymmetric_body_they_are_those_of_the_paper() -> None:
+    k = SimpleNamespace(A1=8.0, A2=8.0, A3=4.0, g=1, kappa=0.6, N1=0.1, N2=-0.2, N3=0.3)
+    for _, omega in bodies(20):
+        expected = [value(row, omega) for row in series.cavity_symmetric(8.0, 4.0, 0.6, (0.1, -0.2, 0.3))]
+        assert np.allclose(FORMS["full"].rhs(0, omega, k), expected, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("form", ["averaged", "averaged-as-printed"])
+def test_the_averaged_equations_are_those_of_the_independent_reference(form: str) -> None:
+    k = SimpleNamespace(A=8.0, C=4.0, kappa=0.6, N3=-0.3)
+    system = series.cavity_averaged(8.0, 4.0, 0.6, -0.3, printed=form == "averaged-as-printed")
+    for a, r in [(1.0, 1.0), (0.3, -0.7), (2.0, 0.0)]:
+        da, dr = FORMS[form].rhs(0, (a, r), k)
+        assert [2 * a * da, dr] == pytest.approx([value(row, np.array([a * a, r])) for row in system], rel=1e-14)
+
+
+@pytest.mark.parametrize("row", ENDS, ids=lambda row: row["case"])
+def test_the_spin_ends_when_and_where_the_reference_says(row: dict[str, str]) -> None:
+    _, figure, form = row["case"].split()
+    motion = integrate(PAPER2[figure if form == "averaged" else f"{figure}-as-printed"])
+    (end,) = motion.events
+    assert (motion.status, end.kind, end.time) == ("ok", "end_of_spin", motion.time[-1])
+    assert end.time == pytest.approx(float(row["time"]), rel=CLOSE)
+    assert motion.variables["x"][-1] == pytest.approx(float(row["value"]), rel=CLOSE)
+    assert motion.error < 100 * CLOSE
+
+
+@pytest.mark.parametrize("figure", ["fig1", "fig2", "fig3", "fig4"])
+def test_without_M1_and_M2_averaging_is_an_identity(figure: str) -> None:
+    averaged, full = integrate(PAPER2[figure]), integrate(PAPER2[f"{figure}-full"])
+    before = len(averaged.time) - 1
+    assert np.array_equal(averaged.time[:before], full.time[::2][:before])
+    p, q, r = full.variables["omega"][::2][:before].T
+    # y goes to 0, so both are judged by their size at the start, 1.
+    assert np.abs(averaged.variables["x"][:before] - (p * p + q * q)).max() < 10 * CLOSE
+    assert np.abs(averaged.variables["y"][:before] - r * r).max() < 10 * CLOSE
+
+
+def test_with_M1_and_M2_full_and_averaged_differ_in_proportion_to_epsilon() -> None:
+    distances = []
+    small = [0.02, 0.01, 0.005, 0.0025]
+    for epsilon in small:
+        # Both torques are of the order of epsilon; the horizon is of the order of 1/epsilon, well before the end of spin.
+        given = {"epsilon": str(epsilon), "kappa": str(epsilon), "time": f"{{end: {1 / epsilon}, samples: 1001}}"}
+        omega = integrate(case(torque="[0.1, 0.3, -0.1]", **given)).variables["omega"]
+        slow = integrate(case(torque="[0.1, 0.3, -0.1]", form="averaged", **given)).variables
+        x, y = np.square(omega[:, :2]).sum(axis=1), np.square(omega[:, 2])
+        distances.append(max(np.abs(x - slow["x"]).max(), np.abs(y - slow["y"]).max()))
+    order = np.polyfit(np.log(small), np.log(distances), 1)[0]
+    assert order == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.parametrize("name", ["fig3-reversal", "fig3-reversal-as-printed"])
+def test_the_motion_may_go_on_through_the_end_of_spin(name: str) -> None:
+    motion = integrate(PAPER2[name])
+    (end,) = motion.events
+    assert end.kind == "end_of_spin"
+    assert motion.time[-1] == 300
+    system = series.cavity_averaged(1.3, 1.0, KAPPA, 0.1 * -0.1, printed=name.endswith("printed"))
+    expected = series.states(system, (1, 1), motion.time[::60].tolist(), bits=128)
+    assert expected[-1][1] < 0
+    found = motion.variables["x"][::60], motion.variables["y"][::60]
+    assert np.abs(found[0] - [float(x) for x, _ in expected]).max() < 100 * CLOSE
+    assert np.abs(found[1] - [float(r * r) for _, r in expected]).max() < 100 * CLOSE
+    assert min(values.min() for values in motion.variables.values()) >= 0
+
+
+def test_the_corrected_sign_conserves_momentum_and_the_printed_one_does_not() -> None:
+    momentum = {}
+    for name in ("internal", "internal-as-printed"):
+        variables = integrate(PAPER2[name]).variables
+        momentum[name] = 64 * variables["x"] + 16 * variables["y"]
+    assert np.ptp(momentum["internal"]) < 100 * CLOSE * 80
+    assert momentum["internal-as-printed"][-1] < 0.61 * 80
+
+
+def test_a_triaxial_body_turns_to_its_axis_of_largest_inertia() -> None:
+    given = PAPER2["internal-triaxial"]
+    motion = integrate(given)
+    found = classify(given, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    A, start = given.data["inertia"], find(given.model, given.form).start(given.data)
+    (expected,) = series.crossings(A, series.cavity(A, KAPPA, (0, 0, 0)), start, given.time.end, bits=128)
+    (crossing,) = found.crossings
+    assert (crossing.start, crossing.end) == (expected.before, expected.after) == (3, 1)
+    assert crossing.time == pytest.approx(float(expected.time), rel=30 * CLOSE)
+    assert (found.labels[0], found.labels[-1]) == (3, 1)
+
+
+def test_an_axisymmetric_body_keeps_to_its_axis() -> None:
+    given = PAPER2["fig1-full"]
+    motion = integrate(given)
+    found = classify(given, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    assert not found.crossings
+    assert set(found.labels.tolist()) == {3}
+
+
+def test_the_ways_to_give_the_cavity_agree() -> None:
+    radius = (525 * 0.48 / (8 * math.pi)) ** (1 / 7)
+    ways = [
+        case(kappa="0.6048"),
+        case(kappa="", cavity="{kappa: 0.6048}"),
+        case(kappa="", cavity="{density: 1260, viscosity: 1000, P0: 0.48}"),
+        case(kappa="", cavity=f"{{density: 1260, viscosity: 1000, radius: {radius}}}"),
+    ]
+    assert [constants(way).kappa for way in ways] == pytest.approx([0.6048] * 4, rel=1e-15)
+
+
+def test_the_ways_to_give_the_start_agree() -> None:
+    assert find("cavity+constant", "full").start(case(initial="{x: 4, y: 9}").data) == (2, 0, 3)
+    averaged = find("cavity+constant", "averaged")
+    assert averaged.start(case(form="averaged", initial="{p: 3, q: 4, r: -2}").data) == (5, -2)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"cavity": "{kappa: 1}"}, "cavity: kappa is given"),
+        ({"kappa": ""}, "none of them is given"),
+        ({"kappa": "", "cavity": "{density: 1, P0: 1}"}, "cavity: .*not density, P0"),
+        ({"kappa": "", "cavity": "{density: 1, viscosity: 1, P0: 1, radius: 1}"}, "P0 or radius"),
+        ({"kappa": "", "cavity": "{density: 1, viscosity: 1e-300, radius: 1e50}"}, "too large"),
+        ({"kappa": "-1"}, "kappa: wants a number >= 0"),
+        ({"initial": "{x: 1}"}, "initial: give x and y"),
+        ({"initial": "{x: 1, y: 1, p: 0}"}, "initial: give x and y alone"),
+        ({"initial": "{x: -1, y: 1}"}, r"initial\.x: wants a number >= 0"),
+        ({"initial": "{p: 1, q: 1}"}, "r missing"),
+        ({"inertia": "[3, 1, 1]"}, "larger than the sum"),
+        ({"inertia": "[1.3, 1.2, 1]", "form": "averaged"}, "inertia: form averaged wants A1 = A2"),
+        ({"spin_reversal": "stop"}, "spin_reversal"),
+    ],
+)
+def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
+    with pytest.raises(HodoError, match=message):
+        case(**given)
+
+
+def doubts(case: Case) -> list[str]:
+    return find(case.model, case.form).warnings(case.data)
+
+
+def test_what_contradicts_the_theory_is_said() -> None:
+    assert not any(doubts(PAPER2[name]) for name in ("fig1", "fig3-as-printed", "fig4-full"))
+    (flow,) = doubts(case(kappa="", cavity="{density: 1e-3, viscosity: 10, radius: 1}", initial="{p: 3, q: 0, r: 4}"))
+    assert "b^2 |omega|/nu is 0.5 " in flow
+    (fluid,) = doubts(case(kappa="6"))
+    assert "torque of the fluid is not small: 0.753 of" in fluid
+    (constant,) = doubts(case(torque="[0, 0, 1]"))
+    assert "torque epsilon M is not small" in constant
+    (dropped,) = doubts(case(form="averaged", torque="[0.03, 0, 0]"))
+    assert "it is 0.1 at the start" in dropped
+    assert not doubts(case(torque="[0.03, 0, 0]"))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
+    k = constants(case(form=form, torque="[0.1, 0.2, 0.3]"))
+    y = np.random.default_rng(1).normal(size=(len(FORMS[form].state), 7))
+    expected = np.array([FORMS[form].rhs(0, column, k) for column in y.T]).T
+    assert np.array_equal(np.array(FORMS[form].rhs(0, y, k)), expected)
