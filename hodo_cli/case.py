@@ -281,7 +281,7 @@ def _case(name: str, block: Block, report: Report) -> Case | None:
     values = keys.resolve(taken, _own(block, found, taken, note), (), note)
     data = {key: values[key] for key in found.keys if key in values} if found else {}
     if found:
-        found.check(data, note)
+        _cross_check(found, data, note)
         for i, kept in enumerate(() if values.get("sweep") else values.get("store", ())):
             if kept not in found.variables:
                 note(("store", i), keys.unknown(f"variable {kept!r}", kept, found.variables))
@@ -293,9 +293,21 @@ def _case(name: str, block: Block, report: Report) -> Case | None:
     return Case(name=name, model=found.name, form=found.form, data=data, **common)
 
 
+def _cross_check(found: type[Model], data: Mapping[str, Any], report: Report) -> None:
+    """A model's own check, which ends where it needs a value that has a mistake of its own."""
+    try:
+        found.check(data, report)
+    except KeyError:
+        if data.keys() >= found.keys.keys():
+            raise
+
+
 def _own(block: Block, found: type[Model] | None, taken: Mapping[str, Key], report: Report) -> dict[str, Any]:
-    """The entries of a case to be checked: without defaults that its model does not take, and without keys that
-    belong to another form of it, which are reported, or, where the model is not known, to any model."""
+    """The entries of a case that are to be resolved.
+
+    Left out are defaults that its model does not take; keys of another form of the model, which are reported; and,
+    where the model is not known, the keys of every model.
+    """
     own = {}
     for key, value in block.items():
         forms = models.catalogue()[found.name].items() if found and key not in taken else ()
