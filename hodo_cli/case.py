@@ -19,7 +19,7 @@ from .figures import KINDS
 from .keys import Choice, Data, Either, Integer, Key, Kind, Misnamed, Names, Number, Path, Report, Table, Text, Variant
 from .models.base import Model
 
-METHODS = ("auto", "taylor", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
+METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
 
 TIME = Table(
     {
@@ -371,7 +371,7 @@ def _override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> None:
     for name in names:
         try:
             blocks[name] = _replaced(blocks[name], Table(_keys_in(blocks[name])[1]), path, new, place)
-        except LookupError as error:
+        except ValueError as error:
             mistakes.add(place, ("cases", name, *path), str(error.args[0]))
 
 
@@ -380,7 +380,7 @@ def _matching(pattern: str, blocks: Mapping[str, Block]) -> list[str]:
 
 
 def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place: Place) -> Any:
-    """A copy of a value with `new` at a path within it. Raises LookupError, with a sentence, if there is no such path.
+    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if there is no such path.
 
     A number that stands for a vector of equal ones is written out where the path names one of them.
     """
@@ -393,12 +393,12 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
         node = Items(list(node), [place] * len(node))
     if isinstance(node, Items):
         if not head.isdecimal() or int(head) >= len(node):
-            raise LookupError(f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}")
+            raise ValueError(f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}")
         items, i = node.copy(), int(head)
         items[i], items.places[i] = _replaced(node[i], None, rest, new, place), place
         return items
     if not isinstance(node, Block) and node not in (None, keys.REQUIRED):
-        raise LookupError(f"there is no {head!r} in {keys.shown(node)}")
+        raise ValueError(f"there is no {head!r} in {keys.shown(node)}")
     block = node.copy() if isinstance(node, Block) else Block()
     key = kind.keys.get(head) if isinstance(kind, Table) else None
     old = block.get(head, key.default if key else None)
