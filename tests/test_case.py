@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hodo_cli import HodoError, document
-from hodo_cli.case import COMMON, Case, Time, dump, key_table, load, parse, parse_case, schema
+from hodo_cli.case import COMMON, METHODS, Case, Time, dump, key_table, load, parse, parse_case, schema
 from hodo_cli.document import Mistakes, read, write
 from hodo_cli.figures import KINDS
 from hodo_cli.keys import (
@@ -171,8 +171,7 @@ LINES = ["model: linear-diag", "inertia: [1, 0.8, 0.6]", "initial: {p: 0.8, q: 0
         ("time: {start: 2}", 11, ".time: missing 'end'"),
         ("time: {end: -1}", 17, ".time.end: the span from 0 to -1 is not possible"),
         ("time: {start: -1e308, end: 1e308}", 32, ".time.end: the span from -1e+308 to 1e+308 is not possible"),
-        ("method: dop853", 13, ".method: wants auto, taylor, DOP853, RK45, LSODA, Radau, BDF or exact, not 'dop853'; "
-         "did you mean 'DOP853'?"),
+        ("method: dop853", 13, f".method: wants {Choice(*METHODS).describe()}, not 'dop853'; did you mean 'DOP853'?"),
         ("precision: long", 16, ".precision: wants double, extended or quadruple, not 'long'"),
         ("error: true", 12, ".error: wants on or off, not true"),
         ("tol: 0", 10, ".tol: wants a number > 0, < 1, not 0"),
