@@ -42,7 +42,7 @@ print(total)
 RUN_TIME = "import json, sys; print(sum(row['run_time'] for row in json.load(sys.stdin)))"
 
 
-def clocked(command: list[str], cache: Path, **options: object) -> tuple[float, str]:
+def clocked(command: list[str], cache: Path) -> tuple[float, str]:
     """Seconds that a command takes, and what it prints."""
     began = time.perf_counter()
     done = subprocess.run(
@@ -63,7 +63,8 @@ def measure(config: Path) -> dict[str, float]:
             empty, _ = clocked(command, cache)
             filled, rows = clocked(command, cache)
             alone = subprocess.run([python, "-c", RUN_TIME], input=rows, capture_output=True, text=True, check=True)
-            row = {"imports": imports, "empty": empty - imports, "filled": filled - imports, "alone": float(alone.stdout)}
+            row = {"imports": imports, "empty": empty - imports, "filled": filled - imports}
+            row["alone"] = float(alone.stdout)
             if config is CONFIGS[0]:
                 whole, inside = clocked([python, "-c", SCIPY, str(config)], cache)
                 row |= {"scipy": whole, "scipy alone": float(inside), "whole": filled}
@@ -73,6 +74,7 @@ def measure(config: Path) -> dict[str, float]:
 
 
 def main() -> None:
+    """Measure every config and print the table."""
     print("| config | imports | above them, empty cache | above them, filled cache | integration alone |")
     print("|---|---:|---:|---:|---:|")
     first = None
