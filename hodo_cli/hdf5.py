@@ -1,5 +1,6 @@
 """Labelled arrays in HDF5 that netCDF-4 readers understand, group by group. The only importer of h5py."""
 
+import io
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -13,8 +14,8 @@ import numpy as np
 from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
 from . import HodoError
+from .provenance import FORMAT_VERSION
 
-FORMAT_VERSION = 1
 STRING = h5py.string_dtype()
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 HIDDEN = ("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates")
@@ -217,15 +218,46 @@ class Output:
                     h5ds.attach_scale(new[key].id, new[dim].id, i)
 
 
+class _Disk(io.FileIO):
+    """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process down over one."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        try:
+            while view and self.error is None:
+                view = view[super().write(view) :]
+        except OSError as error:
+            self.error = error
+        return len(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return size or 0
+
+    def readinto(self, buffer: Any) -> int:
+        got = super().readinto(buffer) or 0
+        return len(buffer) if self.error else got
+
+
 @contextmanager
 def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
-    """A new file with these root attributes and the version of the format.
+    """A new file with these root attributes; the version of the format is one in any case.
 
-    It takes no lock, since nobody else knows of it yet, and some network folders have none.
+    Raises OSError if the operating system does not let it be written.
     """
-    with h5py.File(path, "w", track_order=True, locking=False) as file:
-        _set_attributes(file, {**attributes, "format_version": FORMAT_VERSION})
-        yield Output(file)
+    with _Disk(path, "w+") as disk:
+        try:
+            with h5py.File(disk, "w", track_order=True) as file:
+                _set_attributes(file, {"format_version": FORMAT_VERSION, **attributes})
+                yield Output(file)
+        finally:
+            if disk.error:
+                raise disk.error
 
 
 def _file_type(name: str, data: np.ndarray) -> Any:

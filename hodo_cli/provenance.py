@@ -9,6 +9,9 @@ from pathlib import Path
 
 from . import __version__
 
+FORMAT_VERSION = 1
+"""The version of the result files' format, which is raised when older readers would misread newer files."""
+
 LIBRARIES = ("numpy", "scipy", "heyoka", "h5py")
 
 
@@ -17,14 +20,15 @@ def stamp(command: str) -> str:
     return f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {command}"
 
 
-def root_attributes(title: str, references: str, config: str, history: str) -> dict[str, str]:
-    """The root attributes of a result but for its format version; `config` is the case file's text."""
+def root_attributes(title: str, references: str, config: str, history: str) -> dict[str, str | int]:
+    """The root attributes of a result; `config` is the case file's text, `history` a line made by `stamp`."""
     return {
         "Conventions": "CF-1.11",
         "title": title,
         "source": f"hodo {__version__}",
         "references": references,
         "history": history,
+        "format_version": FORMAT_VERSION,
         **versions(),
         "config": config,
     }

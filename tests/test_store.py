@@ -1,0 +1,669 @@
+"""Result files: what is written is read back by every reader, and nothing finished is ever lost.
+
+netCDF4 brings an HDF5 library of its own, so readers other than h5py run in processes of their own.
+"""
+
+import fcntl
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from hodo_cli import HodoError, provenance
+from hodo_cli.case import parse, parse_case
+from hodo_cli.store import Finished, Group, Variable, Writer, finished, group_of, open_run, update
+from hodo_cli.trajectory import Occurrence, Trajectory
+
+ROOT = Path(__file__).parents[1]
+SAMPLE = ROOT / "tests" / "data" / "format1.h5"
+KILLS = int(os.environ.get("HODO_KILLS", "20"))
+ROOT_ATTRIBUTES = {"Conventions": "CF-1.11", "title": "Körper", "history": "begun", "config": "cases: {}\n"}
+FLAGS = {"flag_values": np.array([-1, 0, 1, 2, 3], dtype=np.int8), "flag_meanings": "undetermined separatrix x1 x2 x3"}
+CONFIG = """
+cases:
+  fig4: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.1, initial: {p: 1, q: 2, r: 3}, time: {end: 1}}
+"""
+
+
+def group(n: int = 5, seed: int = 0, **attributes: Any) -> Group:
+    """A case with n samples that its seed tells from others."""
+    omega = np.random.default_rng(seed).normal(size=(n, 3))
+    return Group(
+        {"model": "linear-diag", "hash": f"hash {seed}", "status": "ok", "steps": seed, "error": 1e-15, **attributes},
+        {
+            "time": Variable(("time",), np.linspace(0, 1, n), {"long_name": "time", "units": "1"}),
+            "omega": Variable(("time", "axis"), omega, {"long_name": "angular velocity", "units": "1"}),
+            "axis": Variable(("axis",), np.array(["x1", "x2", "x3"], dtype=object), {"long_name": "axis"}),
+        },
+    )
+
+
+def labels(n: int = 5, crossings: int = 1, label: int = 1) -> Group:
+    """What `classify` adds to a case."""
+    sides = np.full(crossings, 3, dtype=np.int8)
+    return Group(
+        {"warnings": "one\ntwo"},
+        {
+            "enclosed_axis": Variable(("time",), np.full(n, label, dtype=np.int8), FLAGS),
+            "crossing_time": Variable(("crossing",), np.arange(crossings) + 0.5, {"units": "1"}),
+            "crossing_to": Variable(("crossing",), sides, FLAGS),
+        },
+    )
+
+
+def write(path: Path, groups: dict[str, Group]) -> None:
+    """A result that holds these groups."""
+    with Writer(path, ROOT_ATTRIBUTES, list(groups)) as writer:
+        for name, item in groups.items():
+            writer.add(name, item)
+
+
+def assert_same(a: Group, b: Group) -> None:
+    """Equal to the last bit, labels and order included."""
+    assert dict(a.attributes) == dict(b.attributes)
+    assert list(a.variables) == list(b.variables)
+    for name, variable in a.variables.items():
+        other = b.variables[name]
+        assert (variable.dims, variable.data.shape) == (other.dims, other.data.shape)
+        assert variable.data.dtype == other.data.dtype
+        np.testing.assert_array_equal(variable.data, other.data, err_msg=name)
+        for key, value in variable.attributes.items():
+            np.testing.assert_array_equal(other.attributes[key], value)
+
+
+def alone(code: str, *arguments: object) -> Any:
+    """What a fresh interpreter prints as JSON."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def left(path: Path) -> list[str]:
+    """What lies in a result's folder."""
+    return sorted(os.listdir(path.parent))
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "runs" / "paper.h5"
+
+
+# Written = read back
+
+
+@pytest.mark.parametrize("crossings", [0, 1, 3])
+def test_read_back(path: Path, crossings: int) -> None:
+    item, marks = group(note="ü\n", nothing="", error=float("inf")), labels(crossings=crossings)
+    item = Group({**item.attributes, **marks.attributes}, {**item.variables, **marks.variables})
+    write(path, {"fig4": item, "b": group(0), "a": group(1)})
+    with open_run(path) as run:
+        assert_same(run.read("fig4"), item)
+        assert run.cases() == ["fig4", "b", "a"]
+        assert run.attributes == {**ROOT_ATTRIBUTES, "format_version": 1}
+        assert run.text == "cases: {}\n"
+        assert run.summary("fig4") == item.attributes
+        assert run.summary("fig4", ["steps", "status"]) == {"status": "ok", "steps": 0}
+
+
+def test_strings_that_HDF5_has_not(path: Path) -> None:
+    write(path, {"a": group(message="nul \0 and \udcff")})
+    with open_run(path) as run:
+        assert run.summary("a")["message"] == "nul \ufffd and ?"
+
+
+@pytest.mark.parametrize("dtype", [bool, np.float16, np.longdouble, complex])
+def test_types_that_netcdf_has_not(path: Path, dtype: type) -> None:
+    wrong = Group({}, {"x": Variable(("n",), np.zeros(2, dtype=dtype))})
+    with pytest.raises(TypeError, match="netCDF has no type"):
+        write(path, {"a": wrong})
+    assert left(path) == []
+
+
+def test_dimensions_must_agree(path: Path) -> None:
+    wrong = {"x": Variable(("n",), np.zeros(2)), "y": Variable(("n",), np.zeros(3))}
+    with pytest.raises(ValueError, match="a/y: n has 3 values, elsewhere 2"):
+        write(path, {"a": Group({}, wrong)})
+
+
+def test_everything_tracks_its_order_and_is_contiguous(path: Path) -> None:
+    write(path, {"b": group(), "a": group(seed=1)})
+    with update(path) as changes:
+        changes.write("b", labels(crossings=0))
+    with h5py.File(path) as file:
+        assert list(file) == ["b", "a"]
+        for name in ("b", "a"):
+            assert list(file[name].attrs)[:2] == ["model", "hash"]
+            assert list(file[name])[:3] == ["time", "omega", "axis"]
+            assert all(item.chunks is None for item in file[name].values())
+            assert [scale.keys() for scale in file[name]["omega"].dims] == [["time"], ["axis"]]
+
+
+READERS = {
+    "netcdf4": """
+import json, sys, xarray as xr
+tree = xr.open_datatree(sys.argv[1], engine=sys.argv[2])
+print(json.dumps({name: {
+    "attributes": {key: value if isinstance(value, str) else float(value) for key, value in node.attrs.items()},
+    "variables": {key: [list(v.dims), v.values.tolist(), v.dtype.kind, str(v.attrs.get("units")),
+                        str(v.attrs.get("flag_values"))] for key, v in node.variables.items()},
+} for name, node in tree.children.items()}))
+""",
+    "plain": """
+import json, sys, netCDF4
+with netCDF4.Dataset(sys.argv[1]) as file:
+    print(json.dumps({name: {
+        "attributes": {key: value if isinstance(value, str) else float(value) for key, value in g.__dict__.items()},
+        "variables": {key: [list(v.dimensions), v[:].tolist(), "U" if v.dtype is str else v.dtype.kind,
+                            str(v.__dict__.get("units")), str(v.__dict__.get("flag_values"))]
+                      for key, v in g.variables.items()},
+    } for name, g in file.groups.items()}))
+""",
+}
+READERS["h5netcdf"] = READERS["netcdf4"]
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_other_readers(path: Path, reader: str) -> None:
+    """A file whose groups were written, copied from pieces, copied from a file, and changed."""
+    write(path, {"kept": group(message="", error=float("nan"))})
+    with Writer(path, ROOT_ATTRIBUTES) as writer:
+        writer.keep(writer.finished["kept"][0])
+        writer.add("new", group(3, 1))
+    with update(path) as changes:
+        changes.write("new", labels(3, 0))
+        changes.write("_claims", labels(2, 2))
+    read = alone(READERS[reader], path, reader)
+    with open_run(path) as run:
+        assert list(read) == run.groups() == ["kept", "new", "_claims"]
+        for name in read:
+            item = run.read(name)
+            attributes = {
+                key: value if isinstance(value, str) else float(value) for key, value in item.attributes.items()
+            }
+            np.testing.assert_equal(read[name]["attributes"], attributes)
+            assert read[name]["variables"] == {
+                key: [
+                    list(v.dims),
+                    v.data.tolist(),
+                    "U" if v.data.dtype.kind == "O" else v.data.dtype.kind,
+                    str(v.attributes.get("units")),
+                    str(v.attributes.get("flag_values")),
+                ]
+                for key, v in item.variables.items()
+            }
+
+
+@pytest.mark.parametrize("tool", ["ncdump", "h5dump"])
+def test_dumps(path: Path, tool: str) -> None:
+    if shutil.which(tool) is None:
+        pytest.skip(f"{tool} is not installed")
+    write(path, {"old": group(2, message="")})
+    with update(path) as changes:
+        changes.write("old", labels(2, 0))
+    done = subprocess.run([tool, str(path)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    for text in ("omega", "enclosed_axis", '"x1", "x2", "x3"', "undetermined separatrix x1 x2 x3"):
+        assert text in done.stdout
+
+
+def test_netcdf4_can_append(path: Path) -> None:
+    write(path, {"a": group()})
+    with update(path) as changes:
+        changes.write("a", labels())
+    append = """
+import netCDF4, sys
+with netCDF4.Dataset(sys.argv[1], "a") as file:
+    file["a"].createVariable("extra", "f8", ("crossing",))[:] = 7
+    file["a"].setncattr("by", "hand")
+print(1)
+"""
+    alone(append, path)
+    with open_run(path) as run:
+        assert run.read("a").variables["extra"].data.tolist() == [7]
+        assert run.summary("a")["by"] == "hand"
+
+
+def test_trajectory_as_a_group() -> None:
+    case = parse(CONFIG, "x").cases["fig4"]
+    trajectory = Trajectory(
+        case=case, time=np.array([0.0, 1.0]), state=np.ones((2, 3)), exponent=np.zeros(2),
+        variables={"omega": np.ones((2, 3))}, method="taylor", method_reason="not stiff", tol=2.0**-52, steps=7,
+        run_time=0.5, warnings=("one", "two"), events=(Occurrence("end of spin", 1.0, -1),), errors={"omega": 1e-14},
+        error_kind="extended",
+    )  # fmt: skip
+    item = group_of(
+        trajectory, {"omega": (("time", "axis"), "angular velocity", "1/s"), "time": (("time",), "t", "s")}, "ab"
+    )
+    assert {key: item.attributes[key] for key in ("hash", "steps", "error", "warnings", "status")} == {
+        "hash": "ab", "steps": 7, "error": 1e-14, "warnings": "one\ntwo", "status": "ok",
+    }  # fmt: skip
+    assert parse_case(str(item.attributes["case"])) == case
+    assert {name: variable.dims for name, variable in item.variables.items()} == {
+        "time": ("time",), "omega": ("time", "axis"), "axis": ("axis",),
+        "event_time": ("event",), "event_kind": ("event",),
+    }  # fmt: skip
+    assert item.variables["omega"].attributes == {"long_name": "angular velocity", "units": "1/s", "error": 1e-14}
+    assert item.variables["event_time"].attributes["units"] == "s"
+    assert item.variables["event_kind"].data.tolist() == ["end of spin"]
+
+
+def test_sample_of_format_1() -> None:
+    with open_run(SAMPLE) as run:
+        assert (run.cases(), run.attributes["format_version"]) == (["fig4", "spin"], 1)
+        assert "damping: [0.005, 0.004, 0.003]" in run.text
+        fig4, spin = run.read("fig4"), run.read("spin")
+        assert run.read("_claims").variables["verdict"].data.tolist() == ["reproduced", "contradicted"]
+    assert parse_case(fig4.attributes["case"]).data["damping"] == (0.005, 0.004, 0.003)
+    assert fig4.variables["omega"].data[0].tolist() == [0.8, 0.5, 0.74]
+    assert fig4.variables["enclosed_axis"].data.tolist() == [1, 1, 3, 3, 3]
+    assert fig4.variables["crossing_time"].data.tolist() == [305.3589551667110]
+    assert spin.variables["event_kind"].data.tolist() == ["end of spin"]
+
+
+# Files that are not what they should be
+
+
+def make_newer(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = 2
+
+
+def make_foreign(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file.attrs["format_version"]
+
+
+BAD: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "missing": (lambda path: path.unlink(), "no such file or directory"),
+    "folder": (lambda path: (path.unlink(), path.mkdir()), "a folder, not a file"),
+    "empty": (lambda path: path.write_bytes(b""), "not an HDF5 file"),
+    "text": (lambda path: path.write_text("cases:\n"), "not an HDF5 file"),
+    "truncated": (lambda path: os.truncate(path, path.stat().st_size // 2), "truncated: its end is missing"),
+    "foreign": (make_foreign, "no format_version"),
+    "newer": (make_newer, "format version 2, newer than 1: update hodo"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_give_one_line_and_stay_as_they_are(path: Path, name: str) -> None:
+    write(path, {"a": group()})
+    spoil, message = BAD[name]
+    spoil(path)
+    before = path.read_bytes() if path.is_file() else None
+    actions: list[Callable[[], Any]] = [lambda: open_run(path).__enter__(), lambda: update(path).__enter__()]
+    if name != "missing":
+        actions += [lambda: finished(path), lambda: Writer(path, {}).__enter__()]
+    for action in actions:
+        with pytest.raises(HodoError, match=message) as caught:
+            action()
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
+    assert left(path) == ([] if name == "missing" else ["paper.h5"])
+    assert before is None or path.read_bytes() == before
+
+
+def test_locked(path: Path) -> None:
+    write(path, {"a": group()})
+    with path.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(HodoError, match="locked: another program has it open for writing"), open_run(path):
+            pass
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
+def test_no_permission(path: Path) -> None:
+    write(path, {"a": group()})
+    path.chmod(0)
+    with pytest.raises(HodoError, match="permission denied"), open_run(path):
+        pass
+
+
+def test_damage_inside(path: Path) -> None:
+    write(path, {"a": group(1000), "b": group(seed=1)})
+    data = path.read_bytes()
+    header = data.rindex(b"OHDR") + 10
+    path.write_bytes(data[:header] + b"\xff" * 20 + data[header + 20 :])
+    with open_run(path) as run, pytest.raises(HodoError, match="is damaged"):
+        [run.read(name) for name in run.groups()]
+
+
+def test_unknown_case(path: Path) -> None:
+    write(path, {"a": group()})
+    with open_run(path) as run:
+        for name in ("b", "a/omega", "..", ""):
+            with pytest.raises(HodoError, match="there is no case"):
+                run.read(name)
+
+
+# Making a result
+
+
+def test_order_is_that_asked_for(path: Path) -> None:
+    with Writer(path, ROOT_ATTRIBUTES, ["a", "b", "c", "d"]) as writer:
+        for name in ("x", "c", "a", "b"):
+            writer.add(name, group())
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b", "c", "x"]
+
+
+def test_after_an_exception_the_old_file_stays_and_finished_cases_are_found(path: Path) -> None:
+    write(path, {"a": group()})
+    before = path.read_bytes()
+    with suppress(KeyboardInterrupt), Writer(path, ROOT_ATTRIBUTES) as writer:
+        writer.add("b", group(seed=1))
+        raise KeyboardInterrupt
+    assert path.read_bytes() == before
+    assert {name: [item.attributes["hash"] for item in items] for name, items in finished(path).items()} == {
+        "a": ["hash 0"], "b": ["hash 1"],
+    }  # fmt: skip
+    with Writer(path, ROOT_ATTRIBUTES) as writer:
+        assert all(writer.keep(items[0]) for items in writer.finished.values())
+        writer.add("c", group(seed=2))
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b", "c"]
+        for seed, name in enumerate("abc"):
+            assert_same(run.read(name), group(seed=seed))
+    assert left(path) == ["paper.h5"]
+
+
+def test_nothing_new_leaves_the_file_alone(path: Path) -> None:
+    write(path, {"a": group(), "b": group()})
+    before = path.stat()
+    for _ in range(2):
+        with Writer(path, {**ROOT_ATTRIBUTES, "history": "again"}, ["a", "b"]) as writer:
+            for items in writer.finished.values():
+                writer.keep(items[0])
+    assert path.stat() == before
+    with Writer(path, {**ROOT_ATTRIBUTES, "config": "other", "history": "again"}, ["a", "b"]) as writer:
+        writer.keep(writer.finished["b"][0])
+    with open_run(path) as run:
+        assert (run.cases(), run.text, run.attributes["history"]) == (["b"], "other", "begun\nagain")
+
+
+def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
+    """Labels belong to a case and stay with it; claims are about all cases and go when one is new."""
+    write(path, {"a": group()})
+    with update(path) as changes:
+        changes.write("a", labels())
+        changes.write("_claims", labels())
+    with Writer(path, ROOT_ATTRIBUTES) as writer:
+        writer.keep(writer.finished["a"][0])
+        writer.add("b", group())
+    with open_run(path) as run:
+        assert run.groups() == ["a", "b"]
+        assert "enclosed_axis" in run.read("a").variables
+
+
+def test_what_another_process_wrote_meanwhile_is_kept(path: Path) -> None:
+    write(path, {"a": group(), "b": group(seed=1), "gone": group()})
+    with Writer(path, ROOT_ATTRIBUTES, ["a", "b", "c"]) as writer:
+        writer.keep(writer.finished["a"][0])
+        writer.add("b", group(seed=1, steps=5))
+        writer.add("c", group(seed=2))
+        with Writer(path, ROOT_ATTRIBUTES) as other:
+            for name in ("a", "b", "gone"):
+                other.keep(other.finished[name][0])
+            other.add("c", group(seed=3))
+            other.add("d", group(seed=4))
+        with update(path) as changes:
+            changes.write("a", labels())
+            changes.write("b", labels(label=3))
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b", "c", "d"]
+        assert "enclosed_axis" in run.read("a").variables
+        assert run.read("b").variables["enclosed_axis"].data[0] == 3
+        assert [run.summary(name)["hash"] for name in "cd"] == ["hash 2", "hash 4"]
+    assert left(path) == ["paper.h5"]
+
+
+def test_a_piece_that_vanished_is_not_kept(path: Path) -> None:
+    write(path, {"a": group()})
+    with Writer(path, ROOT_ATTRIBUTES) as writer:
+        assert not writer.keep(Finished("b", path.parent / "gone.h5", {}))
+        assert not writer.keep(Finished("b", path, {}))
+        assert writer.keep(writer.finished["a"][0])
+
+
+def in_child(action: Callable[[], object]) -> int:
+    """Start a process that does something and ends."""
+    child = os.fork()
+    if child == 0:
+        status = 1
+        try:
+            action()
+            status = 0
+        finally:
+            os._exit(status)
+    return child
+
+
+def exit_status(child: int) -> int:
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def test_two_runs_at_once(path: Path) -> None:
+    """Both make all cases of one result, in different order; whoever ends last has all."""
+    names = [f"c{i}" for i in range(30)]
+
+    def run(order: list[str]) -> None:
+        with Writer(path, ROOT_ATTRIBUTES, names) as writer:
+            for name in order:
+                writer.add(name, group(seed=int(name[1:])))
+
+    children = [in_child(lambda order=order: run(order)) for order in (names, names[::-1])]
+    assert [exit_status(child) for child in children] == [0, 0]
+    with open_run(path) as result:
+        assert result.cases() == names
+        for seed, name in enumerate(names):
+            assert_same(result.read(name), group(seed=seed))
+    assert left(path) == ["paper.h5"]
+
+
+def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
+    """Every case that was reported finished survives, and each next run takes the earlier ones' over."""
+    log, names = tmp_path / "log", [f"c{i}" for i in range(15)]
+
+    def run() -> None:
+        with Writer(path, ROOT_ATTRIBUTES, names) as writer, log.open("a") as report:
+            for i, name in enumerate(names):
+                if name not in writer.finished or not writer.keep(writer.finished[name][0]):
+                    writer.add(name, group(200, i))
+                    report.write(f"{name}\n")
+                    report.flush()
+
+    began = time.perf_counter()
+    assert exit_status(in_child(run)) == 0
+    whole, dice = time.perf_counter() - began, random.Random()
+    survived = 0
+    for _ in range(KILLS):
+        shutil.rmtree(path.parent)
+        for _ in range(2):
+            log.write_text("")
+            child = in_child(run)
+            time.sleep(dice.uniform(0, whole))
+            os.kill(child, signal.SIGKILL)
+            exit_status(child)
+            for name in log.read_text().split():
+                assert name in finished(path)
+            survived += len(finished(path))
+        run()
+        with open_run(path) as result:
+            assert result.cases() == names
+            for i, name in enumerate(names):
+                assert_same(result.read(name), group(200, i))
+        assert left(path) == ["paper.h5"]
+    assert survived > KILLS  # or the kills came too early to show anything
+
+
+def test_killed_at_any_moment_while_changing(path: Path) -> None:
+    names = [f"c{i}" for i in range(15)]
+    write(path, {name: group(200, i) for i, name in enumerate(names)})
+
+    def label(value: int) -> None:
+        with update(path) as changes:
+            for name in names:
+                changes.write(name, labels(200, value % 3, value))
+
+    began = time.perf_counter()
+    assert exit_status(in_child(lambda: label(0))) == 0
+    whole, dice, old = time.perf_counter() - began, random.Random(), 0
+    for turn in range(1, KILLS + 1):
+        child = in_child(lambda turn=turn: label(turn % 100))
+        time.sleep(dice.uniform(0, whole))
+        os.kill(child, signal.SIGKILL)
+        exit_status(child)
+        with open_run(path) as run:
+            found = {int(run.read(name).variables["enclosed_axis"].data[0]) for name in names}
+            assert found in ({old}, {turn % 100})
+            assert all(run.read(name).variables["omega"].data.shape == (200, 3) for name in names)
+        (old,) = found
+    label(99)
+    assert left(path) == ["paper.h5"]
+
+
+def test_the_folder_of_a_living_run_is_left_alone(path: Path) -> None:
+    with Writer(path, ROOT_ATTRIBUTES) as first:
+        first.add("a", group())
+        with Writer(path, ROOT_ATTRIBUTES) as second:
+            assert second.keep(second.finished["a"][0])
+        first.add("b", group())
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b"]
+    assert left(path) == ["paper.h5"]
+
+
+@pytest.mark.parametrize("size", [1000, 12_000, 60_000])
+def test_no_space(path: Path, size: int) -> None:
+    """The limit strikes in a piece, or when the pieces are joined."""
+    write(path, {"a": group()})
+    before = path.read_bytes()
+    code = """
+import resource, signal, sys
+sys.path.insert(0, "tests")
+from test_store import *
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
+try:
+    with Writer(Path(sys.argv[1]), ROOT_ATTRIBUTES) as writer:
+        for seed in range(30):
+            writer.add(f"c{seed}", group(seed=seed))
+except HodoError as error:
+    print(json.dumps(str(error)))
+"""
+    assert alone(code, path, size) == f"cannot write {path}: file too large; finished cases are kept"
+    assert path.read_bytes() == before
+    assert set(finished(path)) == ({"a"} if size == 1000 else {"a"} | {f"c{i}" for i in range(30)})
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_read_only_folder(path: Path) -> None:
+    write(path, {"a": group()})
+    path.parent.chmod(0o555)
+    with Writer(path, ROOT_ATTRIBUTES) as writer:
+        writer.keep(writer.finished["a"][0])
+        with pytest.raises(HodoError, match="permission denied"):
+            writer.add("b", group())
+
+
+# Changing a result
+
+
+def test_update_twice_changes_nothing(path: Path) -> None:
+    write(path, {"a": group(), "b": group(seed=1)})
+    for _ in range(3):
+        with update(path, "classified") as changes:
+            changes.write("a", labels(crossings=2))
+            changes.write("b", labels(crossings=0))
+            changes.write("_claims", labels())
+        now = path.read_bytes(), path.stat().st_mtime_ns
+        before = locals().get("before", now)
+        assert now == before
+    with open_run(path) as run:
+        assert run.attributes["history"] == "begun\nclassified"
+        assert run.groups() == ["a", "b", "_claims"]
+
+
+def test_update_replaces_what_it_names_and_keeps_the_rest(path: Path) -> None:
+    write(path, {"a": group(), "b": group(seed=1)})
+    sizes = set()
+    for crossings in (3, 1, 0, 2, 3):
+        with update(path) as changes:
+            changes.write("a", labels(crossings=crossings))
+            changes.write("_claims", Group({}, {f"v{crossings}": Variable(("claim",), np.arange(crossings))}))
+        with open_run(path) as run:
+            a = run.read("a")
+            assert a.variables["crossing_time"].data.tolist() == [0.5, 1.5, 2.5][:crossings]
+            assert a.attributes == {**group().attributes, "warnings": "one\ntwo"}
+            np.testing.assert_array_equal(a.variables["omega"].data, group().variables["omega"].data)
+            assert_same(run.read("b"), group(seed=1))
+            assert list(run.read("_claims").variables) == [f"v{crossings}"]
+        if crossings == 3:
+            sizes.add(path.stat().st_size)
+    assert len(sizes) == 1
+    assert left(path) == ["paper.h5"]
+
+
+def test_update_of_a_result_replaced_meanwhile(path: Path) -> None:
+    """Labels of a case that has been run anew would be wrong, those of an equal one are right."""
+    write(path, {"a": group(), "b": group(seed=1), "c": group(seed=2)})
+    with update(path) as changes:
+        for name in "abc":
+            changes.write(name, labels())
+        path.unlink()
+        write(path, {"a": group(), "b": group(seed=7), "d": group()})
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b", "d"]
+        assert ["enclosed_axis" in run.read(name).variables for name in "abd"] == [True, False, False]
+
+
+def test_a_failed_update_leaves_the_file(path: Path) -> None:
+    write(path, {"a": group()})
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="elsewhere"), update(path) as changes:
+        changes.write("a", labels(n=4))
+    assert path.read_bytes() == before
+    assert left(path) == ["paper.h5"]
+
+
+# Provenance
+
+
+def test_root_attributes_say_what_made_the_file() -> None:
+    made = provenance.root_attributes("title", "references", "text", provenance.stamp("hodo run x.yaml"))
+    assert made["history"][10:] == f"{made['history'][10:20]} hodo run x.yaml"
+    assert made["h5py_version"] == h5py.__version__
+    if (ROOT / ".git").exists() and shutil.which("git"):
+        head = subprocess.run(["git", "-C", ROOT, "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
+        assert made["git_commit"] == head.stdout.strip()
+        assert made["git_dirty"] in ("yes", "no")
+
+
+def test_a_package_outside_a_checkout_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "hodo_cli" / "provenance.py"))
+    assert "git_commit" not in provenance.versions()
+
+
+def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(provenance, "LIBRARIES", ("no-such-library", "numpy"))
+    found = provenance.versions()
+    assert (found["no-such-library_version"], found["numpy_version"]) == ("not installed", np.__version__)
+
+
+def test_imports() -> None:
+    code = "import json, sys, hodo_cli.store; print(json.dumps(sorted(sys.modules)))"
+    loaded = set(alone(code))
+    assert not loaded & {"netCDF4", "xarray", "heyoka", "scipy", "matplotlib"}
+    assert "h5py" in loaded
