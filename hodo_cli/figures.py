@@ -50,7 +50,7 @@ KINDS: dict[str, dict[str, Key]] = {
     },
     "series": COMMON
     | {
-        "variables": Key(Names(), "variables drawn against time: those of the dataset, `omega.x1` and the like, `D/2T`"),
+        "variables": Key(Names(), "variables of the dataset, components such as `omega.x1`, or `D/2T`"),
         "panels": Key(Choice("variable", "case"), "what each panel holds: one variable of every case, or one case",
                       default="variable"),
         "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),

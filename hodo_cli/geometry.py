@@ -53,6 +53,18 @@ def round_step(size: float) -> float:
     return max(m * power for m in (1, 2, 5) if m * power <= size / 2)
 
 
+def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """For each curve in view (n, 3) its point (2,), on the reader's side if it can be, farthest from the others."""
+    thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
+    places = []
+    for i, curve in enumerate(thinned):
+        near = curve[curve[:, 2] > 0] if (curve[:, 2] > 0).any() else curve
+        others = np.concatenate([other for j, other in enumerate(thinned) if j != i] or [curve[:1]])
+        apart = np.linalg.norm(near[:, None, :2] - others[None, :, :2], axis=-1).min(axis=1)
+        places.append(near[apart.argmax(), :2])
+    return places
+
+
 def graticule() -> list[np.ndarray]:
     """Parallels and meridians of the unit sphere about x3, 30 degrees apart, (181, 3) each."""
     turn = np.linspace(0, 2 * np.pi, 181)

@@ -24,7 +24,18 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
 from . import HodoError, rigid
-from .geometry import View, centroid, graticule, round_step, sectors, separatrix_circles, slope, stretches, windings
+from .geometry import (
+    View,
+    centroid,
+    freest,
+    graticule,
+    round_step,
+    sectors,
+    separatrix_circles,
+    slope,
+    stretches,
+    windings,
+)
 from .keys import nearest
 from .results import Motion, Rendered, Results
 
@@ -37,10 +48,10 @@ BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
 """The palette of Okabe and Ito, legible to the colour-blind; blue and orange differ in grey print too."""
 
+GREY = "#666666"
 AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#999999"}
 CYCLE = ((BLUE, "-"), (RED, (0, (5, 1.5))), (GREEN, (0, (5, 1.5, 1, 1.5))), (PURPLE, (0, (1, 1))), (ORANGE, "-"),
-         (SKY, (0, (5, 1.5))), (BLACK, (0, (1, 1))))  # fmt: skip
-GREY = "#666666"
+         (SKY, (0, (5, 1.5))), (BLACK, (0, (1, 1))), (GREY, "-"))  # fmt: skip
 VIRIDIS_END = 0.93  # its yellow end is too pale on white
 
 START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
@@ -222,17 +233,18 @@ def legend(sheet: Sheet, handles: Sequence[Line2D], columns: int) -> None:
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
     """Legend entries of start, end and crossings; times are given where there is one motion only."""
     crossings = [f"{when:.6g}" for motion in motions for when in motion.crossing_time]
-    end, crossing = "end", "separatrix crossed"
+    end, crossing = "end", "$D = 0$"
     if len(motions) == 1:
         end += f", ${time} = {motions[0].time[-1]:.6g}$"
-        crossing = "\n".join(textwrap.wrap(f"{crossing}, ${time}$ = {', '.join(crossings)}", 80 if wide else 46))
+        crossing = "\n".join(textwrap.wrap(f"{crossing} at ${time}$ = {', '.join(crossings)}", 80 if wide else 46))
     entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 
 
-def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
-    """Legend entries of the colours by enclosed axis that occur."""
+def axis_handles(motions: Sequence[Motion], both: bool = False) -> list[Line2D]:
+    """Legend entries of the colours by enclosed axis that occur, or of both axes besides."""
     present = {int(label) for motion in motions for label in np.unique(motion.labels)}
+    present |= {motions[0].order[0] + 1, motions[0].order[2] + 1} if both else set()
     words = {0: "separatrix", -1: "undetermined"}
     order = sorted(present, key=lambda label: (label < 1, label))
     return [Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$")) for x in order]
@@ -246,10 +258,10 @@ def case_handles(names: Sequence[str], solid: bool = False) -> list[Line2D]:
     ]
 
 
-def colour_handles(motions: Sequence[Motion], colour: str, solid: bool) -> list[Line2D]:
-    """Legend entries of what the colour says."""
+def colour_handles(motions: Sequence[Motion], colour: str) -> list[Line2D]:
+    """Legend entries of what the colour of a hodograph says."""
     if colour == "case":
-        return case_handles([motion.label for motion in motions], solid)
+        return case_handles([motion.label for motion in motions], solid=True)
     return axis_handles(motions) if colour == "axis" else []
 
 
@@ -314,7 +326,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
-    handles = colour_handles(motions, spec["colour"], solid=True)
+    handles = colour_handles(motions, spec["colour"])
     handles += mark_handles(motions, spec["time"], wide=bool(others))
     if spec["colour"] == "time":
         time_bar(sheet, [main, *others], motions[0], spec)
@@ -433,7 +445,7 @@ def time_bar(sheet: Sheet, panels: list[Axes], motion: Motion, spec: Mapping[str
 def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """The curves of G/|G| on the unit sphere, with the two separatrix circles."""
     motions, view = results.motions(spec), View.toward(spec["view"])
-    sheet.figure.set_size_inches(COLUMN, 1.16 * COLUMN)
+    sheet.figure.set_size_inches(COLUMN, 1.08 * COLUMN)
     axes = sheet.figure.subplots()
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
     for line in graticule():
@@ -442,19 +454,23 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         on_sphere(axes, view(circle), **SEPARATRIX)
     for i, (tip, foot) in enumerate(zip(view(1.2 * np.eye(3)), view(np.eye(3)), strict=True)):
         arm(axes, foot[:2], tip[:2], i, zorder=5 if foot[2] > 0 else 1)
-    for place, (motion, style) in enumerate(zip(motions, styles(len(motions)), strict=True)):
-        direction = motion.G / np.linalg.norm(motion.G, axis=-1, keepdims=True)
+    directions = [motion.G / np.linalg.norm(motion.G, axis=-1, keepdims=True) for motion in motions]
+    for place, (motion, direction) in enumerate(zip(motions, directions, strict=True)):
         g1, g2, g3 = direction.T
         sheet.record("sphere", motion.label, time=motion.time, **{"G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3})
         seen, (colours, code) = view(direction), palette(motion, spec["colour"], place)
         for piece in stretches(code):
-            on_sphere(axes, seen[piece], color=colours[code[piece.start]], ls=style["ls"], lw=1.1)
+            on_sphere(axes, seen[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, seen[:, :2], colours[code[0]], 0.15)
         axes.plot(*seen[0, :2], **START, alpha=1 if seen[0, 2] > 0 else 0.4, zorder=6)
+    for motion, free in zip(motions, freest([view(direction) for direction in directions]), strict=True):
+        axes.text(*pair(free), motion.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
-    handles = colour_handles(motions, spec["colour"], solid=False)
+    handles = axis_handles(motions) if spec["colour"] == "axis" else []
     handles += [Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"), Line2D([], [], **START, label="start")]
+    if spec["colour"] == "time":
+        time_bar(sheet, [axes], motions[0], spec)
     legend(sheet, handles, 2)
 
 
@@ -501,7 +517,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     if zoom is not None:
         panels[1].set(title="enlarged")
     wide = zoom is not None
-    legend(sheet, axis_handles(motions) + mark_handles(motions, spec["time"], wide), 5 if wide else 2)
+    legend(sheet, axis_handles(motions, both=True) + mark_handles(motions, spec["time"], wide), 5 if wide else 3)
 
 
 def regions(axes: Axes, motion: Motion, limit: float) -> None:
@@ -567,7 +583,7 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             times, values = motion.time[part], motion[name][part]
             sheet.record(group, motion.label, time=times, **{name: values})
             axes.plot(times, values, **style)
-            spin_end(axes, motion, name, spec["time"])
+            event_marks(axes, motion, name, spec["time"])
         axes.margins(x=0, y=0.08)
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
@@ -577,7 +593,8 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         if spec["inset"] and spec["inset"]["panel"] == group:
             inset(sheet, axes, spec["inset"], results, dict(zip(variables, styles(len(variables)), strict=True)))
     if len(names) > 1:
-        legend(sheet, case_handles(names), min(6, len(names)))
+        room = sheet.figure.get_figwidth() * 72 / (30 + 4 * max(len(re.sub(r"[${}\\]", "", name)) for name in names))
+        legend(sheet, case_handles(names), max(1, min(int(room), len(names))))
 
 
 def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
@@ -593,14 +610,17 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
     return list(grid[:n])
 
 
-def spin_end(axes: Axes, motion: Motion, name: str, time: str) -> None:
-    """Mark where a motion stopped at an event: with the value there, or with the time where that is zero."""
-    if not motion.event_time.size:
-        return
-    value, peak = motion[name][-1], np.abs(motion[name]).max()
-    text = f"${value:.4g}$" if abs(value) > 1e-9 * peak else f"${time} = {motion.event_time[-1]:.4g}$"
-    axes.plot(motion.time[-1:], motion[name][-1:], **END, clip_on=False, zorder=5)
-    axes.annotate(text, (motion.time[-1], value), (-3, 4), textcoords="offset points", size=7, ha="right")
+def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
+    """Mark the events of a motion on a curve: with the value there, or with the time where that is nearly zero."""
+    values = motion[name]
+    peak = np.abs(values).max()
+    for when in motion.event_time:
+        value = float(np.interp(when, motion.time, values))
+        text = f"${value:.4g}$" if abs(value) > 1e-3 * peak else f"${time} = {when:.4g}$"
+        below = value > 0.9 * peak
+        axes.plot(when, value, **END, clip_on=False, zorder=5)
+        axes.annotate(text, (when, value), (-3, -4 if below else 4), textcoords="offset points", size=7, ha="right",
+                      va="top" if below else "bottom")  # fmt: skip
 
 
 def inset(
@@ -655,8 +675,9 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     for axes, name in ((energy, "T"), (square, "G2"), (ratio, "D/2T")):
         axes.set(ylabel=axis_label(name, motions[0]))
         axes.margins(x=0)
-    energy.set(yscale="log")
-    square.set(yscale="log")
+    for axes in (energy, square):
+        low, high = (f(float(f(line.get_ydata())) for line in axes.lines) for f in (min, max))
+        axes.set(**({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high)}))
     ratio.set_xlabel(time_label(spec, motions[0]))
     handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
     bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")

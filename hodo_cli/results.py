@@ -118,21 +118,26 @@ class Results:
         return self.config.figures
 
     def motion(self, name: str, label: str = "") -> Motion:
-        """One case. Raises HodoError if the file does not hold it, or it has no samples."""
+        """One case. Raises HodoError if the file does not hold it."""
         if name not in self._motions:
             if name not in self.cases:
                 raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
             data = derive(self.cases[name])
-            if not data.sizes.get("time"):
-                raise HodoError(f"case {name} has no samples (its status: {data.attrs.get('status')})")
             self._motions[name] = Motion(parse_case(str(data.attrs["case"])), name, data)
         found = self._motions[name]
         return Motion(found.case, label or name, found.data)
 
     def motions(self, spec: Mapping[str, Any]) -> list[Motion]:
-        """The cases of a figure, in order, under the labels that it gives them."""
+        """The cases of a figure, in order, under the labels that it gives them.
+
+        Raises HodoError if the file does not hold one of them, or has no samples of it.
+        """
         labels = [*spec["labels"], *[""] * len(spec["cases"])]
-        return [self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)]
+        motions = [self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)]
+        for motion in motions:
+            if not motion.data.sizes.get("time"):
+                raise HodoError(f"case {motion.name} has no samples (it {motion.data.attrs.get('status')})")
+        return motions
 
     def figure(self, name: str) -> Mapping[str, Any]:
         """One entry of the `figures:` block. Raises HodoError if there is none of this name."""

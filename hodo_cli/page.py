@@ -1,0 +1,222 @@
+"""One page with every figure and the numbers behind it: self-contained HTML that opens from disk."""
+
+import base64
+import math
+import os
+import struct
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from .case import Case
+from .report import magnitude, seconds
+from .results import Motion, Rendered, Results
+from .rigid import LABELS
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1c1d20; --soft: #5d6068; --line: #d9dbe0; --card: #ffffff; --page: #f4f5f7;
+  --link: #005a94; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e7e8ea; --soft: #a3a7b0; --line: #3a3d44; --card: #24262b;
+  --page: #18191c; --link: #7cc0f0; } }
+* { box-sizing: border-box; }
+body { margin: 0; padding: 1.5rem clamp(0.75rem, 3vw, 3rem) 4rem; background: var(--page); color: var(--ink);
+  font: 16px/1.5 Georgia, "Times New Roman", serif; }
+header, main > section { max-width: 76rem; margin: 0 auto; }
+h1 { font-size: 1.7rem; margin: 0 0 0.3rem; line-height: 1.2; }
+h2 { font-size: 1.35rem; margin: 2.5rem 0 0.2rem; line-height: 1.25; border-top: 1px solid var(--line);
+  padding-top: 1.5rem; }
+h3 { font-size: 1.1rem; margin: 2rem 0 0.5rem; }
+p { margin: 0.3rem 0; } a { color: var(--link); } .soft { color: var(--soft); }
+nav ul { list-style: none; margin: 0.5rem 0 0; padding: 0; display: flex; flex-wrap: wrap; gap: 0.25rem 1.5rem; }
+.figures { display: grid; grid-template-columns: 1fr 1fr; grid-auto-flow: dense; gap: 1rem; margin-top: 1rem; }
+figure { margin: 0; background: var(--card); border: 1px solid var(--line); border-radius: 6px; overflow: hidden;
+  display: flex; flex-direction: column; }
+figure.wide { grid-column: span 2; }
+@media (max-width: 56rem) { .figures { grid-template-columns: minmax(0, 1fr); } figure.wide { grid-column: auto; } }
+figure > a { background: #ffffff; padding: 0.75rem; display: flex; justify-content: center; align-items: center;
+  flex: 1; }
+figure img { max-width: 100%; height: auto; display: block; }
+figcaption { padding: 0.75rem 1rem; border-top: 1px solid var(--line); font-size: 0.95rem; }
+figcaption b { font-size: 1.02rem; }
+.problem { color: #b3261e; padding: 1rem; } @media (prefers-color-scheme: dark) { .problem { color: #ff9d94; } }
+details { margin-top: 0.4rem; } summary { cursor: pointer; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font: 0.84rem/1.4 system-ui, sans-serif; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.9rem 0.25rem 0;
+  border-bottom: 1px solid var(--line); }
+th { color: var(--soft); font-weight: 600; white-space: nowrap; } td.n { white-space: nowrap; }
+td.text { min-width: 16rem; }
+"""
+
+SHELL = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{style}</style>
+</head>
+<body>
+<header>
+<h1>{title}</h1>
+<p class="soft">{summary}</p>
+<nav><ul>{contents}</ul></nav>
+</header>
+<main>{sections}</main>
+</body>
+</html>
+"""
+
+MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
+
+
+def write(path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]], title: str = "Figures") -> None:
+    """Write the page of the figures drawn from these results; links are relative to it.
+
+    A figure drawn as PNG or SVG is in the page itself. Raises HodoError for a damaged result file.
+    """
+    sections = [_section(results, rendered, path.parent) for results, rendered in runs]
+    contents = [
+        f'<li><a href="#{_anchor(results)}">{escape(results.config.title or results.path.name)}</a></li>'
+        for results, _ in runs
+    ]
+    count = sum(len(rendered) for _, rendered in runs)
+    page = SHELL.format(
+        title=escape(title), style=STYLE, contents="".join(contents), sections="".join(sections),
+        summary=f"{count} figures, with the parameters, measured errors and run times of what they show.",
+    )  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8")
+
+
+def _section(results: Results, rendered: Sequence[Rendered], base: Path) -> str:
+    """All that the page says of one result file."""
+    motions = {name: results.motion(name) for name in results.cases}
+    cards = "".join(_card(each, results, motions, base) for each in rendered)
+    return (
+        f'<section id="{_anchor(results)}"><h2>{escape(results.config.title or results.path.name)}</h2>'
+        f"<p>{escape(results.config.references)}</p>"
+        f'<p class="soft">Data: {_link(results.path, base)}, {len(motions)} cases</p>'
+        f'<div class="figures">{cards}</div>{_crossings(motions)}'
+        f"<h3>Cases</h3>{_table(CASE_HEADER, [_case_row(motion) for motion in motions.values()])}</section>"
+    )
+
+
+def _anchor(results: Results) -> str:
+    return escape(results.path.stem)
+
+
+def _link(target: Path, base: Path, text: str = "") -> str:
+    """A link relative to the folder of the page."""
+    return f'<a href="{quote(os.path.relpath(target, base))}">{escape(text or target.name)}</a>'
+
+
+def _card(figure: Rendered, results: Results, motions: Mapping[str, Motion], base: Path) -> str:
+    """A figure with its caption, its files, and the cases that it shows."""
+    spec = results.figures[figure.name]
+    shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
+    files = " ".join(_link(file, base, file.suffix[1:].upper()) for file in figure.files)
+    rows = [[_cell(motion.name), *_numbers(motion)] for motion in shown]
+    numbers = f"<details><summary>{_summary(shown)}</summary>{_table(CARD_HEADER, rows)}</details>" if shown else ""
+    picture, wide = _picture(figure, base, spec["caption"] or figure.name)
+    return (
+        f'<figure id="{_anchor(results)}-{escape(figure.name)}"{" class=wide" if wide else ""}>{picture}'
+        f"<figcaption><b>{escape(figure.name)}</b> {escape(spec['caption'])}"
+        f'<p class="soft">{files}</p>{numbers}</figcaption></figure>'
+    )
+
+
+def _picture(figure: Rendered, base: Path, alt: str) -> tuple[str, bool]:
+    """The image, in the page, and whether it is broad; in place of it the reason why there is none."""
+    if figure.problem:
+        return f'<p class="problem">Not drawn: {escape(figure.problem)}</p>', False
+    pictures = [file for file in figure.files if file.suffix in MEDIA]
+    if not pictures:
+        return "", False
+    data = pictures[0].read_bytes()
+    width, height = struct.unpack(">II", data[16:24]) if pictures[0].suffix == ".png" else (0, 0)
+    size = f' width="{width // 2}" height="{height // 2}"' if width else ""
+    source = f"data:{MEDIA[pictures[0].suffix]};base64,{base64.b64encode(data).decode()}"
+    image = f'<img alt="{escape(alt)}" src="{source}"{size}>'
+    return f'<a href="{quote(os.path.relpath(pictures[0], base))}">{image}</a>', width > 1400
+
+
+def _summary(motions: Sequence[Motion]) -> str:
+    """The largest error and the sum of run times of some cases, in one line."""
+    error = max((e for motion in motions if not math.isnan(e := float(motion.data.attrs["error"]))), default=math.nan)
+    total = sum(float(motion.data.attrs["run_time"]) for motion in motions)
+    count = "1 case" if len(motions) == 1 else f"{len(motions)} cases"
+    return f"{count}: error {magnitude(error)}, run time {seconds(total)}"
+
+
+CARD_HEADER = ("case", "parameters", "error", "run time")
+CASE_HEADER = ("case", "model", "method", "steps", "error", "run time", "parameters", "notes and warnings")
+CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|")
+
+
+def _numbers(motion: Motion) -> list[str]:
+    """The cells of parameters, error and run time."""
+    attrs = motion.data.attrs
+    return [
+        _cell(parameters(motion.case), "text"),
+        _cell(f"{magnitude(float(attrs['error']))} ({attrs['error_kind']})", "n"),
+        _cell(seconds(float(attrs["run_time"])), "n"),
+    ]
+
+
+def _case_row(motion: Motion) -> list[str]:
+    attrs = motion.data.attrs
+    given, error, run_time = _numbers(motion)
+    ended = "" if attrs["status"] == "ok" else f"{attrs['status']}: {attrs['message']}"
+    notes = [ended, motion.case.note, *str(attrs["warnings"]).splitlines()]
+    return [
+        _cell(motion.name, "n"), _cell(f"{attrs['model']}, {attrs['form']}", "n"), _cell(str(attrs["method"])),
+        _cell(str(attrs["steps"])), error, run_time, given, _cell(". ".join(filter(None, notes)), "text"),
+    ]  # fmt: skip
+
+
+def _crossings(motions: Mapping[str, Motion]) -> str:
+    """The table of separatrix crossings, with the enclosed axis at start and end; none without classified cases."""
+    classified = [motion for motion in motions.values() if "enclosed_axis" in motion.data and motion.labels.size]
+    rows = [row for motion in classified for row in _crossing_rows(motion)]
+    return f"<h3>Enclosed axes and crossings of the separatrix</h3>{_table(CROSSING_HEADER, rows)}" if rows else ""
+
+
+def _crossing_rows(motion: Motion) -> list[list[str]]:
+    ends = [_cell(motion.name, "n"), *(_cell(LABELS[int(motion.labels[i])]) for i in (0, -1))]
+    if not motion.crossing_time.size:
+        return [[*ends, _cell("none"), *[_cell("")] * 4]]
+    columns = [motion.data[f"crossing_{name}"].values for name in ("time", "error", "from", "to", "G")]
+    return [
+        [*ends, _cell(f"{time:.15g}"), _cell(magnitude(float(error))), _cell(LABELS[int(start)]),
+         _cell(LABELS[int(stop)]), _cell(f"{size:.6g}")]
+        for time, error, start, stop, size in zip(*columns, strict=True)
+    ]  # fmt: skip
+
+
+def parameters(case: Case) -> str:
+    """The data of a case in one line; what is not given is left out."""
+    span = f"time {case.time.start:g} to {case.time.end:g}"
+    return "; ".join([*(f"{key} {_plain(value)}" for key, value in case.data.items() if value is not None), span])
+
+
+def _plain(value: Any) -> str:
+    """A value as text: numbers to 12 digits, lists in brackets, mappings as key = value."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} = {_plain(item)}" for key, item in value.items() if item is not None)
+    if isinstance(value, list | tuple):
+        return f"({', '.join(map(_plain, value))})"
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def _cell(text: str, kind: str = "") -> str:
+    return f"<td{f' class={kind}' if kind else ''}>{escape(text)}</td>"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table that scrolls by itself; the cells of its rows are HTML already."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in header)
+    body = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
