@@ -34,7 +34,7 @@ class Pool:
     def __exit__(self, *exception: object) -> None:
         """Give up what is not finished."""
         if self._executor is not None:
-            self._executor.shutdown(cancel_futures=True)
+            self._executor.shutdown(wait=False)
             self._executor = None
 
     def map(
@@ -114,7 +114,7 @@ class Processes(ProcessPoolExecutor):
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers."""
+        """End the workers, whatever they do."""
         self._end.close()
         super().shutdown(wait, cancel_futures=cancel_futures)
 

@@ -10,6 +10,7 @@ from . import HodoError, rigid
 from .case import Case, parse_case
 from .hdf5 import Attribute, Group, Variable
 from .integrate import Solution, Step, extended, references, solve, stored
+from .memory import afford
 from .models import find
 
 EPS = 2.0**-52
@@ -48,6 +49,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if reason or "omega" not in group.variables:
         remark = reason or "omega is not stored"
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
+    afford(case)
     recorded = {key: float(group.attributes[key]) for key in ("tol", "error")}
     found = classify(case, str(group.attributes["method"]), omega=group.variables["omega"].data, **recorded)
     ends = [rigid.LABELS[int(label)] for label in found.labels[[0, -1]]] if len(found.labels) else ["-", "-"]

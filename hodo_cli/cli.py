@@ -1,21 +1,30 @@
 """The command line: one short function a command. Each imports what it needs, so that `--help` loads nothing heavy."""
 
 import json
+import signal
 import sys
 import traceback
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 from . import HodoError, __version__
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM."""
+
+
+def _terminate(*signal: object) -> NoReturn:
+    raise Terminated
+
+
 class Hodo(click.Group):
-    """Turns the user's mistakes into one line and exit status 2, and Ctrl-C into 130."""
+    """Turns the user's mistakes into one line and exit status 2, Ctrl-C into 130, and SIGTERM into 143."""
 
     def invoke(self, ctx: click.Context) -> Any:
+        signal.signal(signal.SIGTERM, _terminate)
         try:
             return super().invoke(ctx)
         except HodoError as error:
@@ -24,9 +33,9 @@ class Hodo(click.Group):
             else:
                 click.echo(str(error), err=True)
             ctx.exit(2)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             click.echo("interrupted; finished cases are kept", err=True)
-            ctx.exit(130)
+            ctx.exit(143 if isinstance(error, Terminated) else 130)
 
 
 @click.group(cls=Hodo, context_settings={"help_option_names": ["-h", "--help"]})
@@ -52,7 +61,8 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON valu
 @click.option("--force", is_flag=True, help="Run finished cases again.")
 @click.option("-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes.")
 @click.option("--dry-run", is_flag=True, help="Say what would run, and why; run nothing.")
-@click.option("--quiet", is_flag=True, help="No progress on stderr.")
+@click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")
+@click.option("--quiet", is_flag=True, help="No progress on stderr; what fails is said.")
 @JSON
 def run(
     configs: tuple[Path, ...],
@@ -62,6 +72,7 @@ def run(
     force: bool,
     jobs: int,
     dry_run: bool,
+    fail_fast: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -69,17 +80,22 @@ def run(
     from . import plan, report
     from .batch import pool
     from .case import load
+    from .progress import Progress
 
     loaded = [load(path, overrides) for path in configs]
-    plans = plan.plans(loaded, out, globs, force)
+    plans = plan.plans(loaded, out, globs, force, jobs)
     if dry_run:
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return
-    say = (lambda line: None) if quiet else partial(click.echo, err=True)
-    with pool(jobs) as workers:
-        rows = [row for plan in plans for row in plan.execute(workers, say)]
+    rows: list[dict[str, Any]] = []
+    with pool(jobs) as workers, Progress(sum(len(plan.reasons) for plan in plans), quiet) as progress:
+        for plan_ in plans:
+            rows += plan_.execute(workers, progress, fail_fast)
+            if fail_fast and any(row["status"] != "ok" for row in rows):
+                break
     click.echo(json.dumps(rows) if as_json else report.cases(rows))
-    if any(row["status"] != "ok" for row in rows):
+    if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
+        click.echo(f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}", err=True)
         sys.exit(1)
 
 

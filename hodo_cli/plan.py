@@ -2,7 +2,7 @@
 
 import hashlib
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
@@ -17,6 +17,8 @@ from . import HodoError, models
 from .batch import Pool
 from .case import Case, Config, dump
 from .integrate import choose, integrate
+from .memory import afford
+from .progress import Progress
 from .provenance import root_attributes, stamp
 from .report import SUMMARY
 from .store import Finished, Group, Writer, finished, group_of, open_run
@@ -56,9 +58,9 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
         return "it has no result yet"
     if force:
         return "--force"
-    if done.attributes["status"] != "ok":
-        return f"its status is {done.attributes['status']}"
-    ours, theirs = fingerprint(case).split("-"), str(done.attributes["hash"]).split("-")
+    if (status := str(done.attributes.get("status"))) != "ok":
+        return f"its status is {status}"
+    ours, theirs = fingerprint(case).split("-"), str(done.attributes.get("hash")).split("-")
     for i, reason in enumerate(REASONS):
         if theirs[i : i + 1] != ours[i : i + 1]:
             return reason
@@ -67,39 +69,57 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is kept."""
+    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is kept.
+
+    `old` holds what is stored of the cases that run: it stays should they not be reached.
+    """
 
     config: Config
     path: Path
     asked: tuple[str, ...]
     reasons: dict[str, str]
     kept: dict[str, Finished]
+    old: dict[str, Finished]
+    dropped: tuple[str, ...]
 
     def lines(self) -> list[str]:
-        """For each case that is asked for, why it runs or not."""
-        return [
-            f"{name}: {'runs, ' + self.reasons[name] if name in self.reasons else 'is kept'}" for name in self.asked
-        ]
+        """For each case that is asked for, why it runs or not; and for each result that goes, why."""
+        does = {name: f"runs, {self.reasons[name]}" if name in self.reasons else "is kept" for name in self.asked}
+        does |= dict.fromkeys(self.dropped, "is dropped, it is not in the config any more")
+        return [f"{name}: {what}" for name, what in does.items()]
 
-    def execute(self, pool: Pool, say: Callable[[str], None]) -> list[dict[str, Any]]:
-        """Run and store; the attributes of each case that was asked for, in the order of the config."""
+    def execute(self, pool: Pool, progress: Progress, fail_fast: bool = False) -> list[dict[str, Any]]:
+        """Run and store; the attributes of each case that was asked for and reached, in the order of the config.
+
+        A case that fails, for whatever reason, is stored as failed; `fail_fast` leaves out what would come after it.
+        Raises HodoError if the result cannot be written.
+        """
         for line in self.lines():
-            say(line)
+            progress.say(line)
         history = stamp(f"hodo run {self.config.path}")
         attributes = root_attributes(self.config.title, self.config.references, self.config.text, history)
         with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
-            for done in self.kept.values():
-                writer.keep(done)
-            for case, outcome in pool.map(finish, [self.config.cases[name] for name in self.reasons]):
-                writer.add(case.name, failure(case, outcome) if isinstance(outcome, Exception) else outcome)
+            lost = [name for name, done in self.kept.items() if not writer.keep(done)]
+            left = dict.fromkeys([*self.reasons, *lost])
+            for case, outcome in pool.map(finish, [self.config.cases[name] for name in left]):
+                group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
+                writer.add(case.name, group)
+                del left[case.name]
+                progress.done(case.name, problem(group, outcome))
+                if fail_fast and group.attributes["status"] != "ok":
+                    break
+            for name in left:
+                if name in self.old:
+                    writer.keep(self.old[name])
         with open_run(self.path) as result:
-            return [{"case": name, **result.summary(name, SUMMARY)} for name in self.asked]
+            return [{"case": name, **result.summary(name, SUMMARY)} for name in self.asked if name in result]
 
 
-def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool) -> list[Plan]:
-    """The plan of each config; its results go to `out`/NAME.h5.
+def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool, jobs: int = 1) -> list[Plan]:
+    """The plan of each config with a case that is asked for; its results go to `out`/NAME.h5.
 
-    Raises HodoError if two configs have one name, no case is asked for, or a result that is there is not whole.
+    Raises HodoError if two configs have one name, no case is asked for, a result that is there is not whole, or a
+    case does not fit into the memory that each of so many jobs can have.
     """
     paths = [out / f"{Path(config.path).stem}.h5" for config in configs]
     for path in paths:
@@ -108,7 +128,10 @@ def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: boo
     made = [plan(config, path, globs, force) for config, path in zip(configs, paths, strict=True)]
     if not any(plan.asked for plan in made):
         raise HodoError(f"no case matches {' or '.join(globs)}")
-    return made
+    for config, reasons in ((plan.config, plan.reasons) for plan in made):
+        for name in reasons:
+            afford(config.cases[name], jobs)
+    return [plan for plan in made if plan.asked]
 
 
 def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
@@ -127,7 +150,8 @@ def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
             kept[name] = fresh[0]
         else:
             reasons[name] = found[0][1] if found else why(case, None, force)
-    return Plan(config, path, asked, reasons, kept)
+    old = {name: done[name][0] for name in reasons if name in done}
+    return Plan(config, path, asked, reasons, kept, old, tuple(name for name in done if name not in config.cases))
 
 
 def finish(case: Case) -> Group:
@@ -136,11 +160,7 @@ def finish(case: Case) -> Group:
 
 
 def failure(case: Case, error: Exception) -> Group:
-    """A case that could not be integrated, as it is stored. The traceback of what is no HodoError goes to stderr."""
-    message = str(error)
-    if not isinstance(error, HodoError):
-        traceback.print_exception(error)
-        message = f"{type(error).__name__}: {message}"
+    """A case that could not be integrated, as it is stored."""
     model = models.find(case.model, case.form)
     empty = Trajectory(
         case=case,
@@ -154,6 +174,14 @@ def failure(case: Case, error: Exception) -> Group:
         steps=0,
         run_time=0.0,
         status="failed",
-        message=message,
+        message=str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}",
     )
     return group_of(empty, model.variables, fingerprint(case))
+
+
+def problem(group: Group, outcome: Group | Exception) -> str:
+    """What is to be said of a finished case that did not end well; a traceback of what is no mistake of the user's."""
+    if isinstance(outcome, Exception) and not isinstance(outcome, HodoError):
+        return "failed: " + "".join(traceback.format_exception(outcome)).rstrip()
+    status = group.attributes["status"]
+    return "" if status == "ok" else f"{status}: {group.attributes['message']}"

@@ -1,0 +1,44 @@
+"""The memory of this machine, and the refusal of cases that exceed it."""
+
+import os
+import resource
+from contextlib import suppress
+from pathlib import Path
+
+from . import HodoError
+from .case import Case
+from .models import find
+
+BYTES, BYTES_MEASURED = 20, 80
+"""Peak of memory for each number of each sample (the state and the stored variables), rounded up from what cases of
+every model took: without and with the measuring of the error."""
+
+
+def limit() -> int:
+    """The bytes that a process may have at most: the machine's memory, or a lower limit of its container or shell."""
+    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    if (address_space := resource.getrlimit(resource.RLIMIT_AS)[0]) != resource.RLIM_INFINITY:
+        limits.append(address_space)
+    with suppress(OSError, ValueError):  # no control groups, or "max"
+        limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
+    return min(limits)
+
+
+def afford(case: Case, processes: int = 1) -> None:
+    """Raise HodoError if the samples of a case do not fit into the memory of one of so many processes."""
+    model, samples = find(case.model, case.form), case.time.samples
+    numbers = len(model.state) + sum(3 if "axis" in variable.dims else 1 for variable in model.variables.values())
+    need = samples * numbers * (BYTES if case.error == "off" else BYTES_MEASURED)
+    have = limit() // processes
+    if need > have:
+        share = f" for each of {processes} processes" if processes > 1 else ""
+        said = f"{samples:,} samples would take about {size(need)} of memory, and there are {size(have)}{share}"
+        raise HodoError(f"{case.name}: {said}")
+
+
+def size(count: int) -> str:
+    """A number of bytes with its unit, to three digits."""
+    for power, unit in ((5, "PB"), (4, "TB"), (3, "GB"), (2, "MB")):
+        if count >= 1000**power:
+            return f"{count / 1000**power:.3g} {unit}"
+    return f"{count} bytes"
