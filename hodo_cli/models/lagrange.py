@@ -159,19 +159,21 @@ def slow_state(data: Mapping[str, Any]) -> tuple[float, float, float, float] | s
     theta, r, Gz, H = (data["initial"][name] for name in ("theta", "r", "Gz", "H"))
     if (theta is None) == (Gz is None) or (Gz is None) != (H is None):
         return "give theta and r, or Gz, H and r"
+    e: float | None
     with np.errstate(all="ignore"):
         A, C, mu = (np.float64(value) for value in (data["inertia"]["A"], data["inertia"]["C"], data["mu"]))
         c, scale = C * r, 2 * A * mu
+        excess = c * c / scale - 2
         if theta is not None:
-            x, e = released(theta, c * c / scale - 2)
-            start = -c * x, x, r, e
+            Z, e = released(theta, excess)
+            U = -c * Z
         else:
             U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
-            width = spread(2 - c * c / scale + Z, 2 * c * U / scale + 2 * Z, U * U / scale)
-            if width is None:
-                return "no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met"
-            start = U, Z, r, width
-    return start if np.isfinite(start).all() else "the initial data are out of range"
+            e = spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
+    if e is None:
+        return "no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met"
+    start = float(U), float(Z), float(r), float(e)
+    return start if np.isfinite([*start, excess]).all() else "the initial data are out of range"
 
 
 def released(theta: float, excess: float) -> tuple[float, float]:
@@ -437,8 +439,8 @@ class Full(Top):
     p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin phi,
     sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta = 0 and pi;
     M = (p f, q f, M3) (`perturbation`); the derivative is by t = tau/epsilon (`epsilon`), the stored time is
-    tau. The other symbols are those of the form averaged. The start is at the top of the nutation,
-    cos theta = u2, with phi = 0; the averages do not depend on this choice.
+    tau. The other symbols are those of the form averaged. Of the motions with the initial Gz, H and r, which
+    differ in phase, that is taken which starts at phi = 0 and cos theta = (u1 + u2)/2, where theta grows.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.1).
     """
@@ -478,13 +480,12 @@ class Full(Top):
         if theta is not None:
             return 0.0, 0.0, r, 0.0, math.sin(theta), math.cos(theta)
         A, C, mu = data["inertia"]["A"], data["inertia"]["C"], data["mu"]
-        (U, Z, r, e), X, _ = cls.slow_start(data)
-        x = min(max(X - e, 0.0), 2.0)
+        (U, Z, r, _), X, _ = cls.slow_start(data)
+        x = min(max(X, 0.0), 2.0)
         sine = math.sqrt(x * (2 - x))
-        speed = math.sqrt(max(2 * mu * (x - Z) / A, 0.0))
-        # Gz gives q best where the axis is inclined, H where it is nearly vertical.
-        q = (U + C * r * x) / (A * sine) if sine > 1e-4 else math.copysign(speed, U + C * r * x)
-        return 0.0, q, r, 0.0, sine, 1 - x
+        q = (U + C * r * x) / (A * sine) if sine else 0.0
+        p = math.sqrt(max(2 * mu * (x - Z) / A - q * q, 0.0))
+        return p, q, r, 0.0, sine, 1 - x
 
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:

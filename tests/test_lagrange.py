@@ -1,0 +1,363 @@
+"""The Lagrange top: means over the nutation, the roots, full against averaged, starts at the edges, wrong data."""
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+import series
+
+from hodo_cli import HodoError
+from hodo_cli.case import Case, Time, load, parse
+from hodo_cli.engines import have_taylor
+from hodo_cli.integrate import integrate, solve
+from hodo_cli.models import catalogue, find
+from hodo_cli.models.base import Event
+from hodo_cli.models.lagrange import first_integrals, mean_cosine, nutation
+
+HERE = Path(__file__).parent
+PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases
+EVENTS = {
+    (row["case"], row["event"]): float(row["time"]) for row in csv.DictReader((HERE / "data" / "crossings.csv").open())
+}
+FORMS = catalogue()["Lagrange-averaged"]
+AVERAGED = ("averaged", "averaged-u", "averaged-quadrature")
+CLOSE = 1e-13 if have_taylor() else 1e-9
+"""What a motion is right to: rounding by Taylor series, some hundred times its tolerance by DOP853."""
+
+
+def case(**given: str) -> Case:
+    """The paper's top at 60 degrees with the keys given, in YAML."""
+    keys = {
+        "inertia": "{A: 1.5, C: 1}", "mu": "0.5", "a": "[0.125, 1]", "b": "[0.1, 1]",
+        "initial": "{theta: 60 deg, r: 1.7320508075688772}", "time": "{end: 4, samples: 41}", "error": "off",
+    } | given  # fmt: skip
+    lines = "".join(f"    {key}: {value}\n" for key, value in keys.items() if value)
+    return parse(f"cases:\n  c:\n    model: Lagrange-averaged\n{lines}", "test").cases["c"]
+
+
+def constants(case: Case) -> SimpleNamespace:
+    return SimpleNamespace(**find(case.model, case.form).constants(case.data))
+
+
+def start(case: Case) -> tuple[float, ...]:
+    return find(case.model, case.form).start(case.data)
+
+
+def first(case: Case) -> dict[str, float]:
+    """The stored variables at the start."""
+    y = np.array([start(case)])
+    return {
+        name: float(v[0]) for name, v in find(case.model, case.form).output(np.zeros(1), y, constants(case)).items()
+    }
+
+
+def motions() -> list[Case]:
+    """Tops of several kinds, at several phases of their lives."""
+    given = [
+        ("{theta: 5 deg, r: 1.7}", "[0.1]"),
+        ("{theta: 60 deg, r: -2}", "[0.2, 0.3]"),
+        ("{theta: 2.6, r: 0.4}", "[3]"),
+    ]
+    given.append(("{Gz: 0.7, H: 1.1, r: 1.3}", "{law: power, value: 0.3, rate: 1, exponent: -0.5}"))
+    return [case(initial=initial, a=a) for initial, a in given]
+
+
+@pytest.mark.parametrize(
+    ("name", "printed"), [("case1", (0.913, 0.996, 1.087)), ("case2", (0, 0.5, 2)), ("case3", (-0.932, -0.866, 2.932))]
+)
+def test_the_roots_at_the_start_are_those_of_the_papers_table(name: str, printed: tuple[float, ...]) -> None:
+    values = first(PAPER3[name])
+    assert [values[u] for u in ("u1", "u2", "u3")] == pytest.approx(printed, abs=5e-4)
+    assert values["u2"] == pytest.approx(math.cos(PAPER3[name].data["initial"]["theta"]), rel=1e-15)
+
+
+@pytest.mark.parametrize("m1", [1 - 1e-9, 0.9, 0.5, 0.1, 1e-3, 1e-6, 1e-9, 1e-12])
+def test_the_mean_by_the_arithmetic_geometric_mean_is_that_by_elliptic_integrals(m1: float) -> None:
+    e, w = 1 - m1, 1 + m1  # u3 - u1 = 2, so that 1 - k^2 = m1
+    with mpmath.workdps(40):
+        e_, w_ = mpmath.mpf(e), mpmath.mpf(w)
+        m = 2 * e_ / (w_ + e_)
+        expected = w_ - (w_ + e_) * mpmath.ellipe(m) / mpmath.ellipk(m)
+        # w - e has only the digits that two doubles leave it; the mean depends on its logarithm.
+        assert abs(e * e * mean_cosine(e, w) - expected) < 1e-15 * max(1, 1e-3 / m1) * abs(expected)
+
+
+def slopes(case: Case, t: float) -> tuple[mpmath.matrix, mpmath.matrix, series.LagrangeAveraged]:
+    """(Gz, H, r) at the start, and their derivatives by the reference, in 40 digits."""
+    k = constants(case)
+    a = k.a if k.a_law == "polynomial" else [k.a[0] * (1 + k.a[1] * t) ** k.a[2]]
+    reference = series.LagrangeAveraged(k.A, k.C, k.mu, a, k.b)
+    values = first(case)
+    y = mpmath.matrix([values[name] for name in ("Gz", "H", "r")])
+    return y, reference.slope(mpmath.mpf(t), y), reference
+
+
+@pytest.mark.parametrize("top", motions(), ids=lambda top: str(top.data["initial"]))
+@pytest.mark.parametrize("form", AVERAGED)
+def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(form: str, top: Case) -> None:
+    top = case(form=form, **{key: write(top.data[key]) for key in ("initial", "a")})
+    k, y, t, h = constants(top), np.array(start(top)), 0.3, 1e-6
+    with mpmath.workdps(40):
+        z, dz, reference = slopes(top, t)
+        ahead, behind = (reference.roots(*(z + side * mpmath.mpf(h) * dz)) for side in (1, -1))
+        roots = [(p - q) / (2 * h) for p, q in zip(ahead, behind, strict=True)]
+        expected = [float(value) for value in (*dz, *roots)]
+    dy = np.array(FORMS[form].rhs(t, y, k))
+    ahead, behind = (FORMS[form].output(np.zeros(1), (y + side * h * dy)[None], k) for side in (1, -1))
+    # Central differences of 1e-6 in doubles: 1e-10.
+    assert [(ahead[name] - behind[name])[0] / (2 * h) for name in ahead] == pytest.approx(expected, rel=1e-8, abs=3e-9)
+
+
+def write(value: Any) -> str:
+    """A resolved value as YAML."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{name}: {write(item)}" for name, item in value.items() if item is not None) + "}"
+    return str(list(value)) if isinstance(value, tuple) else str(value)
+
+
+@pytest.mark.parametrize("top", motions(), ids=lambda top: str(top.data["initial"]))
+def test_the_quadrature_of_linear_dissipation_is_the_closed_form(top: Case) -> None:
+    y, other = (
+        start(top),
+        case(form="averaged-quadrature", nodes="64", **{n: write(top.data[n]) for n in ("initial", "a")}),
+    )
+    assert FORMS["averaged-quadrature"].rhs(0.3, y, constants(other)) == pytest.approx(
+        FORMS["averaged"].rhs(0.3, y, constants(top)), rel=1e-13, abs=1e-15
+    )
+
+
+@pytest.mark.parametrize("name", ["case1", "case2", "case3"])
+def test_the_averaged_motion_is_that_of_the_independent_reference(name: str) -> None:
+    times = [0.5, 1.0, 2.0, 4.0]
+    reference, initial = series.paper3(name)
+    expected = reference.states(initial, times, digits=16)
+    motion = integrate(PAPER3[name])
+    rows = np.searchsorted(motion.time, np.array(times) - 1e-9)
+    for i, variable in enumerate(("Gz", "H", "r")):
+        found, scale = motion.variables[variable], np.abs(motion.variables[variable]).max()
+        assert np.abs(found[rows] - [float(y[i]) for y in expected]).max() < 10 * CLOSE * scale
+    with mpmath.workdps(30):
+        roots = [reference.roots(*y) for y in expected]
+    # Six digits of the reference's sixteen go where u1 and u2 are near each other.
+    for i, variable in enumerate(("u1", "u2", "u3")):
+        found = motion.variables[variable][rows]
+        assert np.abs(found - [float(u[i]) for u in roots]).max() < 100 * CLOSE
+
+
+def test_errors_are_as_small_as_promised() -> None:
+    for name in ("case1", "case2", "case3", "case1-quadrature"):
+        assert integrate(PAPER3[name]).error < 10 * CLOSE
+
+
+@pytest.mark.parametrize("form", [*AVERAGED, "full"])
+def test_r_decays_as_the_closed_form_says(form: str) -> None:
+    top = case(form=form, epsilon="0.05" if form == "full" else "")
+    motion = integrate(top)
+    t, v = motion.time, motion.variables
+    r = v["omega"][:, 2] if form == "full" else v["r"]
+    expected = math.sqrt(3) * np.exp(-(0.1 * t + t * t / 2))  # eq. (3.3)
+    assert np.abs(r - expected).max() < CLOSE
+
+
+@pytest.mark.parametrize(
+    ("b", "integral"),
+    [
+        ("[0.1, 0.2, 0.3]", lambda t: 0.1 * t + 0.1 * t**2 + 0.1 * t**3),
+        ("{law: exponential, value: 0.3, rate: 0.7}", lambda t: 0.3 * -np.expm1(-0.7 * t) / 0.7),
+        ("{law: power, value: 0.3, rate: 2, exponent: -1.5}", lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5)),
+    ],
+)
+def test_each_law_of_resistance_is_what_it_says(b: str, integral: Any) -> None:
+    motion = integrate(case(b=b))
+    assert np.abs(motion.variables["r"] - math.sqrt(3) * np.exp(-integral(motion.time))).max() < CLOSE
+
+
+@pytest.mark.parametrize("case_name", ["case1", "case2", "case3"])
+def test_u3_rebounds_from_1_where_Gz_is_C_r(case_name: str) -> None:
+    def gap(t: Any, y: Any, k: Any) -> Any:
+        return y[0] * (y[0] + 2 * k.C * y[2])  # Gz^2 - C^2 r^2, U = Gz - C r
+
+    top = replace(PAPER3[case_name], time=Time(end=5.0, samples=5001), error="off")
+    method = "taylor" if have_taylor() else "DOP853"
+    path = solve(top, method, events=(Event("rebound", gap),)).path
+    (event,) = path.events
+    assert event.time == pytest.approx(EVENTS[f"P3 {case_name}", "u3 = 1"], rel=CLOSE)
+    u3 = FORMS["averaged"].output(path.time, path.state, constants(top))["u3"]
+    after = u3[path.time > event.time].max()
+    assert np.interp(event.time, path.time, u3) - 1 < 1e-7
+    assert u3.min() > 1 - 1e-14
+    assert after - 1 == pytest.approx({"case1": 0.0128, "case2": 0.0012, "case3": 4e-10}[case_name], rel=0.05)
+
+
+def test_the_full_motion_is_that_of_the_independent_reference() -> None:
+    top = case(form="full", epsilon="0.1", a="[0.125, 1, 0.2]", time="{end: 3, samples: 7}")
+    motion = integrate(top)
+    system = series.lagrange(1.5, 1.0, 0.5, 0.1, (0.125, 1.0, 0.2), (0.1, 1.0))
+    expected = series.states(system, (*start(top), 0), motion.time.tolist(), bits=128)
+    found = np.concatenate((motion.variables["omega"], motion.variables["gamma"]), axis=1)
+    assert np.abs(found - np.array(expected)[:, :6].astype(float)).max() < 100 * CLOSE
+
+
+def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
+    """The largest |difference| of Gz and of H between full and averaged over tau <= 3."""
+    given |= {"initial": f"{{theta: {theta}, r: 1.7320508075688772}}", "time": "{end: 3, samples: 3001}"}
+    full = integrate(case(form="full", epsilon=str(epsilon), **given))
+    slow = integrate(case(form="averaged-quadrature" if "perturbation" in given else "averaged", **given)).variables
+    v = full.variables
+    Gz, H = first_integrals(v["omega"].T, v["gamma"].T, constants(full.case))
+    return np.array([np.abs(Gz - slow["Gz"]).max(), np.abs(H - slow["H"]).max()])
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    ("theta", "expected"),
+    [
+        ("5 deg", [(1.51e-3, 2.37e-3), (3.2e-4, 5.4e-4), (6.9e-5, 1.1e-4)]),
+        ("60 deg", [(1.98e-3, 4.35e-3), (4.9e-4, 1.07e-3), (1.2e-4, 2.7e-4)]),
+        ("150 deg", [(1.4e-4, 3.6e-4), (3.6e-5, 8.9e-5), (9.0e-6, 2.2e-5)]),
+    ],
+)
+def test_full_and_averaged_differ_in_proportion_to_epsilon(theta: str, expected: list[tuple[float, float]]) -> None:
+    small = [0.02, 0.005, 0.00125]
+    distances = np.array([distance(theta, epsilon) for epsilon in small])
+    # The numbers are known to two or three digits from an independent calculation.
+    assert distances == pytest.approx(np.array(expected), rel=0.03)
+    for column in distances.T:
+        assert np.polyfit(np.log(small), np.log(column), 1)[0] == pytest.approx(1, abs=0.12)
+
+
+def test_the_quadrature_averages_other_torques_too() -> None:
+    far, near = (distance("60 deg", epsilon, perturbation="cubic-dissipation") for epsilon in (0.02, 0.005))
+    assert far == pytest.approx(4 * near, rel=0.2)
+    assert near.max() < 5e-3
+    assert distance("60 deg", 0.005, perturbation="linear-dissipation") == pytest.approx([4.9e-4, 1.07e-3], rel=0.03)
+
+
+@pytest.mark.parametrize("theta", ["5 deg", "60 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"])
+def test_a_start_by_integrals_is_that_by_the_angle(theta: str) -> None:
+    angle = case(initial=f"{{theta: {theta}, r: 2}}")
+    values = first(angle)
+    initial = f"{{Gz: {values['Gz']!r}, H: {values['H']!r}, r: 2}}"
+    again = first(case(initial=initial))
+    # The rounding of Gz and H moves a double root by the root of 1e-16.
+    assert [again[name] for name in values] == pytest.approx(list(values.values()), abs=3e-8)
+    full = case(form="full", epsilon="0.1", initial=initial)
+    p, q, r, *gamma = start(full)
+    assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
+    assert first_integrals((p, q, r), gamma, constants(full)) == pytest.approx((values["Gz"], values["H"]), rel=1e-14)
+
+
+def test_a_full_start_may_pass_through_the_vertical() -> None:
+    full = case(form="full", epsilon="0.1", initial="{Gz: 2, H: 3.3, r: 2}")  # Gz = C r: u2 = 1, and it moves there
+    p, q, r, *gamma = start(full)
+    assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
+    assert first_integrals((p, q, r), gamma, constants(full)) == pytest.approx((2, 3.3), rel=1e-14)
+
+
+@pytest.mark.parametrize("theta", [1e-9, math.pi - 1e-9])
+def test_the_spread_of_a_nearly_vertical_top_keeps_its_digits(theta: float) -> None:
+    # With u = cos theta as one root of (1.4) the others obey u^2 - k2 u + k2 u0 - 1 = 0, k2 = C^2 r^2/(2 A mu) = 8/3.
+    e = start(case(initial=f"{{theta: {theta!r}, r: 2}}"))[3]
+    with mpmath.workdps(60):
+        u0, k2 = mpmath.cos(mpmath.mpf(theta)), mpmath.mpf(8) / 3
+        expected = (u0 - (k2 - mpmath.sqrt(k2**2 - 4 * (k2 * u0 - 1))) / 2) / 2
+        assert abs(e / expected - 1) < 1e-14
+
+
+def test_regular_precession_stays_regular() -> None:
+    k = constants(case())
+    # u1 = u2 = 1/2 and u3 = 2: eqs (1.5) give U from the product, Z from the sum and, of the rest, a quadratic for C r.
+    X, y, Amu = 0.5, 1.0, k.A * k.mu
+    U = -X * math.sqrt(2 * Amu * y)
+    c = (-U + math.sqrt(U * U - 4 * Amu * (2 * (2 * X - y - 2) - X * X + 2 * X * y))) / 2
+    state = (U, 2 * X - y - 2 + c * c / (2 * Amu), c / k.C, 0.0)
+    assert nutation(state, k) == pytest.approx((X, X + y), rel=1e-13)
+    rates = FORMS["averaged"].rhs(0.3, state, k)
+    assert rates[3] == 0
+    near = FORMS["averaged"].rhs(0.3, (*state[:3], 1e-8), k)
+    assert near[:3] == pytest.approx(rates[:3], rel=1e-12)
+    # e' is proportional to e: what (3.5) divides by zero for is a factor like any other.
+    nearer = FORMS["averaged"].rhs(0.3, (*state[:3], 1e-12), k)
+    assert near[3] == pytest.approx(1e4 * nearer[3], rel=1e-6)
+
+
+@pytest.mark.heyoka
+def test_a_sleeping_top_sleeps_until_it_is_unstable() -> None:
+    motion = integrate(case(initial="{theta: 0, r: 2}"))
+    (end,) = motion.events
+    # C^2 r^2 = 4 A mu = 3 with r = 2 exp(-(tau/10 + tau^2/2)).
+    expected = math.sqrt(0.01 + 2 * math.log(2 / math.sqrt(3))) - 0.1
+    assert (end.kind, motion.status) == ("upright_unstable", "ok")
+    assert end.time == motion.time[-1] == pytest.approx(expected, rel=1e-14)
+    assert all(np.abs(motion.variables[name] - 1).max() < 1e-14 for name in ("u1", "u2"))
+    assert motion.variables["u3"][-1] == pytest.approx(1, abs=1e-7)
+
+
+def test_a_hanging_top_hangs() -> None:
+    motion = integrate(case(initial="{theta: 180 deg, r: 2}"))
+    assert np.abs(motion.variables["u2"] + 1).max() < 1e-14
+    assert motion.variables["Gz"][0] == pytest.approx(-2, rel=1e-15)
+    assert np.abs(motion.variables["Gz"] + motion.variables["r"]).max() < CLOSE
+
+
+def test_the_full_top_is_regular_at_the_vertical() -> None:
+    motion = integrate(case(form="full", epsilon="0.05", initial="{theta: 0, r: 1}"))
+    assert np.array_equal(motion.variables["gamma"], np.tile([0.0, 0.0, 1.0], (41, 1)))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"inertia": "{A: 1, C: 2.5}"}, r"inertia\.C: no body has C = 2.5 larger than 2 A"),
+        ({"mu": "0"}, "mu: wants a number > 0"),
+        ({"initial": "{theta: 1}"}, "missing 'r'"),
+        ({"initial": "{theta: 1, r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
+        ({"initial": "{r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
+        ({"initial": "{r: 2, Gz: 1, H: 1.9}"}, "no motion has these"),
+        ({"initial": "{r: 1, Gz: 0, H: -5}"}, "no motion has these"),
+        ({"initial": "{r: 1e200, Gz: 1, H: 1e300}"}, "initial: "),
+        ({"initial": "{theta: 1, r: 1e200}"}, "out of range"),
+        ({"initial": "{theta: 0, r: 1}"}, "u2 = u3"),
+        ({"initial": "{theta: 0, r: 1.7320508075688772}"}, "u2 = u3"),
+        ({"initial": "{theta: 0, r: 2}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
+        ({"initial": "{theta: 1, r: 0}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
+        ({"form": "full"}, "missing 'epsilon'"),
+        ({"a": "[]"}, "a: wants"),
+        ({"a": "{law: sine, value: 1}"}, "exponential or power"),
+        ({"a": "{law: exponential, value: 1}"}, "missing 'rate'"),
+        ({"form": "full", "epsilon": "0.1", "perturbation": "quadratic"}, "linear-dissipation or cubic-dissipation"),
+    ],
+)
+def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
+    with pytest.raises(HodoError, match=message):
+        case(**given)
+
+
+def doubts(case: Case) -> list[str]:
+    return find(case.model, case.form).warnings(case.data)
+
+
+def test_what_makes_the_averages_doubtful_is_said() -> None:
+    assert not any(doubts(top) for top in PAPER3.values())
+    (negative,) = doubts(case(b="[1, -0.1]"))
+    assert "b has a negative coefficient" in negative
+    (near,) = doubts(case(initial="{theta: 1e-5, r: 1}"))
+    assert "1 - k^2 = 5.6e-11" in near
+    (coarse,) = doubts(case(form="averaged-quadrature", nodes="4"))
+    assert "give it more nodes" in coarse
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
+    tops = [
+        case(form=form, epsilon="0.1" if form == "full" else "", initial=f"{{theta: {x}, r: 1.5}}") for x in (0.5, 1, 2)
+    ]
+    y, k = np.array([start(top) for top in tops]).T, constants(tops[0])
+    expected = np.array([FORMS[form].rhs(0.3, column, k) for column in y.T]).T
+    assert np.array(FORMS[form].rhs(0.3, y, k)) == pytest.approx(expected, rel=1e-14, abs=1e-16)
