@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path as FilePath
 from typing import Any
 
-from . import HodoError, keys, models
+from . import HodoError, keys, models, statements
 from .document import MAX_BYTES, Block, Items, Mistakes, Place, locate, read, write
 from .figures import KINDS
 from .keys import Choice, Data, Either, Integer, Key, Kind, Misnamed, Names, Number, Path, Report, Table, Text, Variant
@@ -72,7 +72,7 @@ SECTIONS = {
     "defaults": Key(Section(), "values for every case that takes the key; those of `time` one by one", default=None),
     "cases": Key(Section(), "the experiments, by name"),
     "figures": Key(Section(), "what `hodo plot` draws, by name", default=None),
-    "claims": Key(keys.Sequence(Data()), "statements that `hodo claims` checks", default=()),
+    "claims": Key(keys.Sequence(Table(statements.CLAIM)), "statements that `hodo claims` checks", default=()),
 }
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -118,7 +118,7 @@ class Config:
     references: str
     cases: dict[str, Case]
     figures: dict[str, dict[str, Any]]
-    claims: list[Any]
+    claims: tuple[dict[str, Any], ...]
 
 
 def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
@@ -163,6 +163,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     ]
     _check_defaults(defaults, blocks.values(), report)
     figures = _figures(sections.get("figures") or {}, cases, report)
+    statements.cross_check(given.get("claims"), cases, report)
     mistakes.raise_any()
     return Config(
         path=name,
@@ -171,7 +172,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         references=sections["references"],
         cases={case.name: case for case in checked if case},
         figures=figures,
-        claims=list(sections["claims"]),
+        claims=sections["claims"],
     )
 
 
@@ -432,6 +433,7 @@ def key_table() -> str:
         scopes += [(model, form, dict(found.keys)) for form, found in forms.items()]
     kind = {"kind": Key(Choice(*KINDS), "what is drawn")}
     scopes += [("figure", name, kind | taken) for name, taken in KINDS.items()]
+    scopes.append(("claim", "", statements.CLAIM))
     where: dict[tuple[str, ...], dict[str, list[str]]] = {}
     for group, member, taken in scopes:
         for row in (row for name, key in taken.items() for row in _rows(name, key)):

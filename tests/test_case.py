@@ -35,6 +35,7 @@ from hodo_cli.keys import (
 )
 from hodo_cli.keys import Path as KeyPath
 from hodo_cli.models import catalogue
+from hodo_cli.statements import CLAIM
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 NAME_RULE = "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
@@ -222,8 +223,7 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
         ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
         (GOOD + "titel: t\n", ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
                                "cases, figures, claims)"]),
-        (GOOD + "title: [t]\n", ["4:8: title: wants text, not a list of 1"]),
-        (GOOD + "claims: [1]\n", ["4:10: claims.0: wants a mapping, not 1"]),
+        (GOOD + "claims: [1]\n", [f"4:10: claims.0: wants a mapping of {', '.join(CLAIM)}, not 1"]),
         (GOOD + "defaults: {inertia: 3, tol: 2}\n", ["4:29: defaults.tol: wants a number > 0, < 1, not 2"]),
         (GOOD + "defaults: {resistance: 3}\n", ["4:12: defaults.resistance: no case here takes this key"]),
         (GOOD + "figures: {f: {cases: a}}\n", ["4:14: figures.f: missing 'kind'"]),
