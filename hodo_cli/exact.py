@@ -26,6 +26,7 @@ t does too. Where |omega0| t = 1e8, seven digits of the phase are left; T and G 
 
 import math
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -63,9 +64,10 @@ def equal_damping(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) 
 def scaled_motion(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`equal_damping` as a state (n, 3) of size about 1 and an exponent (n,): omega = state * 2**exponent.
 
-    It has its digits where omega itself is far below the smallest double; the exponent ends at -1e9.
+    It has its digits where omega itself is far below the smallest double; the exponent ends at -1e9. Times in long
+    double give a state in long double.
     """
-    t = np.asarray(t, dtype=float)
+    t = np.asarray(t, dtype=np.result_type(t, float))
     size, unit = _units(omega0)
     z = lam * t
     slowing = np.divide(-np.expm1(-z), z, out=np.ones_like(z), where=z != 0)
@@ -100,7 +102,8 @@ def solve(case: Case, times: np.ndarray) -> np.ndarray:
 
 
 def solve_scaled(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`solve` as a state (n, 3) of size about 1 and an exponent (n,), as a Trajectory has them."""
+    """`solve` as a state (n, 3) of size about 1 and an exponent (n,), as a Trajectory has them; in the precision of
+    `times`."""
     A, omega0 = np.array(case.data["inertia"]), np.array(LinearDiag.start(case.data))
     return scaled_motion(A, omega0, case.data["damping"][0], times - case.time.start)
 
@@ -119,33 +122,34 @@ def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     if not any(g * x for g, x in zip(gyroscopic, (q * r, r * p, p * q), strict=True)):
         return np.broadcast_to(omega0, (*np.shape(t), 3))
 
+    fp = t.dtype.type
     e, m, o = order = rigid.inertia_order(B)
     about_e, about_o = rigid.separatrix_terms(B, w, order)
     if about_e < about_o:
         e, o = o, e
     Y = B[m] * abs(B[o] - B[m]) * w[m] ** 2 + B[e] * abs(B[o] - B[e]) * w[e] ** 2
-    n = _sqrt(abs(B[m] - B[e]) * Y / (A1 * A2 * A3))
-    complementary = _sqrt(abs(B[o] - B[e]) * abs(about_e - about_o) / (abs(B[m] - B[e]) * Y))
-    d = _sqrt(B[e] * abs(B[o] - B[e]) * w[e] ** 2 / Y)
+    n = _sqrt(abs(B[m] - B[e]) * Y / (A1 * A2 * A3), fp)
+    complementary = _sqrt(abs(B[o] - B[e]) * abs(about_e - about_o) / (abs(B[m] - B[e]) * Y), fp)
+    d = _sqrt(B[e] * abs(B[o] - B[e]) * w[e] ** 2 / Y, fp)
 
     sn, cn, dn = _sn_cn_dn(n * t, complementary)
     h = np.hypot(cn, d * sn)
     cn, dn, we, wm, wo = cn / h, dn / h, omega0[e] / h, omega0[m], omega0[o] / h
-    g = [float(x) / n for x in gyroscopic]
-    omega = np.empty((*np.shape(t), 3))
+    g = [(1 if x > 0 else -1) * _sqrt(x * x, fp) / n for x in gyroscopic]
+    omega = np.empty((*np.shape(t), 3), dtype=fp)
     omega[..., o] = wo * cn + g[o] * wm * we * sn * dn
     omega[..., m] = wm * cn * dn + g[m] * we * wo * sn
     omega[..., e] = we * dn + g[e] * wo * wm * sn * cn
     return omega
 
 
-def _sqrt(x: Fraction) -> float:
-    """The square root of a rational that may itself be below the smallest double."""
-    half = (x.numerator.bit_length() - x.denominator.bit_length()) // 2
-    return math.ldexp(math.sqrt(x / Fraction(4) ** half), half)
+def _sqrt(x: Fraction, fp: Any) -> Any:
+    """The square root, to 63 bits and then as `fp`, of a rational that may itself be below the smallest double."""
+    half = 63 - (x.numerator.bit_length() - x.denominator.bit_length()) // 2
+    return np.ldexp(fp(np.uint64(math.isqrt(math.floor(x * Fraction(4) ** half)))), -half)
 
 
-def _sn_cn_dn(u: np.ndarray, complementary: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Jacobi's sn, cn, dn of u for the complementary modulus k' = sqrt(1 - k^2), 0 <= k' <= 1.
 
     Landen's transformation down the arithmetic-geometric mean, in ratios of sums of positive terms: where cn and dn
@@ -159,11 +163,11 @@ def _sn_cn_dn(u: np.ndarray, complementary: float) -> tuple[np.ndarray, np.ndarr
         decay = np.exp(-np.abs(u))
         sech = 2 * decay / (1 + decay * decay)
         return np.tanh(u), sech, sech
-    a, b, levels = 1.0, complementary, []
-    while abs(a - b) > 1e-15 * a:  # rounding can keep them 4.4e-16 apart for ever
+    a, b, levels = u.dtype.type(1), complementary, []
+    while abs(a - b) > 4 * np.finfo(u.dtype).eps * a:  # rounding can keep them 2 eps apart for ever
         mean = (a + b) / 2
         levels.append((mean * a, mean * b))
-        a, b = mean, math.sqrt(a * b)
+        a, b = mean, np.sqrt(a * b)
     sn, cn, dn = np.sin(a * u), a * np.cos(a * u), np.ones_like(u)
     for aa, ab in reversed(levels):
         ss, cc = sn * sn, cn * cn

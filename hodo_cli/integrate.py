@@ -8,15 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import HodoError, engines
+from . import HodoError, engines, exact
 from .case import Case
 from .engines import Engine, Hit, Watch, flatten, jacobian, namespace, structure
 from .models import find
 from .models.base import Constants, Event, Model
 from .trajectory import Occurrence, Trajectory
-
-BAND = (1 / 64, 64.0)
-"""The squared norm of a scaled state that needs no new units."""
 
 BLOCK = 1 << 16
 """Samples handed to an engine at once."""
@@ -24,11 +21,14 @@ BLOCK = 1 << 16
 ASKED = 1e-12
 """The error that a motion may have whose tolerance is at the limit of its precision."""
 
-MANY_STEPS = 1e5
-"""Beyond this many Taylor steps another method is sought."""
+MANY_STEPS = 1e4
+"""Beyond this many Taylor steps, some 10 ms, collocation is the faster one."""
 
-REFERENCE_STEPS = 1e6
-"""The most Taylor steps that the measuring of an error may take."""
+LIMIT = 2**14
+"""Binary orders of magnitude, those of a long double, below which a motion is at rest and above which it is lost."""
+
+COMPARED = 100_000
+"""About how many samples, evenly spaced, an error is measured at."""
 
 RESOLUTION = {"double": 0.0, "extended": 0.0, "quadruple": float(np.finfo(np.longdouble).eps)}
 
@@ -163,7 +163,7 @@ def propagate(
     rows[:done] = y
     found: list[Occurrence] = []
     forced = any(k[name] for name, degree in model.degree.items() if degree == 0)
-    watch.band = BAND if model.degree and any(y0) and not forced else None
+    watch.band = engine.band if model.degree and any(y0) and not forced else None
 
     def observe(start: Any, end: Any, dense: Callable[[Any], np.ndarray], hits: list[Hit]) -> None:
         if witness is not None:
@@ -192,6 +192,10 @@ def propagate(
             )
         clock.advance(leg.time)
         new = Units.fit(model, k, leg.state.astype(float), units.size)
+        if new.size < -LIMIT:
+            rows[done:], exponent[done:], done = 0, -LIMIT, len(times)
+        elif new.size > LIMIT:
+            watch.give_up("failed", f"the motion has outgrown every number at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
     return Path(times[:done], rows[:done], exponent[:done], tuple(found))
 
@@ -230,7 +234,7 @@ def solve(
     model = find(case.model, case.form)
     times = sample_times(case) if times is None else times
     if method == "exact":
-        return closed_form(case, times)
+        return closed_form(case, times, precision)
     k, events = model.constants(case.data), model.run_events(case.data) if events is None else events
     engine = engines.build(method, model, k, events, tol, precision)
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
@@ -239,18 +243,21 @@ def solve(
     return Solution(path, engine.tol, watch.steps, perf_counter() - began, watch.outcome, watch.message)
 
 
-def closed_form(case: Case, times: np.ndarray) -> Solution:
-    """The motion of a case from its closed form.
+def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Solution:
+    """The motion of a case from its closed form, in double or extended precision.
 
-    Raises HodoError if the case has none.
+    Raises HodoError if the case has none, or for another precision.
     """
-    from . import exact
-
     if not exact.applies(case):
         raise HodoError(f"{case.name}: method exact needs linear-diag with three equal coefficients of damping")
-    began = perf_counter()
-    path = Path(times, *exact.solve_scaled(case, times), ())
-    return Solution(path, 2.0**-52, 0, perf_counter() - began)
+    if precision == "quadruple":
+        raise HodoError(f"{case.name}: method exact works in double and extended precision only")
+    began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64
+    state, exponent = np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
+    for i in range(0, len(times), BLOCK):
+        here = slice(i, i + BLOCK)
+        state[here], exponent[here] = exact.solve_scaled(case, times[here].astype(fp))
+    return Solution(Path(times, state, exponent, ()), float(np.finfo(fp).eps), 0, perf_counter() - began)
 
 
 def integrate(case: Case) -> Trajectory:
@@ -263,16 +270,14 @@ def integrate(case: Case) -> Trajectory:
     solution = solve(case, method, case.precision, case.tol)
     errors, kind = measure(case, method, solution) if case.error == "on" else ({}, "none")
     warnings = find(case.model, case.form).warnings(case.data)
-    asked = max(solution.tol, ASKED)
-    if errors and not max(errors.values()) <= 10 * asked:
-        warnings.append(f"the measured error {max(errors.values()):.1e} exceeds ten times the {asked:.0e} asked for")
-    path = solution.path
+    path, variables = solution.path, stored(case, solution.path)
+    warnings += remarks(case, solution, variables, errors)
     return Trajectory(
         case=case,
         time=path.time,
         state=path.state,
         exponent=path.exponent,
-        variables=stored(case, path),
+        variables=variables,
         method=method,
         method_reason=reason,
         tol=solution.tol,
@@ -287,33 +292,55 @@ def integrate(case: Case) -> Trajectory:
     )
 
 
+def remarks(
+    case: Case, solution: Solution, variables: dict[str, np.ndarray], errors: dict[str, float]
+) -> Iterator[str]:
+    """What a result does not show by itself: an error larger than was asked for, or unknown, and infinite values."""
+    asked, worst = max(solution.tol, ASKED), max(errors.values(), default=math.nan)
+    if worst > 10 * asked:
+        yield f"the measured error {worst:.1e} exceeds ten times the {asked:.0e} asked for"
+    if case.error == "on" and math.isnan(worst):
+        yield "the error could not be measured"
+    for name, values in variables.items():
+        if not np.isfinite(values).all():
+            yield f"{name} is stored as infinite or not a number where it has outgrown the largest double"
+
+
 def choose(case: Case) -> tuple[str, str]:
     """The method for a case and, in words, why."""
-    if case.method != "auto":
-        return case.method, "asked for"
-    decay, turning = stiffness(case)
-    if decay > MANY_STEPS:
-        return "Radau", f"stiff: a Taylor series would need some {decay:.0e} steps"
-    if turning > MANY_STEPS and case.model == "linear-diag":
-        from . import exact
+    return best(case, case.precision) if case.method == "auto" else (case.method, "asked for")
 
+
+def best(case: Case, precision: str) -> tuple[str, str]:
+    """The fastest method that is right to the last digits in a precision, and why.
+
+    In quadruple precision only the Taylor series is to be had.
+    """
+    if precision != "quadruple":
         if exact.applies(case):
-            return "exact", f"closed form: a Taylor series would need some {turning:.0e} steps"
-    if not engines.have_taylor():
-        return "DOP853", "heyoka is not installed"
+            return "exact", "closed form"
+        if not engines.have_taylor():
+            return "collocation", "heyoka is not installed"
+        if (steps := decay_steps(case)) > MANY_STEPS:
+            return "collocation", f"stiff: a Taylor series would need some {steps:.0e} steps"
     return "taylor", "not stiff"
 
 
-def stiffness(case: Case) -> tuple[float, float]:
-    """About how many Taylor steps a case takes: on account of its decay, and of all that moves in it."""
+def decay_steps(case: Case) -> float:
+    """About how many Taylor steps a case takes on account of its fastest decay.
+
+    A step is 8.8 decay times long. The count ends where even the slowest decay has brought the motion to rest.
+    """
     model = find(case.model, case.form)
     k, y0 = model.constants(case.data), model.start(case.data)
     units = Units.fit(model, k, np.array(y0))
     y = np.array([math.ldexp(value, -units.size) for value in y0])
     constants = namespace(structure(k), flatten(units.constants(model, k)))
-    values = np.linalg.eigvals(jacobian(model, constants, case.time.start, y))
+    decays = -np.linalg.eigvals(jacobian(model, constants, case.time.start, y)).real
     span = (case.time.end - case.time.start) * math.ldexp(1.0, units.rate)
-    return span * max(0.0, -values.real.min()) / 8.8, span * float(np.abs(values).max()) / 2
+    if model.degree and decays.min() > 0:
+        span = min(span, LIMIT * math.log(2) / decays.min())
+    return span * max(0.0, float(decays.max())) / 8.8
 
 
 def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
@@ -329,24 +356,38 @@ def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
 def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, float], str]:
     """The error of each stored variable against a better computation, and what that was.
 
-    The reference is the Taylor series in the next precision; where that cannot be had or gives up, the same
-    method at a hundredth of the tolerance.
+    It is the largest over the samples, or over some COMPARED of them where there are more.
     """
-    times = solution.path.time
     terminal = any(event.terminal for event in find(case.model, case.form).run_events(case.data))
+    path, times = solution.path, solution.path.time
+    if terminal and not solution.stop:
+        times = sample_times(case)
     for precision, reference_method, tol in references(case, method, solution.tol):
-        reference = solve(case, reference_method, precision, tol, None if terminal else times)
+        reference = solve(case, reference_method, precision, tol, times[thinned(times)])
         if not reference.stop or solution.stop:
-            kind = "refined" if tol is not None else precision
-            return difference(case, solution.path, reference.path), kind
+            kind = "refined" if tol is not None else "exact" if reference_method == "exact" else precision
+            rows = thinned(path.time)
+            thin = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+            return difference(case, thin, reference.path), kind
     return {}, "none"
 
 
+def thinned(times: np.ndarray) -> np.ndarray:
+    """The positions of evenly spaced samples, and of the last one."""
+    return np.unique(np.r_[0 : len(times) : -(-len(times) // COMPARED) or 1, max(len(times) - 1, 0) : len(times)])
+
+
 def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, float | None]]:
-    """Precision, method and tolerance of the computations against which an error can be measured, best first."""
-    finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}
-    if engines.have_taylor() and max(stiffness(case)) < REFERENCE_STEPS and case.precision in finer:
-        yield finer[case.precision], "taylor", None
+    """Precision, method and tolerance of the computations against which an error can be measured, best first.
+
+    That is what `auto` takes, in the next precision; where that cannot be had or gives up, the same method at a
+    hundredth of the tolerance.
+    """
+    finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(case.precision)
+    if finer:
+        better, _ = best(case, finer)
+        if better != "taylor" or engines.have_taylor():
+            yield finer, better, None
     if method != "exact":
         yield case.precision, method, tol / 100
 

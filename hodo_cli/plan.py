@@ -25,8 +25,12 @@ from .store import Finished, Group, Writer, finished, group_of, open_run
 from .trajectory import Trajectory
 
 PACKAGE = Path(__file__).parent
-SHARED = ("rigid.py", "integrate.py", "trajectory.py", "models/base.py", "engines/__init__.py")
-ENGINES = {"taylor": ("engines/taylor.py", "heyoka"), "exact": ("exact.py", "numpy")}
+SHARED = ("rigid.py", "integrate.py", "trajectory.py", "models/base.py", "engines/__init__.py", "engines/stepwise.py")
+ENGINES = {
+    "taylor": ("engines/taylor.py", "heyoka"),
+    "collocation": ("engines/collocation.py", "numpy"),
+    "exact": ("exact.py", "numpy"),
+}
 REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
 
 

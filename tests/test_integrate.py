@@ -9,7 +9,7 @@ import pytest
 
 from hodo_cli import HodoError, engines, exact
 from hodo_cli.case import Case, Time
-from hodo_cli.integrate import Clock, choose, integrate, sample_times, solve
+from hodo_cli.integrate import Clock, choose, decay_steps, integrate, sample_times, solve
 
 taylor = pytest.mark.heyoka
 
@@ -65,7 +65,7 @@ def test_the_state_survives_below_the_smallest_double() -> None:
     assert trajectory.error < 1e-12
 
 
-@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF", "auto"])
+@pytest.mark.parametrize("method", ["collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "auto"])
 def test_the_measured_error_is_the_true_one(method: str) -> None:
     case = diagonal((0.05, 0.05, 0.05), method=method, time=Time(end=60.0, samples=61))
     trajectory = integrate(case)
@@ -82,7 +82,7 @@ def test_each_precision_is_as_good_as_it_says(precision: str) -> None:
     assert 0 < trajectory.error < {"double": 1e-12, "extended": 1e-15, "quadruple": 2e-19}[precision]
 
 
-@pytest.mark.parametrize("method", ["taylor", "DOP853", "LSODA"])
+@pytest.mark.parametrize("method", ["taylor", "collocation", "DOP853", "LSODA"])
 def test_the_error_falls_with_the_tolerance(method: str) -> None:
     if method == "taylor" and not engines.have_taylor():
         pytest.skip("heyoka is not installed")
@@ -93,7 +93,7 @@ def test_the_error_falls_with_the_tolerance(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["auto", "DOP853"])
 def test_limits_are_honoured_inside_one_integration(method: str) -> None:
-    case = diagonal((0.0, 0.0, 0.0), method=method, time=Time(end=1e7, samples=1001), error="off")
+    case = diagonal((0.0, 0.0, 1e-9), method=method, time=Time(end=1e7, samples=1001), error="off")
     stopped = integrate(replace(case, max_steps=100))
     assert (stopped.status, stopped.steps) == ("timeout", 100)
     began = perf_counter()
@@ -119,11 +119,24 @@ def test_the_smallest_grids() -> None:
     assert rest.error == 0
 
 
-def test_stiff_cases_leave_the_taylor_series() -> None:
-    method, reason = choose(diagonal((1e9, 1.0, 2.0)))
-    assert method == "Radau"
-    assert "stiff" in reason
-    assert choose(diagonal((0.1, 0.2, 0.3)))[0] == ("taylor" if engines.have_taylor() else "DOP853")
+def test_the_method_is_chosen_by_what_the_case_is() -> None:
+    assert choose(diagonal((0.1, 0.1, 0.1))) == ("exact", "closed form")
+    assert choose(diagonal((1e9, 1.0, 2.0)))[0] == "collocation"
+    assert choose(diagonal((0.1, 0.2, 0.3)))[0] == ("taylor" if engines.have_taylor() else "collocation")
+    assert choose(diagonal((0.1, 0.1, 0.1), precision="quadruple"))[0] == "taylor"
+
+
+def test_a_slow_and_a_fast_decay_are_told_apart() -> None:
+    # All die out within microseconds: not stiff, however long the span. One that lives on makes it so.
+    assert decay_steps(diagonal((1e6, 2e6, 3e6))) < 1e4
+    assert decay_steps(diagonal((1e6, 2e6, 1e-6))) > 1e7
+
+
+def test_what_has_decayed_below_every_number_is_at_rest() -> None:
+    trajectory = integrate(diagonal((1e6, 1.1e6, 1.2e6)))
+    assert (trajectory.status, trajectory.error < 1e-12) == ("ok", True)
+    assert not trajectory.state[1:].any()
+    assert trajectory.run_time < 5
 
 
 def test_a_tensor_that_feeds_energy_in_is_named() -> None:

@@ -13,8 +13,10 @@ from .. import HodoError
 from ..models.base import Constants, Event, Model
 
 IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
-METHODS = ("taylor", *IVP)
+METHODS = ("taylor", "collocation", *IVP)
 PRECISIONS = ("double", "extended", "quadruple")
+BAND = (1 / 64, 64.0)
+"""The squared norm of a scaled state that needs no new units."""
 
 
 class Hit(NamedTuple):
@@ -48,6 +50,7 @@ class Engine(Protocol):
     dtype: Any
     eps: float
     tol: float
+    band: tuple[float, float]
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: "Watch") -> Leg:
         """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `watch` says stop."""
@@ -137,14 +140,15 @@ def namespace(of: Structure, numbers: Sequence[Any]) -> SimpleNamespace:
     return k
 
 
-def jacobian(model: type[Model], k: SimpleNamespace, t: float, y: np.ndarray) -> np.ndarray:
-    """d rhs / d y at y (m,), exact to rounding: the imaginary part of the rhs at a complex step.
+def jacobian(model: type[Model], k: SimpleNamespace, t: Any, y: np.ndarray) -> np.ndarray:
+    """d rhs / d y at y (m,) or (m, n), shape (m, m) or (m, m, n), exact to rounding: the imaginary part of the rhs at
+    a complex step.
 
     Source: W. Squire and G. Trapp, SIAM Review 40 (1998) 110.
     """
-    tiny = 1e-100
-    rows = model.rhs(t, list(y[:, None] + 1j * tiny * np.eye(len(y))), k)
-    return np.array([np.broadcast_to(row, len(y)) for row in rows]).imag / tiny
+    tiny, one = 1e-100, np.eye(len(y)).reshape(len(y), len(y), *[1] * (y.ndim - 1))
+    rows = model.rhs(t, list(y[:, None] + 1j * tiny * one), k)
+    return (np.array([np.broadcast_to(row, y.shape) for row in rows]).imag / tiny).astype(float)
 
 
 def have_taylor() -> bool:
@@ -170,6 +174,12 @@ def build(
         from . import taylor
 
         return taylor.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]
+    if method == "collocation" and precision != "quadruple":
+        from . import collocation
+
+        return collocation.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]
+    if method == "collocation":
+        raise HodoError("method collocation works in double and extended precision only")
     if precision != "double":
         raise HodoError(f"method {method} works in double precision only, not {precision}")
     from . import ivp

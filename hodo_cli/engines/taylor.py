@@ -8,7 +8,7 @@ import heyoka as hy
 import numpy as np
 
 from ..models.base import Constants, Event, Model
-from . import Hit, Leg, Structure, Watch, count, flatten, namespace
+from . import BAND, Hit, Leg, Structure, Watch, count, flatten, namespace
 
 hy.set_logger_level_error()
 
@@ -18,6 +18,8 @@ EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quad
 
 class Taylor:
     """One compiled integrator; the constants are its runtime parameters, so that it serves every case."""
+
+    band = BAND
 
     def __init__(
         self, model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str

@@ -1,0 +1,103 @@
+"""The loop that engines share which advance one step at a time and have a formula for the state inside it."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..models.base import Constants, Event
+from . import BAND, Hit, Leg, Structure, Watch, flatten, namespace
+
+SUBSTEPS = np.linspace(0, 1, 17)
+"""Where an event's sign is looked at inside a step: no step spans much more than a turn, and D changes sign at
+most four times in a turn."""
+
+
+class Solver(Protocol):
+    """One integration under way, as SciPy's OdeSolver: `status` is running, finished or failed."""
+
+    status: str
+    t: Any
+    t_old: Any
+    y: Any
+
+    def step(self) -> str | None:
+        """Take one step; returns why it failed, if it did."""
+        ...
+
+    def dense_output(self) -> Callable[[Any], np.ndarray]:
+        """The state (m,) or (m, n) at a time or times (n,) within the last step."""
+        ...
+
+
+class Stepwise:
+    """An engine that starts a Solver for each leg."""
+
+    dtype: Any = np.float64
+    eps = 2.0**-52
+    tol: float
+    band = BAND
+
+    def __init__(self, structure: Structure, events: tuple[Event, ...]) -> None:
+        self.structure, self.events = structure, events
+
+    def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> Solver:
+        """A new integration from `y` at `start` to `end`."""
+        raise NotImplementedError
+
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
+        """See `Engine.leg`."""
+        constants = namespace(self.structure, [self.dtype(value) for value in flatten(k)])
+        solver = self.solver(constants, y, grid[0], grid[-1])
+        rows = np.empty((len(grid), len(y)), dtype=self.dtype)
+        rows[0], done, going, hit = y, 1, len(grid) > 1, None
+        while going and hit is None:
+            message = solver.step()
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                watch.give_up("failed", message or "the state became infinite or not a number")
+                break
+            dense = solver.dense_output()
+            hits = self._hits(constants, solver.t_old, solver.t, dense)
+            hit = next((h for h in hits if self.events[h.event].terminal), None)
+            end = solver.t if hit is None else hit.time
+            passed = int(np.searchsorted(grid, end, side="right"))
+            if passed > done:
+                rows[done:passed] = dense(grid[done:passed]).T
+                done = passed
+            if watch.observer is not None:
+                watch.observer(solver.t_old, solver.t, dense, hits)
+            going = watch.step(solver.y) and solver.status == "running"
+        state, time = (solver.y, solver.t) if hit is None else (hit.state, hit.time)
+        return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit)
+
+    def _hits(self, k: Any, start: Any, end: Any, dense: Callable[[Any], np.ndarray]) -> list[Hit]:
+        """The zeros of every event inside a step, in order of time."""
+        found: list[Hit] = []
+        if not self.events:
+            return found
+        times = start + (end - start) * SUBSTEPS.astype(self.dtype)
+        states = dense(times)
+        for i, event in enumerate(self.events):
+
+            def value(t: Any, event: Event = event) -> Any:
+                return event.function(t, list(dense(t)), k)
+
+            signs = np.sign(event.function(times, list(states), k))
+            for j in np.flatnonzero(signs[:-1] * signs[1:] < 0):
+                root = zero(value, times[j], times[j + 1])
+                found.append(Hit(i, root, int(signs[j + 1]), dense(root)))
+            for j in np.flatnonzero((signs[1:-1] == 0) & (signs[:-2] * signs[2:] < 0)) + 1:
+                found.append(Hit(i, times[j], int(signs[j + 1]), states[:, j]))
+        return sorted(found, key=lambda hit: hit.time)
+
+
+def zero(f: Callable[[Any], Any], a: Any, b: Any) -> Any:
+    """A zero of f between a and b, where it differs in sign, to the last bit: bisection is never led astray."""
+    rising = f(b) > 0
+    while a < (middle := a + (b - a) / 2) < b:
+        if (f(middle) > 0) == rising:
+            b = middle
+        else:
+            a = middle
+    return b
