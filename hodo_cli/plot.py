@@ -313,7 +313,8 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     motions, view = results.motions(spec), View.toward(spec["view"])
     planes, zoom = spec["projections"], spec["zoom"]
     for motion in motions:
-        sheet.record("hodograph", motion.label, time=motion.time, **motion.columns("G.x1", "G.x2", "G.x3"))
+        G1, G2, G3 = motion.G.T
+        sheet.record("hodograph", motion.label, time=motion.time, **{"G.x1": G1, "G.x2": G2, "G.x3": G3})
     up, down = (np.max([(sign * motion.G).max(axis=0) for motion in motions], axis=0) for sign in (1, -1))
     size = float(np.maximum(up, down).max()) or 1.0
     reach = np.stack([np.maximum(1.15 * up, 0.45 * size), np.maximum(1.05 * down, 0.12 * size)])

@@ -1,0 +1,387 @@
+"""Figures and their page, from the papers' own result files.
+
+netCDF4 brings an HDF5 library of its own and must not meet that of h5py, which other tests load: what reads result
+files runs in fresh interpreters.
+"""
+
+import hashlib
+import json
+import math
+import os
+import subprocess
+import sys
+import sysconfig
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hodo_cli import HodoError, rigid
+from hodo_cli.case import load
+from hodo_cli.figures import KINDS
+from hodo_cli.geometry import View, centroid, freest, round_step, sectors, separatrix_circles, slope, stretches
+
+ROOT = Path(__file__).parents[1]
+PAPERS = ("paper1", "paper2", "paper3")
+HEAD = """
+import csv, json, re, sys
+from pathlib import Path
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from hodo_cli import HodoError, plot
+from hodo_cli.geometry import View
+from hodo_cli.results import open_results
+runs = Path(sys.argv[1])
+
+def refused(call):
+    try:
+        call()
+    except HodoError as error:
+        assert "\\n" not in str(error)
+        return str(error)
+    raise AssertionError("no error")
+"""
+
+
+def alone(code: str, *arguments: object, **environment: str) -> str:
+    """What a fresh interpreter prints when it runs the code."""
+    command = [sys.executable, "-c", HEAD + code, *map(str, arguments)]
+    env = os.environ | environment
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of the three papers, classified."""
+    folder = tmp_path_factory.mktemp("runs")
+    hodo = str(Path(sysconfig.get_path("scripts")) / "hodo")
+    configs = [ROOT / "configs" / f"{name}.yaml" for name in PAPERS]
+    subprocess.run([hodo, "run", "--quiet", "--out", folder, *configs], check=True, capture_output=True)
+    subprocess.run([hodo, "classify", *(folder / f"{name}.h5" for name in PAPERS)], check=True, capture_output=True)
+    return folder
+
+
+def test_each_figure_of_the_papers_is_defined() -> None:
+    figures = {name: load(ROOT / "configs" / f"{name}.yaml").figures for name in PAPERS}
+    assert {f"fig{i}" for i in range(1, 20)} <= set(figures["paper1"])
+    assert {f"fig{i}" for i in range(1, 5)} <= set(figures["paper2"])
+    panels = figures["paper3"]["figure"]
+    assert set(panels["variables"]) == {"Gz", "H", "r", "u1", "u2", "u3"}
+    assert panels["inset"]["case"] == "case3"
+    assert all(figure["caption"] for each in figures.values() for figure in each.values())
+
+
+def test_all_figures_are_drawn_without_pyplot_or_h5py(runs: Path, tmp_path: Path) -> None:
+    said = alone(
+        """
+assert set(plot.DRAW) == set(json.loads(sys.argv[3]))
+drawn = {}
+for path in sorted(runs.glob("*.h5")):
+    with open_results(path) as results:
+        rendered = plot.render(results, [], ("png",), Path(sys.argv[2]) / path.stem)
+        assert [each.name for each in rendered] == list(results.figures)
+        drawn |= {f"{path.stem}/{each.name}": each.problem for each in rendered}
+        for each in rendered:
+            assert all(file.stat().st_size > 100 for file in each.files) and len(each.files) == 1
+assert "matplotlib.pyplot" not in sys.modules and "h5py" not in sys.modules
+print(json.dumps(drawn))
+""",
+        runs, tmp_path, json.dumps(list(KINDS)),
+    )  # fmt: skip
+    drawn = json.loads(said)
+    assert len(drawn) >= 24
+    assert not any(drawn.values())
+
+
+def test_curves_in_space_are_those_stored(runs: Path) -> None:
+    """Every vertex drawn is a stored sample in the view; its colour is that of the label; no sample is left out."""
+    alone("""
+with open_results(runs / "paper1.h5") as results:
+    sheet = plot.draw(results.figure("fig12"), results)
+    data = results.cases["fig12"]
+    G = data["omega"].values * [1, 0.8, 0.6]
+    shown, = sheet.shown
+    assert shown.curve == "fig12" and (shown.values["time"] == data["time"].values).all()
+    assert (np.stack([shown.values[f"G.x{i}"] for i in (1, 2, 3)], axis=-1) == G).all()
+
+    main, zoomed = sheet.figure.axes
+    view = View.toward(results.figure("fig12")["view"])
+    curve, = [each for each in main.collections if isinstance(each, LineCollection)]
+    drawn = np.concatenate(curve.get_segments())
+    assert {tuple(at) for at in view(G)[:, :2].tolist()} == {tuple(at) for at in drawn.tolist()}
+
+    blue, orange = (np.array(to_rgb(plot.AXIS_COLOUR[axis])) for axis in (1, 3))
+    label = {tuple(at): axis for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].values, strict=True)}
+    for segment, colour in zip(curve.get_segments(), curve.get_colors(), strict=True):
+        # paler toward white: the colour's distances from white keep their ratio
+        axis, = {label[tuple(at)] for at in segment[:-1].tolist()}
+        full = 1 - (blue if axis == 1 else orange)
+        faded = (1 - colour[:3])[full > 0.1] / full[full > 0.1]
+        assert np.ptp(faded) < 1e-12 and 0.49 < faded[0] <= 1
+    crossings, = [line for line in main.lines if line.get_marker() == "D"]
+    assert len(crossings.get_xdata()) == data.sizes["crossing"] == 3
+    assert main.get_aspect() == zoomed.get_aspect() == 1
+""", runs)
+
+
+def test_time_colour_projections_and_sphere(runs: Path) -> None:
+    alone("""
+with open_results(runs / "paper1.h5") as results:
+    sheet = plot.draw(results.figure("fig4-projections"), results)
+    G = results.cases["fig4"]["omega"].values * [1, 0.8, 0.6]
+    for axes, (i, j) in zip(sheet.figure.axes[1:4], [(0, 1), (0, 2), (1, 2)], strict=True):
+        curve, = [each for each in axes.collections if isinstance(each, LineCollection)]
+        pieces = curve.get_segments()
+        assert len(pieces) == 64   # as many stretches of time as colours
+        joined = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
+        assert (joined == G[:, [i, j]]).all()
+        assert axes.get_xlabel().startswith(f"$G_{i + 1}$") and axes.get_ylabel().startswith(f"$G_{j + 1}$")
+    brightness = curve.get_colors()[:, :3].sum(axis=1)
+    assert brightness[-1] > brightness[0]
+
+    sheet = plot.draw(results.figure("fig1"), results)
+    assert [each.curve for each in sheet.shown] == ["1", "2", "3′", "3", "4"]
+    for shown, name in zip(sheet.shown, results.figure("fig1")["cases"], strict=True):
+        g = np.stack([shown.values[f"G.x{i}/|G|"] for i in (1, 2, 3)], axis=-1)
+        G = results.cases[name]["omega"].values * [1, 0.8, 0.6]
+        np.testing.assert_allclose(np.linalg.norm(g, axis=1), 1, rtol=1e-15)
+        np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
+""", runs)
+
+
+def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> None:
+    alone("""
+with open_results(runs / "paper1.h5") as results:
+    limits = set()
+    for name in ("fig9", "fig10", "fig11", "fig13"):
+        figure = results.figure(name)
+        case = results.cases[figure["cases"][0]]
+        sheet = plot.draw(figure, results)
+        axes = sheet.figure.axes[0]
+        curve, = [each for each in axes.collections if isinstance(each, LineCollection)]
+        pieces = curve.get_segments()
+        across, up = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])]).T
+        p, _, r = case["omega"].values.T
+        assert (across == p**2).all()
+        np.testing.assert_allclose(up, 0.6 * (0.8 - 0.6) / (1 - 0.8) * r**2, rtol=1e-15)
+        assert (np.where(across > up, 1, 3) == case["enclosed_axis"].values).all()
+        A, B = (patch.get_xy() for patch in axes.patches[:2])
+        assert (A[:, 0] >= A[:, 1]).all() and (B[:, 0] <= B[:, 1]).all()
+        assert [text.get_text()[0] for text in axes.texts] == ["A", "B"]
+        for text in axes.texts:
+            assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
+        marks, = [line for line in axes.lines if line.get_marker() == "D"]
+        assert len(marks.get_xdata()) == case.sizes.get("crossing", 0)
+        assert (marks.get_xdata() == marks.get_ydata()).all()
+        if name != "fig13":
+            limits.add((axes.get_xlim(), axes.get_ylim()))
+    assert len(limits) == 1
+    assert "no quadrants" in refused(lambda: plot.draw({**results.figure("fig10"), "cases": ("fig7",)}, results))
+""", runs)
+
+
+def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
+    alone("""
+with open_results(runs / "paper2.h5") as results:
+    figure = results.figure("fig1")
+    sheet = plot.draw(figure, results)
+    ends = ("0.767", "1.237")
+    for axes, name, title, end in zip(sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True):
+        case = results.cases[name]
+        x, _, y, _ = axes.lines   # each followed by the mark of its end
+        assert axes.get_title() == title and (x.get_xdata() == case["time"].values).all()
+        assert (x.get_ydata() == case["x"].values).all() and (y.get_ydata() == case["y"].values).all()
+        assert [text.get_text() for text in axes.texts] == [f"${end}$", f"$t = {case['event_time'].values[0]:.4g}$"]
+    sheet = plot.draw(results.figure("phase"), results)
+    lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
+    for line, name in zip(lines, results.figure("phase")["cases"], strict=True):
+        assert (line.get_xdata() == results.cases[name]["x"].values).all()
+        assert (line.get_ydata() == results.cases[name]["y"].values).all()
+
+with open_results(runs / "paper3.h5") as results:
+    sheet = plot.draw(results.figure("figure"), results)
+    for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
+        for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
+            assert (line.get_ydata() == results.cases[name][variable].values).all()
+    inset, = sheet.figure.axes[2].child_axes
+    u1, u2 = inset.lines
+    case = results.cases["case3"]
+    assert (u1.get_ydata() == case["u1"].values).all() and (u2.get_ydata() == case["u2"].values).all()
+
+with open_results(runs / "paper1.h5") as results:
+    sheet = plot.draw(results.figure("fig12-sensitivity"), results)
+    low, high = results.figure("fig12-sensitivity")["span"]
+    assert all((shown.values["time"] >= low).all() and (shown.values["time"] < high).all() for shown in sheet.shown)
+    sheet = plot.draw(results.figure("fig4-invariants"), results)
+    values = sheet.shown[0].values
+    upper, lower = (0.005 * 2, 0.003 * 2)
+    G2, time = values["G2"], values["time"]
+    assert (G2 <= G2[0] * np.exp(-lower * time) * (1 + 1e-12)).all()
+    assert (G2 >= G2[0] * np.exp(-upper * time) * (1 - 1e-12)).all()
+    assert (G2 / 2 <= values["T"]).all() and (values["T"] <= G2 / 1.2).all()
+    bounds = {tuple(line.get_ydata()) for line in sheet.figure.axes[1].lines}
+    assert tuple(G2[0] * np.exp(-upper * time)) in bounds and tuple(G2[0] * np.exp(-lower * time)) in bounds
+    np.testing.assert_allclose(values["D/2T"], (G2 - 2 * values["T"] * 0.8) / (2 * values["T"]), atol=1e-14)
+""", runs)
+
+
+def test_csv_is_what_is_shown(runs: Path) -> None:
+    alone("""
+for paper, name in (("paper1", "fig18"), ("paper1", "fig5"), ("paper3", "figure"), ("paper1", "fig1")):
+    with open_results(runs / f"{paper}.h5") as results:
+        sheet = plot.draw(results.figure(name), results)
+    rows = list(csv.DictReader(sheet.csv().splitlines()))
+    at = 0
+    for shown in sheet.shown:
+        n = len(next(iter(shown.values.values())))
+        mine, at = rows[at : at + n], at + n
+        assert {(row["panel"], row["curve"]) for row in mine} == {(shown.panel, shown.curve)}
+        for column, values in shown.values.items():
+            assert [float(row[column]) for row in mine] == values.tolist()
+        assert all(row[column] == "" for row in mine for column in set(row) - set(shown.values) - {"panel", "curve"})
+    assert at == len(rows) > 0
+""", runs)
+
+
+def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
+    code = """
+for paper, names in (("paper1", ["fig1", "fig4", "fig13"]), ("paper3", ["figure"])):
+    with open_results(runs / f"{paper}.h5") as results:
+        rendered = plot.render(results, names, plot.FORMATS, Path(sys.argv[2]))
+        assert not any(each.problem for each in rendered)
+"""
+    hashes = []
+    for seed in "01":
+        folder = tmp_path / seed
+        alone(code, runs, folder, PYTHONHASHSEED=seed, SOURCE_DATE_EPOCH=str(1_000_000_000 * int(seed)))
+        hashes.append({path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()})
+    assert len(hashes[0]) == 16
+    assert hashes[0] == hashes[1]
+
+
+def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Path) -> None:
+    alone(
+        """
+with open_results(runs / "paper1.h5") as results:
+    out = Path(sys.argv[2])
+    said = refused(lambda: plot.render(results, ["fgi4"], ("png",), out))
+    assert "no figure 'fgi4'" in said and "did you mean 'fig4'?" in said
+    assert "did you mean 'png'?" in refused(lambda: plot.render(results, ["fig4"], ("pgn",), out))
+    assert not out.exists()
+
+    spec = results.figure("fig4")
+    assert "no case 'gif4'" in refused(lambda: plot.draw({**spec, "cases": ("gif4",)}, results))
+    series = {**results.figure("fig12-sensitivity"), "variables": ("x",)}
+    said = refused(lambda: plot.draw(series, results))
+    assert "fig12 has no variable 'x'" in said and "omega" in said
+    for wrong in ("omega", "omega.x4", "time.x1", "omega."):
+        assert "no variable" in refused(lambda: plot.draw({**series, "variables": (wrong,)}, results))
+
+    results.config.figures["fig6"]["cases"] = ("gone",)
+    first, second = plot.render(results, ["fig6", "fig8"], ("png",), out)
+    assert "no case 'gone'" in first.problem and not first.files
+    assert not second.problem and second.files[0].is_file()
+with open_results(runs / "paper3.h5") as results:
+    assert "no angular momentum" in refused(lambda: plot.draw({**spec, "cases": ("case1",)}, results))
+""",
+        runs, tmp_path / "out",
+    )  # fmt: skip
+
+
+def test_the_page_is_self_contained_and_escapes_what_files_say(runs: Path, tmp_path: Path) -> None:
+    alone(
+        """
+import base64, dataclasses
+from html.parser import HTMLParser
+from hodo_cli import page
+out = Path(sys.argv[2])
+bad = '<script>alert("&")</script>'
+with open_results(runs / "paper1.h5") as results:
+    results.config = dataclasses.replace(results.config, title=bad, references=bad)
+    results.config.figures["fig4"]["caption"] = bad
+    results.config.figures["fig7"]["cases"] = (bad,)
+    rendered = plot.render(results, ["fig4", "fig12", "fig7"], ("png", "csv"), out / "paper1")
+    page.write(out / "index.html", [(results, rendered)])
+text = (out / "index.html").read_text()
+
+class Reader(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.links, self.images, self.ids, self.open = set(), [], [], set(), []
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.tags.add(tag)
+        self.ids |= {attrs["id"]} & set(attrs.values()) if "id" in attrs else set()
+        self.links += [attrs["href"]] if "href" in attrs else []
+        self.images += [attrs["src"]] if tag == "img" else []
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+reader = Reader()
+reader.feed(text)
+assert not reader.open and "script" not in reader.tags and "link" not in reader.tags and "http" not in text
+assert {"paper1", "paper1-fig4", "paper1-fig12"} <= reader.ids
+images = [base64.b64decode(source.removeprefix("data:image/png;base64,")) for source in reader.images]
+assert images == [(out / "paper1" / f"{name}.png").read_bytes() for name in ("fig4", "fig12")]
+for link in reader.links:
+    assert link[1:] in reader.ids if link.startswith("#") else (out / link).resolve().is_file(), link
+assert "Not drawn" in text
+for time in ("305.3589551667", "256.993064559", "1624.840204"):
+    assert time in text
+for case in ("fig1-1", "fig12-r1.4", "fig18"):
+    assert f"<td class=n>{case}</td>" in text
+assert "damping (0.005, 0.004, 0.003); initial p = 0.8, q = 0.5, r = 0.74; time 0 to 1000" in text
+assert "not dissipative" in text
+""",
+        runs, tmp_path,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("order", list(permutations((1.0, 0.8, 0.6))))
+def test_separatrix_circles_and_slope(order: tuple[float, float, float]) -> None:
+    A = np.array(order)
+    largest, middle, smallest = rigid.inertia_order(A)
+    for circle in separatrix_circles(A):
+        np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 1, rtol=1e-14)
+        G2, T = 1.0, (circle**2 / A).sum(axis=1) / 2
+        np.testing.assert_allclose(G2 - 2 * T * A[middle], 0, atol=1e-15)
+    K = slope(A)
+    assert pytest.approx(0.6) == K
+    omega = np.zeros(3)
+    omega[largest], omega[smallest] = math.sqrt(K), 1
+    outer, inner = rigid.separatrix_terms(A, omega, rigid.inertia_order(A))
+    assert outer == pytest.approx(inner)
+
+
+def test_symmetric_limits_of_the_quadrants() -> None:
+    assert slope((1, 0.8, 0.8)) == 0
+    assert slope((1, 1, 0.6)) == math.inf
+    with pytest.raises(HodoError, match="equal"):
+        slope((1, 1, 1))
+    assert separatrix_circles(np.array([1, 0.8, 0.8])) == []
+    for K, above, below in ((0.0, 1.0, 0.0), (0.6, 0.7, 0.3), (2.5, 0.2, 0.8), (math.inf, 0.0, 1.0)):
+        end, A, B = sectors(K)
+        assert max(end) == 1
+        for outline, area in ((A, above), (B, below)):
+            x, y = np.array(outline).T
+            assert abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2 == pytest.approx(area)
+            centre = centroid(outline)
+            assert (centre is None) == (area == 0)
+            assert centre is None or (centre[1] > K * centre[0]) == (outline is A)
+
+
+def test_view_stretches_and_steps() -> None:
+    view = View.toward((24, 35))
+    np.testing.assert_allclose(view.matrix @ view.matrix.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(view.matrix) == pytest.approx(1)  # right-handed: not a mirror image
+    assert view(np.array([0, 0, 1]))[1] > 0.9
+    assert stretches(np.array([1, 1, 3, 3, 1])) == [slice(0, 3), slice(2, 5), slice(4, 6)]
+    assert [round_step(size) for size in (1.0, 0.9, 0.3, 7e-5)] == pytest.approx([0.5, 0.2, 0.1, 2e-5])
+    near, far = np.array([[0, 0, 1], [5, 0, 1]]), np.array([[0, 1, 1], [0, 2, -1]])
+    assert [place.tolist() for place in freest([near, far])] == [[5, 0], [0, 1]]
