@@ -105,7 +105,7 @@ def test_with_M1_and_M2_full_and_averaged_differ_in_proportion_to_epsilon() -> N
     distances = []
     small = [0.02, 0.01, 0.005, 0.0025]
     for epsilon in small:
-        # Both torques are of the order of epsilon; the horizon is of the order of 1/epsilon, well before the end of spin.
+        # Both torques are of the order of epsilon, the horizon of 1/epsilon, well before the end of spin.
         given = {"epsilon": str(epsilon), "kappa": str(epsilon), "time": f"{{end: {1 / epsilon}, samples: 1001}}"}
         omega = integrate(case(torque="[0.1, 0.3, -0.1]", **given)).variables["omega"]
         slow = integrate(case(torque="[0.1, 0.3, -0.1]", form="averaged", **given)).variables
