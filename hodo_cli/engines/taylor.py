@@ -15,6 +15,10 @@ hy.set_logger_level_error()
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
 EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
 
+UNROLLED = 100
+"""The size of a system, in nodes of its expressions, up to which unrolling it costs no time to compile; a step of an
+unrolled one takes half as long. A large one would take minutes."""
+
 
 class Taylor:
     """One compiled integrator; the constants are its runtime parameters, so that it serves every case."""
@@ -30,10 +34,11 @@ class Taylor:
         self.hits: list[Hit] = []
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
+        rhs = model.rhs(hy.time, y, k)
         functions = [event.function(hy.time, y, k) for event in events]
         self.terminal = [i for i, event in enumerate(events) if event.terminal]
         self.ta = hy.taylor_adaptive(
-            list(zip(y, model.rhs(hy.time, y, k), strict=True)),
+            list(zip(y, rhs, strict=True)),
             np.zeros(len(y)).astype(fp),
             tol=fp(self.tol),
             pars=np.zeros(count(structure)).astype(fp),
@@ -44,6 +49,7 @@ class Taylor:
                 if i not in self.terminal
             ],
             fp_type=fp,
+            compact_mode=sum(map(len, rhs)) > UNROLLED,
         )
 
     def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
