@@ -15,12 +15,14 @@ import matplotlib.style
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
+from matplotlib.cbook import is_math_text
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Circle, Polygon
 
 from . import HodoError, rigid
@@ -128,12 +130,25 @@ def kind(name: str) -> Callable[[Kind], Kind]:
 def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     """The figure that one entry of a `figures:` block describes.
 
-    Raises HodoError if a case or variable is not in the file, or the kind of figure has no meaning for it.
+    Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for it, or a text
+    is not TeX as matplotlib knows it.
     """
+    for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
+        check_tex(text)
     with matplotlib.style.context(["default", STYLE]):
         sheet = Sheet(Figure(layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03)))
         DRAW[spec["kind"]](sheet, spec, results)
     return sheet
+
+
+def check_tex(text: str) -> None:
+    """Raise HodoError if the formulas in a text, between dollar signs, cannot be set."""
+    try:
+        if is_math_text(text):
+            MathTextParser("path").parse(text)
+    except ValueError as error:
+        what = str(error).strip().splitlines()[-1]
+        raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
 
 
 def save(sheet: Sheet, path: Path, about: str = "") -> None:
@@ -455,7 +470,7 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         on_sphere(axes, view(circle), **SEPARATRIX)
     for i, (tip, foot) in enumerate(zip(view(1.2 * np.eye(3)), view(np.eye(3)), strict=True)):
         arm(axes, foot[:2], tip[:2], i, zorder=5 if foot[2] > 0 else 1)
-    directions = [motion.G / np.linalg.norm(motion.G, axis=-1, keepdims=True) for motion in motions]
+    directions = [unit_vectors(motion) for motion in motions]
     for place, (motion, direction) in enumerate(zip(motions, directions, strict=True)):
         g1, g2, g3 = direction.T
         sheet.record("sphere", motion.label, time=motion.time, **{"G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3})
@@ -473,6 +488,12 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     if spec["colour"] == "time":
         time_bar(sheet, [axes], motions[0], spec)
     legend(sheet, handles, 2)
+
+
+def unit_vectors(motion: Motion) -> np.ndarray:
+    """G/|G| (n, 3), nan where the body is at rest."""
+    size = motion["G_norm"][:, None]
+    return np.asarray(motion.G / np.where(size > 0, size, np.nan))
 
 
 def on_sphere(axes: Axes, seen: np.ndarray, **style: Any) -> None:
@@ -504,7 +525,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         across, up = points[motion.name].T
         sheet.record("quadrants", motion.label, time=motion.time, **{f"{p}^2": across, f"K {r}^2": up})
     others = [results.motion(name) for figure in spec["scale_with"] for name in results.figure(figure)["cases"]]
-    limits = [1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)])]
+    limits = [1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)]) or 1.0]
     limits += [] if zoom is None else [zoom]
     sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.58 * PAGE)))
     panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
@@ -578,6 +599,8 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     else:
         groups = {name: [(motion, name) for motion in motions] for name in variables}
         names = [motion.label for motion in motions]
+    if spec["inset"] and spec["inset"]["panel"] not in groups:
+        raise HodoError(f"the inset's panel {spec['inset']['panel']!r} is none of the panels ({', '.join(groups)})")
     for axes, (group, curves) in zip(series_panels(sheet, spec, len(groups)), groups.items(), strict=True):
         for (motion, name), style in zip(curves, styles(len(curves)), strict=True):
             part = slice(None) if spec["span"] is None else slice(*np.searchsorted(motion.time, spec["span"]))
@@ -678,7 +701,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         axes.margins(x=0)
     for axes in (energy, square):
         low, high = (f(float(f(line.get_ydata())) for line in axes.lines) for f in (min, max))
-        axes.set(**({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high)}))
+        axes.set(**({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high or 1.0)}))
     ratio.set_xlabel(time_label(spec, motions[0]))
     handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
     bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
