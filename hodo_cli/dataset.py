@@ -69,7 +69,7 @@ def open_cases(path: Path | str) -> Iterator[Cases]:
 
 def _why_closed(path: Path, error: OSError) -> str:
     """Why netCDF does not open a file."""
-    if path.is_dir():
+    if os.path.isdir(path):
         return "a folder, not a file"
     if error.errno and error.errno > 0:
         return os.strerror(error.errno).lower()

@@ -77,8 +77,9 @@ class Run:
     def read(self, name: str) -> Group:
         """A group whole. Raises HodoError if there is no such group or it is damaged."""
         with self._group(name) as group:
-            named, variables = _by_address(group), {}
-            for key, item in group.items():
+            items = dict(group.items())
+            named, variables = _by_address(items), {}
+            for key, item in items.items():
                 if h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE):
                     continue
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
@@ -126,9 +127,11 @@ def open_run(path: Path | str) -> Iterator[Run]:
 def _why_closed(path: Path, error: Exception) -> str:
     """Why HDF5 does not open a file."""
     text = str(error)
-    if isinstance(error, BlockingIOError) or "unable to lock file" in text:
+    if isinstance(error, BlockingIOError):
         return "locked: another program has it open for writing"
-    if path.is_dir():
+    if "unable to lock file" in text:
+        return "its folder has no file locks; set HDF5_USE_FILE_LOCKING=FALSE"
+    if os.path.isdir(path):
         return "a folder, not a file"
     if "signature not found" in text:
         return "not an HDF5 file"
@@ -161,9 +164,9 @@ def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, An
     return found
 
 
-def _by_address(group: h5py.Group) -> dict[int, str]:
-    """The names in a group by the addresses of what they name; HDF5 itself takes milliseconds to find a name."""
-    return {h5o.get_info(item.id).addr: name for name, item in group.items()}
+def _by_address(items: Mapping[str, h5py.HLObject]) -> dict[int, str]:
+    """Names by the addresses of what they name; HDF5 itself takes milliseconds to find a name."""
+    return {h5o.get_info(item.id).addr: name for name, item in items.items()}
 
 
 def _dims(dataset: h5py.Dataset, named: Mapping[int, str]) -> tuple[str, ...]:
@@ -183,23 +186,23 @@ class Output:
         target = self._file.create_group(name, track_order=True)
         _set_attributes(target, group.attributes)
         sizes: dict[str, int] = {}
+        items: dict[str, h5py.Dataset] = {}
         for key, variable in group.variables.items():
             for dim, size in zip(variable.dims, variable.data.shape, strict=True):
                 if sizes.setdefault(dim, size) != size:
                     raise ValueError(f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}")
             dtype = _file_type(key, variable.data)
-            dataset = target.create_dataset(key, data=variable.data, dtype=dtype, track_order=True)
-            _set_attributes(dataset, variable.attributes)
+            items[key] = target.create_dataset(key, data=variable.data, dtype=dtype, track_order=True)
+            _set_attributes(items[key], variable.attributes)
         for dim, size in sizes.items():
-            if dim in group.variables:
-                target[dim].make_scale(dim)
+            if dim in items:
+                items[dim].make_scale(dim)
             else:
-                scale = target.create_dataset(dim, (size,), ">f4", track_order=True)
-                scale.make_scale(f"{NO_VARIABLE.decode()}{size:10d}")
+                items[dim] = target.create_dataset(dim, (size,), ">f4", track_order=True)
+                items[dim].make_scale(f"{NO_VARIABLE.decode()}{size:10d}")
         for key, variable in group.variables.items():
             if key not in sizes:
-                for i, dim in enumerate(variable.dims):
-                    h5ds.attach_scale(target[key].id, target[dim].id, i)
+                _attach(items, key, variable.dims)
 
     def copy(self, run: Run, name: str) -> None:
         """Copy a group as it is stored. Raises HodoError if it is damaged.
@@ -208,14 +211,20 @@ class Output:
         """
         with run._group(name) as old:
             old.file.copy(old, self._file, name)
-            new, named = self._file[name], _by_address(old)
-            for item in new.values():
+            before, after = dict(old.items()), dict(self._file[name].items())
+            named = _by_address(before)
+            for item in after.values():
                 for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
                     if h5a.exists(item.id, link):
                         h5a.delete(item.id, link)
-            for key, item in old.items():
-                for i, dim in enumerate(_dims(item, named)):
-                    h5ds.attach_scale(new[key].id, new[dim].id, i)
+            for key, item in before.items():
+                _attach(after, key, _dims(item, named))
+
+
+def _attach(items: Mapping[str, h5py.Dataset], name: str, dims: tuple[str, ...]) -> None:
+    """Link a dataset to its dimensions."""
+    for i, dim in enumerate(dims):
+        h5ds.attach_scale(items[name].id, items[dim].id, i)
 
 
 class _Disk(io.FileIO):

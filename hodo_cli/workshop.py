@@ -74,7 +74,7 @@ class Workshop:
 
 def workshops(path: Path) -> list[Path]:
     """The hidden folders of all processes, living or dead, that write the file `path`."""
-    with suppress(FileNotFoundError):
+    with suppress(OSError):  # no such folder: nor can a result be written there
         names = sorted(os.listdir(path.parent))
         return [path.parent / x for x in names if x.startswith(f".{path.name}.") and x.endswith(".partial")]
     return []
