@@ -121,6 +121,31 @@ def classify(runs: tuple[Path, ...], as_json: bool) -> None:
 @main.command()
 @RUNS
 @JSON
+def claims(runs: tuple[Path, ...], as_json: bool) -> None:
+    """Check the statements of the `claims:` blocks against RUNS; the verdicts go into RUNS.
+
+    Exit status 3 if a verdict is not the one that the case file expects.
+    """
+    from . import claims, report, store
+    from .case import parse
+    from .provenance import stamp
+
+    rows = []
+    for path in runs:
+        with store.update(path, stamp(f"hodo claims {path}")) as changes:
+            config = parse(changes.run.text, str(path))
+            verdicts = [claims.judge(claim, changes.run) for claim in config.claims]
+            rows += [{"run": str(path), **claims.row(verdict)} for verdict in verdicts]
+            if verdicts:
+                changes.write("_claims", claims.group(verdicts))
+    click.echo(json.dumps(rows) if as_json else report.claims(rows))
+    if any(row["verdict"] != row["expect"] for row in rows):
+        sys.exit(3)
+
+
+@main.command()
+@RUNS
+@JSON
 def show(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print what is in RUNS: the cases, how they ended, their error and run time."""
     from . import report, store

@@ -80,3 +80,19 @@ def passage(crossing: Mapping[str, Any]) -> str:
     """One crossing: when, with its error, from which axis to which."""
     error = magnitude(crossing["error"])
     return f"{crossing['time']:.15g} ({crossing['from']} -> {crossing['to']}, error {error})"
+
+
+def claims(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Statements with their verdicts and what decides them; a verdict that is not the one expected is marked."""
+    return table(
+        ("claim", "where", "verdict", "decided by"),
+        [
+            (
+                row["id"],
+                row["where"],
+                row["verdict"] + ("" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"),
+                row["evidence"],
+            )
+            for row in rows
+        ],
+    )

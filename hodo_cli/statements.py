@@ -41,9 +41,10 @@ NUMBERS = {
     "last_sign_change_r": "time of the last change of sign of r",
     "first_sign_change_p": "time of the first change of sign of p",
     "end_of_spin": "time at which r reaches 0; infinite if it does not",
+    "x_at_end_of_spin": "x where r reaches 0",
     "rate_per_turn": "the largest relative change of x or y in the first turn of (p, q), at its initial rate",
     "rebound_u3": "time at which u3 touches 1, where |Gz| = C |r|; infinite if it does not",
-    "roughness": "the largest second derivative of Gz, H, u1, u2, u3, relative to each one's range",
+    "roughness": "the largest second derivative of Gz, H, u1, u2, u3, in units of range and time for 9/10 of it",
 }
 """Quantities that are one number for a motion, with their meaning."""
 
@@ -116,7 +117,8 @@ KINDS: dict[str, dict[str, Key]] = {
     },
     "convergence": {
         "of": SEVERAL,
-        "order": Key(Number(above=0), "power of epsilon; the first case is the limit, the others fall in epsilon"),
+        "epsilon": Key(Sequence(Number(above=0)), "values of epsilon, falling"),
+        "order": Key(Number(above=0), "power of epsilon as which each second case nears the one before it"),
     },
     "effect": {
         "of": OF,
