@@ -16,7 +16,7 @@ INSET = Table(
         "case": Key(Text(), "case drawn in the inset"),
         "variables": Key(Names(), "variables drawn in the inset"),
         "box": Key(
-            Vector(4), "left, bottom, width, height within the panel, as fractions", default=(0.5, 0.52, 0.46, 0.42)
+            Vector(4), "left, bottom, width, height within the panel, as fractions", default=(0.5, 0.5, 0.46, 0.38)
         ),
     }
 )

@@ -671,7 +671,8 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         across, up = motion[x], motion[y]
         sheet.record("phase", motion.label, time=motion.time, **{x: across, y: up})
         axes.plot(across, up, **style)
-        mark(axes, np.stack([across, up], axis=-1)[[0, -1]], np.empty((0, 2)), everywhere)
+        points = np.stack([across, up], axis=-1)
+        mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
     axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
     handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
