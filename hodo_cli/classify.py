@@ -8,12 +8,15 @@ import numpy as np
 
 from . import HodoError, rigid
 from .case import Case, parse_case
-from .hdf5 import Attribute, Group, Variable
+from .hdf5 import Attribute, Group, Variable, typed
 from .integrate import Solution, Step, extended, references, solve, stored
 from .memory import afford
 from .models import find
 
 EPS = 2.0**-52
+
+RECORDED = {"case": str, "method": str, "tol": float, "error": float}
+"""The attributes of a stored case that its classification rests on."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +47,17 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
 
     Raises HodoError as `classify` does.
     """
-    case = parse_case(str(group.attributes["case"]))
+    recorded = typed(group.attributes, RECORDED, name)
+    case = parse_case(recorded["case"])
     reason = find(case.model, case.form).unclassifiable
     if reason or "omega" not in group.variables:
         remark = reason or "omega is not stored"
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
     afford(case)
-    recorded = {key: float(group.attributes[key]) for key in ("tol", "error")}
-    found = classify(case, str(group.attributes["method"]), omega=group.variables["omega"].data, **recorded)
+    omega = group.variables["omega"].data
+    if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
+        raise HodoError(f"{name} is damaged (its omega holds no vectors)")
+    found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
     ends = [rigid.LABELS[int(label)] for label in found.labels[[0, -1]]] if len(found.labels) else ["-", "-"]
     table = [
         {"time": c.time, "error": c.error, "from": rigid.LABELS[c.start], "to": rigid.LABELS[c.end], "G": c.momentum}

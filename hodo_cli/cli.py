@@ -107,15 +107,23 @@ def classify(runs: tuple[Path, ...], as_json: bool) -> None:
     from . import classify, report, store
     from .provenance import stamp
 
-    rows = []
+    rows, failed = [], 0
     for path in runs:
         with store.update(path, stamp(f"hodo classify {path}")) as changes:
             for name in changes.run.cases():
-                part, row = classify.classified(name, changes.run.read(name))
+                group = changes.run.read(name)
+                try:
+                    part, row = classify.classified(name, group)
+                except HodoError as error:
+                    click.echo(f"{path}: {error}", err=True)
+                    failed += 1
+                    continue
                 rows.append({"run": str(path), **row})
                 if part is not None:
                     changes.write(name, part)
     click.echo(json.dumps(rows) if as_json else report.crossings(rows))
+    if failed:
+        sys.exit(1)
 
 
 @main.command()

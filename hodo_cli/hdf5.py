@@ -3,7 +3,7 @@
 import io
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
-from . import HodoError
+from . import HodoError, memory
 from .provenance import FORMAT_VERSION
 
 STRING = h5py.string_dtype()
@@ -21,6 +21,8 @@ NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 HIDDEN = ("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates")
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
+
+KINDS = {str: "text", int: "whole number", float: "number"}
 
 Attribute = str | int | float | np.ndarray
 
@@ -66,22 +68,26 @@ class Run:
     def __contains__(self, name: str) -> bool:
         return name in self._file
 
-    def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
-        """The attributes of a group (all, or those named), without reading an array.
+    def summary(self, name: str, only: Mapping[str, type] | None = None) -> dict[str, Any]:
+        """The attributes of a group (all, or those of these names and kinds), without reading an array.
 
-        Raises HodoError if there is no such group or it is damaged.
+        Raises HodoError if there is no such group, or it is damaged or has not these attributes.
         """
         with self._group(name) as group:
-            return _attributes(group, only)
+            if only is None:
+                return _attributes(group)
+            return typed(_attributes(group, only), only, f"{self.path}: {name}")
 
     def read(self, name: str) -> Group:
-        """A group whole. Raises HodoError if there is no such group or it is damaged."""
+        """A group whole. Raises HodoError if there is no such group, or it is damaged or too large."""
         with self._group(name) as group:
             items = dict(group.items())
             named, variables = _by_address(items), {}
             for key, item in items.items():
                 if h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE):
                     continue
+                if item.nbytes > memory.limit():
+                    raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {memory.size(item.nbytes)}")
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(_dims(item, named) or (key,) * data.ndim, data, _attributes(item))
             return Group(_attributes(group), variables)
@@ -98,6 +104,14 @@ class Run:
                 raise
             raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
+
+
+def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) -> dict[str, Any]:
+    """The attributes of these names. Raises HodoError if one is missing or not of its kind: str, int or float."""
+    for name, kind in kinds.items():
+        if not isinstance(attributes.get(name), (int, float) if kind is float else kind):
+            raise HodoError(f"{owner} is damaged (its {name} is no {KINDS[kind]})")
+    return {name: attributes[name] for name in kinds}
 
 
 @contextmanager
@@ -152,7 +166,7 @@ def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
+def _attributes(item: h5py.HLObject, only: Container[str] = ()) -> dict[str, Any]:
     """Attributes as plain values, in their order."""
     found = {}
     for name in item.attrs:

@@ -3,6 +3,7 @@
 import os
 import resource
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from . import HodoError
@@ -14,6 +15,7 @@ BYTES, BYTES_MEASURED = 20, 80
 every model took: without and with the measuring of the error."""
 
 
+@cache
 def limit() -> int:
     """The bytes that a process may have at most: the machine's memory, or a lower limit of its container or shell."""
     limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]

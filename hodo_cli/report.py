@@ -4,19 +4,36 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-SUMMARY = ("model", "form", "method", "steps", "run_time", "error", "status", "message", "warnings")
+SUMMARY = {
+    "model": str,
+    "form": str,
+    "method": str,
+    "steps": int,
+    "run_time": float,
+    "error": float,
+    "status": str,
+    "message": str,
+    "warnings": str,
+}
 """The attributes of a case that its line in a table shows."""
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> str:
-    """Columns under a header, aligned; those named in `right` to the right. Lines carry no trailing space."""
-    lines = [list(header), *map(list, rows)]
+    """Columns under a header, aligned; those named in `right` to the right. Lines carry no trailing space.
+
+    A character that a terminal would obey and not show is shown as a question mark.
+    """
+    lines = [list(header), *([_printable(cell) for cell in row] for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     flush = [str.rjust if name in right else str.ljust for name in header]
     return "\n".join(
         "  ".join(align(cell, width) for align, cell, width in zip(flush, line, widths, strict=True)).rstrip()
         for line in lines
     )
+
+
+def _printable(text: str) -> str:
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def seconds(value: float) -> str:

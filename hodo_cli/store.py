@@ -23,7 +23,7 @@ from .workshop import Workshop, identity, workshops
 
 __all__ = ["Finished", "Group", "Run", "Update", "Variable", "Writer", "finished", "group_of", "open_run", "update"]
 
-RESUME = ("hash", "status", "message", "case")
+RESUME = {"hash": str, "status": str, "message": str, "case": str}
 
 Labels = Mapping[str, tuple[tuple[str, ...], str, str]]
 """Dimensions, long name and units of each variable, by its name."""

@@ -166,8 +166,10 @@ def build(
 ) -> Engine:
     """The engine of a method, bound to a model's equations; for taylor this compiles, once per process.
 
-    Raises HodoError if the method needs what is not installed, or cannot work in that precision.
+    Raises HodoError if there is no such method, it needs what is not installed, or cannot work in that precision.
     """
+    if method not in METHODS:
+        raise HodoError(f"there is no method {method!r}")
     if method == "taylor":
         if not have_taylor():
             raise HodoError("method taylor needs heyoka, which is not installed: pip install heyoka, or method: auto")
