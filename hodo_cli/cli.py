@@ -161,7 +161,7 @@ def show(runs: tuple[Path, ...], as_json: bool) -> None:
     rows = []
     for path in runs:
         with store.open_run(path) as run:
-            rows += [{"run": str(path), "case": name, **run.summary(name, report.SUMMARY)} for name in run.cases()]
+            rows += [{"run": str(path), "case": name, **run.row(name, report.SUMMARY)} for name in run.cases()]
     click.echo(json.dumps(rows) if as_json else report.cases(rows))
 
 

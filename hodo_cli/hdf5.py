@@ -68,15 +68,17 @@ class Run:
     def __contains__(self, name: str) -> bool:
         return name in self._file
 
-    def summary(self, name: str, only: Mapping[str, type] | None = None) -> dict[str, Any]:
-        """The attributes of a group (all, or those of these names and kinds), without reading an array.
+    def summary(self, name: str, only: Container[str] = ()) -> dict[str, Any]:
+        """The attributes of a group (all, or those named), without reading an array.
 
-        Raises HodoError if there is no such group, or it is damaged or has not these attributes.
+        Raises HodoError if there is no such group or it is damaged.
         """
         with self._group(name) as group:
-            if only is None:
-                return _attributes(group)
-            return typed(_attributes(group, only), only, f"{self.path}: {name}")
+            return _attributes(group, only)
+
+    def row(self, name: str, kinds: Mapping[str, type]) -> dict[str, Any]:
+        """Some attributes of a group. Raises HodoError as `summary` does, and as `typed` does."""
+        return typed(self.summary(name, kinds), kinds, f"{self.path}: {name}")
 
     def read(self, name: str) -> Group:
         """A group whole. Raises HodoError if there is no such group, or it is damaged or too large."""

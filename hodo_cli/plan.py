@@ -116,7 +116,7 @@ class Plan:
                 if name in self.old:
                     writer.keep(self.old[name])
         with open_run(self.path) as result:
-            return [{"case": name, **result.summary(name, SUMMARY)} for name in self.asked if name in result]
+            return [{"case": name, **result.row(name, SUMMARY)} for name in self.asked if name in result]
 
 
 def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool, jobs: int = 1) -> list[Plan]:

@@ -23,7 +23,7 @@ from .workshop import Workshop, identity, workshops
 
 __all__ = ["Finished", "Group", "Run", "Update", "Variable", "Writer", "finished", "group_of", "open_run", "update"]
 
-RESUME = {"hash": str, "status": str, "message": str, "case": str}
+RESUME = ("hash", "status", "message", "case")
 
 Labels = Mapping[str, tuple[tuple[str, ...], str, str]]
 """Dimensions, long name and units of each variable, by its name."""
@@ -93,7 +93,11 @@ def finished(path: Path | str) -> dict[str, list[Finished]]:
 
 def _collect(run: Run, found: dict[str, list[Finished]]) -> None:
     for name in run.cases():
-        found.setdefault(name, []).append(Finished(name, run.path, run.summary(name, RESUME)))
+        found.setdefault(name, []).append(Finished(name, run.path, _resume(run, name)))
+
+
+def _resume(run: Run, name: str) -> dict[str, str]:
+    return {key: str(value) for key, value in run.summary(name, RESUME).items()}
 
 
 def _pieces(folder: Path) -> list[Path]:
@@ -210,7 +214,7 @@ class Writer:
             known = set(self._old.cases()) if self._old else set()
             for name in now.cases():
                 ours = self._new.get(name)
-                equal = ours and now.summary(name, RESUME).get("hash") == ours.attributes.get("hash")
+                equal = ours and _resume(now, name).get("hash") == ours.attributes.get("hash")
                 if equal or (not ours and (name in self._kept or name not in known)):
                     found[name] = now
         return {name: found[name] for name in dict.fromkeys([*self._order, *found]) if name in found}
@@ -272,7 +276,7 @@ def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
     def applies(name: str) -> bool:
-        return name.startswith("_") or (name in now and now.summary(name, RESUME) == changes.run.summary(name, RESUME))
+        return name.startswith("_") or (name in now and _resume(now, name) == _resume(changes.run, name))
 
     parts = {name: part for name, part in changes.parts.items() if applies(name)}
     with create(whole, {**now.attributes, "history": _longer(now, history)}) as output:
