@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..keys import Choice, Key, Number, Table, Vector
-from .base import INERTIA, INITIAL, BodyFrame, Event, Model, Report, Variable, complete
+from .base import INERTIA, INITIAL, BodyFrame, Constants, Event, Model, Report, Variable, complete
 
 LARGE = 0.1
 """Where a ratio that the theory takes as small is no longer so."""
@@ -112,7 +112,7 @@ class Cavity(Model):
         return omega
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
         kappa = coefficient(data)
         assert not isinstance(kappa, str), kappa
         return BodyFrame.inertia(data) | {"kappa": kappa} | dict(zip(("N1", "N2", "N3"), applied(data), strict=True))
@@ -252,7 +252,7 @@ class Averaged(Cavity):
         return math.hypot(p, q), r
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
         every = super().constants(data)
         return {"A": every["A1"], "C": every["A3"], "kappa": every["kappa"], "N3": every["N3"]}
 

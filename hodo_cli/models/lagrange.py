@@ -9,7 +9,7 @@ import numpy as np
 
 from ..keys import Angle, Choice, Either, Integer, Key, Number, Table, Variant
 from ..keys import Sequence as Several
-from .base import Event, Model, Report, Variable
+from .base import Constants, Event, Model, Report, Variable
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
@@ -96,8 +96,8 @@ def mean_cosine(e: Any, w: Any) -> Any:
     """-<cos phi>/e over one nutation, u = s - e cos phi and dt ~ dphi/sqrt(w + e cos phi): <u> is s + e^2 times it.
 
     By the arithmetic-geometric mean: analytic in e^2, also at e = 0 (regular precession), where the elliptic
-    integrals of v = u3 - (u3 - u1) E/K, eq. (3.5), cancel. Its seven terms reach 1e-16 down to
-    1 - k^2 = (w - e)/(w + e) = 1e-14.
+    integrals of v = u3 - (u3 - u1) E/K, eq. (3.5), cancel. Its six terms reach 1e-17 down to
+    1 - k^2 = (w - e)/(w + e) = 1e-12.
 
     Source: M. Abramowitz and I. A. Stegun, 17.6, with c_{n+1} = c_n^2/(4 a_{n+1}).
     """
@@ -105,7 +105,7 @@ def mean_cosine(e: Any, w: Any) -> Any:
     b = ((w - e) * (w + e)) ** 0.5
     a, b, c = ((w + b) / 2) ** 0.5, b**0.5, 1 / (2 * (w + b))
     total, factor = c, 1
-    for _ in range(6):
+    for _ in range(5):
         a, b = (a + b) / 2, (a * b) ** 0.5
         c, factor = d * c * c / (16 * a * a), 2 * factor
         total = total + factor * c
@@ -259,7 +259,7 @@ class Top(Model):
         return start if isinstance(start, str) else ""
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
         a_law, a = law(data["a"])
         b_law, b = law(data["b"])
         return dict(data["inertia"]) | {"mu": data["mu"], "a": a, "b": b, "a_law": a_law, "b_law": b_law}
@@ -471,8 +471,8 @@ class Full(Top):
         )
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
-        return super().constants(data) | {"epsilon": data["epsilon"], "perturbation": data["perturbation"]}
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
+        return {**super().constants(data), "epsilon": data["epsilon"], "perturbation": data["perturbation"]}
 
     @classmethod
     def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
@@ -527,10 +527,10 @@ class AveragedQuadrature(Averaged):
         return drift(y, k, [mean / period for mean in means], (X, w))
 
     @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+    def constants(cls, data: Mapping[str, Any]) -> Constants:
         n = data["nodes"]
         cosines = tuple(math.cos((i + 0.5) * math.pi / n) for i in range(n))
-        return super().constants(data) | {"perturbation": data["perturbation"], "cosines": cosines}
+        return {**super().constants(data), "perturbation": data["perturbation"], "cosines": cosines}
 
     @classmethod
     def warnings(cls, data: Mapping[str, Any]) -> list[str]:
