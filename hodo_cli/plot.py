@@ -136,7 +136,7 @@ def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
         check_tex(text)
     with matplotlib.style.context(["default", STYLE]):
-        sheet = Sheet(Figure(layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03)))
+        sheet = Sheet(Figure(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
         DRAW[spec["kind"]](sheet, spec, results)
     return sheet
 
