@@ -4,6 +4,7 @@ import json
 import signal
 import sys
 import traceback
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -149,6 +150,32 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
     click.echo(json.dumps(rows) if as_json else report.claims(rows))
     if any(row["verdict"] != row["expect"] for row in rows):
         sys.exit(3)
+
+
+@main.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUN... [FIGURE]...")
+@click.option("--format", "formats", multiple=True, default=("png",), show_default=True, help="png, svg, pdf or csv.")
+@click.option("--out", type=click.Path(path_type=Path), default="runs/figures", show_default=True, help="Their folder.")
+def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
+    """Draw the figures of each RUN (*.h5), all or those named, and a page with all of them."""
+    from . import page, plot
+    from .results import open_results
+
+    files = [Path(name) for name in runs if name.endswith(".h5")]
+    names = [name for name in runs if not name.endswith(".h5")]
+    if not files:
+        raise HodoError("name a result file: hodo plot runs/NAME.h5 [FIGURE]...")
+    with ExitStack() as stack:
+        opened = [stack.enter_context(open_results(path)) for path in files]
+        drawn = [(results, plot.render(results, names, formats, out / results.path.stem)) for results in opened]
+        for figure in (figure for _, figures in drawn for figure in figures):
+            said = f"{figure.name}: {figure.problem}" if figure.problem else "\n".join(map(str, figure.files))
+            click.echo(said, err=bool(figure.problem))
+        if not names:
+            page.write(out / "index.html", drawn)
+            click.echo(out / "index.html")
+    if any(figure.problem for _, figures in drawn for figure in figures):
+        sys.exit(1)
 
 
 @main.command()
