@@ -129,8 +129,9 @@ def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
 def drift(y: Sequence[Any], k: Any, means: Sequence[Any], shape: tuple[Any, Any]) -> tuple[Any, ...]:
     """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over one nutation.
 
-    The symbols are those of `Averaged`. U, Z and r follow from eqs (2.4). e follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3'
-    at x = X divided by e by hand, so that regular precession, e = 0, is as regular as any other motion.
+    The symbols are those of `Averaged`. U, Z and r follow from eqs (2.4). e follows from the roots' own derivatives,
+    with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e by hand, so that regular precession, e = 0, is as regular
+    as any other motion.
     """
     U, Z, r, e = y
     X, w = shape
