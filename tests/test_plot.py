@@ -216,6 +216,11 @@ with open_results(runs / "paper1.h5") as results:
     sheet = plot.draw(results.figure("fig12-sensitivity"), results)
     low, high = results.figure("fig12-sensitivity")["span"]
     assert all((shown.values["time"] >= low).all() and (shown.values["time"] < high).all() for shown in sheet.shown)
+    figure = {**results.figure("fig12-sensitivity"), "variables": ("omega.x1", "omega.x2", "G.x3"), "span": None}
+    sheet = plot.draw(figure, results)
+    p, q, r = results.cases["fig12"]["omega"].values.T
+    for axes, values, label in zip(sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True):
+        assert (axes.lines[0].get_ydata() == values).all() and axes.get_ylabel().startswith(label)
     sheet = plot.draw(results.figure("fig4-invariants"), results)
     values = sheet.shown[0].values
     upper, lower = (0.005 * 2, 0.003 * 2)
