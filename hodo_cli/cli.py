@@ -1,6 +1,7 @@
 """The command line: one short function a command. Each imports what it needs, so that `--help` loads nothing heavy."""
 
 import json
+import os
 import signal
 import sys
 import traceback
@@ -21,11 +22,24 @@ def _terminate(*signal: object) -> NoReturn:
     raise Terminated
 
 
+def _interrupted(error: BaseException) -> int:
+    click.echo("interrupted; finished cases are kept", err=True)
+    return 143 if isinstance(error, Terminated) else 130
+
+
+def _end_if_interrupted(unraisable: "sys.UnraisableHookArgs") -> None:
+    """End the process for an interrupt that came while a destructor ran, which swallows it."""
+    if isinstance(unraisable.exc_value, KeyboardInterrupt):
+        os._exit(_interrupted(unraisable.exc_value))
+    sys.__unraisablehook__(unraisable)
+
+
 class Hodo(click.Group):
     """Turns the user's mistakes into one line and exit status 2, Ctrl-C into 130, and SIGTERM into 143."""
 
     def invoke(self, ctx: click.Context) -> Any:
         signal.signal(signal.SIGTERM, _terminate)
+        sys.unraisablehook, before = _end_if_interrupted, sys.unraisablehook
         try:
             return super().invoke(ctx)
         except HodoError as error:
@@ -35,8 +49,9 @@ class Hodo(click.Group):
                 click.echo(str(error), err=True)
             ctx.exit(2)
         except KeyboardInterrupt as error:
-            click.echo("interrupted; finished cases are kept", err=True)
-            ctx.exit(143 if isinstance(error, Terminated) else 130)
+            ctx.exit(_interrupted(error))
+        finally:
+            sys.unraisablehook = before
 
 
 @click.group(cls=Hodo, context_settings={"help_option_names": ["-h", "--help"]})
