@@ -14,32 +14,21 @@ import click
 from . import HodoError, __version__
 
 
-class Terminated(KeyboardInterrupt):
-    """SIGTERM."""
+def _end(number: int, frame: object) -> NoReturn:
+    """End the process at a signal, at once.
 
-
-def _terminate(*signal: object) -> NoReturn:
-    raise Terminated
-
-
-def _interrupted(error: BaseException) -> int:
-    click.echo("interrupted; finished cases are kept", err=True)
-    return 143 if isinstance(error, Terminated) else 130
-
-
-def _end_if_interrupted(unraisable: "sys.UnraisableHookArgs") -> None:
-    """End the process for an interrupt that came while a destructor ran, which swallows it."""
-    if isinstance(unraisable.exc_value, KeyboardInterrupt):
-        os._exit(_interrupted(unraisable.exc_value))
-    sys.__unraisablehook__(unraisable)
+    Results survive that at any moment. An exception would not do: where it arises inside a destructor or a callback
+    of HDF5, it is lost.
+    """
+    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; finished cases are kept\n")
+    os._exit(128 + number)
 
 
 class Hodo(click.Group):
     """Turns the user's mistakes into one line and exit status 2, Ctrl-C into 130, and SIGTERM into 143."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        signal.signal(signal.SIGTERM, _terminate)
-        sys.unraisablehook, before = _end_if_interrupted, sys.unraisablehook
+        before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             return super().invoke(ctx)
         except HodoError as error:
@@ -48,10 +37,9 @@ class Hodo(click.Group):
             else:
                 click.echo(str(error), err=True)
             ctx.exit(2)
-        except KeyboardInterrupt as error:
-            ctx.exit(_interrupted(error))
         finally:
-            sys.unraisablehook = before
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 @click.group(cls=Hodo, context_settings={"help_option_names": ["-h", "--help"]})
