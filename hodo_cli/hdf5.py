@@ -3,7 +3,7 @@
 import io
 import os
 import re
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,11 +37,21 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class Late:
+    """Variables whose values are too many to be held at once: of their arrays only the shape and type count, and
+    `blocks()` gives the values as (name, where, block) when the group is written."""
+
+    names: frozenset[str]
+    blocks: Callable[[], Iterator[tuple[str, Any, np.ndarray]]]
+
+
+@dataclass(frozen=True)
 class Group:
     """What a group holds. A variable that is named as its only dimension is that dimension's coordinate."""
 
     attributes: Mapping[str, Attribute]
     variables: Mapping[str, Variable]
+    late: Late | None = None
 
 
 class Run:
@@ -93,6 +103,11 @@ class Run:
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(_dims(item, named) or (key,) * data.ndim, data, _attributes(item))
             return Group(_attributes(group), variables)
+
+    def array(self, name: str, key: str) -> np.ndarray:
+        """The values of one variable of a group. Raises HodoError as `read` does."""
+        with self._group(name) as group:
+            return np.asarray(group[key][()])
 
     @contextmanager
     def _group(self, name: str) -> Iterator[h5py.Group]:
@@ -208,7 +223,8 @@ class Output:
                 if sizes.setdefault(dim, size) != size:
                     raise ValueError(f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}")
             dtype = _file_type(key, variable.data)
-            items[key] = target.create_dataset(key, data=variable.data, dtype=dtype, track_order=True)
+            shape, data = variable.data.shape, None if group.late and key in group.late.names else variable.data
+            items[key] = target.create_dataset(key, shape, dtype, data, track_order=True)
             _set_attributes(items[key], variable.attributes)
         for dim, size in sizes.items():
             if dim in items:
@@ -219,6 +235,8 @@ class Output:
         for key, variable in group.variables.items():
             if key not in sizes:
                 _attach(items, key, variable.dims)
+        for key, where, block in group.late.blocks() if group.late else ():
+            items[key][where] = block
 
     def copy(self, run: Run, name: str) -> None:
         """Copy a group as it is stored. Raises HodoError if it is damaged.

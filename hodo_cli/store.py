@@ -2,7 +2,8 @@
 
 A run puts each finished case into a small file of its own, a *piece*, in its workshop, and joins them at the end. (A
 single HDF5 file that grows is unreadable, all of it, after one in five of its writes; a kill there would cost every
-case.) A piece is whole or absent; the next run takes the pieces of a dead one over.
+case.) A piece is whole or absent; the next run takes the pieces of a dead one over. A sweep comes in *parts*, small
+files too, of which its piece is made.
 """
 
 import os
@@ -104,6 +105,10 @@ def _pieces(folder: Path) -> list[Path]:
     return sorted(folder.glob("[0-9]*.h5"))
 
 
+def _parts(folder: Path) -> list[Path]:
+    return sorted(folder.glob("part-*.h5"))
+
+
 @contextmanager
 def _refusals(path: Path) -> Iterator[None]:
     """Make a HodoError of what the operating system refuses."""
@@ -155,7 +160,7 @@ class Writer:
             if kind is None:
                 with _refusals(self.path):
                     self._finish()
-            elif not self._new:
+            elif not self._new and not (self._workshop.folder and _parts(self._workshop.folder)):
                 self._workshop.remove()
 
     def add(self, name: str, group: Group) -> None:
@@ -164,6 +169,10 @@ class Writer:
         Raises HodoError if it cannot be written.
         """
         piece = self._next_piece()
+        self._put(piece, name, group)
+        self._new[name] = Finished(name, piece, group.attributes)
+
+    def _put(self, piece: Path, name: str, group: Group) -> None:
         draft = piece.with_name("draft")
         with _refusals(self.path), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
@@ -171,7 +180,30 @@ class Writer:
                 output.write(name, group)
             os.replace(draft, piece)
             failed.pop_all()
-        self._new[name] = Finished(name, piece, group.attributes)
+
+    def parts(self, stamp: str) -> set[int]:
+        """The numbers of the parts with this stamp that this run and dead ones have finished; all are now its own."""
+        for folder in self._abandoned:
+            for part in folder.glob(f"part-{stamp}-*.h5"):
+                with _refusals(self.path), suppress(FileExistsError), suppress(HodoError), open_run(part):
+                    os.link(part, self._workshop / part.name)
+        own = self._workshop.folder
+        return {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{stamp}-*.h5")} if own else set()
+
+    def add_part(self, stamp: str, number: int, group: Group) -> None:
+        """Write one finished part of a case that comes in many; it survives the death of this process.
+
+        `stamp` tells what the part belongs to. Raises HodoError if it cannot be written.
+        """
+        with _refusals(self.path):
+            piece = self._workshop / f"part-{stamp}-{number}.h5"
+        self._put(piece, "part", group)
+
+    @contextmanager
+    def part(self, stamp: str, number: int) -> Iterator[Run]:
+        """A part that was added or taken over, open for reading; its only group is named `part`."""
+        with open_run(self._workshop / f"part-{stamp}-{number}.h5") as run:
+            yield run
 
     def keep(self, case: Finished) -> bool:
         """Take over a finished case; False if another process has just removed it."""
@@ -263,7 +295,7 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
             workshop = Workshop(path)
             stack.callback(workshop.close)
             for folder in workshop.abandoned():
-                if not _pieces(folder):
+                if not _pieces(folder) and not _parts(folder):
                     shutil.rmtree(folder, ignore_errors=True)
             if changes.parts:
                 stack.callback(workshop.remove)

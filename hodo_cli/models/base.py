@@ -45,7 +45,8 @@ class Model:
     a change of units possible: with omega = sigma W and s = rho t, every such constant becomes
     value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its own units.
 
-    `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
+    `unclassifiable` says why the enclosed axis does not apply; it is empty where it does. `crosses_once` is set
+    where a theorem says that D changes sign at most once.
     """
 
     name: ClassVar[str]
@@ -54,6 +55,7 @@ class Model:
     state: ClassVar[tuple[str, ...]]
     variables: ClassVar[dict[str, Variable]]
     degree: ClassVar[dict[str, int]] = {}
+    crosses_once: ClassVar[bool] = False
     unclassifiable: ClassVar[str] = "the state has no angular velocity in body axes, so no axis is enclosed"
 
     @staticmethod

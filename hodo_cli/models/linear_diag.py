@@ -18,6 +18,9 @@ class LinearDiag(BodyFrame):
     (`inertia`); lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`), all zero for free
     motion. Assumed: constant coefficients, about the same axes as the inertia.
 
+    D changes sign at most once: with l and s the axes of largest and smallest inertia, where D = 0
+    dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign.
+
     Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (1)-(4).
     """
 
@@ -31,6 +34,7 @@ class LinearDiag(BodyFrame):
         ),
         "initial": INITIAL,
     }
+    crosses_once = True
     degree = {"g": 2, "lam1": 1, "lam2": 1, "lam3": 1}
 
     @staticmethod

@@ -1,0 +1,264 @@
+"""Many motions of one model side by side: their ends, the sides of the separatrix they stand on, their crossings.
+
+What `integrate` and `classify` do for one case is done here for arrays of them. A motion about which anything is in
+doubt (too near the separatrix, too stiff, at rest, hits that do not alternate) is left unsettled, for these two to
+decide by themselves.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from . import rigid
+from .engines import Structure, lanes, namespace
+from .engines.lanes import Passages
+from .integrate import MANY_STEPS
+from .models.base import Event, Model
+
+FOLD = 16.0
+"""The factor by which |omega| may change before it gets new units."""
+
+MOST_LEGS = 2000
+"""Changes of units beyond which a motion is left to the driver of single cases."""
+
+DOUBT = 1e-9
+"""Where |D| is a smaller part of the sum of its two terms, its sign may be that of an error."""
+
+APART = 1e-4
+"""Zeros of D that are nearer to each other, in units of the fastest time, may be one touch without a crossing."""
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """n motions: the constants of their equations (c, n), flat as `structure` says, states at the start (m, n), span.
+
+    All have one `order` of the axes by inertia, and the separatrix as their `event`.
+    """
+
+    model: type[Model]
+    structure: Structure
+    constants: np.ndarray
+    start: np.ndarray
+    span: tuple[float, float]
+    order: tuple[int, int, int]
+    event: Event
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """A1, A2, A3 of each motion (3, n)."""
+        rows = [name for name, size in self.structure if not isinstance(size, str) for _ in range(max(size, 1))]
+        return self.constants[[rows.index(name) for name in ("A1", "A2", "A3")]]
+
+    def degrees(self) -> np.ndarray:
+        """The degree in omega of the terms that each row of the constants multiplies; nan for the other rows."""
+        found: list[float] = []
+        for name, size in self.structure:
+            if not isinstance(size, str):
+                found += [self.model.degree.get(name, math.nan)] * max(size, 1)
+        return np.array(found)
+
+    def units(self, k: np.ndarray, largest: np.ndarray, lightest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`Units.fit` for many: size and rate (n,) for the largest component of omega (n,)."""
+        degree = self.degrees()
+        with np.errstate(divide="ignore"):
+            logs = np.log2(np.abs(k)) - np.log2(lightest)
+        size = np.where(largest > 0, np.frexp(largest)[1], -(10**6)).astype(float)
+        for forcing in logs[degree == 0]:
+            size = np.maximum(size, np.ceil(forcing / 2))
+        size = np.where(size > -(10**6), size, 0)
+        rate = size
+        names = [name for name, width in self.structure if not isinstance(width, str) for _ in range(max(width, 1))]
+        for row, power, name in zip(logs, degree, names, strict=True):
+            if not math.isnan(power) and name != "g":
+                rate = np.maximum(rate, row + (power - 1) * size)
+        return size.astype(np.int64), np.ceil(rate).astype(np.int64)
+
+    def decay(self) -> np.ndarray:
+        """A bound (n,) on the relative rate at which the linear terms change the energy's square root.
+
+        In the coordinates sqrt(A) omega the energy is half the squared length, and its rate of change lies between
+        the extreme eigenvalues of the symmetric part of the linear terms: within Gershgorin's discs.
+        """
+        m = len(self.start)
+        linear = np.where((self.degrees() == 1)[:, None] | np.isnan(self.degrees())[:, None], self.constants, 0.0)
+        k = namespace(self.structure, list(linear))
+        zero = np.zeros(self.start.shape[1])
+        columns = [self.model.rhs(0.0, [zero + (i == j) for i in range(m)], k) for j in range(m)]
+        matrix = np.array([[np.broadcast_to(entry, zero.shape) for entry in column] for column in columns])
+        root = np.sqrt(self.inertia)
+        weighted = matrix * root[None, :] / root[:, None]
+        return np.asarray(np.abs(weighted + weighted.swapaxes(0, 1)).sum(axis=1).max(axis=0) / 2)
+
+
+class Crossings(NamedTuple):
+    """Passages through the separatrix, in order of motion and time, (k,) each: `rises` where D > 0 from then on."""
+
+    motion: np.ndarray
+    time: np.ndarray
+    rises: np.ndarray
+    momentum: np.ndarray
+
+
+@dataclass
+class Outcome:
+    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), and their crossings.
+
+    `first` and `last` are the sign of D at both ends (0: a spherical body), `separation` the least part of its two
+    terms that |D| was at the start, the end and the changes of units. Where `settled` is False nothing here counts.
+    """
+
+    state: np.ndarray
+    exponent: np.ndarray
+    steps: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    separation: np.ndarray
+    settled: np.ndarray
+    crossings: Crossings
+
+
+def sides(A: np.ndarray, omega: np.ndarray, order: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """The sign of D (n,), and |D| as a part of the sum of its two terms (infinite for a spherical body)."""
+    outer, inner = rigid.separatrix_terms(A, omega, order)
+    total = outer + inner
+    part = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
+    spherical = A[order[0]] == A[order[2]]
+    return np.sign(outer - inner), np.where(spherical, np.inf, part)
+
+
+def advance(e: Ensemble, tol: float | None) -> Outcome:
+    """All motions of an ensemble through their span.
+
+    Each motion goes in legs of its own, at whose ends its units are renewed, so that it is right relative to its
+    size however far it decays. For a model that crosses the separatrix at most once, D is looked for only in the
+    legs at whose ends its signs differ.
+    """
+    begin, end = e.span
+    A, n = e.inertia, e.start.shape[1]
+    size, rate = e.units(e.constants, np.abs(e.start).max(axis=0), A.min(axis=0))
+    y = np.ldexp(e.start, -size)
+    first, separation = sides(A, y, e.order)
+    leg, settled = _legs(e, rate, (end - begin))
+    settled &= (separation > DOUBT) & (y != 0).any(axis=0)
+    side, t, steps = first.copy(), np.full(n, begin), np.zeros(n, dtype=np.int64)
+    forced = bool(np.any(e.constants[e.degrees() == 0]))
+    found: list[Crossings] = []
+    while (active := np.flatnonzero(settled & (t < end))).size:
+        target = np.minimum(t[active] + leg[active], end)
+        passed = _Leg(e, active, size[active], rate[active], target - t[active], y[:, active], side[active], tol)
+        well = passed.well & (forced | (np.abs(np.log2(np.abs(passed.end).max(axis=0) + 1e-300)) < 6))
+        settled[active] = well
+        found.append(passed.crossings(t[active]))
+        side[active], t[active], y[:, active] = passed.side, target, passed.end
+        separation[active] = np.minimum(separation[active], passed.separation)
+        steps[active] += passed.steps
+        largest = np.ldexp(np.abs(passed.end).max(axis=0), size[active])
+        fresh, rate[active] = e.units(e.constants[:, active], largest, A[:, active].min(axis=0))
+        y[:, active] = np.ldexp(passed.end, size[active] - fresh)
+        size[active] = fresh
+    return Outcome(y, size, steps, first, side, separation, settled, _joined(found, settled))
+
+
+def _legs(e: Ensemble, rate: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
+    """The length of each motion's legs (n,), and whether they are few and short enough to be taken here."""
+    decay = e.decay()
+    with np.errstate(divide="ignore"):
+        leg = np.minimum(_rounded(math.log(FOLD) / decay), max(span, 1e-300))
+    steps = span * np.maximum(decay / 8.8, np.ldexp(0.5, rate))
+    return leg, (steps < MANY_STEPS) & (span / leg < MOST_LEGS)
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    """Values cut to four bits, so that small multiples of them are exact."""
+    fraction, power = np.frexp(np.minimum(values, 1e300))
+    return np.asarray(np.ldexp(np.floor(fraction * 16), power - 4))
+
+
+def _lanes(e: Ensemble, watching: bool, tol: float | None) -> lanes.Lanes:
+    return lanes.build(e.model, e.structure, e.event if watching else None, tol)  # type: ignore[arg-type]
+
+
+class _Leg:
+    """One leg of the motions `active`, each in its own units and over its own time."""
+
+    def __init__(
+        self, e: Ensemble, active: np.ndarray, size: np.ndarray, rate: np.ndarray, time: np.ndarray, y: np.ndarray,
+        side: np.ndarray, tol: float | None,
+    ) -> None:  # fmt: skip
+        self.active, self.size, self.rate = active, size, rate
+        self.A = e.inertia[:, active]
+        degree = e.degrees()[:, None]
+        shift = np.where(np.isnan(degree), 0, np.nan_to_num(degree - 1) * size - rate).astype(np.int64)
+        k, spans = np.ldexp(e.constants[:, active], shift), np.ldexp(time, rate)
+        plain = _lanes(e, not e.model.crosses_once, tol)
+        self.end, self.steps, self.well, self.found = plain.leg(k, y, spans, int(4 * MANY_STEPS))
+        self.side, self.separation = sides(self.A, self.end, e.order)
+        self.well &= (self.separation > DOUBT) & np.isfinite(self.end).all(axis=0)
+        if e.model.crosses_once and (turned := np.flatnonzero(self.side * side < 0)).size:
+            before, after = sides(self.A, y, e.order)[1], self.separation
+            guess = (before / (before + after))[turned]
+            found = self._passage(e, k[:, turned], y[:, turned], spans[turned], guess, self.A[:, turned], tol)
+            self.found = found._replace(motion=turned[found.motion])
+        self.well &= ~self._doubtful(side)
+
+    def _passage(
+        self, e: Ensemble, k: np.ndarray, y: np.ndarray, spans: np.ndarray, guess: np.ndarray, A: np.ndarray,
+        tol: float | None,
+    ) -> Passages:  # fmt: skip
+        """The one passage of each motion, first looked for about a guess, a part of its span.
+
+        To watch an event doubles the cost of a step, so it is watched from a little before the guess to a little
+        after it, and in the rest of the span only if the passage was not there.
+        """
+        plain = _lanes(e, False, tol)
+        watching = _lanes(e, True, tol)
+        most = int(4 * MANY_STEPS)
+        start = np.maximum(guess - 0.1, 0) * spans
+        stop = np.minimum(guess + 0.1, 1) * spans
+        here, *_ = plain.leg(k, y, start, most)
+        late = sides(A, here, e.order)[0] != sides(A, y, e.order)[0]
+        here[:, late], stop[late], start[late] = y[:, late], start[late], 0
+        there, *_, found = watching.leg(k, here, stop - start, most)
+        missed = np.setdiff1d(np.arange(len(spans)), found.motion)
+        parts = [found._replace(time=start[found.motion] + found.time)]
+        if missed.size:
+            *_, rest = watching.leg(k[:, missed], there[:, missed], (spans - stop)[missed], most)
+            motion = missed[rest.motion]
+            parts.append(rest._replace(motion=motion, time=stop[motion] + rest.time))
+        motion, time, direction, state = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+        order = np.lexsort((time, motion))
+        return Passages(motion[order], time[order], direction[order], state[:, order])
+
+    def _doubtful(self, side: np.ndarray) -> np.ndarray:
+        """The motions whose passages do not lead, in turns, from the side before the leg to the side after it."""
+        motion, time, direction, _ = self.found
+        wrong = np.zeros(len(side), dtype=bool)
+        new = np.diff(motion, prepend=-1) != 0
+        before = np.where(new, side[motion], np.roll(direction, 1))
+        apart = np.where(new, np.inf, np.diff(time, prepend=-np.inf))
+        wrong[motion[(direction != -before) | (apart < APART)]] = True
+        reached = side.copy()
+        reached[motion] = direction  # of several, the last one counts
+        return np.asarray(wrong | (reached != self.side))
+
+    def crossings(self, start: np.ndarray) -> Crossings:
+        """The passages in true units; `start` is the time at which the leg began (n,)."""
+        motion, time, direction, state = self.found
+        momentum = np.ldexp(np.sqrt(np.square(self.A[:, motion] * state).sum(axis=0)), self.size[motion])
+        at = start[motion] + np.ldexp(time, -self.rate[motion])
+        return Crossings(self.active[motion], at, direction > 0, momentum)
+
+
+def _joined(found: list[Crossings], settled: np.ndarray) -> Crossings:
+    """The crossings of all legs, of the settled motions only, in order."""
+    if not found:
+        return Crossings(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0, dtype=bool), np.empty(0))
+    motion, time, rises, momentum = (np.concatenate(each) for each in zip(*found, strict=True))
+    order = np.lexsort((time, motion))
+    order = order[settled[motion[order]]]
+    return Crossings(motion[order], time[order], rises[order], momentum[order])
+
+
+__all__ = ["Crossings", "Ensemble", "Outcome", "Passages", "advance", "sides"]
