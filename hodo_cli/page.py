@@ -34,7 +34,9 @@ nav ul { list-style: none; margin: 0.5rem 0 0; padding: 0; display: flex; flex-w
 figure { margin: 0; background: var(--card); border: 1px solid var(--line); border-radius: 6px; overflow: hidden;
   display: flex; flex-direction: column; }
 figure.wide { grid-column: span 2; }
-@media (max-width: 56rem) { .figures { grid-template-columns: minmax(0, 1fr); } figure.wide { grid-column: auto; } }
+@media (max-width: 56rem) { .figures { grid-template-columns: minmax(0, 1fr); } figure.wide { grid-column: auto; }
+  figure.wide > a { overflow-x: auto; justify-content: flex-start; }
+  figure.wide img { max-width: none; width: 44rem; } }
 figure > a { background: #ffffff; padding: 0.75rem; display: flex; justify-content: center; align-items: center;
   flex: 1; }
 figure img { max-width: 100%; height: auto; display: block; }
@@ -190,7 +192,7 @@ def _crossing_rows(motion: Motion) -> list[list[str]]:
         return [[*ends, _cell("none"), *[_cell("")] * 4]]
     columns = [motion.data[f"crossing_{name}"].values for name in ("time", "error", "from", "to", "G")]
     return [
-        [*ends, _cell(f"{time:.15g}"), _cell(magnitude(float(error))), _cell(LABELS[int(start)]),
+        [*ends, _cell(f"{time:.15g}", "n"), _cell(magnitude(float(error)), "n"), _cell(LABELS[int(start)]),
          _cell(LABELS[int(stop)]), _cell(f"{size:.6g}")]
         for time, error, start, stop, size in zip(*columns, strict=True)
     ]  # fmt: skip

@@ -60,8 +60,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     hodo = str(Path(sysconfig.get_path("scripts")) / "hodo")
     configs = [ROOT / "configs" / f"{name}.yaml" for name in PAPERS]
-    subprocess.run([hodo, "run", "--quiet", "--out", folder, *configs], check=True, capture_output=True)
-    subprocess.run([hodo, "classify", *(folder / f"{name}.h5" for name in PAPERS)], check=True, capture_output=True)
+    results = [folder / f"{name}.h5" for name in PAPERS]
+    for command in ([hodo, "run", "--quiet", "--out", folder, *configs], [hodo, "classify", *results]):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
     return folder
 
 
