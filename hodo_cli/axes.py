@@ -11,7 +11,7 @@ Every entry is one dimension of the result, in the order given; the last varies 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -27,7 +27,13 @@ MOST = 10**9
 BLOCK = 4096
 """Directions that are drawn from one generator, so that any part of a sphere can be drawn by itself."""
 
-RESERVED = ("time", "axis", "event", "crossing")
+RESERVED = ("time", "axis", "member")
+
+REDUCED = (
+    "crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings", "start_axis", "end_axis", "share",
+    "separation",
+)  # fmt: skip
+"""What a member of a sweep is reduced to, besides its final state, where a hodograph encloses an axis."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +153,11 @@ def _values(given: Mapping[str, Any]) -> np.ndarray:
         return np.array(value, dtype=float)
     first, last, number = value
     return np.geomspace(first, last, number) if word == "logspace" else np.linspace(first, last, number)
+
+
+def storable(variables: Iterable[str], classifiable: bool) -> list[str]:
+    """What `store:` may name in a sweep of a model with these variables."""
+    return [*variables, *(REDUCED if classifiable else ("event_time",)), "steps", "status", "trajectory"]
 
 
 def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:

@@ -14,6 +14,7 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from . import HodoError, keys, models, statements
+from .axes import Ranges, check_axes, storable
 from .document import MAX_BYTES, Block, Items, Mistakes, Place, locate, read, write
 from .figures import KINDS
 from .keys import Choice, Data, Either, Integer, Key, Kind, Misnamed, Names, Number, Path, Report, Table, Text, Variant
@@ -47,7 +48,7 @@ COMMON = {
     "max_seconds": Key(Number(above=0), "run time after which the case is given up", "s", None),
     "max_steps": Key(Integer(least=1, most=10**15), "number of steps after which the case is given up", default=None),
     "note": Key(Text(), "remark that goes with the results: an assumption, a misprint", default=""),
-    "sweep": Key(Data(), "ranges of numeric keys, which make the case a grid or an ensemble", default=None),
+    "sweep": Key(Ranges(), "ranges of numeric keys, which make the case a grid or an ensemble", default=None),
 }
 """The keys that a case of any model takes besides `model` and `form`."""
 
@@ -283,9 +284,13 @@ def _case(name: str, block: Block, report: Report) -> Case | None:
     data = {key: values[key] for key in found.keys if key in values} if found else {}
     if found:
         _cross_check(found, data, note)
-        for i, kept in enumerate(() if values.get("sweep") else values.get("store", ())):
-            if kept not in found.variables:
-                note(("store", i), keys.unknown(f"variable {kept!r}", kept, found.variables))
+        sweep = values.get("sweep")
+        if sweep and not wrong:
+            check_axes(sweep, found.keys, data, not found.unclassifiable, note)
+        known = storable(found.variables, not found.unclassifiable) if sweep else list(found.variables)
+        for i, kept in enumerate(values.get("store", ())):
+            if kept not in known:
+                note(("store", i), keys.unknown(f"variable {kept!r}", kept, known))
     if "time" in values and not 0 <= values["time"]["end"] - values["time"]["start"] < float("inf"):
         note(("time", "end"), f"the span from {values['time']['start']:g} to {values['time']['end']:g} is not possible")
     if wrong or not found:

@@ -50,9 +50,13 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     recorded = typed(group.attributes, RECORDED, name)
     case = parse_case(recorded["case"])
     reason = find(case.model, case.form).unclassifiable
-    if reason or "omega" not in group.variables:
+    if not case.sweep and (reason or "omega" not in group.variables):
         remark = reason or "omega is not stored"
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
+    if case.sweep:
+        from . import sweep
+
+        return None, sweep.tabulated(name, group)
     afford(case)
     omega = group.variables["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):

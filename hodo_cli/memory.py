@@ -29,6 +29,8 @@ def limit() -> int:
 def afford(case: Case, processes: int = 1) -> None:
     """Raise HodoError if the samples of a case do not fit into the memory of one of so many processes."""
     model, samples = find(case.model, case.form), case.time.samples
+    if case.sweep and "trajectory" not in case.store:
+        return
     numbers = len(model.state) + sum(3 if "axis" in variable.dims else 1 for variable in model.variables.values())
     need = samples * numbers * (BYTES if case.error == "off" else BYTES_MEASURED)
     have = limit() // processes

@@ -2,7 +2,7 @@
 
 import hashlib
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
@@ -31,6 +31,8 @@ ENGINES = {
     "collocation": ("engines/collocation.py", "numpy"),
     "exact": ("exact.py", "numpy"),
 }
+SWEPT = ("axes.py", "sweep.py", "ensemble.py", "classify.py", "engines/lanes.py")
+FORCED = "--force"
 REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
 
 
@@ -39,7 +41,7 @@ def fingerprint(case: Case) -> str:
     method = choose(case)[0]
     engine, library = ENGINES.get(method, ("engines/ivp.py", "scipy"))
     model = getfile(models.find(case.model, case.form))
-    code = "".join(_code(str(PACKAGE / name)) for name in (*SHARED, engine, model))
+    code = "".join(_code(str(PACKAGE / name)) for name in (*SHARED, *(SWEPT if case.sweep else ()), engine, model))
     return "-".join(hashlib.sha256(part.encode()).hexdigest()[:16] for part in (dump(case), code, _version(library)))
 
 
@@ -61,7 +63,7 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
     if done is None:
         return "it has no result yet"
     if force:
-        return "--force"
+        return FORCED
     if (status := str(done.attributes.get("status"))) != "ok":
         return f"its status is {status}"
     ours, theirs = fingerprint(case).split("-"), str(done.attributes.get("hash")).split("-")
@@ -105,7 +107,7 @@ class Plan:
         with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
             lost = [name for name, done in self.kept.items() if not writer.keep(done)]
             left = dict.fromkeys([*self.reasons, *lost])
-            for case, outcome in pool.map(finish, [self.config.cases[name] for name in left]):
+            for case, outcome in outcomes([self.config.cases[name] for name in left], pool, writer, self, progress):
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
                 writer.add(case.name, group)
                 del left[case.name]
@@ -156,6 +158,22 @@ def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
             reasons[name] = found[0][1] if found else why(case, None, force)
     old = {name: done[name][0] for name in reasons if name in done}
     return Plan(config, path, asked, reasons, kept, old, tuple(name for name in done if name not in config.cases))
+
+
+def outcomes(
+    cases: Sequence[Case], pool: Pool, writer: Writer, plan: Plan, progress: Progress
+) -> Iterator[tuple[Case, Group | Exception]]:
+    """Each case with what is to be stored of it, or why there is nothing: single cases, then the sweeps."""
+    yield from pool.map(finish, [case for case in cases if not case.sweep])
+    for case in cases:
+        if case.sweep:
+            from . import sweep
+
+            resume = plan.reasons.get(case.name) != FORCED
+            try:
+                yield case, sweep.run(case, fingerprint(case), pool, writer, resume, progress.say)
+            except HodoError as error:
+                yield case, error
 
 
 def finish(case: Case) -> Group:
