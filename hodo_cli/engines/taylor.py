@@ -15,9 +15,9 @@ hy.set_logger_level_error()
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
 EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
 
-UNROLLED = 100
-"""The size of a system, in nodes of its expressions, up to which unrolling it costs no time to compile; a step of an
-unrolled one takes half as long. A large one would take minutes."""
+UNROLLED = 300
+"""The size of a system, in nodes of its expressions, up to which it is unrolled and optimised. For a larger one that
+takes seconds to minutes, and it is an averaged one, which takes tens of steps: it is compiled as it stands."""
 
 
 class Taylor:
@@ -35,6 +35,7 @@ class Taylor:
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
         rhs = model.rhs(hy.time, y, k)
+        large = sum(map(len, rhs)) > UNROLLED
         functions = [event.function(hy.time, y, k) for event in events]
         self.terminal = [i for i, event in enumerate(events) if event.terminal]
         self.ta = hy.taylor_adaptive(
@@ -49,7 +50,8 @@ class Taylor:
                 if i not in self.terminal
             ],
             fp_type=fp,
-            compact_mode=sum(map(len, rhs)) > UNROLLED,
+            compact_mode=large,
+            opt_level=0 if large else 3,
         )
 
     def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
