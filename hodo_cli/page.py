@@ -181,7 +181,7 @@ def _case_row(motion: Motion) -> list[str]:
 
 def _crossings(motions: Mapping[str, Motion]) -> str:
     """The table of separatrix crossings, with the enclosed axis at start and end; none without classified cases."""
-    classified = [motion for motion in motions.values() if "enclosed_axis" in motion.data and motion.labels.size]
+    classified = [motion for motion in motions.values() if motion.classified and motion.labels.size]
     rows = [row for motion in classified for row in _crossing_rows(motion)]
     return f"<h3>Enclosed axes and crossings of the separatrix</h3>{_table(CROSSING_HEADER, rows)}" if rows else ""
 

@@ -65,7 +65,7 @@ class Motion:
     @cached_property
     def G(self) -> np.ndarray:
         """Angular momentum (n, 3) in body axes. Raises HodoError for a case without it."""
-        if "G" not in self.data:
+        if "G" not in self.data or self.data["G"].dims != ("time", "axis"):
             raise HodoError(
                 f"case {self.name} ({self.case.model}, {self.case.form}) has no angular momentum in body axes"
             )
@@ -81,10 +81,15 @@ class Motion:
         """The positions of the largest, middle and smallest moment of inertia."""
         return rigid.inertia_order(self.inertia)
 
+    @property
+    def classified(self) -> bool:
+        """Whether `classify` has stored an enclosed axis for each sample."""
+        return "enclosed_axis" in self.data and self.data["enclosed_axis"].dims == ("time",)
+
     @cached_property
     def labels(self) -> np.ndarray:
         """The enclosed axis (n,) as `classify` stored it. Raises HodoError if it has not."""
-        if "enclosed_axis" not in self.data:
+        if not self.classified:
             raise HodoError(f"case {self.name} has no labels of the enclosed axis (`hodo classify` stores them)")
         return np.asarray(self.data["enclosed_axis"].values)
 

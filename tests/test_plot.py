@@ -101,7 +101,8 @@ print(json.dumps(drawn))
 
 def test_curves_in_space_are_those_stored(runs: Path) -> None:
     """Every vertex drawn is a stored sample in the view; its colour is that of the label; no sample is left out."""
-    alone("""
+    alone(
+        """
 with open_results(runs / "paper1.h5") as results:
     sheet = plot.draw(results.figure("fig12"), results)
     data = results.cases["fig12"]
@@ -127,11 +128,14 @@ with open_results(runs / "paper1.h5") as results:
     crossings, = [line for line in main.lines if line.get_marker() == "D"]
     assert len(crossings.get_xdata()) == data.sizes["crossing"] == 3
     assert main.get_aspect() == zoomed.get_aspect() == 1
-""", runs)
+""",
+        runs,
+    )
 
 
 def test_time_colour_projections_and_sphere(runs: Path) -> None:
-    alone("""
+    alone(
+        """
 with open_results(runs / "paper1.h5") as results:
     sheet = plot.draw(results.figure("fig4-projections"), results)
     G = results.cases["fig4"]["omega"].values * [1, 0.8, 0.6]
@@ -152,11 +156,14 @@ with open_results(runs / "paper1.h5") as results:
         G = results.cases[name]["omega"].values * [1, 0.8, 0.6]
         np.testing.assert_allclose(np.linalg.norm(g, axis=1), 1, rtol=1e-15)
         np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
-""", runs)
+""",
+        runs,
+    )
 
 
 def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> None:
-    alone("""
+    alone(
+        """
 with open_results(runs / "paper1.h5") as results:
     limits = set()
     for name in ("fig9", "fig10", "fig11", "fig13"):
@@ -183,11 +190,14 @@ with open_results(runs / "paper1.h5") as results:
             limits.add((axes.get_xlim(), axes.get_ylim()))
     assert len(limits) == 1
     assert "no quadrants" in refused(lambda: plot.draw({**results.figure("fig10"), "cases": ("fig7",)}, results))
-""", runs)
+""",
+        runs,
+    )
 
 
 def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
-    alone("""
+    alone(
+        """
 with open_results(runs / "paper2.h5") as results:
     figure = results.figure("fig1")
     sheet = plot.draw(figure, results)
@@ -233,11 +243,14 @@ with open_results(runs / "paper1.h5") as results:
     bounds = {tuple(line.get_ydata()) for line in sheet.figure.axes[1].lines}
     assert tuple(G2[0] * np.exp(-upper * time)) in bounds and tuple(G2[0] * np.exp(-lower * time)) in bounds
     np.testing.assert_allclose(values["D/2T"], (G2 - 2 * values["T"] * 0.8) / (2 * values["T"]), atol=1e-14)
-""", runs)
+""",
+        runs,
+    )
 
 
 def test_csv_is_what_is_shown(runs: Path) -> None:
-    alone("""
+    alone(
+        """
 for paper, name in (("paper1", "fig18"), ("paper1", "fig5"), ("paper3", "figure"), ("paper1", "fig1")):
     with open_results(runs / f"{paper}.h5") as results:
         sheet = plot.draw(results.figure(name), results)
@@ -251,7 +264,9 @@ for paper, name in (("paper1", "fig18"), ("paper1", "fig5"), ("paper3", "figure"
             assert [float(row[column]) for row in mine] == values.tolist()
         assert all(row[column] == "" for row in mine for column in set(row) - set(shown.values) - {"panel", "curve"})
     assert at == len(rows) > 0
-""", runs)
+""",
+        runs,
+    )
 
 
 def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
