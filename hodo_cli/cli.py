@@ -37,6 +37,11 @@ class Hodo(click.Group):
             else:
                 click.echo(str(error), err=True)
             ctx.exit(2)
+        except ModuleNotFoundError as error:
+            if (error.name or "").startswith(__package__):
+                raise
+            click.echo(f"this needs {error.name}, which is not installed: pip install {error.name}", err=True)
+            ctx.exit(2)
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)

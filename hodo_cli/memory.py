@@ -26,18 +26,22 @@ def limit() -> int:
     return min(limits)
 
 
+def need(case: Case) -> int:
+    """About how many bytes the samples of a case take at most while it is integrated or classified."""
+    if case.sweep and "trajectory" not in case.store:
+        return 0
+    model = find(case.model, case.form)
+    numbers = len(model.state) + sum(3 if "axis" in variable.dims else 1 for variable in model.variables.values())
+    return case.time.samples * numbers * (BYTES if case.error == "off" else BYTES_MEASURED)
+
+
 def afford(case: Case, processes: int = 1) -> None:
     """Raise HodoError if the samples of a case do not fit into the memory of one of so many processes."""
-    model, samples = find(case.model, case.form), case.time.samples
-    if case.sweep and "trajectory" not in case.store:
-        return
-    numbers = len(model.state) + sum(3 if "axis" in variable.dims else 1 for variable in model.variables.values())
-    need = samples * numbers * (BYTES if case.error == "off" else BYTES_MEASURED)
     have = limit() // processes
-    if need > have:
+    if need(case) > have:
         share = f" for each of {processes} processes" if processes > 1 else ""
-        said = f"{samples:,} samples would take about {size(need)} of memory, and there are {size(have)}{share}"
-        raise HodoError(f"{case.name}: {said}")
+        said = f"would take about {size(need(case))} of memory, and there are {size(have)}{share}"
+        raise HodoError(f"{case.name}: {case.time.samples:,} samples {said}")
 
 
 def size(count: int) -> str:
