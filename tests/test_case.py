@@ -182,8 +182,9 @@ LINES = ["model: linear-diag", "inertia: [1, 0.8, 0.6]", "initial: {p: 0.8, q: 0
         (r'note: "a\0b"', 11, ".note: control characters are not allowed in text"),
         ("store: {a: 1}", 12, ".store: wants a name or a list of names, not a mapping"),
         ("store: [omega, omga]", 20, ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega)"),
-        ("sweep: 3", 12, ".sweep: wants a mapping, not 3"),
-        ("sweep: {p: [1, .nan]}", 20, ".sweep.p.1: wants a finite number, not nan"),
+        ("sweep: 3", 12, ".sweep: wants a mapping of keys (damping.2) to {linspace: [first, last, number]}, logspace, "
+         "values, zip or sphere, not 3"),
+        ("sweep: {damping.2: {values: [1, .nan]}}", 37, ".sweep.damping.2.values.1: wants a finite number, not nan"),
         ("form: averaged", 11, ".form: wants full, not 'averaged'"),
         ("model: linear-dig", 12, f".model: wants {MODELS}, not 'linear-dig'; did you mean 'linear-diag'?"),
         ("model: [1]", 12, f".model: wants {MODELS}, not a list of 1"),
@@ -557,6 +558,11 @@ PLAIN = st.recursive(
 )
 
 
+RANGES = st.fixed_dictionaries({"values": st.lists(NUMBERS, min_size=1, max_size=4).map(tuple)}) | (
+    st.fixed_dictionaries({"linspace": st.tuples(NUMBERS, NUMBERS, st.integers(1, 9))})
+)
+
+
 @given(PLAIN)
 def test_what_is_written_is_read_back(value: Any) -> None:
     assert repr(read(write(value), Mistakes("x"))) == repr(value)
@@ -568,7 +574,7 @@ def test_what_is_written_is_read_back(value: Any) -> None:
     initial=st.tuples(*[NUMBERS] * 3),
     note=TEXTS,
     span=st.tuples(st.floats(-1e300, 0), st.floats(0, 1e300)),
-    sweep=st.none() | st.dictionaries(TEXTS, PLAIN, max_size=3),
+    sweep=st.none() | st.dictionaries(st.sampled_from(["damping.2", "initial.p"]), RANGES, min_size=1),
 )
 def test_a_case_comes_back_from_its_dump(
     inertia: Any, damping: Any, initial: Any, note: str, span: tuple[float, float], sweep: Any

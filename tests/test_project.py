@@ -24,7 +24,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 IMPORTERS = {
     "dask": "batch.py",
     "distributed": "batch.py",
-    "h5py": "store.py",
+    "h5py": "hdf5.py",
     "heyoka": "engines/taylor.py engines/lanes.py",
     "matplotlib": "plot.py",
     "netCDF4": "dataset.py",
