@@ -1,6 +1,7 @@
 # `make` or `make help` lists the targets. Each of them makes .venv first if need be, so a fresh clone needs no other step.
 
-CONFIGS ?= $(wildcard configs/paper*.yaml)
+PAPERS := $(wildcard configs/paper*.yaml)
+CONFIGS ?= $(PAPERS)
 RUNS = $(CONFIGS:configs/%.yaml=runs/%.h5)
 
 # The first Python that is new enough; looked for only when .venv has to be made.
@@ -15,7 +16,7 @@ PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify figures test lint readme lock clean
+.PHONY: help setup run classify claims figures compare reference test lint readme lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -29,8 +30,23 @@ run: $(READY)  ## Integrate every case of the papers into runs/ (finished cases 
 classify: run  ## Label the axis that each hodograph encloses and find the separatrix crossings
 	$(BIN)/hodo classify $(RUNS)
 
+claims: classify  ## Check what the papers say against the results (exit status 3: a verdict is not the expected one)
+	$(BIN)/hodo claims $(RUNS)
+
 figures: classify  ## The main job: run, classify and draw every figure into runs/figures/
 	$(BIN)/hodo plot $(RUNS)
+
+compare: $(READY)  ## Run the papers anew and compare with runs/reference (OPTIONS='--rtol 1e-8' without heyoka)
+	$(BIN)/hodo run $(PAPERS) --force --quiet --out build/compare >/dev/null
+	$(BIN)/hodo classify $(PAPERS:configs/%.yaml=build/compare/%.h5) >/dev/null
+	@status=0; for paper in $(PAPERS:configs/%.yaml=%); do \
+		$(BIN)/hodo compare $(OPTIONS) build/compare/$$paper.h5 runs/reference/$$paper.h5 || status=$$?; \
+	done; exit $$status
+
+reference: $(READY)  ## Compute runs/reference anew, in quadruple precision
+	$(BIN)/hodo run $(PAPERS) --set '*.precision=quadruple' --force --quiet --out build/reference
+	$(BIN)/hodo classify $(PAPERS:configs/%.yaml=build/reference/%.h5)
+	$(BIN)/python tools/reference.py runs/reference $(PAPERS:configs/%.yaml=build/reference/%.h5)
 
 test: lint  ## The checks of `lint`, then the whole test suite, without heyoka and with it
 	$(PYTEST) --no-heyoka

@@ -59,9 +59,9 @@ def judge(claim: Mapping[str, Any], run: Run) -> Verdict:
     """
     cases: dict[str, Motion] = {}
     for name in claim["cases"]:
-        status = run.summary(name, {"status": str, "message": str}) if name in run else {"status": "missing", "message": ""}
-        if status["status"] != "ok":
-            return Verdict(claim, NOT_TESTED, math.nan, f"{name}: {status['status']} {status['message']}".rstrip())
+        ended = run.row(name, {"status": str, "message": str}) if name in run else {"status": "missing", "message": ""}
+        if ended["status"] != "ok":
+            return Verdict(claim, NOT_TESTED, math.nan, f"{name}: {ended['status']} {ended['message']}".rstrip())
         cases[name] = quantities.read(run.read(name))
     check, over = claim["check"], claim["over"]
     try:

@@ -187,6 +187,28 @@ def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
 
 
 @main.command()
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@click.option("--rtol", type=float, help="Relative tolerance (default: the reference's own, else 1e-9).")
+@click.option("--atol", type=float, help="Absolute tolerance (default: the reference's own, else 0).")
+@JSON
+def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
+    """Compare the result A with the reference B: every case, label, crossing and value that B has.
+
+    The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere. Times of crossings
+    and events may be off by 100 times rtol.
+    """
+    from . import compare, report, store
+
+    with store.open_run(a) as ours, store.open_run(b) as reference:
+        lines = compare.compare(ours, reference, compare.Tolerance(rtol, atol))
+    rows = [{**vars(line), "differs": line.differs} for line in lines]
+    click.echo(json.dumps(rows) if as_json else report.comparison(rows))
+    if any(line.differs for line in lines):
+        sys.exit(3)
+
+
+@main.command()
 @RUNS
 @JSON
 def show(runs: tuple[Path, ...], as_json: bool) -> None:

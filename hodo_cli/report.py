@@ -113,3 +113,23 @@ def claims(rows: Sequence[Mapping[str, Any]]) -> str:
             for row in rows
         ],
     )
+
+
+def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
+    """For each case the variable that is farthest from the reference, and every one that differs."""
+    worst = {row["case"]: row for row in sorted(rows, key=lambda row: row["scaled"])}
+    shown = [row for row in rows if row["differs"] or row is worst[row["case"]]]
+    return table(
+        ("case", "variable", "scaled error", "", "where"),
+        [
+            (
+                row["case"],
+                row["variable"],
+                magnitude(row["scaled"]),
+                "DIFFERS" if row["differs"] else "",
+                row["place"],
+            )
+            for row in shown
+        ],
+        right=("scaled error",),
+    )

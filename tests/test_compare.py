@@ -1,0 +1,316 @@
+"""Comparing results: every kind of difference is found, and nothing else; the stored datasets are right."""
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import series
+from conftest import ROOT, Hodo
+
+from hodo_cli import HodoError
+from hodo_cli.case import load, parse_case
+from hodo_cli.compare import Line, Tolerance, compare, difference, matching
+from hodo_cli.hdf5 import Group, Variable, create, open_run
+from hodo_cli.models import find
+
+REFERENCE = ROOT / "runs" / "reference"
+CASES = ("fig1-1", "fig4", "fig12")
+
+STORED = Tolerance()
+
+Change = Callable[[dict[str, Group]], object]
+
+
+def groups(names: tuple[str, ...] = CASES) -> dict[str, Group]:
+    """Some cases of paper 1's reference, free to be changed."""
+    with open_run(REFERENCE / "paper1.h5") as run:
+        found = {name: run.read(name) for name in names}
+    return {name: Group(dict(group.attributes), dict(group.variables)) for name, group in found.items()}
+
+
+def compared(tmp_path: Path, change: Change, tolerance: Tolerance = STORED, reference: Change = len) -> list[Line]:
+    """The reference, changed, against the reference."""
+    paths = []
+    for name, each in (("a", change), ("b", reference)):
+        cases = groups()
+        each(cases)
+        paths.append(tmp_path / f"{name}.h5")
+        with create(paths[-1], {}) as output:
+            for case, group in cases.items():
+                output.write(case, group)
+    with open_run(paths[0]) as a, open_run(paths[1]) as b:
+        return compare(a, b, tolerance)
+
+
+def found(lines: list[Line]) -> list[tuple[str, str]]:
+    return [(line.case, line.variable) for line in lines if line.differs]
+
+
+def put(group: Group, name: str, data: np.ndarray) -> None:
+    old = group.variables[name]
+    group.variables[name] = replace(old, data=data)  # type: ignore[index]
+
+
+def shifted(case: str, name: str, at: tuple[int, ...], by: float) -> Change:
+    """One number moved by `by` times the tolerance of its variable."""
+
+    def change(cases: dict[str, Group]) -> None:
+        variable = cases[case].variables[name]
+        data = variable.data.copy()
+        data[at] += by * variable.attributes["rtol"] * np.abs(data).max()
+        put(cases[case], name, data)
+
+    return change
+
+
+def test_a_result_equals_itself(tmp_path: Path) -> None:
+    lines = compared(tmp_path, len)
+    assert all(line.scaled == 0 for line in lines)
+    assert {line.case for line in lines} == set(CASES)
+    assert {line.variable for line in lines if line.case == "fig4"} == {
+        "time", "omega", "axis", "enclosed_axis", "crossing_time", "crossing_from", "crossing_to", "crossing_G",
+    }  # fmt: skip
+
+
+def test_twice_the_tolerance_in_one_sample_is_found_and_half_of_it_is_not(tmp_path: Path) -> None:
+    lines = compared(tmp_path, shifted("fig4", "omega", (17, 1), 2))
+    assert found(lines) == [("fig4", "omega")]
+    (line,) = (line for line in lines if line.differs)
+    assert line.scaled == pytest.approx(2, rel=1e-3)
+    assert line.place.startswith("time = 425, axis = x2: ")
+    assert not found(compared(tmp_path, shifted("fig4", "omega", (17, 1), 0.5)))
+
+
+def test_a_crossing_has_a_tolerance_of_its_own(tmp_path: Path) -> None:
+    assert found(compared(tmp_path, shifted("fig12", "crossing_time", (1,), 2))) == [("fig12", "crossing_time")]
+    lines = compared(tmp_path, shifted("fig12", "crossing_time", (1,), 0.5))
+    assert not found(lines)
+    assert max(line.scaled for line in lines) == pytest.approx(0.5, rel=1e-3)
+
+
+def test_a_swapped_label_is_found(tmp_path: Path) -> None:
+    def change(cases: dict[str, Group]) -> None:
+        labels = cases["fig4"].variables["enclosed_axis"].data.copy()
+        labels[3] = 3
+        put(cases["fig4"], "enclosed_axis", labels)
+
+    lines = compared(tmp_path, change)
+    assert found(lines) == [("fig4", "enclosed_axis")]
+    assert [line.place for line in lines if line.differs] == ["time = 75: x3, not x1"]
+
+
+def test_a_lost_crossing_is_found(tmp_path: Path) -> None:
+    def change(cases: dict[str, Group]) -> None:
+        for name, variable in cases["fig12"].variables.items():
+            if variable.dims == ("crossing",):
+                put(cases["fig12"], name, variable.data[1:])
+
+    lines = compared(tmp_path, change)
+    assert ("fig12", "crossing_time") in found(lines)
+    assert {line.place for line in lines if line.differs} == {"2 along crossing, not 3"}
+
+
+def test_a_dropped_case_an_extra_one_and_a_failed_one_are_found(tmp_path: Path) -> None:
+    assert found(compared(tmp_path, lambda cases: cases.pop("fig4"))) == [("fig4", "")]
+    assert found(compared(tmp_path, len, reference=lambda cases: cases.pop("fig4"))) == [("fig4", "")]
+    assert found(compared(tmp_path, lambda cases: cases["fig4"].attributes.update(status="failed"))) == [
+        ("fig4", "status")
+    ]
+
+
+def test_a_value_that_is_no_number_is_found_and_equals_its_like(tmp_path: Path) -> None:
+    def change(cases: dict[str, Group]) -> None:
+        shifted("fig1-1", "omega", (5, 0), np.nan)(cases)
+
+    assert found(compared(tmp_path, change)) == [("fig1-1", "omega")]
+    assert found(compared(tmp_path, len, reference=change)) == [("fig1-1", "omega")]
+    assert not found(compared(tmp_path, change, reference=change))
+    assert difference(np.array([np.inf]), np.array([-np.inf]), 1, 1)[0] == np.inf
+    assert difference(np.array([np.inf, 1.0]), np.array([np.inf, 1.0]), 1e-9, 0)[0] == 0
+
+
+def test_a_variable_that_is_gone_is_found(tmp_path: Path) -> None:
+    assert found(compared(tmp_path, lambda cases: cases["fig4"].variables.pop("omega"))) == [("fig4", "omega")]
+
+
+def test_tolerances_given_replace_the_stored_ones(tmp_path: Path) -> None:
+    change = shifted("fig4", "omega", (17, 1), 2)
+    assert not found(compared(tmp_path, change, Tolerance(rtol=1e-11)))
+    assert not found(compared(tmp_path, change, Tolerance(atol=1e-11)))
+    assert found(compared(tmp_path, change, Tolerance(rtol=1e-13)))
+
+
+def test_what_varies_from_run_to_run_is_left_out(tmp_path: Path) -> None:
+    def change(cases: dict[str, Group]) -> None:
+        cases["fig4"].attributes.update(run_time=77.0, steps=3, method="other", tol=1.0, error=1.0)
+        put(cases["fig4"], "crossing_error", cases["fig4"].variables["crossing_error"].data + 1)
+
+    assert not found(compared(tmp_path, change))
+
+
+def test_samples_are_compared_at_the_reference_s_times() -> None:
+    dense, thin = np.linspace(0, 1, 101), np.linspace(0, 1, 11)
+    assert matching(dense, thin).tolist() == list(range(0, 101, 10))
+    assert matching(np.array([0.5]), np.array([0.0, 0.5, 2.0])).tolist() == [0, 0, 0]
+    assert matching(np.empty(0), thin).size == 0
+
+
+def test_a_missing_sample_is_found(tmp_path: Path) -> None:
+    def change(cases: dict[str, Group]) -> None:
+        for name, variable in cases["fig4"].variables.items():
+            if variable.dims[:1] == ("time",):
+                put(cases["fig4"], name, np.delete(variable.data, 17, axis=0))
+
+    assert ("fig4", "time") in found(compared(tmp_path, change))
+
+
+def test_results_of_other_experiments_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(HodoError, match="no case in common"):
+        compared(tmp_path, lambda cases: [cases.pop(name) for name in CASES], reference=len)
+
+
+@pytest.mark.heyoka
+def test_the_program_meets_the_reference_and_a_damping_off_by_1e_9_does_not(hodo: Hodo, tmp_path: Path) -> None:
+    config = ROOT / "configs" / "paper1.yaml"
+    for name, options in (("same", []), ("off", ["--set", "fig4.damping.0=0.005000000005"])):
+        assert hodo("run", config, "--case", "fig4", "--out", name, "--quiet", *options).returncode == 0
+        assert hodo("classify", f"{name}/paper1.h5").returncode == 0
+    differing = {}
+    for name in ("same", "off"):
+        done = hodo("compare", f"{name}/paper1.h5", REFERENCE / "paper1.h5", "--json")
+        assert done.returncode == 3, done.stderr  # the other cases are missing
+        rows = [row for row in json.loads(done.stdout) if row["case"] == "fig4"]
+        differing[name] = {row["variable"] for row in rows if row["differs"]}
+    assert differing == {"same": set(), "off": {"omega", "crossing_time", "crossing_G"}}
+
+
+def test_compare_prints_the_worst_of_each_case_and_says_0_or_3(hodo: Hodo, tmp_path: Path) -> None:
+    path = REFERENCE / "paper3.h5"
+    same = hodo("compare", path, path)
+    assert same.returncode == 0, same.stderr
+    with open_run(path) as run:
+        assert [line.split()[0] for line in same.stdout.splitlines()[1:]] == run.cases()
+    assert hodo("compare", path, REFERENCE / "paper2.h5").returncode == 2
+
+
+# The reference itself.
+
+
+def test_the_reference_is_small_and_covers_every_case_of_the_papers() -> None:
+    assert sum(path.stat().st_size for path in REFERENCE.iterdir()) < 1_000_000
+    for config in ROOT.glob("configs/paper*.yaml"):
+        with open_run(REFERENCE / f"{config.stem}.h5") as run:
+            assert run.cases() == list(load(config).cases)
+            assert "quadruple precision" in run.attributes["reference"]
+            for name in run.cases():
+                assert parse_case(run.summary(name)["case"]).precision == "quadruple"
+
+
+def sampled(paper: str, name: str, times: list[int]) -> tuple[Group, list[float]]:
+    with open_run(REFERENCE / f"{paper}.h5") as run:
+        group = run.read(name)
+    return group, group.variables["time"].data[times].tolist()
+
+
+def check(values: np.ndarray, exact: list[list[object]]) -> None:
+    """Values (n, m) that were rounded to doubles, against numbers of many digits."""
+    truth = np.array([[float(x) for x in row] for row in exact])  # type: ignore[arg-type]
+    assert np.abs(values - truth).max() <= 4e-16 * np.abs(truth).max()
+
+
+@pytest.mark.parametrize(
+    "name", ["fig1-1", "fig1-4", "fig2-2", "fig3-2", "fig4", "fig6", "fig7", "fig8", "fig11", "fig12", "fig14", "fig18"]
+)
+def test_states_of_paper_1_agree_with_the_series(name: str) -> None:
+    group, times = sampled("paper1", name, [3, -1])
+    case = parse_case(group.attributes["case"])
+    A, start = case.data["inertia"], find(case.model, case.form).start(case.data)
+    if case.model == "tensor":
+        on, off = case.data["resistance"]["diagonal"], case.data["resistance"]["off_diagonal"]
+        system = series.tensor(A, [[on if i == j else off for j in range(3)] for i in range(3)])
+    else:
+        system = series.diagonal(A, case.data["damping"])
+    exact = series.states(system, start, times)
+    omega = group.variables["omega"].data[[3, -1]]
+    for row, truth in zip(omega, exact, strict=True):
+        check(row[None], [truth])
+
+
+def spelled(paper: int, name: str) -> str:
+    """A case as the table of the series calls it."""
+    if paper == 1:
+        return f"P1 {name.replace('-r', ' from r = ')}"
+    figure, _, form = name.partition("-")
+    return f"P2 {figure} averaged-{form}".removesuffix("-")
+
+
+@pytest.mark.parametrize(("paper", "events"), [(1, 17), (2, 8)])
+def test_events_of_every_figure_agree_with_the_series(paper: int, events: int) -> None:
+    with open(ROOT / "tests" / "data" / "crossings.csv", encoding="utf-8") as file:
+        table = [row for row in csv.DictReader(file) if "ulp" not in row["case"]]
+    with open_run(REFERENCE / f"paper{paper}.h5") as run:
+        stored = {spelled(paper, name): run.read(name).variables for name in run.cases()}
+    assert sum(row["case"] in stored for row in table) == events
+    for case, data in stored.items():
+        exact = [row for row in table if row["case"] == case]
+        if not exact:
+            continue
+        prefix, value = ("crossing", data["crossing_G"].data) if paper == 1 else ("event", data["x"].data[-1:])
+        # To the rounding of a double.
+        assert data[f"{prefix}_time"].data == pytest.approx([float(row["time"]) for row in exact], rel=3e-16, abs=0)
+        assert value == pytest.approx([float(row["value"]) for row in exact], rel=4e-16, abs=0)
+        if paper == 1:
+            ends = zip(data["crossing_from"].data, data["crossing_to"].data, strict=True)
+            assert [f"x{a} to x{b}" for a, b in ends] == [row["event"] for row in exact]
+
+
+@pytest.mark.parametrize("name", ["fig1-full", "fig3-M2-full", "internal-triaxial"])
+def test_states_of_paper_2_agree_with_the_series(name: str) -> None:
+    group, times = sampled("paper2", name, [5, -1])
+    case = parse_case(group.attributes["case"])
+    k = find(case.model, case.form).constants(case.data)
+    system = series.cavity(case.data["inertia"], k["kappa"], [k["N1"], k["N2"], k["N3"]])
+    exact = series.states(system, find(case.model, case.form).start(case.data), times)
+    check(group.variables["omega"].data[[5, -1]], exact)
+
+
+def test_states_of_paper_3_agree_with_the_series() -> None:
+    group, times = sampled("paper3", "case2-full", [7, -1])
+    case = parse_case(group.attributes["case"])
+    data, start = case.data, find(case.model, case.form).start(case.data)
+    system = series.lagrange(
+        data["inertia"]["A"], data["inertia"]["C"], data["mu"], data["epsilon"], data["a"], data["b"]
+    )
+    exact = series.states(system, (*start, 0), times)
+    stored = np.hstack([group.variables[name].data[[7, -1]] for name in ("omega", "gamma")])
+    check(stored, [row[:6] for row in exact])
+
+
+def test_the_average_of_paper_3_agrees_with_elliptic_integrals() -> None:
+    group, times = sampled("paper3", "case2", [10])
+    motion, start = series.paper3("case2")
+    exact = motion.states(start, times)
+    check(np.array([[group.variables[name].data[10] for name in ("Gz", "H", "r")]]), exact)
+
+
+def test_the_table_of_crossings_lists_what_the_datasets_hold() -> None:
+    with open(REFERENCE / "crossings.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for path in REFERENCE.glob("*.h5"):
+        with open_run(path) as run:
+            for name in run.cases():
+                data = run.read(name).variables
+                stored = [*(data[key].data.tolist() for key in ("crossing_time", "event_time") if key in data)]
+                listed = [float(row["time"]) for row in rows if (row["paper"], row["case"]) == (path.stem, name)]
+                assert listed == [time for times in stored for time in times]
+
+
+def test_a_variable_without_a_tolerance_has_the_default_one() -> None:
+    plain = Variable(("time",), np.ones(1))
+    assert Tolerance().of("omega", plain) == (1e-9, 0.0)
+    assert Tolerance().of("crossing_time", plain) == (pytest.approx(1e-7), 0.0)
+    assert Tolerance(1e-3, 2.0).of("omega", Variable(("time",), np.ones(1), {"rtol": 1e-12})) == (1e-3, 2.0)
