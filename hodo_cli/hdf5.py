@@ -209,11 +209,13 @@ def _dims(dataset: h5py.Dataset, named: Mapping[int, str]) -> tuple[str, ...]:
 class Output:
     """A file that is being written; made by `create`."""
 
-    def __init__(self, file: h5py.File) -> None:
+    def __init__(self, file: h5py.File, disk: "_Disk") -> None:
         self._file = file
+        self._disk = disk
 
     def write(self, name: str, group: Group) -> None:
         """Add a group. The order of creation is tracked throughout: without it netCDF-4 cannot append."""
+        self._disk.check()
         target = self._file.create_group(name, track_order=True)
         _set_attributes(target, group.attributes)
         sizes: dict[str, int] = {}
@@ -243,6 +245,7 @@ class Output:
 
         HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew.
         """
+        self._disk.check()
         with run._group(name) as old:
             old.file.copy(old, self._file, name)
             before, after = dict(old.items()), dict(self._file[name].items())
@@ -262,9 +265,16 @@ def _attach(items: Mapping[str, h5py.Dataset], name: str, dims: tuple[str, ...])
 
 
 class _Disk(io.FileIO):
-    """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process down over one."""
+    """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process down over one.
+
+    What could not be written is kept in memory and read back from there, for HDF5 crashes over missing bytes too.
+    """
 
     error: OSError | None = None
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+")
+        self._unwritten: list[tuple[int, bytes]] = []
 
     def write(self, data: Any) -> int:
         view = memoryview(data).cast("B")
@@ -273,6 +283,8 @@ class _Disk(io.FileIO):
                 view = view[super().write(view) :]
         except OSError as error:
             self.error = error
+        if view:
+            self._unwritten.append((self.tell(), bytes(view)))
         return len(data)
 
     def truncate(self, size: int | None = None) -> int:
@@ -282,9 +294,22 @@ class _Disk(io.FileIO):
             self.error = self.error or error
             return size or 0
 
+    def check(self) -> None:
+        """Raise the failure, if there was one."""
+        if self.error:
+            raise self.error
+
     def readinto(self, buffer: Any) -> int:
-        got = super().readinto(buffer) or 0
-        return len(buffer) if self.error else got
+        start, view = self.tell(), memoryview(buffer).cast("B")
+        got = super().readinto(view) or 0
+        if not self.error:
+            return got
+        view[got:] = bytes(len(view) - got)
+        for offset, data in self._unwritten:
+            first, last = max(start, offset), min(start + len(view), offset + len(data))
+            if first < last:
+                view[first - start : last - start] = data[first - offset : last - offset]
+        return len(view)
 
 
 @contextmanager
@@ -293,14 +318,13 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
 
     Raises OSError if the operating system does not let it be written.
     """
-    with _Disk(path, "w+") as disk:
+    with _Disk(path) as disk:
         try:
             with h5py.File(disk, "w", track_order=True) as file:
                 _set_attributes(file, {"format_version": FORMAT_VERSION, **attributes})
-                yield Output(file)
+                yield Output(file, disk)
         finally:
-            if disk.error:
-                raise disk.error
+            disk.check()
 
 
 def _file_type(name: str, data: np.ndarray) -> Any:
