@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from . import HodoError, rigid
-from .case import parse_case
+from .case import Case, parse_case
 from .provenance import FORMAT_VERSION
 
 
@@ -90,13 +90,21 @@ def open_root(path: Path | str) -> xr.Dataset:
         return xr.Dataset(attrs=cases.attributes)
 
 
+def case_of(dataset: xr.Dataset) -> Case:
+    """The case that a dataset is the motion of. Raises HodoError if it says none."""
+    text = dataset.attrs.get("case")
+    if not isinstance(text, str):
+        raise HodoError("damaged: a group without the text of its case")
+    return parse_case(text)
+
+
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """A case with what its angular velocity and its three moments of inertia determine; any other as it is.
 
     Added: `G` (..., axis), the angular momentum in body axes, `G_norm` = |G|, `G2` = G^2, the kinetic energy `T` and
     the separatrix function `D` = G^2 - 2 T A_middle. |G| is right also where G^2 underflows.
     """
-    inertia = parse_case(dataset.attrs["case"]).data.get("inertia") if "omega" in dataset else None
+    inertia = case_of(dataset).data.get("inertia") if "omega" in dataset else None
     if not isinstance(inertia, tuple | list):
         return dataset
     omega = dataset["omega"].transpose(..., "axis")

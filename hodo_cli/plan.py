@@ -172,7 +172,7 @@ def outcomes(
             resume = plan.reasons.get(case.name) != FORCED
             try:
                 yield case, sweep.run(case, fingerprint(case), pool, writer, resume, progress.say)
-            except HodoError as error:
+            except Exception as error:
                 yield case, error
 
 

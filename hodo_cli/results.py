@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import HodoError, rigid
-from .case import Case, Config, parse, parse_case
-from .dataset import Cases, derive, open_cases
+from .case import Case, Config, parse
+from .dataset import Cases, case_of, derive, open_cases
 from .keys import nearest
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class Results:
             if name not in self.cases:
                 raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
             data = derive(self.cases[name])
-            self._motions[name] = Motion(parse_case(str(data.attrs["case"])), name, data)
+            self._motions[name] = Motion(case_of(data), name, data)
         found = self._motions[name]
         return Motion(found.case, label or name, found.data)
 
