@@ -115,8 +115,8 @@ def labelled(found: Classification) -> Group:
 class Sides:
     """Watches a motion step by step and keeps the crossings of D = 0 that are beyond doubt.
 
-    The motion has changed sides when |D| has stood above `band` times its two terms first with one sign, then
-    with the other. So neither a start on D = 0, nor a touch, nor a stretch in which D is nothing but rounding
+    The motion has changed sides when |D| has stood first with one sign, then with the other, above what an error of
+    `band` relative to |omega| makes of its two terms, which near the middle axis is much. So neither a start on D = 0, nor a touch, nor a stretch in which D is nothing but rounding
     makes a crossing, and no root that an engine reports twice or loses between two steps changes the list.
     """
 
@@ -140,8 +140,10 @@ class Sides:
     def look(self, step: Step, time: float) -> None:
         """Note the side on which the motion stands at a time inside the step, if it is beyond doubt."""
         state = step.dense(time)
-        outer, inner = rigid.separatrix_terms(self.A, state.astype(float), self.order)
-        if not abs(outer - inner) > self.band * (outer + inner):
+        omega = state.astype(float)
+        outer, inner = rigid.separatrix_terms(self.A, omega, self.order)
+        near = rigid.near_middle_axis(self.A, omega, self.order)
+        if not abs(outer - inner) * np.sqrt(near) > self.band * (outer + inner):
             return
         side = 1 if outer > inner else -1
         if side == -self.side:

@@ -37,19 +37,32 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
     return A[l] * (A[l] - A[m]) * omega[l] * omega[l], A[s] * (A[m] - A[s]) * omega[s] * omega[s]
 
 
+def near_middle_axis(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
+    """How the terms of D compare with what they could be: (outer + inner) / (sum of their weights * |omega|^2).
+
+    Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
+    """
+    l, m, s = order
+    weight = A[l] * (A[l] - A[m]) + A[s] * (A[m] - A[s])
+    return sum(separatrix_terms(A, omega, order)) / (weight * (omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2))
+
+
 def enclosed_axis(A: Any, omega: np.ndarray, band: float) -> np.ndarray:
     """The axis that the hodograph of G encloses, for omega (..., 3) at any scale, as int8.
 
-    1, 2, 3 name the body axes; 0 is the separatrix, where |D| is at most `band` times the sum of its two terms;
+    1, 2, 3 name the body axes; 0 is the separatrix, where |D| is at most `band` times the sum of its two terms,
+    or the rotation is within `band` of the middle axis, so that its error may exceed the components which decide;
     -1 is undetermined: no rotation, or no axis to go round (steady rotation of a symmetric or spherical body).
     """
-    order = inertia_order(A)
+    order, w = inertia_order(A), np.moveaxis(omega, -1, 0)
     largest, middle, smallest = order
-    outer, inner = separatrix_terms(A, np.moveaxis(omega, -1, 0), order)
+    outer, inner = separatrix_terms(A, w, order)
     difference, total = outer - inner, outer + inner
     labels = np.where(difference > 0, largest + 1, smallest + 1)
     labels = np.where(np.abs(difference) <= band * total, SEPARATRIX, labels)
-    triaxial = A[largest] > A[middle] > A[smallest]
-    moving = np.any(omega != 0, axis=-1)
-    known = np.isfinite(total) & (moving if triaxial else total > 0)
+    known = np.isfinite(total) & (total > 0)
+    if A[largest] > A[middle] > A[smallest]:
+        known = np.isfinite(total) & np.any(omega != 0, axis=-1)
+        with np.errstate(invalid="ignore"):
+            labels = np.where(near_middle_axis(A, w, order) <= band * band, SEPARATRIX, labels)
     return np.where(known, labels, UNDETERMINED).astype(np.int8)
