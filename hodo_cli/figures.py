@@ -64,4 +64,18 @@ KINDS: dict[str, dict[str, Key]] = {
         "y": Key(Text(), "variable on the vertical axis"),
     },
     "invariants": COMMON,
+    "map": {
+        "cases": Key(Names(), "sweeps drawn, a row of panels each"),
+        "labels": LABELS,
+        "caption": CAPTION,
+        "variable": Key(Text(), "variable of the sweep, a component (`share.x1`), or the share of a label "
+                        "(`end_axis.x1`); averaged over the axes that are not drawn"),
+        "x": Key(Text(), "axis of the sweep on the horizontal axis (default, with y: an equal-area map of the sphere)",
+                 default=None),
+        "y": Key(Text(), "axis of the sweep on the vertical axis", default=None),
+        "panels": Key(Text(), "axis of the sweep along which the panels stand", default=None),
+        "at": Key(Sequence(Integer(least=0)), "positions on that axis, counted from zero (default: all)", default=()),
+        "range": Key(Vector(2), "ends of the colour scale (default: those of the values)", default=None),
+        "level": Key(Number(), "a value whose contour is drawn over two axes", default=None),
+    },
 }  # fmt: skip
