@@ -131,7 +131,8 @@ def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> t
     if len(missing) != 1:
         return "G stands for exactly one of p, q, r: leave that one out and give the other two"
     with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
-        known = sum((Decimal(A) * Decimal(w)) ** 2 for A, w in zip(inertia, omega, strict=True) if w is not None)
+        parts = (Decimal(A) * Decimal(w) for A, w in zip(inertia, omega, strict=True) if w is not None)
+        known = sum((part * part for part in parts), Decimal(0))
         rest = Decimal(momentum) ** 2 - known
         if rest < 0:
             return f"|G| is at least {known.sqrt():.6g} with the two given, so G: {momentum:.6g} leaves no {missing[0]}"
