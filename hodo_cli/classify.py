@@ -8,10 +8,11 @@ import numpy as np
 
 from . import HodoError, rigid
 from .case import Case, parse_case
-from .hdf5 import Attribute, Group, Variable, typed
+from .hdf5 import Attribute, Group, Variable
 from .integrate import Solution, Step, extended, references, solve, stored
 from .memory import afford
 from .models import find
+from .provenance import typed
 
 EPS = 2.0**-52
 

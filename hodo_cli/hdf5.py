@@ -14,15 +14,13 @@ import numpy as np
 from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
 from . import HodoError, memory
-from .provenance import FORMAT_VERSION
+from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 HIDDEN = ("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates")
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
-
-KINDS = {str: "text", int: "whole number", float: "number"}
 
 Attribute = str | int | float | np.ndarray
 
@@ -121,14 +119,6 @@ class Run:
                 raise
             raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
-
-
-def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) -> dict[str, Any]:
-    """The attributes of these names. Raises HodoError if one is missing or not of its kind: str, int or float."""
-    for name, kind in kinds.items():
-        if not isinstance(attributes.get(name), (int, float) if kind is float else kind):
-            raise HodoError(f"{owner} is damaged (its {name} is no {KINDS[kind]})")
-    return {name: attributes[name] for name in kinds}
 
 
 @contextmanager

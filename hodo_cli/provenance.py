@@ -3,16 +3,30 @@
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
+from numbers import Integral, Real
 from pathlib import Path
+from typing import Any
 
-from . import __version__
+from . import HodoError, __version__
 
 FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer files."""
 
+KINDS = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
+
 LIBRARIES = ("numpy", "scipy", "heyoka", "h5py")
+
+
+def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) -> dict[str, Any]:
+    """The attributes of these names. Raises HodoError if one is missing or not of its kind: str, int or float."""
+    for name, kind in kinds.items():
+        words, wanted = KINDS[kind]
+        if not isinstance(attributes.get(name), wanted):
+            raise HodoError(f"{owner} is damaged (its {name} is no {words})")
+    return {name: attributes[name] for name in kinds}
 
 
 def stamp(command: str) -> str:

@@ -13,6 +13,8 @@ from . import HodoError, rigid
 from .case import Case, Config, parse
 from .dataset import Cases, case_of, derive, open_cases
 from .keys import nearest
+from .provenance import typed
+from .report import SUMMARY
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -123,11 +125,12 @@ class Results:
         return self.config.figures
 
     def motion(self, name: str, label: str = "") -> Motion:
-        """One case. Raises HodoError if the file does not hold it."""
+        """One case. Raises HodoError if the file does not hold it, or it is damaged."""
         if name not in self._motions:
             if name not in self.cases:
                 raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
             data = derive(self.cases[name])
+            typed(data.attrs, SUMMARY | {"case": str, "error_kind": str}, f"{self.path}: {name}")
             self._motions[name] = Motion(case_of(data), name, data)
         found = self._motions[name]
         return Motion(found.case, label or name, found.data)
