@@ -20,15 +20,20 @@ class Pool:
     """Applies functions to tasks, in this process or through an executor. A context manager; may be used repeatedly.
 
     `make` makes the executor (None: no executor); it is called when first needed, and again after a worker's death.
-    `ahead` is the number of tasks that are handed to it before the first of them has to be finished.
+    `ahead` is the number of tasks that are handed to it before the first of them has to be finished. With `early` it
+    is made on entering, so that it is known at once if there is none to be had.
     """
 
-    def __init__(self, make: Callable[[], Executor] | None = None, ahead: int = 1) -> None:
+    def __init__(self, make: Callable[[], Executor] | None = None, ahead: int = 1, early: bool = False) -> None:
         self._make = make
+        self._early = early
         self._ahead = ahead
         self._executor: Executor | None = None
 
     def __enter__(self) -> Self:
+        """Raises HodoError if there is no executor to be had."""
+        if self._early and self._make is not None:
+            self._executor = self._make()
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -129,6 +134,43 @@ def _obey(leash: Connection) -> None:
     Thread(target=watch, daemon=True).start()
 
 
-def pool(workers: int) -> Pool:
-    """Tasks in this process, if `workers` is 1, or in so many others."""
+class Dask(Executor):
+    """The workers of a dask scheduler: those at tcp://HOST:PORT, or, for "dask", so many processes of this machine.
+
+    A task whose worker is lost is done again by another one. Raises HodoError if dask is not installed, or no
+    scheduler answers.
+    """
+
+    def __init__(self, scheduler: str, workers: int) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise HodoError("--scheduler needs dask, which is not installed: pip install 'hodo[dask]'") from None
+        local = {"n_workers": workers, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
+        try:
+            client: Any = Client  # it is not typed
+            self._client = client(**local) if scheduler == "dask" else client(scheduler, timeout=10)
+        except (OSError, ValueError, TypeError) as error:
+            raise HodoError(f"no dask scheduler answers at {scheduler}: {error}") from None
+        self._inner = self._client.get_executor(pure=False)
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Schedule a call."""
+        future: Future[Any] = self._inner.submit(function, *args, **kwargs)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the scheduler; a cluster of this machine ends."""
+        self._inner.shutdown(wait=wait and not cancel_futures)
+        self._client.close()
+
+
+AHEAD = 256
+"""Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to have workers."""
+
+
+def pool(workers: int, scheduler: str | None = None) -> Pool:
+    """Tasks in this process, if `workers` is 1, in so many others, or on the workers of a dask scheduler."""
+    if scheduler is not None:
+        return Pool(lambda: Dask(scheduler, workers), 2 * workers if scheduler == "dask" else AHEAD, early=True)
     return Pool(lambda: Processes(workers), 2 * workers) if workers > 1 else Pool()

@@ -69,6 +69,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON valu
 @click.option("--out", type=click.Path(path_type=Path), default="runs", show_default=True, help="Folder of results.")
 @click.option("--force", is_flag=True, help="Run finished cases again.")
 @click.option("-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes.")
+@click.option("--scheduler", metavar="dask|tcp://HOST:PORT", help="Run on dask: in N processes, or on its workers.")
 @click.option("--dry-run", is_flag=True, help="Say what would run, and why; run nothing.")
 @click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr; what fails is said.")
@@ -80,6 +81,7 @@ def run(
     out: Path,
     force: bool,
     jobs: int,
+    scheduler: str | None,
     dry_run: bool,
     fail_fast: bool,
     quiet: bool,
@@ -97,7 +99,7 @@ def run(
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return
     rows: list[dict[str, Any]] = []
-    with pool(jobs) as workers, Progress(sum(len(plan.reasons) for plan in plans), quiet) as progress:
+    with pool(jobs, scheduler) as workers, Progress(sum(len(plan.reasons) for plan in plans), quiet) as progress:
         for plan_ in plans:
             rows += plan_.execute(workers, progress, fail_fast)
             if fail_fast and any(row["status"] != "ok" for row in rows):
@@ -155,7 +157,7 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
             rows += [{"run": str(path), **claims.row(verdict)} for verdict in verdicts]
             if verdicts:
                 changes.write("_claims", claims.group(verdicts))
-    click.echo(json.dumps(rows) if as_json else report.claims(rows))
+    click.echo(report.as_json(rows) if as_json else report.claims(rows))
     if any(row["verdict"] != row["expect"] for row in rows):
         sys.exit(3)
 
@@ -203,7 +205,7 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
     with store.open_run(a) as ours, store.open_run(b) as reference:
         lines = compare.compare(ours, reference, compare.Tolerance(rtol, atol))
     rows = [{**vars(line), "differs": line.differs} for line in lines]
-    click.echo(json.dumps(rows) if as_json else report.comparison(rows))
+    click.echo(report.as_json(rows) if as_json else report.comparison(rows))
     if any(line.differs for line in lines):
         sys.exit(3)
 
