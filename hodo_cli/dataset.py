@@ -107,7 +107,10 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     inertia = case_of(dataset).data.get("inertia") if "omega" in dataset else None
     if not isinstance(inertia, tuple | list):
         return dataset
-    omega = dataset["omega"].transpose(..., "axis")
+    omega = dataset["omega"]
+    if "axis" not in omega.dims or omega.sizes["axis"] != 3 or omega.dtype.kind != "f":
+        raise HodoError("damaged: its omega holds no vectors")
+    omega = omega.transpose(..., "axis")
     A, w = np.array(inertia, dtype=float), omega.values
     G = rigid.angular_momentum(A, w)
     outer, inner = rigid.separatrix_terms(A, np.moveaxis(w, -1, 0), rigid.inertia_order(A))
