@@ -14,7 +14,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from . import HodoError, rigid
+from . import HodoError, memory, rigid
 from .case import Case, parse_case
 from .provenance import FORMAT_VERSION
 
@@ -28,11 +28,14 @@ class Cases(Mapping[str, xr.Dataset]):
         self._file = file
 
     def __getitem__(self, name: str) -> xr.Dataset:
-        """A case, in memory. Raises KeyError if it is not there, HodoError if it is damaged."""
+        """A case, in memory. Raises KeyError if it is not there, HodoError if it is damaged or too large."""
         group = self._file.groups[name]
         try:
             source = xr.backends.NetCDF4DataStore(group)  # type: ignore[no-untyped-call]
-            return xr.open_dataset(source, decode_cf=False).load()
+            found = xr.open_dataset(source, decode_cf=False)
+            if found.nbytes > memory.limit():
+                raise HodoError(f"{self.path}: {name} does not fit into memory: {memory.size(found.nbytes)}")
+            return found.load()
         except (OSError, RuntimeError, LookupError, ValueError) as error:
             raise HodoError(f"{self.path}: {name} is damaged ({error})") from error
 
