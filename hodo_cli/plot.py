@@ -731,9 +731,10 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     sweeps = [Swept.of(name, results.cases) for name in spec["cases"]]
     rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
     flat = spec["x"] is None or spec["y"] is None
-    columns = max(map(len, rows)) if len(rows) > 1 else 2 if len(rows[0]) == 4 else min(len(rows[0]), 3)
     cells = [cell for row in rows for cell in row]
-    lines = len(rows) if len(rows) > 1 else -(-len(cells) // columns)
+    most = max(map(len, rows))
+    columns = most if len(rows) > 1 and most > 1 else 2 if len(cells) == 4 else min(len(cells), 3)
+    lines = -(-len(cells) // columns)
     width = COLUMN if columns == 1 else PAGE
     sheet.figure.set_size_inches(width, lines * width / columns * (0.6 if flat else 0.85) + 0.55)
     panels = sheet.figure.subplots(lines, columns, squeeze=False, sharex=not flat, sharey=not flat)
@@ -833,4 +834,4 @@ def map_label(swept: Swept, variable: str) -> str:
     name, _, part = variable.partition(".")
     said = str(swept.data[name].attrs.get("long_name", name))
     labels = str(swept.data[name].attrs.get("flag_meanings", "")).split()
-    return f"share of members: {said} is {part}" if part in labels else f"{said} ({part})" if part else said
+    return f"share of members: {said} is {part}" if part in labels else f"{said}: {part}" if part else said

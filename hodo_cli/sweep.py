@@ -64,9 +64,9 @@ CLASSIFIED = {
     "crossing_to": Column("axis enclosed after it", "i1", attributes=LABEL),
     "crossing_G": Column("|G| at it"),
     "crossings": Column("number of passages", "i4"),
-    "start_axis": Column("axis that the hodograph of G encloses at the start", "i1", attributes=LABEL),
-    "end_axis": Column("axis that it encloses at the end", "i1", attributes=LABEL),
-    "share": Column("part of the span in which the hodograph encloses each axis", dims=("axis",), default=False),
+    "start_axis": Column("axis that the hodograph encloses at the start", "i1", attributes=LABEL),
+    "end_axis": Column("axis that the hodograph encloses at the end", "i1", attributes=LABEL),
+    "share": Column("part of the span in which the hodograph encloses an axis", dims=("axis",), default=False),
     "separation": Column("least |D| seen, as a part of the sum of its two terms", default=False),
 }
 ALWAYS = {"status": Column("how the member ended", "i1", attributes=FLAG)}
