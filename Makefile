@@ -16,7 +16,7 @@ PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures compare reference test lint readme lock clean
+.PHONY: help setup run classify claims figures compare reference test stress lint readme lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -51,6 +51,10 @@ reference: $(READY)  ## Compute runs/reference anew, in quadruple precision
 test: lint  ## The checks of `lint`, then the whole test suite, without heyoka and with it
 	$(PYTEST) --no-heyoka
 	$(PYTEST)
+
+stress: $(READY)  ## Kill runs at random moments, run 10,000 cases, feed the loader 20,000 bad inputs (some 15 minutes)
+	$(BIN)/python tests/stress.py
+	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
 
 lint: $(READY)  ## ruff on everything, mypy --strict on the package
 	$(BIN)/ruff check .

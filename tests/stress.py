@@ -1,0 +1,215 @@
+"""Kills `hodo run` and `hodo classify` at random moments, checks that nothing finished is ever lost, and runs many cases.
+
+`python tests/stress.py [KILLS]` does so many kills of each command (default 110) and prints what it counted.
+"""
+
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from itertools import cycle, islice
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+HODO = [sys.executable, "-m", "hodo_cli.cli"]
+CASES = 16
+CONFIG = "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}}\ncases:\n" + "".join(
+    f"  c{i}: {{damping: [0.005, 0.004, 0.00{i % 9 + 1}], initial: {{p: 0.8, q: 0.{i + 1}, r: 0.74}}}}\n"
+    for i in range(CASES)
+)
+SIGNALS = {signal.SIGKILL: (-9,), signal.SIGTERM: (143, -15), signal.SIGINT: (130, -2)}
+"""What a command returns that a signal ended: a process that has not come so far as to catch it dies of it."""
+
+READ_BY_XARRAY = """\
+import sys, xarray
+for path in sys.argv[1:]:
+    with xarray.open_datatree(path, engine="netcdf4") as tree:
+        tree.load()
+"""
+
+
+def hodo(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command that is not killed, and ends well."""
+    done = subprocess.run([*HODO, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def killed(folder: Path, kill: signal.Signals, after: float, *arguments: str) -> tuple[bool, str]:
+    """A command that gets a signal after so many seconds: whether this was its end, and what it has said.
+
+    Ctrl-C goes to its workers too, as on a terminal; the other signals to the command alone.
+    """
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([*HODO, *arguments], cwd=folder, start_new_session=True, **quiet) as process:
+        time.sleep(after)
+        (os.killpg if kill == signal.SIGINT else os.kill)(process.pid, kill)
+        said = process.communicate()[1]
+    assert process.returncode in (0, *SIGNALS[kill]), (process.returncode, said)
+    if process.returncode >= 0:
+        assert "Traceback" not in said, said
+        assert ("interrupted" in said) == (process.returncode > 0), said
+    assert not survivors(process.pid), "workers outlive the command"
+    return process.returncode != 0, said
+
+
+def survivors(session: int) -> list[int]:
+    """The processes of a session that are still there after a second."""
+    deadline = time.monotonic() + 1
+    while (alive := members(session)) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return alive
+
+
+def members(session: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            pid, fields = stat.parent.name, stat.read_text().rpartition(")")[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(pid))
+    return found
+
+
+def content(path: Path) -> dict[str, np.ndarray]:
+    """The motions in a result file, all of it read."""
+    with h5py.File(path, "r") as file:
+        file.visititems(lambda name, item: item[()] if isinstance(item, h5py.Dataset) else None)
+        return {name: case["omega"][()] for name, case in file.items()}
+
+
+def whole(folder: Path, motions: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The finished cases in a folder, published or not, each of which must be one of these motions."""
+    found = {}
+    for path in [*folder.glob(".*.partial/[0-9]*.h5"), *folder.glob("*.h5")]:
+        for name, omega in content(path).items():
+            assert np.array_equal(omega, motions[name]), f"{path}: {name} is not what it was"
+            found[name] = omega
+    return found
+
+
+def read_by_xarray(paths: list[Path]) -> None:
+    """Read whole files with xarray, in a process that does not load h5py."""
+    subprocess.run([sys.executable, "-c", READ_BY_XARRAY, *map(str, paths)], check=True)
+
+
+def prepared(folder: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """The right result in folder/right, and the seconds that each command takes when it is left alone."""
+    (folder / "right").mkdir()
+    (folder / "many.yaml").write_text(CONFIG)
+    took = {}
+    for name, arguments in {"run": ["run", "many.yaml", "--out", "right"], "classify": ["classify", "c.h5"]}.items():
+        if name == "classify":
+            shutil.copy(folder / "right" / "many.h5", folder / "c.h5")
+        began = time.monotonic()
+        hodo(folder, *arguments)
+        took[name] = time.monotonic() - began
+    return content(folder / "right" / "many.h5"), took
+
+
+def moments(kills: int, took: float) -> Iterator[tuple[signal.Signals, float]]:
+    """Signals in turn, at random moments from the time when a command has loaded its modules to its end."""
+    chance = random.Random(1)
+    return ((kill, took * chance.uniform(0.2, 1.1)) for kill in islice(cycle(SIGNALS), kills))
+
+
+def kill_runs(folder: Path, kills: int) -> Counter[str]:
+    """Kill runs, serial and parallel, three times in a row from nothing; each fourth is left to finish the work."""
+    motions, took = prepared(folder)
+    count: Counter[str] = Counter()
+    finished: set[str] = set()
+    published = []
+    for i, (kill, after) in enumerate(moments(kills, took["run"])):
+        out = folder / f"run{i // 3}"
+        out.mkdir(exist_ok=True)
+        ended, said = killed(
+            folder, kill, after, "run", "many.yaml", "--out", out.name, *(("-j", "2") if i % 2 else ())
+        )
+        finished |= set(re.findall(r"^\[\d+/\d+\] (\w+): ok$", said, re.MULTILINE))
+        found = whole(out, motions)
+        assert finished <= set(found), f"{finished - set(found)} had finished"
+        count.update({kill.name: 1, "ended by the signal": ended, "finished cases found again": len(found)})
+        if i % 3 == 2 or i == kills - 1:
+            said = hodo(folder, "run", "many.yaml", "--out", out.name).stderr
+            assert all(f"{name}: is kept" in said for name in found), said
+            assert os.listdir(out) == ["many.h5"], "something is left over"
+            assert list(content(out / "many.h5")) == list(motions)
+            published.append(out / "many.h5")
+            finished = set()
+    read_by_xarray(published)
+    return count + Counter({"files whole": len(published)})
+
+
+def kill_classifications(folder: Path, kills: int) -> Counter[str]:
+    """Kill `classify` on a file of finished cases; every third time it is left to finish."""
+    motions, took = prepared(folder)
+    count: Counter[str] = Counter()
+    files = []
+    for i, (kill, after) in enumerate(moments(kills, took["classify"])):
+        out = folder / f"classify{i}"
+        shutil.copytree(folder / "right", out)
+        ended, _ = killed(folder, kill, after, "classify", f"{out.name}/many.h5")
+        assert list(whole(out, motions)) == list(motions)
+        count.update({kill.name: 1, "ended by the signal": ended, "files whole": 1})
+        shutil.copy(out / "many.h5", folder / f"after{i}.h5")
+        files.append(folder / f"after{i}.h5")
+        if i % 3 == 2:
+            hodo(folder, "classify", f"{out.name}/many.h5")
+            assert os.listdir(out) == ["many.h5"], "something is left over"
+            with h5py.File(out / "many.h5") as file:
+                assert all("crossing_time" in case for case in file.values())
+        shutil.rmtree(out)
+    read_by_xarray(files)
+    return count
+
+
+def many_cases(folder: Path, many: int = 10000) -> Counter[str]:
+    """Time of this machine's processors for each of many cases in one file and of a hundred, and to show them."""
+    chance = random.Random(2)
+    each = {}
+    for count in (1, 101, many):
+        lines = (f"  c{i}: {{damping: [{chance.uniform(1, 5) / 1000}, 0.004, 0.003]}}\n" for i in range(count))
+        defaults = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
+        text = f"defaults: {{{defaults}, time: {{end: 400, samples: 101}}}}\ncases:\n" + "".join(lines)
+        (folder / f"x{count}.yaml").write_text(text)
+        each[count] = processor_time(folder, "run", f"x{count}.yaml", "--quiet")
+    few, all_of_them = (each[101] - each[1]) / 100, (each[many] - each[1]) / many
+    show = processor_time(folder, "show", f"runs/x{many}.h5")
+    again = processor_time(folder, "run", f"x{many}.yaml", "--quiet")
+    assert all_of_them < 2 * few, (all_of_them, few)
+    assert show < 5 * many / 10000, show
+    figures = {"us a case of 100": few * 1e6, f"us a case of {many}": all_of_them * 1e6}
+    figures |= {"ms to show them": show * 1e3, "ms to find nothing to do": again * 1e3}
+    return Counter({name: round(figure) for name, figure in figures.items()})
+
+
+def processor_time(folder: Path, *arguments: str) -> float:
+    """Seconds of processor time that a command takes: unlike the time on the wall, other work does not change it."""
+    before = os.times()
+    hodo(folder, *arguments)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
+def report(what: str, count: Counter[str], began: float) -> None:
+    figures = ", ".join(f"{number} {name}" for name, number in count.items())
+    print(f"{what}: {figures} ({time.monotonic() - began:.0f} s)", flush=True)
+
+
+if __name__ == "__main__":
+    kills = int(sys.argv[1]) if len(sys.argv) > 1 else 110
+    for what, number in ((kill_runs, kills), (kill_classifications, kills), (many_cases, 10000)):
+        with tempfile.TemporaryDirectory() as folder:
+            began = time.monotonic()
+            report(what.__name__.replace("_", " "), what(Path(folder), number), began)

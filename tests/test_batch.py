@@ -1,0 +1,310 @@
+"""Batches: several processes, failing cases, dying workers, what is said meanwhile, kills, and what a rerun keeps."""
+
+import itertools
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import stress
+from click.testing import CliRunner, Result
+from conftest import Hodo
+
+from hodo_cli import HodoError, memory, plan
+from hodo_cli.batch import pool
+from hodo_cli.case import Case, parse
+from hodo_cli.cli import main
+from hodo_cli.store import Group
+
+DEFAULTS = (
+    "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"
+    " initial: {p: 0.8, q: 0.5, r: 0.74}}\n"
+)
+CONFIG = (
+    DEFAULTS
+    + """\
+cases:
+  a: {damping: [0.005, 0.004, 0.003]}
+  b: {damping: [0.003, 0.004, 0.005]}
+  c: {damping: [0.003, 0.003, 0.005]}
+  d: {damping: 0.01}
+"""
+)
+FAILING = CONFIG.replace("b: {", "b: {method: exact, ").replace("c: {", "c: {max_steps: 2, ")
+
+
+# The pool.
+
+
+def square(task: int) -> int:
+    if task == 3:
+        raise ValueError("three")
+    if task == 5:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return task * task
+
+
+def test_every_task_comes_back_and_a_dead_worker_costs_its_own() -> None:
+    with pool(2) as workers:
+        found = dict(workers.map(square, range(30)))
+        again = dict(workers.map(square, range(2)))
+    error, death = found.pop(3), found.pop(5)
+    assert isinstance(error, ValueError)
+    assert isinstance(death, HodoError)
+    assert "died" in str(death)
+    assert found == {task: task * task for task in range(30) if task not in (3, 5)}
+    assert again == {0: 0, 1: 1}
+
+
+def die_once(folder: Path) -> str:
+    if not (folder / "died").exists():
+        (folder / "died").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "well"
+
+
+def test_a_task_whose_worker_was_killed_is_tried_again(tmp_path: Path) -> None:
+    with pool(2) as workers:
+        assert list(workers.map(die_once, [tmp_path])) == [(tmp_path, "well")]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_tasks_are_taken_when_they_are_needed(jobs: int) -> None:
+    taken: list[int] = []
+
+    def supply() -> Iterator[int]:
+        for task in itertools.count(10):
+            taken.append(task)
+            yield task
+
+    with pool(jobs) as workers:
+        for done, _ in enumerate(workers.map(square, supply()), 1):
+            assert len(taken) - done < 2 * jobs
+            if done == 20:
+                break
+
+
+def sleep(seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def test_what_still_runs_is_given_up_at_the_end() -> None:
+    began = time.monotonic()
+    with pool(2) as workers:
+        next(workers.map(sleep, [0, 1000, 1000, 1000]))
+    assert time.monotonic() - began < 30
+
+
+# Runs.
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "four.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+def run(config: Path, *arguments: str) -> Result:
+    """`hodo run` in this process, its results beside the config."""
+    return CliRunner().invoke(main, ["run", str(config), "--out", str(config.parent), *arguments])
+
+
+def everything(path: Path) -> dict[str, object]:
+    """All attributes and values in a file but for times and history."""
+    found: dict[str, object] = {}
+
+    def look(name: str, item: h5py.HLObject) -> None:
+        varying = ("run_time", "history", "DIMENSION_LIST", "REFERENCE_LIST")
+        found.update({f"{name}.{key}": str(value) for key, value in item.attrs.items() if key not in varying})
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()].tolist(), item.dtype.str
+
+    with h5py.File(path) as file:
+        look("", file)
+        file.visititems(look)
+        found["order"] = list(file)
+    return found
+
+
+def test_processes_give_what_one_gives(config: Path, hodo: Hodo) -> None:
+    config.write_text(FAILING)
+    outcomes = [hodo("run", config, "--out", f"j{jobs}", "-j", jobs) for jobs in (1, 2)]
+    assert [outcome.returncode for outcome in outcomes] == [1, 1]
+    serial, parallel = (everything(config.parent / f"j{jobs}" / "four.h5") for jobs in (1, 2))
+    assert serial == parallel
+    assert serial["order"] == ["a", "b", "c", "d"]
+
+
+def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
+    config.write_text(FAILING)
+    done = run(config)
+    assert done.exit_code == 1
+    lines = done.stderr.splitlines()
+    assert lines[:4] == [f"{name}: runs, it has no result yet" for name in "abcd"]
+    assert lines[4] == "[1/4] a: ok"
+    assert lines[5].startswith("[2/4] b: failed: b: method exact needs")
+    assert lines[6] == "[3/4] c: timeout: max_steps: stopped after 2 steps"
+    assert lines[7] == "[4/4] d: ok"
+    assert lines[8] == "2 of 4 cases did not end well: b (failed), c (timeout)"
+    again = run(config)
+    assert [line for line in again.stderr.splitlines()[:4] if "kept" not in line] == [
+        "b: runs, its status is failed",
+        "c: runs, its status is timeout",
+    ]
+    assert [line[:8] for line in run(config, "--quiet").stderr.splitlines()] == ["[1/2] b:", "[2/2] c:", "2 of 4 c"]
+
+
+def test_a_bug_in_one_case_is_that_case_s_own(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    finish = plan.finish
+
+    def buggy(case: Case) -> Group:
+        return finish(case) if case.name != "b" else 1 / 0  # type: ignore[return-value]
+
+    monkeypatch.setattr(plan, "finish", buggy)
+    done = run(config)
+    assert done.exit_code == 1
+    assert "Traceback" in done.stderr
+    with h5py.File(config.with_suffix(".h5")) as file:
+        assert [str(case.attrs["status"]) for case in file.values()] == ["ok", "failed", "ok", "ok"]
+        assert file["b"].attrs["message"] == "ZeroDivisionError: division by zero"
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_fail_fast_leaves_what_it_does_not_reach(config: Path, jobs: str) -> None:
+    run(config)
+    with h5py.File(config.with_suffix(".h5")) as file:
+        before = file["d/omega"][()]
+    config.write_text(FAILING.replace("d: {", "d: {note: changed, "))
+    done = run(config, "--fail-fast", "-j", jobs)
+    assert done.exit_code == 1
+    assert "1 of" in done.stderr
+    with h5py.File(config.with_suffix(".h5")) as file:
+        assert list(file) == ["a", "b", "c", "d"]
+        assert np.array_equal(file["d/omega"], before)
+    assert "c: runs" in run(config, "--dry-run").stdout
+    if jobs == "1":
+        assert "d: runs, its case has changed" in run(config, "--dry-run").stdout
+
+
+def test_white_space_and_comments_change_nothing(config: Path) -> None:
+    run(config)
+    config.write_text("# a comment\n\n" + CONFIG.replace("{damping: ", "{damping:    ").replace("0.004", "4e-3"))
+    assert run(config, "--dry-run").stdout.splitlines() == [f"{name}: is kept" for name in "abcd"]
+
+
+def test_a_case_that_is_not_in_the_config_any_more_is_dropped_and_said_to_be(config: Path) -> None:
+    run(config)
+    config.write_text("".join(CONFIG.splitlines(keepends=True)[:-1]))
+    assert "d: is dropped, it is not in the config any more" in run(config).stderr
+    with h5py.File(config.with_suffix(".h5")) as file:
+        assert list(file) == ["a", "b", "c"]
+
+
+def test_several_configs_are_run_but_those_without_a_case_asked_for(config: Path) -> None:
+    other = config.with_name("other.yaml")
+    other.write_text(CONFIG.replace("  a:", "  other:"))
+    assert run(config, str(other), "--case", "other").exit_code == 0
+    assert not config.with_suffix(".h5").exists()
+    assert run(config, str(other), "-j", "2").exit_code == 0
+    assert config.with_suffix(".h5").exists()
+
+
+def test_two_runs_at_once_both_end_well(config: Path, hodo: Hodo) -> None:
+    script = [*stress.HODO, "run", str(config), "--out", "runs"]
+    both = [subprocess.Popen(script, cwd=config.parent, stdout=subprocess.DEVNULL) for _ in range(2)]
+    assert [process.wait() for process in both] == [0, 0]
+    assert os.listdir(config.parent / "runs") == ["four.h5"]
+    assert everything(config.parent / "runs" / "four.h5")["order"] == ["a", "b", "c", "d"]
+
+
+@pytest.mark.parametrize("bare", ["", "1"])
+def test_a_terminal_shows_one_line_in_colour_unless_told_not_to(config: Path, bare: str) -> None:
+    config.write_text(FAILING)
+    terminal, end = pty.openpty()
+    environment = {**os.environ, "NO_COLOR": bare}
+    command = [*stress.HODO, "run", str(config), "--out", str(config.parent)]
+    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=end, env=environment, check=False)
+    os.close(end)
+    said = b"".join(iter(lambda: read(terminal), b"")).decode()
+    os.close(terminal)
+    assert "[1/4] a\r\x1b[K" in said
+    assert "a: ok" not in said
+    assert ("\x1b[31m" in said) == (not bare)
+
+
+def read(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 1 << 16)
+    except OSError:  # Linux's end of file
+        return b""
+
+
+def test_a_worker_that_is_killed_costs_nothing_but_time(config: Path) -> None:
+    config.write_text(CONFIG.replace("samples: 21", "samples: 400001"))
+    command = [*stress.HODO, "run", str(config), "--out", str(config.parent), "-j", "2"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True) as parent:
+        while not (workers := [pid for pid in stress.members(parent.pid) if b"spawn_main" in command_line(pid)]):
+            assert parent.poll() is None
+        os.kill(workers[0], signal.SIGKILL)
+        said = parent.communicate()[1].decode()
+    assert parent.returncode == 0, said
+    with h5py.File(config.with_suffix(".h5")) as file:
+        assert [str(case.attrs["status"]) for case in file.values()] == ["ok"] * 4
+
+
+def command_line(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+# Memory.
+
+
+@pytest.mark.parametrize(("jobs", "share"), [("1", ""), ("2", " for each of 2 processes")])
+def test_what_does_not_fit_into_memory_is_refused_with_the_figure(config: Path, jobs: str, share: str) -> None:
+    done = run(config, "--set", "c.time.samples=1000000000", "-j", jobs)
+    assert done.exit_code == 2
+    assert done.stderr.startswith("c: 1,000,000,000 samples would take about 300 GB of memory, and there are ")
+    assert done.stderr.endswith(share + "\n")
+    assert os.listdir(config.parent) == ["four.yaml"]
+
+
+PEAK = """\
+import resource, sys
+from hodo_cli import case, classify, plan
+cases = case.load(sys.argv[1]).cases
+classify.classified("small", plan.finish(cases["small"]))
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+classify.classified("large", plan.finish(cases["large"]))
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024)
+"""
+
+
+def test_the_estimate_of_memory_is_right_to_a_factor_of_two(tmp_path: Path) -> None:
+    case = "  {}: {{damping: [0.005, 0.004, 0.003], time: {{end: 400, samples: {}}}}}\n"
+    text = DEFAULTS + "cases:\n" + case.format("small", 1000) + case.format("large", 500000)
+    (tmp_path / "x.yaml").write_text(text)
+    done = subprocess.run([sys.executable, "-c", PEAK, tmp_path / "x.yaml"], capture_output=True, text=True, check=True)
+    estimate = memory.need(parse(text, "x").cases["large"])
+    assert estimate / 2 < int(done.stdout) < estimate
+
+
+# Kills; `make stress` does many more.
+
+
+def test_killed_runs_lose_nothing(tmp_path: Path) -> None:
+    assert stress.kill_runs(tmp_path, 6)["files whole"] == 2
+
+
+def test_killed_classifications_lose_nothing(tmp_path: Path) -> None:
+    assert stress.kill_classifications(tmp_path, 3)["files whole"] == 3

@@ -1,0 +1,274 @@
+"""What goes wrong outside the program: bad files, no space, missing packages. One line each, and nothing is lost."""
+
+import fcntl
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import Hodo
+
+from hodo_cli.cli import main
+
+CONFIG = """\
+defaults:
+  model: linear-diag
+  inertia: [1, 0.8, 0.6]
+  time: {end: 400, samples: 21}
+  initial: {p: 0.8, q: 0.5, r: 0.74}
+cases:
+  a: {damping: [0.005, 0.004, 0.003]}
+  b: {damping: [0.003, 0.004, 0.005]}
+figures:
+  both: {kind: hodograph, cases: [a, b]}
+"""
+
+Tampering = Callable[[h5py.Group], object]
+
+
+def attribute(name: str, value: object) -> Tampering:
+    return lambda case: case.attrs.__setitem__(name, value)
+
+
+def without(name: str) -> Tampering:
+    return lambda case: case.attrs.__delitem__(name)
+
+
+def dataset(name: str, **made: object) -> Tampering:
+    def tamper(case: h5py.Group) -> None:
+        del case[name]
+        if made:
+            case.create_dataset(name, **made)
+
+    return tamper
+
+
+def instead(make: Callable[[h5py.File], object]) -> Tampering:
+    def tamper(case: h5py.Group) -> None:
+        file = case.file
+        del file["a"]
+        make(file)
+
+    return tamper
+
+
+def replaced(old: str, new: str) -> Tampering:
+    return lambda case: case.attrs.__setitem__("case", case.attrs["case"].replace(old, new))
+
+
+TAMPERINGS: dict[str, Tampering] = {
+    "case is no YAML": attribute("case", "]["),
+    "case is another shape": attribute("case", "- 1\n- 2"),
+    "case is an object of Python": attribute("case", "!!python/object/apply:os.system ['touch owned']"),
+    "case is a number": attribute("case", 7),
+    "case is an array": attribute("case", np.arange(3)),
+    "case is empty": attribute("case", h5py.Empty("f")),
+    "case is gone": without("case"),
+    "case of 10^12 samples": replaced("samples: 21", "samples: 1000000000000"),
+    "case of an unknown model": replaced("linear-diag", "lunar"),
+    "case with another motion": replaced("0.005", "0.009"),
+    "hash is a number": attribute("hash", 1.5),
+    "status is an array": attribute("status", np.arange(2)),
+    "status is gone": without("status"),
+    "steps is text": attribute("steps", "many"),
+    "steps is nan": attribute("steps", np.nan),
+    "run_time is text": attribute("run_time", "soon"),
+    "error is text": attribute("error", "none"),
+    "error is negative": attribute("error", -1.0),
+    "tol is gone": without("tol"),
+    "tol is zero": attribute("tol", 0.0),
+    "method is unknown": attribute("method", "magic"),
+    "method is a path": attribute("method", "../../etc/passwd"),
+    "warnings is a number": attribute("warnings", 3),
+    "message has escape sequences": attribute("message", "\x1b[2J\x07"),
+    "omega is gone": dataset("omega"),
+    "omega is text": dataset("omega", data=["a", "b"]),
+    "omega is whole": dataset("omega", data=np.zeros((21, 3), dtype="i4")),
+    "omega is flat": dataset("omega", data=np.zeros(63)),
+    "omega is complex": dataset("omega", data=np.zeros((21, 3), dtype="c16")),
+    "omega has no dimensions": dataset("omega", data=np.zeros((21, 3))),
+    "omega is vast": dataset("omega", shape=(10**13, 3), dtype="f8", chunks=(1000, 3)),
+    "time is gone": dataset("time"),
+    "time is a group": lambda case: (case.__delitem__("time"), case.create_group("time")),
+    "the group is a dataset": instead(lambda file: file.create_dataset("a", data=1)),
+    "the group is empty": instead(lambda file: file.create_group("a")),
+    "the group is a link to nowhere": instead(
+        lambda file: file.__setitem__("a", h5py.ExternalLink("/etc/passwd", "/"))
+    ),
+    "the config is garbage": lambda case: case.file.attrs.__setitem__("config", "]["),
+    "the config is a number": lambda case: case.file.attrs.__setitem__("config", 5),
+    "the config is gone": lambda case: case.file.attrs.__delitem__("config"),
+    "the history is an array": lambda case: case.file.attrs.__setitem__("history", np.arange(3)),
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a config and its classified result."""
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "two.yaml").write_text(CONFIG)
+    for arguments in (["run", str(folder / "two.yaml"), "--out", str(folder)], ["classify", str(folder / "two.h5")]):
+        done = CliRunner().invoke(main, arguments)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture
+def folder(whole: Path, tmp_path: Path) -> Path:
+    """A copy of that folder."""
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+def tampered(folder: Path, how: str) -> Path:
+    with h5py.File(folder / "two.h5", "r+") as file:
+        TAMPERINGS[how](file["a"])
+    return folder / "two.h5"
+
+
+def is_plain(said: str, status: int) -> bool:
+    """Whether a command that did not end well said why, briefly and without what a terminal obeys."""
+    lines = said.splitlines()
+    return (status == 0 or bool(lines)) and len(lines) <= 6 and all(line.isprintable() for line in lines)
+
+
+@pytest.mark.parametrize("how", TAMPERINGS)
+def test_commands_on_a_result_that_was_tampered_with(folder: Path, how: str) -> None:
+    path = tampered(folder, how)
+    before = path.read_bytes()
+    shown = CliRunner().invoke(main, ["show", str(path)])
+    assert shown.exit_code in (0, 2)
+    assert is_plain(shown.output, shown.exit_code)
+    labelled = CliRunner().invoke(main, ["classify", str(path)])
+    assert labelled.exit_code in (0, 1, 2)
+    assert is_plain(labelled.stderr, labelled.exit_code)
+    assert labelled.exit_code == 0 or path.read_bytes() == before
+    again = CliRunner().invoke(main, ["run", str(folder / "two.yaml"), "--out", str(folder)])
+    assert again.exit_code in (0, 2)
+    assert is_plain(again.stderr, again.exit_code)
+    assert "Traceback" not in shown.output + labelled.output + again.output
+    assert not Path("owned").exists()
+
+
+PLOT = """\
+import sys, traceback
+from pathlib import Path
+from hodo_cli.cli import main
+for path in map(Path, sys.argv[1:]):
+    print(path.stem, flush=True, file=sys.stderr)
+    try:
+        main(["plot", str(path), "--out", str(path.parent / "figures" / path.stem)], prog_name="hodo")
+    except SystemExit as done:
+        print("status", done.code, file=sys.stderr)
+"""
+
+
+def test_figures_of_results_that_were_tampered_with(folder: Path) -> None:
+    paths = []
+    for i, how in enumerate(TAMPERINGS):
+        (folder / str(i)).mkdir()
+        shutil.copy(folder / "two.h5", folder / str(i))
+        paths.append(tampered(folder / str(i), how).rename(folder / f"{i}.h5"))
+    done = subprocess.run([sys.executable, "-c", PLOT, *paths], capture_output=True, text=True, cwd=folder, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "Traceback" not in done.stderr, done.stderr
+    assert done.stderr.count("\nstatus ") == len(TAMPERINGS)
+    assert not (folder / "owned").exists()
+
+
+def make_newer(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = 99
+
+
+def make_foreign(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["data"] = [1, 2]
+
+
+BAD = {
+    "truncated": (lambda path: os.truncate(path, 3000), "truncated"),
+    "empty": (lambda path: os.truncate(path, 0), "not an HDF5 file"),
+    "text": (lambda path: path.write_text("a,b\n1,2\n"), "not an HDF5 file"),
+    "foreign": (make_foreign, "not a result of hodo"),
+    "newer": (make_newer, "newer than"),
+    "folder": (lambda path: (path.unlink(), path.mkdir()), "a folder, not a file"),
+    "dangling": (lambda path: (path.unlink(), path.symlink_to("nowhere")), "no such file"),
+}
+
+
+@pytest.mark.parametrize("how", BAD)
+@pytest.mark.parametrize("command", ["run", "classify", "show"])
+def test_a_file_that_is_no_result_is_left_alone(folder: Path, how: str, command: str) -> None:
+    path = folder / "two.h5"
+    spoil, reason = BAD[how]
+    spoil(path)
+    before = path.read_bytes() if path.is_file() else None
+    arguments = [str(folder / "two.yaml"), "--out", str(folder)] if command == "run" else [str(path)]
+    done = CliRunner().invoke(main, [command, *arguments])
+    assert done.exit_code == 2
+    assert str(path) in done.stderr
+    assert reason in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert (path.read_bytes() if path.is_file() else None) == before
+    assert not list(folder.glob(".*"))
+
+
+def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
+    with open(folder / "two.h5", "rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        for command in (("run", "two.yaml", "--out", "."), ("classify", "two.h5"), ("show", "two.h5")):
+            done = hodo(*command)
+            assert done.returncode == 2
+            assert done.stderr == "two.h5: locked: another program has it open for writing\n"
+
+
+@pytest.mark.parametrize("size", [2000, 30000, 60000])
+def test_no_space(folder: Path, hodo: Hodo, size: int) -> None:
+    """A limit on the size of files stands for a full disk; the sizes end the writing of a case, or of the whole."""
+    (folder / "two.yaml").write_text(CONFIG.replace("samples: 21", "samples: 801"))
+    before = (folder / "two.h5").read_bytes()
+
+    def little() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    done = hodo("run", "two.yaml", "--out", ".", "--quiet", preexec_fn=little)
+    assert done.returncode == 2
+    assert done.stderr == "cannot write two.h5: file too large; finished cases are kept\n"
+    assert (folder / "two.h5").read_bytes() == before
+    again = hodo("run", "two.yaml", "--out", ".")
+    assert again.returncode == 0
+    assert again.stderr.count("is kept") == (2 if size == 60000 else 0)
+    assert not list(folder.glob(".*"))
+
+
+def test_a_folder_that_cannot_be(folder: Path, hodo: Hodo) -> None:
+    for out in ("two.yaml", "two.yaml/runs", "/proc/runs"):
+        done = hodo("run", "two.yaml", "--out", out, "--quiet")
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+    long = folder / f"{'n' * 240}.yaml"
+    shutil.copy(folder / "two.yaml", long)
+    assert "file name too long" in hodo("run", long).stderr
+
+
+def test_a_package_that_is_missing(folder: Path) -> None:
+    script = "import sys; sys.modules['netCDF4'] = None; from hodo_cli.cli import main; main(['plot', 'two.h5'])"
+    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "this needs netCDF4, which is not installed: pip install netCDF4\n"
+
+
+def test_taylor_without_heyoka(folder: Path, hodo: Hodo) -> None:
+    path = os.pathsep.join([str(Path(__file__).parent / "without_heyoka"), os.environ.get("PYTHONPATH", "")])
+    done = hodo("run", "two.yaml", "--set", "a.method=taylor", env={**os.environ, "PYTHONPATH": path})
+    assert done.returncode == 1
+    assert "a: failed: method taylor needs heyoka, which is not installed" in done.stderr
+    assert "b: ok" in done.stderr
