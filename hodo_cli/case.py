@@ -39,7 +39,7 @@ COMMON = {
     "method": Key(Choice(*METHODS), "method of integration; auto takes the fastest that is safe", default="auto"),
     "tol": Key(
         Number(above=0, below=1),
-        "tolerance relative to max|omega| (if left out: the precision's epsilon for taylor, 1e-12 DOP853, else 1e-9)",
+        "tolerance relative to max|omega| (if left out: 1e-9 for RK45, LSODA, Radau and BDF, 1e-12 for DOP853, else the precision's limit)",
         default=None,
     ),
     "precision": Key(Choice("double", "extended", "quadruple"), "working precision", default="double"),
@@ -164,7 +164,8 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     ]
     _check_defaults(defaults, blocks.values(), report)
     figures = _figures(sections.get("figures") or {}, cases, report)
-    statements.cross_check(given.get("claims"), cases, report)
+    values = {case.name: case.data | {"time": asdict(case.time)} for case in checked if case}
+    statements.cross_check(given.get("claims"), dict.fromkeys(cases) | values, report)
     mistakes.raise_any()
     return Config(
         path=name,

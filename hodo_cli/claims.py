@@ -10,16 +10,16 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from . import HodoError, quantities, rigid
+from .axes import put
 from .case import Case, Time, dump, parse_case
 from .hdf5 import Group, Run, Variable
-from .quantities import FORMS, SERIES, Motion
-from .statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
+from .quantities import Motion
+from .statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, SERIES, UNDERDETERMINED
 
 PLOTTING_ACCURACY = 0.01
 """A violation, relative to a quantity's range, that a figure does not show."""
@@ -63,23 +63,32 @@ def judge(claim: Mapping[str, Any], run: Run) -> Verdict:
         if ended["status"] != "ok":
             return Verdict(claim, NOT_TESTED, math.nan, f"{name}: {ended['status']} {ended['message']}".rstrip())
         cases[name] = quantities.read(run.read(name))
-    check, over = claim["check"], claim["over"]
     try:
-        if over is None:
-            finding = KINDS[check["kind"]](check, [*cases.values()])
-            return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
-        found = {
-            member: KINDS[check["kind"]](check, [motion(case) for case in varied])
-            for member, varied in members([each.case for each in cases.values()], over)
-        }
-    except (KeyError, AttributeError, TypeError) as error:
-        raise HodoError(f"{run.path}: claim {claim['id']} cannot be checked on {', '.join(cases)}: {error}") from error
+        return measure(claim, [*cases.values()])
+    except HodoError as error:
+        raise HodoError(f"{run.path}: claim {claim['id']}: {error}") from error
+
+
+def measure(claim: Mapping[str, Any], motions: Sequence[Motion]) -> Verdict:
+    """The verdict on one claim by the motions of its cases, in order, or by variations of them. Raises as `judge`."""
+    check, over = claim["check"], claim["over"]
+    decide = KINDS[check["kind"]]
+    if over is None:
+        finding = decide(check, motions)
+        return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
+    varied = members([each.case for each in motions], over)
+    found = {member: decide(check, [motion(case) for case in cases]) for member, cases in varied}
     return sampled(claim, found) if over["random"] or over["start"] else gridded(claim, found)
 
 
 def degree(deviation: float) -> str:
     """The verdict on a single deviation."""
-    return CONTRADICTED if deviation > PLOTTING_ACCURACY else PLOTTING if deviation > 0 else REPRODUCED
+    return REPRODUCED if deviation == 0 else PLOTTING if deviation <= PLOTTING_ACCURACY else CONTRADICTED
+
+
+def beyond(violation: float, allowed: float) -> float:
+    """The deviation that a violation makes; infinite for one that is not a number."""
+    return 0.0 if violation <= allowed else math.inf if math.isnan(violation) else violation
 
 
 def gridded(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
@@ -128,28 +137,15 @@ def members(cases: Sequence[Case], over: Mapping[str, Any]) -> Iterator[tuple[st
 
 
 def changed(case: Case, values: Mapping[str, Any]) -> Case:
-    """A case with values at key paths such as damping.2 or time.end, checked like any case.
+    """A case with other values at keys such as damping.2 or time.end, which it has; checked like any case.
 
-    Raises HodoError for a path or a value that the case cannot have.
+    Raises HodoError for a value that it cannot have.
     """
-    tree: Any = {**case.data, "time": asdict(case.time)}
+    data: Any = case.data | {"time": asdict(case.time)}
     for path, value in values.items():
-        tree = _put(tree, path, path.split("."), value)
-    time = Time(**tree.pop("time"))
-    return parse_case(dump(replace(case, data=tree, time=time)))
-
-
-def _put(tree: Any, path: str, parts: Sequence[str], value: Any) -> Any:
-    """A copy of nested values with a new one at a path."""
-    if not parts:
-        return value
-    head, *rest = parts
-    try:
-        if isinstance(tree, Mapping):
-            return {**tree, head: _put(tree[head], path, rest, value)}
-        return (*tree[: int(head)], _put(tree[int(head)], path, rest, value), *tree[int(head) + 1 :])
-    except (LookupError, TypeError, ValueError):
-        raise HodoError(f"a claim varies {path}, which the case does not have") from None
+        data = put(data, [int(part) if part.isdecimal() else part for part in path.split(".")], value)
+    time = Time(**data.pop("time"))
+    return parse_case(dump(replace(case, data=data, time=time)))
 
 
 def thrown(case: Case, axis: str, random: np.random.Generator) -> Case:
@@ -163,14 +159,15 @@ def thrown(case: Case, axis: str, random: np.random.Generator) -> Case:
             return replace(case, data=case.data | {"initial": initial})
 
 
+MOTIONS: dict[str, Motion] = {}
+"""The motions of variations, which several claims may share."""
+
+
 def motion(case: Case) -> Motion:
     """The motion of a varied case. All variations come by here."""
-    return _motion(dump(replace(case, error="off", note="")))
-
-
-@cache
-def _motion(text: str) -> Motion:
-    return quantities.integrate(parse_case(text))
+    if (text := dump(case)) not in MOTIONS:
+        MOTIONS[text] = quantities.integrate(case)
+    return MOTIONS[text]
 
 
 # The kinds of check. Each takes its own keys and the motions of the claim's cases, in order.
@@ -180,24 +177,16 @@ Keys = Mapping[str, Any]
 
 def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The axes enclosed at start and end; decided by the number of cases that comply."""
-    ends = [[rigid.LABELS[int(label)] for label in labels(m)[[0, -1]]] for m in motions]
+    ends = [[rigid.LABELS[int(label)] for label in m.enclosed[[0, -1]]] for m in motions]
     right = [all(check[at] in (None, seen) for at, seen in zip(("start", "end"), pair, strict=True)) for pair in ends]
     words = ", ".join(f"{start} to {end}" if start != end else start for start, end in ends)
     return Finding(0.0 if all(right) else math.inf, float(sum(right)), words)
-
-
-def labels(m: Motion) -> np.ndarray:
-    """The labels of a motion. Raises HodoError if it has none."""
-    if m.labels is None:
-        raise HodoError(f"case {m.case.name} has no labels of the enclosed axis: run `hodo classify` first")
-    return m.labels
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Number and direction of the crossings of each case; decided by the largest number."""
     right, counts, words = True, [], []
     for m in motions:
-        labels(m)
         counts.append(len(m.crossings))
         right &= check["least"] <= len(m.crossings) <= (math.inf if check["most"] is None else check["most"])
         for _, start, end, _ in m.crossings:
@@ -215,9 +204,9 @@ def value(check: Keys, motions: Sequence[Motion]) -> Finding:
         words.append(f"{name} = {listed(found)} (said: {listed(given)})")
         for m, ours, theirs in zip(motions, found, given, strict=True):
             differences.append(abs(ours - theirs))
-            if not differences[-1] <= check["within"] * (1 + ROUNDING):
-                worst = max(worst, differences[-1] / size(m, name))
-    return Finding(worst, max(differences), "; ".join(words))
+            scale = size(m, name)
+            worst = max(worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale))
+    return Finding(worst, float(np.max(differences)), "; ".join(words))
 
 
 def size(m: Motion, name: str) -> float:
@@ -236,12 +225,12 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     name, least, most = check["of"], check["least"], check["most"]
     everywhere = check["at"] == "always" and name in SERIES
     found = [m[name] if everywhere else np.array([m.number(name, check["at"])]) for m in motions]
-    low, high = min(float(f.min()) for f in found), max(float(f.max()) for f in found)
+    low, high = float(np.min([f.min() for f in found])), float(np.max([f.max() for f in found]))
     number = high if most is not None else low
-    beyond = max(high - math.inf if most is None else high - most, -math.inf if least is None else least - low, 0.0)
+    violation = float(np.max([-math.inf if most is None else high - most, -math.inf if least is None else least - low]))
     scale = max(max(size(m, name) for m in motions), abs(most or 0), abs(least or 0))
-    deviation = beyond / scale if beyond > ROUNDING * scale else 0.0
-    return Finding(deviation, number, f"{name} = {listed([float(f[np.argmax(np.abs(f))]) for f in found])}")
+    words = f"{name} from {low:.6g} to {high:.6g}" if everywhere else f"{name} = {listed([float(f[0]) for f in found])}"
+    return Finding(beyond(violation / scale, ROUNDING), number, words)
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -252,15 +241,14 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
         for name in check["of"]:
             values = sign * m[name]
             back = values - np.minimum.accumulate(values)
-            violation = float(back.max()) / size(m, name)
-            if violation > ROUNDING:
+            if violation := beyond(float(back.max()) / size(m, name), ROUNDING):
                 worst = max(worst, violation)
                 words.append(f"{name} goes back by {violation:.2g} of its range at {m.time[back.argmax()]:.4g}")
     return Finding(worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back")
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """How values follow each other; decided by the largest one divided by the smallest, nearest to 1 of all groups."""
+    """How values follow each other; decided by the smallest step or, for equal ones, by how far they are apart."""
     names = check["of"]
     if len(names) > 1:
         groups = [[m.number(name, check["at"]) for name in names] for m in motions]
@@ -270,8 +258,8 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     words = f"{', '.join(names)}: {'; '.join(listed(group) for group in groups)}"
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     if check["sense"] == "equal":
-        apart = max(max(group) - min(group) for group in groups) / max(abs(v) for group in groups for v in group)
-        return Finding(apart if apart > ROUNDING else 0.0, apart, words)
+        apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))
+        return Finding(beyond(apart, ROUNDING), apart, words)
     right = all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
     return Finding(0.0 if right else math.inf, min(map(abs, steps)), words)
 
@@ -279,20 +267,20 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
     changes = [float(np.ptp(m[name]) / np.abs(m[name]).max()) for m in motions for name in check["of"]]
-    worst = max(changes)
-    deviation = worst if worst > check["within"] else 0.0
-    return Finding(deviation, worst, f"{', '.join(check['of'])}: relative change {listed(changes)}")
+    worst = float(np.max(changes))
+    words = f"{', '.join(check['of'])}: relative change {listed(changes)}"
+    return Finding(beyond(worst, check["within"]), worst, words)
 
 
 def closed_form(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A formula beside the motion; decided by the largest difference relative to the largest value."""
-    pairs = [pair for m in motions for pair in FORMS[check["form"]](m)]
+    pairs = [pair for m in motions for pair in m.formula(check["form"])]
     apart = [float(np.max(np.abs(a - b), initial=0) / np.max(np.abs(a), initial=math.ulp(0))) for a, b in pairs]
-    worst = max(math.inf if math.isnan(d) else d for d in apart)
-    holds = worst <= check["within"]
+    worst = float(np.max(apart))
+    deviation = beyond(worst, check["within"])
     if check["differs"] == "yes":
-        return Finding(math.inf if holds else 0.0, worst, f"differs by {worst:.2g}")
-    return Finding(0.0 if holds else worst, worst, f"differs by {worst:.2g}")
+        deviation = 0.0 if deviation else math.inf
+    return Finding(deviation, worst, f"differs by {worst:.2g}")
 
 
 def event(check: Keys, motions: Sequence[Motion]) -> Finding:

@@ -1,13 +1,14 @@
 """What claims measure on a motion: quantities over time, single numbers, closed forms beside what they stand for."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 
-from . import exact, rigid
+from . import HodoError, exact, rigid
 from .case import Case, parse_case
 from .classify import EPS, Crossing, cross
 from .engines import have_taylor
@@ -22,24 +23,52 @@ from .models.lagrange import first_integrals
 class Motion:
     """A motion as claims see it: its case, times (n,), stored variables, labels (n,), crossings and events.
 
-    A crossing is (time, axis before, axis after, |G|), an event (kind, time). There are no labels where the
-    enclosed axis does not apply.
+    A passage of the separatrix is (time, axis before, axis after, |G|), an event (kind, time). There are no labels
+    where the enclosed axis does not apply, or the case has not been classified.
     """
 
     case: Case
     time: np.ndarray
     variables: Mapping[str, np.ndarray]
     labels: np.ndarray | None
-    crossings: tuple[tuple[float, int, int, float], ...]
+    passages: tuple[tuple[float, int, int, float], ...]
     events: tuple[tuple[str, float], ...]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A quantity over time (n,), by its name in `SERIES` or as it is stored."""
-        return SERIES[name](self) if name in SERIES else self.variables[name]
+        """A quantity over time (n,), by its name in `SERIES`. Raises HodoError if the motion does not have it."""
+        with self._needed_for(name):
+            return SERIES[name](self)
 
     def number(self, name: str, at: str = "end") -> float:
-        """A quantity that is one number; of one over time its first or last value."""
-        return float(NUMBERS[name](self)) if name in NUMBERS else float(self[name][0 if at == "start" else -1])
+        """A quantity that is one number; of one over time its first or last value. Raises as for a quantity."""
+        if name not in NUMBERS:
+            return float(self[name][0 if at == "start" else -1])
+        with self._needed_for(name):
+            return float(NUMBERS[name](self))
+
+    def formula(self, name: str) -> "list[Pair]":
+        """Values of the motion, and of a formula of `FORMS` for them. Raises as for a quantity."""
+        with self._needed_for(name):
+            return FORMS[name](self)
+
+    @contextmanager
+    def _needed_for(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except KeyError as missing:
+            raise HodoError(f"case {self.case.name} has no {missing}, which {name} needs") from None
+
+    @property
+    def enclosed(self) -> np.ndarray:
+        """The labels (n,). Raises HodoError if there are none."""
+        if self.labels is None:
+            raise HodoError(f"case {self.case.name} has no labels of the enclosed axis: run `hodo classify` first")
+        return self.labels
+
+    @property
+    def crossings(self) -> tuple[tuple[float, int, int, float], ...]:
+        """The separatrix crossings. Raises as `enclosed` does."""
+        return self.passages if len(self.enclosed) else ()
 
     @property
     def omega(self) -> np.ndarray:
@@ -56,10 +85,6 @@ class Motion:
     def order(self) -> tuple[int, int, int]:
         """The positions of the largest, middle and smallest moment of inertia."""
         return rigid.inertia_order(self.inertia)
-
-    def has(self, event: str) -> bool:
-        """Whether an event happened."""
-        return any(kind == event for kind, _ in self.events)
 
 
 def read(group: Group) -> Motion:
@@ -107,8 +132,9 @@ def _integral(m: Motion, name: str) -> np.ndarray:
     """Gz or H of a top, in any form."""
     if name in m.variables:
         return m.variables[name]
+    vertical = [*m.variables["gamma"].T]
     k = SimpleNamespace(**m.case.data["inertia"], mu=m.case.data["mu"])
-    return np.asarray(first_integrals([*m.omega.T], [*m.variables["gamma"].T], k)[("Gz", "H").index(name)])
+    return np.asarray(first_integrals([*m.omega.T], vertical, k)[("Gz", "H").index(name)])
 
 
 SERIES: dict[str, Callable[[Motion], np.ndarray]] = {
@@ -135,8 +161,7 @@ def _entry_momentum(m: Motion) -> float:
 
 def _turns(m: Motion) -> float:
     """The angle that the two other components of G/|G| sweep about the axis enclosed at the start."""
-    assert m.labels is not None
-    about = int(m.labels[0]) - 1
+    about = int(m.enclosed[0]) - 1
     one, other = ((m.inertia * m.omega)[:, i] for i in range(3) if i != about)
     angle = np.unwrap(np.arctan2(other, one))
     return float(abs(angle[-1] - angle[0]) / (2 * math.pi))
@@ -146,7 +171,7 @@ def _reach(m: Motion, side: int) -> float:
     """The largest w_i^2 while axis i is enclosed, in the quadrants' scale; `side` 0 is x_largest, 2 x_smallest."""
     axis = m.order[side]
     scale = slope(m.inertia.tolist()) if side == 2 else 1.0
-    return float(np.max(scale * m.omega[m.labels == axis + 1, axis] ** 2, initial=0))
+    return float(np.max(scale * m.omega[m.enclosed == axis + 1, axis] ** 2, initial=0))
 
 
 def _sign_changes(m: Motion, name: str) -> np.ndarray:
@@ -263,11 +288,10 @@ def _equation_6(m: Motion) -> list[Pair]:
 
 def _turning_axis(m: Motion) -> list[Pair]:
     """A free motion goes round the axis whose component of G never changes sign; the other two and the label."""
-    assert m.labels is not None
     largest, _, smallest = m.order
     keeps = [(m.omega[:, i] > 0).all() or (m.omega[:, i] < 0).all() for i in (largest, smallest)]
     seen = largest + 1 if keeps == [True, False] else smallest + 1 if keeps == [False, True] else 0
-    return [(m.labels[:1].astype(float), np.array([float(seen)]))]
+    return [(m.enclosed[:1].astype(float), np.array([float(seen)]))]
 
 
 def _inequality_7(m: Motion) -> list[Pair]:

@@ -1,5 +1,6 @@
 """Plain tables and numbers for the terminal."""
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -133,3 +134,9 @@ def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
         ],
         right=("scaled error",),
     )
+
+
+def as_json(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows as JSON, which has no numbers that are not finite: null stands for them."""
+    finite = [{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} for row in rows]
+    return json.dumps(finite)

@@ -5,7 +5,25 @@ from dataclasses import dataclass
 from typing import Any
 
 from . import keys
-from .keys import Choice, Data, Integer, Key, Misnamed, Names, Number, Report, Sequence, Table, Text, Variant
+from .keys import (
+    Choice,
+    Data,
+    Either,
+    Integer,
+    Key,
+    Kind,
+    Misnamed,
+    Names,
+    Number,
+    Path,
+    Report,
+    Sequence,
+    Table,
+    Text,
+    Variant,
+    Vector,
+    shown,
+)
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
@@ -61,6 +79,26 @@ FORMS = {
 """Closed forms, and what each is a formula for."""
 
 
+@dataclass(frozen=True)
+class Each:
+    """A mapping of any names to values of one kind."""
+
+    kind: Kind
+    what: str
+
+    def check(self, value: Any, at: Path, report: Report) -> dict[str, Any]:
+        if not isinstance(value, Mapping) or not value:
+            report(at, f"wants {self.describe()}, not {shown(value)}")
+            return {}
+        return {name: self.kind.check(item, (*at, name), report) for name, item in value.items()}
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "object", "additionalProperties": self.kind.schema(), "minProperties": 1}
+
+    def describe(self) -> str:
+        return f"a mapping of {self.what}"
+
+
 @dataclass(frozen=True, init=False)
 class Quantity(Choice):
     """The name of a quantity."""
@@ -88,7 +126,7 @@ KINDS: dict[str, dict[str, Key]] = {
         "to": Key(AXIS, "axis that every crossing goes to", default=None),
     },
     "value": {
-        "values": Key(Data(), "for each quantity its values, one for each case"),
+        "values": Key(Each(Sequence(Number()), "quantities to lists of numbers"), "the values, one for each case"),
         "at": AT,
         "within": Key(Number(least=0), "difference that is allowed: half a unit of the last digit given, say"),
     },
@@ -131,14 +169,17 @@ KINDS: dict[str, dict[str, Key]] = {
 }  # fmt: skip
 """What each kind of check takes."""
 
+GIVEN = Either(Number(), Data())
 OVER = Table(
     {
-        "grid": Key(Data(), "values by key path (damping.2, say); every combination is a member", default=None),
-        "random": Key(Data(), "lower and upper limit by key path, for uniform random values", default=None),
+        "grid": Key(
+            Each(Sequence(GIVEN), "keys (damping.2) to lists of values"), "every combination is a member", default=None
+        ),
+        "random": Key(Each(Vector(2), "keys (damping.2) to two limits"), "uniform random values", default=None),
         "start": Key(Choice("x1", "x3", "any"), "random starts with |G| = 1 that enclose this axis", default=None),
         "members": Key(Integer(least=1, most=100_000), "number of random members", default=100),
         "seed": Key(Integer(least=0), "seed of the random numbers", default=1),
-        "set": Key(Data(), "values by key path, for all members", default=None),
+        "set": Key(Each(GIVEN, "keys (time.end) to values"), "values for all members", default=None),
         "share": Key(Number(above=0, most=1), "share of the random members that must comply", default=1.0),
     }
 )
@@ -159,7 +200,11 @@ CLAIM = {
 
 
 def cross_check(given: Any, cases: Mapping[str, Any], report: Report) -> None:
-    """Report what joins several keys: ids given twice, cases that are not there, quantities and their values."""
+    """Report what joins several keys of the claims as they are given.
+
+    That is ids given twice, cases that are not there, quantities and their numbers, keys that a case does not have.
+    `cases` are the values of each case, nested; None for one with mistakes of its own.
+    """
     seen: set[str] = set()
     for i, item in enumerate(given if isinstance(given, list) else ()):
         claim = Table(CLAIM).check(item, (), lambda at, message: None)
@@ -174,5 +219,22 @@ def cross_check(given: Any, cases: Mapping[str, Any], report: Report) -> None:
         for name, values in claim.get("check", {}).get("values", {}).items():
             if name not in SERIES and name not in NUMBERS:
                 report((*at, "check", "values", Misnamed(name)), keys.unknown("quantity", name, [*SERIES, *NUMBERS]))
-            elif not isinstance(values, list) or len(values) != len(named):
-                report((*at, "check", "values", name), "wants a list of numbers, one for each case")
+            elif len(values) != len(named):
+                report((*at, "check", "values", name), f"wants {len(named)} numbers, one for each case")
+        over = claim.get("over") or {}
+        for part in ("grid", "random", "set"):
+            for path in over.get(part) or ():
+                if lacking := [name for name in named if cases.get(name) and not reaches(cases[name], path.split("."))]:
+                    report((*at, "over", part, Misnamed(path)), f"is no key of case {lacking[0]}")
+
+
+def reaches(values: Any, path: list[str]) -> bool:
+    """Whether there is a value at a path within nested ones."""
+    for part in path:
+        if isinstance(values, Mapping) and part in values:
+            values = values[part]
+        elif isinstance(values, tuple) and part.isdecimal() and int(part) < len(values):
+            values = values[int(part)]
+        else:
+            return False
+    return True

@@ -1,0 +1,338 @@
+"""What the papers say: the kinds of check, the verdicts, and that every claim gets the one expected."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT, Hodo
+
+from hodo_cli import HodoError, quantities, statements
+from hodo_cli.case import load, parse
+from hodo_cli.claims import KINDS, Finding, changed, gridded, measure, members, sampled, thrown
+from hodo_cli.hdf5 import open_run
+from hodo_cli.quantities import Motion
+from hodo_cli.statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
+
+PAPERS = ("paper1", "paper2", "paper3")
+TOP = load(ROOT / "configs" / "paper3.yaml").cases["case1"]
+BODY = load(ROOT / "configs" / "paper1.yaml").cases["fig4"]
+
+
+def motion(labels: list[int] | None = None, passages: Any = (), events: Any = (), **series: Any) -> Motion:
+    """A motion of the top whose variables are made up."""
+    n = max([len(values) for values in series.values()], default=2)
+    variables = {name: np.array(values, dtype=float) for name, values in series.items()}
+    return Motion(TOP, np.arange(n, dtype=float), variables, np.array(labels) if labels else None, passages, events)
+
+
+def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
+    """Verdict and deciding number of a check, given as in a case file."""
+    found = statements.CLAIM["check"].kind.check(check, (), pytest.fail)
+    claim = {"id": "test", "cases": ("a",) * len(motions), "check": found, "over": None, "expect": REPRODUCED}
+    decided = measure(claim, motions)
+    return decided.verdict, decided.number
+
+
+def test_what_is_declared_is_done() -> None:
+    assert list(statements.KINDS) == list(KINDS)
+    assert list(statements.SERIES) == list(quantities.SERIES)
+    assert list(statements.NUMBERS) == list(quantities.NUMBERS)
+    assert list(statements.FORMS) == list(quantities.FORMS)
+
+
+def test_monotone_is_judged_by_the_step_back_in_units_of_the_range() -> None:
+    falls = {"kind": "monotone", "of": ["H"], "sense": "falls"}
+    assert verdict(falls, motion(H=[2, 1, 0.5])) == (REPRODUCED, 0)
+    assert verdict(falls, motion(H=[2, 1, 1.01])) == (PLOTTING, pytest.approx(0.005))
+    assert verdict(falls, motion(H=[2, 1, 1.05, 0])) == (CONTRADICTED, pytest.approx(0.025))
+    assert verdict({**falls, "sense": "rises"}, motion(H=[0, 1, 2]))[0] == REPRODUCED
+    assert verdict({**falls, "of": ["H", "u1"]}, motion(H=[2, 1, 0], u1=[0, 1, 2]))[0] == CONTRADICTED
+
+
+def test_a_value_may_be_off_by_its_own_digits_or_by_what_a_figure_shows() -> None:
+    check = {"kind": "value", "values": {"H": [0.5]}, "within": 0.01}
+    assert verdict(check, motion(H=[10, 0.509]))[0] == REPRODUCED
+    assert verdict(check, motion(H=[10, 0.55])) == (PLOTTING, pytest.approx(0.05))
+    assert verdict(check, motion(H=[10, 0.65]))[0] == CONTRADICTED
+    assert verdict({**check, "at": "start"}, motion(H=[10, 0.5]))[0] == CONTRADICTED
+
+
+def test_bounds() -> None:
+    check = {"kind": "bound", "of": "H", "at": "always", "least": 0}
+    assert verdict(check, motion(H=[1, 0, 1])) == (REPRODUCED, 0)
+    assert verdict(check, motion(H=[1, -0.5, 1])) == (CONTRADICTED, -0.5)
+    assert verdict({"kind": "bound", "of": "H", "most": 1}, motion(H=[9, 1]), motion(H=[9, 0]))[0] == REPRODUCED
+    assert verdict({"kind": "bound", "of": "H", "most": 1}, motion(H=[9, 0]), motion(H=[9, 2])) == (CONTRADICTED, 2)
+
+
+@pytest.mark.parametrize(
+    "check",
+    [
+        {"kind": "monotone", "of": ["H"], "sense": "falls"},
+        {"kind": "value", "values": {"H": [1, 1]}, "within": 1},
+        {"kind": "bound", "of": "H", "at": "always", "most": 9},
+        {"kind": "bound", "of": "H", "at": "always", "least": -9},
+        {"kind": "order", "of": ["H"], "sense": "falls"},
+        {"kind": "order", "of": ["H"], "sense": "equal"},
+        {"kind": "conserved", "of": ["H"], "within": 9},
+    ],
+)
+def test_what_is_not_a_number_bears_nothing_out(check: Mapping[str, Any]) -> None:
+    assert verdict(check, motion(H=[2, 1]), motion(H=[2, math.nan]))[0] == CONTRADICTED
+    assert verdict(check, motion(H=[2, math.nan]), motion(H=[2, 1]))[0] == CONTRADICTED
+
+
+def test_order_over_cases_in_groups_and_within_a_case() -> None:
+    a, b, c = (motion(H=[0, value], u1=[0, value + 1]) for value in (1, 2, 3))
+    check = {"kind": "order", "of": ["H"], "sense": "rises"}
+    assert verdict(check, a, b, c)[0] == REPRODUCED
+    assert verdict(check, a, c, b)[0] == CONTRADICTED
+    assert verdict(check, a, a)[0] == CONTRADICTED
+    assert verdict({**check, "by": 2}, a, c, a, b)[0] == REPRODUCED
+    assert verdict({**check, "sense": "falls"}, c, b, a)[0] == REPRODUCED
+    assert verdict({**check, "sense": "equal"}, b, b)[0] == REPRODUCED
+    assert verdict({**check, "sense": "equal"}, a, b) == (CONTRADICTED, 0.5)
+    assert verdict({**check, "of": ["H", "u1"]}, a, b)[0] == REPRODUCED
+
+
+def test_conserved() -> None:
+    assert verdict({"kind": "conserved", "of": ["H"]}, motion(H=[1, 1 + 1e-15]))[0] == REPRODUCED
+    assert verdict({"kind": "conserved", "of": ["H"]}, motion(H=[1, 1.001]))[0] == PLOTTING
+    assert verdict({"kind": "conserved", "of": ["H"]}, motion(H=[2, 1])) == (CONTRADICTED, 0.5)
+
+
+def test_axes_and_crossings() -> None:
+    turns = motion(labels=[1, 1, 3], passages=((305.4, 1, 3, 0.27),))
+    assert verdict({"kind": "axis", "start": "x1", "end": "x3"}, turns)[0] == REPRODUCED
+    assert verdict({"kind": "axis", "start": "x3"}, turns)[0] == CONTRADICTED
+    assert verdict({"kind": "crossings", "least": 1, "most": 1, "from": "x1", "to": "x3"}, turns) == (REPRODUCED, 1)
+    assert verdict({"kind": "crossings", "from": "x3"}, turns)[0] == CONTRADICTED
+    assert verdict({"kind": "crossings", "most": 0}, turns)[0] == CONTRADICTED
+    assert verdict({"kind": "crossings", "least": 2}, turns)[0] == CONTRADICTED
+    with pytest.raises(HodoError, match="run `hodo classify` first"):
+        verdict({"kind": "crossings", "most": 0}, motion())
+
+
+def test_events() -> None:
+    check = {"kind": "event", "event": "end_of_spin", "happens": "yes"}
+    assert verdict(check, motion(events=(("end_of_spin", 40.0),))) == (REPRODUCED, 40)
+    assert verdict({**check, "happens": "no"}, motion(events=(("end_of_spin", 40.0),)))[0] == CONTRADICTED
+    assert verdict(check, motion()) == (CONTRADICTED, math.inf)
+
+
+def test_the_effects_of_two_factors() -> None:
+    cases = [motion(H=[0, value]) for value in (1, 4, 2, 5)]
+    assert verdict({"kind": "effect", "of": "H", "larger": "first"}, *cases) == (REPRODUCED, 3)
+    assert verdict({"kind": "effect", "of": "H", "larger": "second"}, *cases)[0] == CONTRADICTED
+
+
+def test_a_closed_form_holds_or_is_denied() -> None:
+    case = changed(load(ROOT / "configs" / "paper1.yaml").cases["fig2-1"], {"time.end": 10, "time.samples": 11})
+    free = quantities.integrate(case)
+    check = {"kind": "closed-form", "form": "free-rotation"}
+    assert verdict(check, free)[0] == REPRODUCED
+    assert verdict({**check, "differs": "yes"}, free)[0] == CONTRADICTED
+    assert verdict({**check, "form": "free-rotation-from-q0"}, free)[0] == REPRODUCED
+    with pytest.raises(HodoError, match="case fig2-1 has no 'gamma', which Gz needs"):
+        verdict({**check, "form": "equation-2.5"}, free)
+
+
+def claim(**over: Any) -> dict[str, Any]:
+    return {"id": "test", "expect": REPRODUCED, "over": {"share": 0.9, **over}}
+
+
+def test_what_holds_on_a_part_of_the_grid_is_under_determined() -> None:
+    good, fair, bad = Finding(0.0, 1.0, ""), Finding(0.005, 2.0, ""), Finding(0.5, 3.0, "")
+    assert gridded(claim(), {"a": good, "b": good}).verdict == REPRODUCED
+    assert gridded(claim(), {"a": good, "b": fair}).verdict == PLOTTING
+    assert gridded(claim(), {"a": good, "b": bad}).verdict == UNDERDETERMINED
+    assert gridded(claim(), {"a": bad, "b": bad}).verdict == CONTRADICTED
+    part = gridded(claim(), {"a": good, "b": bad})
+    assert part.number == 3
+    assert part.evidence.startswith("holds on 1 of 2 members, 1 to 3; largest violation 0.5 of the range at b")
+
+
+def test_a_random_member_contradicts_what_is_said_of_all() -> None:
+    found = {str(i): Finding(0.0 if i else math.inf, 0.0, "") for i in range(10)}
+    assert sampled(claim(), found).verdict == REPRODUCED
+    assert sampled(claim(share=1.0), found).verdict == CONTRADICTED
+    assert sampled(claim(share=1.0), found).number == 0.9
+
+
+def over(**given: Any) -> dict[str, Any]:
+    return statements.OVER.check(given, (), pytest.fail)
+
+
+def test_grids_have_every_combination_and_change_every_case() -> None:
+    found = dict(members([TOP, TOP], over(grid={"a.0": [0.1, 0.2], "b.0": [0.3, 0.4]}, set={"time.end": 6})))
+    assert len(found) == 4
+    first, second = found["a.0 = 0.1, b.0 = 0.4"]
+    assert first == second
+    assert (first.data["a"], first.data["b"], first.time.end) == ((0.1, 1.0), (0.4, 1.0), 6.0)
+    with pytest.raises(HodoError, match="inertia"):
+        changed(BODY, {"inertia.0": 2.0})
+
+
+def test_random_starts_have_unit_momentum_and_the_axis_asked_for() -> None:
+    random = np.random.default_rng(1)
+    A = np.array([1.0, 0.8, 0.6])
+    for axis, sign in (("x1", 1), ("x3", -1)):
+        for _ in range(20):
+            initial = thrown(BODY, axis, random).data["initial"]
+            p, q, r = w = np.array([initial[name] for name in "pqr"])
+            assert np.linalg.norm(A * w) == pytest.approx(1, rel=1e-15)
+            # D = G^2 - 2 T A2
+            assert sign * ((A * w) @ (A * w) - 0.8 * (A @ (w * w))) > 0
+            assert q != 0
+            assert p != r
+    first, again = ([case for _, (case,) in members([BODY], over(start="any", members=3))] for _ in range(2))
+    assert first == again
+    assert first[0] != first[1]
+
+
+def test_quantities_of_a_known_motion() -> None:
+    # Free rotation about x1 and x3 in turn: a body that starts with q = 0 turns about the axis it encloses.
+    case = changed(BODY, {"damping": 0.0, "initial": {"p": 0.1, "q": 0.0, "r": 1.0, "G": None}, "time.end": 40.0})
+    free = quantities.integrate(case)
+    # Libration of (G1, G2) about x3: the rate of small oscillations is r sqrt((A1-A3)(A2-A3)/(A1 A2)).
+    rate = math.sqrt(0.4 * 0.2 / 0.8)
+    assert free.number("turns") == pytest.approx(40 * rate / (2 * math.pi), rel=0.01)
+    assert free.number("reach_largest") == 0
+    K = 0.6 * 0.2 / (1 * 0.2)
+    assert free.number("reach_smallest") == pytest.approx(K * np.max(free.omega[:, 2] ** 2))
+    assert free.number("crossings") == 0
+    assert free.number("first_crossing") == math.inf
+    damped = quantities.integrate(changed(case, {"damping": 0.01}))
+    assert damped.number("decay") == pytest.approx(0.01, rel=1e-9)
+
+
+def test_the_rebound_of_u3_is_where_the_reference_has_it() -> None:
+    found = quantities.integrate(changed(TOP, {"time.samples": 4001}))
+    # tests/data/crossings.csv; the interpolation between samples costs the rest.
+    assert found.number("rebound_u3") == pytest.approx(0.40076030988, abs=1e-6)
+
+
+CONFIG = """
+cases:
+  turning:
+    model: linear-diag
+    inertia: [1, 0.8, 0.6]
+    damping: [0.05, 0.04, 0.03]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+    time: {end: 100, samples: 101}
+  given-up:
+    model: linear-diag
+    inertia: [1, 0.8, 0.6]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+    time: {end: 1000, samples: 11}
+    method: DOP853
+    max_steps: 3
+claims:
+  - {id: turns, where: Fig 1, statement: It turns., cases: turning, check: {kind: crossings, least: 1}, expect: EXPECT}
+  - {id: lost, where: Fig 2, statement: It turns., cases: given-up, check: {kind: axis, end: x3}, expect: not tested}
+"""
+
+
+def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(hodo: Hodo, tmp_path: Path) -> None:
+    path = tmp_path / "runs" / "c.h5"
+    for expect, status in ((REPRODUCED, 0), (CONTRADICTED, 3)):
+        (tmp_path / "c.yaml").write_text(CONFIG.replace("EXPECT", expect), encoding="utf-8")
+        assert hodo("run", "c.yaml").returncode == 1  # given-up
+        assert hodo("classify", path).returncode == 0
+        done = hodo("claims", path, "--json")
+        assert done.returncode == status, done.stderr
+        rows = json.loads(done.stdout)
+        assert [(row["id"], row["verdict"]) for row in rows] == [("turns", REPRODUCED), ("lost", NOT_TESTED)]
+        assert rows[0]["number"] == 1
+        assert rows[1]["number"] is None
+        with open_run(path) as run:
+            stored = run.read("_claims").variables
+        assert stored["claim"].data.tolist() == ["turns", "lost"]
+        assert stored["verdict"].data.tolist() == [REPRODUCED, NOT_TESTED]
+        assert stored["expect"].data.tolist() == [expect, NOT_TESTED]
+        assert stored["number"].data[0] == 1
+        assert "(x1 to x3)" in stored["evidence"].data[0]
+    table = hodo("claims", path).stdout
+    assert "reproduced (EXPECTED: contradicted)" in table
+
+
+def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("EXPECT", REPRODUCED), encoding="utf-8")
+    hodo("run", "c.yaml")
+    done = hodo("claims", "runs/c.h5")
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        "runs/c.h5: claim turns: case turning has no labels of the enclosed axis: run `hodo classify` first"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ("cases: turnin", "17:60: cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: turning, given-up)"),
+        ("cases: turning, over: {set: {damping.3: 1}}", "17:82: over.set.damping.3: is no key of case turning"),
+        ("cases: turning, over: {random: {damping.0: 1}}", "17:96: over.random.damping.0: wants 2 numbers, not 1"),
+        (
+            "cases: turning, over: {grid: {damping.0: []}}",
+            "17:94: over.grid.damping.0: wants a list of one or more: number, or a mapping, not a list of 0",
+        ),
+        ("cases: turning, seed: 3", f"17:69: seed: unknown key (valid: {', '.join(statements.CLAIM)})"),
+    ],
+)
+def test_a_wrong_claim_is_named_with_its_place(wrong: str, line: str) -> None:
+    with pytest.raises(HodoError) as raised:
+        parse(CONFIG.replace("EXPECT", REPRODUCED).replace("cases: turning", wrong, 1), "c.yaml")
+    place, _, message = line.partition(": ")
+    assert str(raised.value) == f"c.yaml:{place}: claims.0.{message}"
+
+
+# The papers.
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, dict[str, Any]]]:
+    """The verdicts on every claim of the papers, by paper and id; made by the commands, as a user would."""
+    import subprocess
+    import sysconfig
+
+    folder = tmp_path_factory.mktemp("papers")
+    script = Path(sysconfig.get_path("scripts")) / "hodo"
+    found = {}
+    for paper in PAPERS:
+        for command in (("run", ROOT / "configs" / f"{paper}.yaml", "--quiet"), ("classify", f"runs/{paper}.h5")):
+            subprocess.run([script, *command], cwd=folder, check=True, capture_output=True)
+        done = subprocess.run(
+            [script, "claims", f"runs/{paper}.h5", "--json"], cwd=folder, capture_output=True, text=True
+        )
+        found[paper] = {row["id"]: row for row in json.loads(done.stdout)}
+    return found
+
+
+@pytest.mark.heyoka
+def test_every_claim_of_the_papers_has_the_verdict_expected(judged: Mapping[str, Mapping[str, Any]]) -> None:
+    for paper, rows in judged.items():
+        assert [*rows] == [claim["id"] for claim in load(ROOT / "configs" / f"{paper}.yaml").claims]
+        differing = {name: row["verdict"] for name, row in rows.items() if row["verdict"] != row["expect"]}
+        assert not differing
+
+
+@pytest.mark.heyoka
+def test_the_numbers_that_decide_are_those_found_by_other_means(judged: Mapping[str, Mapping[str, Any]]) -> None:
+    one, two, three = (judged[paper] for paper in PAPERS)
+    assert one["fig4-separatrix"]["evidence"] == "305.358955167 (x1 to x3)"
+    assert one["fig1-curve-3"]["number"] == pytest.approx(0.0535 / 1.0777**2, rel=1e-3)
+    assert one["difference-alone"]["evidence"] == "first_crossing: 305.359, 347.15, 250.566"
+    assert one["fig10-fig11-area"]["evidence"] == "reach_smallest: 0.0464777, 0.0821772"
+    assert one["fig16-area"]["number"] == pytest.approx(0.0017, rel=0.03)
+    assert one["fig18-area"]["number"] == pytest.approx(0.0216, rel=0.01)
+    assert one["x1-stays"]["number"] == pytest.approx(0.47, abs=0.05)  # two standard deviations of 400 starts
+    assert one["x3-unstable"]["number"] == pytest.approx(0.95, abs=0.022)
+    assert two["limits-as-printed"]["evidence"].startswith("x = 0.766997, 0.792158, 0.502956, 0.600701 (said")
+    assert two["limits"]["evidence"].startswith("x = 1.23706, 1.21575, 1.53762, 1.45569 (said")
+    assert two["M1-M2-vanish"]["evidence"] == "x_at_end_of_spin: 0.999019, 1.53762"
+    assert three["case3-Gz"]["number"] == pytest.approx(0.0012, rel=0.02)
+    assert three["error-of-order-epsilon"]["number"] == pytest.approx(1, abs=0.01)
