@@ -101,7 +101,7 @@ def _section(results: Results, rendered: Sequence[Rendered], base: Path) -> str:
         f'<section id="{_anchor(results)}"><h2>{escape(results.config.title or results.path.name)}</h2>'
         f"<p>{escape(results.config.references)}</p>"
         f'<p class="soft">Data: {_link(results.path, base)}, {len(motions)} cases</p>'
-        f'<div class="figures">{cards}</div>{_crossings(motions)}'
+        f'<div class="figures">{cards}</div>{_claims(results)}{_crossings(motions)}'
         f"<h3>Cases</h3>{_table(CASE_HEADER, [_case_row(motion) for motion in motions.values()])}</section>"
     )
 
@@ -155,6 +155,7 @@ def _summary(motions: Sequence[Motion]) -> str:
 
 CARD_HEADER = ("case", "parameters", "error", "run time")
 CASE_HEADER = ("case", "model", "method", "steps", "error", "run time", "parameters", "notes and warnings")
+CLAIM_HEADER = ("where", "statement", "verdict", "decided by", "measured, notes")
 CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|")
 
 
@@ -177,6 +178,22 @@ def _case_row(motion: Motion) -> list[str]:
         _cell(motion.name, "n"), _cell(f"{attrs['model']}, {attrs['form']}", "n"), _cell(str(attrs["method"])),
         _cell(str(attrs["steps"])), error, run_time, given, _cell(". ".join(filter(None, notes)), "text"),
     ]  # fmt: skip
+
+
+def _claims(results: Results) -> str:
+    """The table of statements with their verdicts; none before `hodo claims`."""
+    if "_claims" not in results.cases:
+        return ""
+    claims = results.cases["_claims"]
+    columns = [
+        map(str, claims[name].values) for name in ("where", "statement", "verdict", "evidence", "measured", "note")
+    ]
+    rows = [
+        [_cell(where, "n"), _cell(statement, "text"), _cell(verdict, "n"), _cell(evidence, "text"),
+         _cell(". ".join(filter(None, remarks)), "text")]
+        for where, statement, verdict, evidence, *remarks in zip(*columns, strict=True)
+    ]  # fmt: skip
+    return f"<h3>What the text says</h3>{_table(CLAIM_HEADER, rows)}"
 
 
 def _crossings(motions: Mapping[str, Motion]) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -258,6 +259,22 @@ def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(hodo: Hodo, tmp
         assert "(x1 to x3)" in stored["evidence"].data[0]
     table = hodo("claims", path).stdout
     assert "reproduced (EXPECTED: contradicted)" in table
+
+
+def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> None:
+    figure = "figures: {a: {kind: hodograph, cases: turning}}\n"
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("EXPECT", REPRODUCED) + figure, encoding="utf-8")
+    for command in ("run c.yaml", "classify runs/c.h5", "claims runs/c.h5", "plot runs/c.h5 --out page"):
+        hodo(*command.split())
+    page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    assert "What the text says" in page
+    assert "<td class=n>reproduced</td>" in page.replace('"', "")
+    assert "(x1 to x3)" in page
+
+
+def test_the_example_of_the_readme_is_a_claim() -> None:
+    case_file, claims = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert parse(case_file + claims, "README.md").claims[0]["cases"] == ("turning",)
 
 
 def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:
