@@ -1,6 +1,6 @@
-"""Kills `hodo run` and `hodo classify` at random moments, checks that nothing finished is ever lost, and runs many cases.
+"""Kills `hodo run` and `hodo classify` at random moments, and runs many cases: nothing finished is lost, nothing slow.
 
-`python tests/stress.py [KILLS]` does so many kills of each command (default 110) and prints what it counted.
+`python tests/stress.py [KILLS]` does so many kills of each command (default 150) and prints what it counted.
 """
 
 import os
@@ -208,7 +208,7 @@ def report(what: str, count: Counter[str], began: float) -> None:
 
 
 if __name__ == "__main__":
-    kills = int(sys.argv[1]) if len(sys.argv) > 1 else 110
+    kills = int(sys.argv[1]) if len(sys.argv) > 1 else 150
     for what, number in ((kill_runs, kills), (kill_classifications, kills), (many_cases, 10000)):
         with tempfile.TemporaryDirectory() as folder:
             began = time.monotonic()

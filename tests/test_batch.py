@@ -299,12 +299,14 @@ def test_the_estimate_of_memory_is_right_to_a_factor_of_two(tmp_path: Path) -> N
     assert estimate / 2 < int(done.stdout) < estimate
 
 
-# Kills; `make stress` does many more.
+# Kills; `make stress` does many more. Without heyoka they only take longer.
 
 
+@pytest.mark.heyoka
 def test_killed_runs_lose_nothing(tmp_path: Path) -> None:
     assert stress.kill_runs(tmp_path, 6)["files whole"] == 2
 
 
+@pytest.mark.heyoka
 def test_killed_classifications_lose_nothing(tmp_path: Path) -> None:
     assert stress.kill_classifications(tmp_path, 3)["files whole"] == 3
