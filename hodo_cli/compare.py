@@ -83,9 +83,12 @@ def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
 def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
     """The lines of one case. An attribute has one only if it differs."""
     for key in EXACT:
-        if (ours := a.attributes.get(key)) != (theirs := b.attributes.get(key)):
+        if (ours := str(a.attributes.get(key))) != (theirs := str(b.attributes.get(key))):
             yield Line(name, key, math.inf, f"{ours}, not {theirs}")
-    rows = matching(a.variables["time"].data, b.variables["time"].data)
+    times = [group.variables["time"].data if "time" in group.variables else np.empty(0) for group in (a, b)]
+    if any(time.dtype.kind != "f" or time.ndim != 1 for time in times):
+        raise HodoError(f"{name} is damaged (its times are no numbers)")
+    rows = matching(*times)
     for key, reference in b.variables.items():
         if key in VARYING:
             continue
@@ -93,7 +96,7 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
             yield Line(name, key, math.inf, "missing")
             continue
         ours = a.variables[key].data
-        if reference.dims[:1] == ("time",):
+        if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
             ours = ours[rows]
         scaled, at = difference(ours, reference.data, *tolerance.of(key, reference))
         yield Line(name, key, scaled, place(key, at, ours, reference, b.variables))
@@ -133,6 +136,8 @@ def difference(a: np.ndarray, b: np.ndarray, rtol: float, atol: float) -> tuple[
 
 def place(name: str, at: tuple[int, ...], a: np.ndarray, b: Variable, coordinates: Mapping[str, Variable]) -> str:
     """Where a difference is the largest, in the reference's coordinates, and the two values there."""
+    if a.ndim != b.data.ndim:
+        return f"{a.ndim} dimensions, not {b.data.ndim}"
     if a.shape != b.data.shape:
         what = b.dims[0] if b.dims else "value"
         return f"{len(a)} along {what}, not {len(b.data)}"

@@ -17,6 +17,7 @@ from .hdf5 import Group
 from .integrate import choose, extended, solve, stored
 from .models import find
 from .models.lagrange import first_integrals
+from .provenance import typed
 
 
 @dataclass(frozen=True)
@@ -87,13 +88,23 @@ class Motion:
         return rigid.inertia_order(self.inertia)
 
 
+LABELLED = ("enclosed_axis", "crossing_time", "crossing_from", "crossing_to", "crossing_G")
+"""What `classify` adds to a case."""
+
+
 def read(group: Group) -> Motion:
-    """The motion in a stored case."""
+    """The motion in a stored case. Raises HodoError if it is damaged."""
     data = {name: variable.data for name, variable in group.variables.items()}
+    case = parse_case(typed(group.attributes, {"case": str}, "a case")["case"])
+    wanted = ["time", *(name for name in LABELLED if "crossing_time" in data), *(["omega"] if "omega" in data else [])]
+    if any(name not in data or data[name].dtype.kind not in "fi" for name in wanted):
+        raise HodoError(f"{case.name} is damaged (it lacks one of {', '.join(wanted)})")
+    if data["time"].ndim != 1 or ("omega" in data and data["omega"].shape != (len(data["time"]), 3)):
+        raise HodoError(f"{case.name} is damaged (its times and its omega do not fit together)")
     crossings = [data[f"crossing_{name}"].tolist() for name in ("time", "from", "to", "G") if "crossing_time" in data]
     events = [data[name].tolist() for name in ("event_kind", "event_time") if name in data]
     return Motion(
-        parse_case(str(group.attributes["case"])),
+        case,
         data["time"],
         data,
         data.get("enclosed_axis"),
