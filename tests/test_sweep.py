@@ -1,0 +1,440 @@
+"""Sweeps: members equal single cases, whatever the chunks; nothing is lost; what is drawn is what is stored."""
+
+import math
+import signal
+import subprocess
+import sysconfig
+import time
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, Hodo
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hodo_cli import HodoError, axes, ensemble, exact, maps, plan, sweep
+from hodo_cli.batch import Pool, pool
+from hodo_cli.case import Case, load, parse, parse_case
+from hodo_cli.classify import classify
+from hodo_cli.integrate import integrate
+from hodo_cli.models.linear_diag import LinearDiag
+from hodo_cli.progress import Progress
+
+HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
+BALL = "initial: {p: 0, q: 0, G: 1}"
+FIG4 = f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003]"
+FIG12 = f"model: tensor, {HEAD}, resistance: {{diagonal: 0.005, off_diagonal: 0.005}}"
+
+
+def one(text: str) -> Case:
+    return parse(f"title: t\ncases:\n  a: {{{text}}}\n", "x.yaml").cases["a"]
+
+
+def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, np.ndarray]:
+    group = sweep.compute(sweep.Chunk(case, first, math.prod(sweep.shape(case)) if last is None else last))
+    return {name: variable.data for name, variable in group.variables.items()}
+
+
+# The block
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("{damping.2: 3}", "cases.a.sweep.damping.2: wants one of linspace, logspace, values, zip, sphere, not 3"),
+        ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
+        ("{damping.2: {linspace: [1, 2]}}", "wants [first, last, number of values], not a list of 2"),
+        ("{damping.2: {logspace: [0, 2, 5]}}", "sweep.damping.2.logspace.0: wants a number > 0, not 0"),
+        ("{damping.3: {values: [1]}}", "cases.a.sweep.damping.3: unknown key 'damping.3'"),
+        ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
+        ("{inertia.0: {values: [1, -1]}}", "sweep.inertia.0.values.1: wants a number > 0, not -1"),
+        ("{initial: {values: [1]}}", "sweep.initial: is not a number"),
+        ("{time: {sphere: {count: 2}}}", "time is a dimension of every result"),
+        ("{d: {sphere: {count: 0}}}", "sweep.d.sphere.count: wants an integer >= 1, <= 1e+09, not 0"),
+        ("{d: {sphere: {count: 2}}, e: {sphere: {count: 2}}}", "one axis may be a sphere"),
+        ("{d: {zip: {damping.0: {values: [1]}, damping.1: {values: [1, 2]}}}}", "1 and 2 values cannot be zipped"),
+        (
+            "{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
+            "damping.2 varies along damping.2 already",
+        ),
+        ("{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}", "more than 1e+09 members"),
+    ],
+)
+def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) -> None:
+    text = f"title: t\ncases:\n  a:\n    {{{FIG4}, {BALL},\n    sweep: {block}}}\n"
+    with pytest.raises(HodoError) as error:
+        parse(text, "x.yaml")
+    lines = str(error.value).splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("x.yaml:5:")
+    assert message in lines[0]
+
+
+def test_a_sphere_needs_a_model_with_directions() -> None:
+    with pytest.raises(HodoError, match="only the start of a body-frame model has a direction"):
+        one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, initial: {x: 1, y: 1}, "
+            "time: {end: 9}, sweep: {d: {sphere: {count: 2}}}")  # fmt: skip
+
+
+def test_store_names_what_a_sweep_has() -> None:
+    with pytest.raises(HodoError, match="did you mean 'crossing_time'"):
+        one(f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}")
+    for model in (one(f"{FIG4}, {BALL}"), one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
+                                              "initial: {x: 1, y: 1}, time: {end: 9}")):  # fmt: skip
+        found = sweep.find(model.model, model.form)
+        names = {*axes.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
+        assert set(sweep.columns(model)) == names
+
+
+def test_the_values_of_a_range() -> None:
+    case = one(f"{FIG4}, {BALL}, sweep: {{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}")
+    ratio, even = axes.axes_of(case.sweep or {})
+    assert ratio.values[0] == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
+    assert even.values[0].tolist() == [0, 0.25, 0.5, 0.75, 1]
+
+
+def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:
+    axis = axes.Axis("d", (), {"count": 20_000, "seed": 3})
+    every = axis.directions(np.arange(20_000))
+    assert np.array_equal(axis.directions(np.array([4097, 5, 19_999])), every[[4097, 5, 19_999]])
+    assert np.linalg.norm(every, axis=1) == pytest.approx(1, rel=1e-15)
+    # Each component of a uniform direction is uniform in [-1, 1]; 4 standard errors of 20,000.
+    assert np.abs(every.mean(axis=0)).max() < 4 * math.sqrt(1 / 3 / 20_000)
+    assert np.abs((every**2).mean(axis=0) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / 20_000)
+    other = axes.Axis("d", (), {"count": 20_000, "seed": 4}).directions(np.arange(9))
+    assert not np.any(other == every[:9])
+
+
+# Members are single cases
+
+
+def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
+    """The tolerance: both are right to about 1e-13 in the state and, by the conditioning of D = 0, 1e-11 in time."""
+    values = computed(case)
+    for number in numbers:
+        single = replace(sweep.member(case, number), error="off")
+        motion = integrate(single)
+        found = classify(single, motion.method, motion.tol, motion.error, motion.variables["omega"])
+        omega = motion.variables["omega"][-1]
+        assert np.linalg.norm(values["omega"][number] - omega) <= 3e-12 * np.linalg.norm(omega)
+        assert values["crossings"][number] == len(found.crossings)
+        assert [values["start_axis"][number], values["end_axis"][number]] == found.labels[[0, -1]].tolist()
+        if found.crossings:
+            first = found.crossings[0]
+            assert values["crossing_time"][number] == pytest.approx(first.time, rel=1e-10)
+            assert values["crossing_G"][number] == pytest.approx(first.momentum, rel=1e-10)
+            assert [values["crossing_from"][number], values["crossing_to"][number]] == [first.start, first.end]
+        else:
+            assert math.isnan(values["crossing_time"][number])
+
+
+@pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
+def test_members_on_a_sphere_are_single_cases(body: str) -> None:
+    case = one(f"{body}, {BALL}, sweep: {{d: {{sphere: {{count: 30, seed: 2}}}}}}")
+    assert_members_are_single_cases(case, list(range(30)))
+
+
+def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -> None:
+    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{linspace: [0.5, 1.2, 5]}}, "
+               "damping.0: {values: [0.001, 0.005]}, d: {sphere: {count: 2, seed: 1}}}")  # fmt: skip
+    assert_members_are_single_cases(case, list(range(20)))
+
+
+@pytest.mark.heyoka
+def test_the_papers_crossings_are_found() -> None:
+    """The values of paper 1's figures to all digits known (tests/test_crossings.py has their source)."""
+    fig4 = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003, 0.002, 0.005]}}}}")
+    values = computed(fig4)
+    assert values["crossing_time"][:2] == pytest.approx(
+        [305.3589551667110497647, 198.558730104], rel=1e-12, nan_ok=True
+    )
+    assert values["crossings"].tolist() == [1, 1, 0]
+    fig12 = one(f"{FIG12}, initial: {{p: 0.5, q: 0.25, r: 1.40435829552939}}, sweep: {{initial.q: {{values: [0.25]}}}}")
+    values = computed(fig12)
+    assert values["crossing_time"][0] == pytest.approx(256.993064559, rel=1e-11)
+    assert values["crossings"][0] == 3
+    times = [0, 256.993064559, 396.993309847, 406.942439380, 1000]  # x3, x1, x3, x1
+    about_x1 = (times[2] - times[1] + times[4] - times[3]) / 1000
+    assert values["share"][0] == pytest.approx([about_x1, 0, 1 - about_x1], abs=1e-11)
+
+
+@pytest.mark.heyoka
+def test_one_crossing_needs_no_watch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a theorem allows one crossing, the signs of D at the ends of the legs find all that watching does."""
+    case = one(
+        f"{FIG4}, {BALL}, sweep: {{damping.2: {{linspace: [0, 0.01, 5]}}, d: {{sphere: {{count: 60, seed: 5}}}}}}"
+    )
+    quick = computed(case)
+    monkeypatch.setattr(LinearDiag, "crosses_once", False)
+    slow = computed(case)
+    assert quick["crossings"].tolist() == slow["crossings"].tolist()
+    assert 60 < quick["crossings"].sum() < 240
+    assert quick["crossing_time"] == pytest.approx(slow["crossing_time"], rel=1e-10, nan_ok=True)
+    assert quick["crossing_to"].tolist() == slow["crossing_to"].tolist()
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
+def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
+    case = one(f"{body}, {BALL}, sweep: {{inertia.1: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}")
+    whole = computed(case)
+    cuts = [0, 1, 12, 41, 63, 74]
+    parts = [computed(case, a, b) for a, b in pairwise(cuts)]
+    for name, values in whole.items():
+        assert np.array_equal(values, np.concatenate([part[name] for part in parts]), equal_nan=True), name
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("size", [1e-150, 1e-3, 1.0, 1e150])
+def test_members_are_right_relative_to_their_size(size: float) -> None:
+    """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may not be a double."""
+    case = one(f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, error: off, time: {{end: {100 / size!r}}}, "
+               f"initial: {{p: {0.8 * size!r}, q: {0.5 * size!r}, r: {0.74 * size!r}}}, "
+               f"sweep: {{damping: {{values: [0, {0.01 * size!r}, {size!r}]}}}}")  # fmt: skip
+    values = computed(case)
+    for number in range(3):
+        member = sweep.member(case, number)
+        (omega,) = exact.solve(member, np.array([case.time.end]))
+        off = np.abs(values["omega"][number] - omega).max() / np.abs(omega).max()
+        assert off < 1e-12  # 100 radians: some 200 units in the last place, as one ulp in the data does
+        assert values["status"][number] == sweep.OK
+
+
+@pytest.mark.heyoka
+def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 0.8, q: 0.5, r: 0.74}}, "
+               "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
+    alone: list[int] = []
+    as_before = sweep._alone
+    monkeypatch.setattr(sweep, "_alone", lambda case, number, row: (alone.append(number), as_before(case, number, row)))
+    values = computed(case)
+    assert alone == [1]
+    assert values["status"].tolist() == [sweep.OK, sweep.OK]
+    assert values["end_axis"].tolist() == [3, 3]
+    single = integrate(sweep.member(case, 1))
+    assert single.method != "taylor"
+    assert values["omega"][1] == pytest.approx(single.variables["omega"][-1], rel=1e-6)
+
+
+def test_starts_that_decide_nothing() -> None:
+    """On the separatrix, on each principal axis, at rest; labels as the single case has them."""
+    on = math.sqrt(0.6)  # with (p, 0, r) = (sqrt(0.6), 0, 1): D = 0.2 p^2 - 0.12 r^2
+    case = one(f"model: linear-diag, {HEAD}, damping: 0.001, initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: {{"
+               f"initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, initial.q: {{values: [0, 0, 1, 0, 0]}}, "
+               "initial.r: {values: [1, 0, 0, 1, 0]}}}}")  # fmt: skip
+    values = computed(case)
+    assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
+    assert values["crossings"].tolist() == [0] * 5
+    assert values["status"].tolist() == [sweep.OK] * 5
+
+
+def test_members_that_are_no_body_are_marked() -> None:
+    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}")
+    values = computed(case)
+    assert values["status"].tolist() == [sweep.INVALID, sweep.OK, sweep.INVALID]
+    assert np.isnan(values["omega"][[0, 2]]).all()
+
+
+def test_a_model_without_lanes_is_swept_too() -> None:
+    """The end of spin in the paper on the cavity: kappa = 0.6048, M3 = -0.1 and -0.3."""
+    case = one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1, "
+               "torque: [0, 0, -0.1], initial: {x: 1, y: 1}, time: {end: 60}, error: off, "
+               "sweep: {torque.2: {values: [-0.1, -0.3]}}")  # fmt: skip
+    values = computed(case)
+    assert values["event_time"] == pytest.approx([40.0088, 28.8754], abs=1e-4)
+    assert values["x"] == pytest.approx([1.2371, 1.2157], abs=1e-4)
+
+
+@pytest.mark.heyoka
+def test_an_error_is_measured() -> None:
+    """A probe sees an error that is put in, in the state and in the time."""
+    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003]}}}}")
+    values = computed(case)
+    ((error, off, kind),) = sweep.probe(sweep.Probe(case, [0], values["omega"], values["crossing_time"]))
+    assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
+    wrong = values["omega"] * (1 + 1e-9)
+    ((error, off, _),) = sweep.probe(sweep.Probe(case, [0], wrong, values["crossing_time"] + 1e-6))
+    assert error == pytest.approx(1e-9, rel=1e-3)
+    assert off == pytest.approx(1e-6, rel=1e-3)
+
+
+# Files
+
+
+SMALL = """\
+title: t
+defaults: {inertia: [1, 0.8, 0.6], time: {end: 300, samples: 7}}
+cases:
+  ball:
+    model: linear-diag
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0, q: 0, G: 1}
+    sweep: {damping.2: {linspace: [0.001, 0.009, 3]}, direction: {sphere: {count: 400, seed: 1}}}
+  single:
+    model: linear-diag
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+  paths:
+    model: tensor
+    resistance: {diagonal: 0.003, off_diagonal: 0.001}
+    initial: {p: 0.5, q: 0.25, G: 1}
+    store: [omega, trajectory]
+    sweep: {resistance.diagonal: {values: [0.003, 0.004]}}
+figures:
+  sphere: {kind: map, cases: [ball], variable: crossing_time, panels: damping.2, at: [0, 2], caption: c}
+"""
+
+
+def results(folder: Path, text: str, workers: Pool) -> Path:
+    (folder / "a.yaml").write_text(text, encoding="utf-8")
+    (job,) = plan.plans([load(folder / "a.yaml")], folder, (), False)
+    with workers, Progress(1, quiet=True) as progress:
+        job.execute(workers, progress)
+    return folder / "a.h5"
+
+
+@pytest.mark.heyoka
+def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
+    with h5py.File(results(tmp_path, SMALL, pool(1))) as file:
+        ball, case = file["ball"], parse_case(file["ball"].attrs["case"])
+        assert ball["crossing_time"].shape == (3, 400)
+        named = [next(name for name in ball if ball[name] == scale[0]) for scale in ball["omega"].dims]
+        assert named == ["damping.2", "direction", "axis"]
+        assert ball["damping.2"][:].tolist() == [0.001, 0.005, 0.009]
+        values = computed(case)
+        for name in sweep.kept(case):
+            stored = ball[name][:].reshape(1200, *ball[name].shape[2:])
+            assert np.array_equal(stored, values[name], equal_nan=True), name
+        assert ball.attrs["error"] < 1e-11
+        assert ball.attrs["error_sample"] > 256
+        assert ball.attrs["status"] == "ok"
+        assert file["single"]["omega"].shape == (7, 3)
+        paths = file["paths"]
+        assert paths["omega"].shape == (2, 7, 3)
+        second = sweep.member(parse_case(paths.attrs["case"]), 1, samples=7)
+        assert np.array_equal(paths["omega"][1], integrate(second).variables["omega"])
+
+
+@pytest.mark.heyoka
+def test_processes_and_repeats_change_nothing(tmp_path: Path) -> None:
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    first = results(tmp_path / "a", SMALL, pool(1)).read_bytes()
+    with h5py.File(tmp_path / "a" / "a.h5") as one, h5py.File(results(tmp_path / "b", SMALL, pool(2))) as two:
+        for name in one["ball"]:
+            if one["ball"][name].dtype.kind in "if":
+                assert np.array_equal(one["ball"][name][:], two["ball"][name][:], equal_nan=True), name
+        assert one["ball"].attrs["error_quantiles"].tolist() == two["ball"].attrs["error_quantiles"].tolist()
+    assert results(tmp_path / "a", SMALL, pool(1)).read_bytes() == first
+
+
+@pytest.mark.heyoka
+def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) -> None:
+    text = SMALL.replace("count: 400", "count: 6000").replace("end: 300", "end: 1000")
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    script = Path(sysconfig.get_path("scripts")) / "hodo"
+    running = subprocess.Popen([script, "run", "a.yaml", "--case", "ball"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5"))) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    running.send_signal(signal.SIGKILL)
+    running.wait()
+    done = len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5")))
+    assert 3 <= done < 16
+    assert not (tmp_path / "runs" / "a.h5").exists()
+    again = hodo("run", "a.yaml", "--case", "ball")
+    assert again.returncode == 0, again.stderr
+    assert f"ball: {done} of 16 chunks are kept" in again.stderr
+    assert not list(tmp_path.glob("runs/.a.h5.*"))
+    with h5py.File(tmp_path / "runs" / "a.h5") as file:
+        values = computed(parse_case(file["ball"].attrs["case"]), 0, 300)
+        assert np.array_equal(file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True)
+        assert (file["ball"]["status"][:] == sweep.OK).all()
+
+
+@pytest.mark.heyoka
+def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
+    (tmp_path / "a.yaml").write_text(SMALL, encoding="utf-8")
+    for command in (["run", "a.yaml"], ["classify", "runs/a.h5"], ["show", "runs/a.h5"], ["plot", "runs/a.h5"],
+                    ["plot", "runs/a.h5", "--format", "csv"]):  # fmt: skip
+        done = hodo(*command)
+        assert done.returncode == 0, done.stderr
+        if command[0] == "classify":
+            assert "of 1200 members cross" in done.stdout
+    before = (tmp_path / "runs" / "a.h5").read_bytes()
+    assert hodo("classify", "runs/a.h5").returncode == 0
+    assert (tmp_path / "runs" / "a.h5").read_bytes() == before
+    table = np.genfromtxt(tmp_path / "runs" / "figures" / "a" / "sphere.csv", delimiter=",", names=True, dtype=None,
+                          encoding="utf-8")  # fmt: skip
+    with h5py.File(tmp_path / "runs" / "a.h5") as file:
+        stored = file["ball"]["crossing_time"][:][[0, 2]].ravel()
+    assert np.array_equal(table["crossing_time"], stored, equal_nan=True)
+
+
+def test_a_chunk_whose_worker_dies_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
+    as_before = sweep.compute
+
+    def compute(chunk: sweep.Chunk) -> Any:
+        if chunk.case.name == "ball" and chunk.first == 0:
+            raise HodoError("its process died: killed, or out of memory")
+        return as_before(chunk)
+
+    monkeypatch.setattr(sweep, "compute", compute)
+    with h5py.File(results(tmp_path, text, pool(1))) as file:
+        ball = file["ball"]
+        failed = (ball["status"][:] == sweep.FAILED).sum()
+        assert 0 < failed < ball["status"].size
+        assert ball.attrs["status"] == "failed"
+        assert f"{failed} of 300 members: its process died" in ball.attrs["message"]
+
+
+@given(st.lists(st.integers(1, 7), min_size=1, max_size=4), st.data())
+def test_slabs_are_the_members_in_order(sizes: list[int], data: st.DataObject) -> None:
+    total = math.prod(sizes)
+    first = data.draw(st.integers(0, total - 1))
+    last = data.draw(st.integers(first + 1, total))
+    array, members = np.full(sizes, -1), np.arange(first, last)
+    for where, rows in sweep.slabs(tuple(sizes), first, last):
+        array[where] = members[rows].reshape(array[where].shape)
+    flat = array.ravel()
+    assert np.array_equal(flat[first:last], members)
+    assert (np.delete(flat, members) == -1).all()
+
+
+# Maps
+
+
+def test_the_map_of_the_sphere_keeps_areas_and_comes_back() -> None:
+    directions = axes.Axis("d", (), {"count": 4000, "seed": 1}).directions(np.arange(4000))
+    points = maps.hammer(directions)
+    assert maps.hammer_back(points) == pytest.approx(directions, abs=1e-9)
+    # A cap of one tenth of the sphere about each axis fills one tenth of the ellipse (to the pixels of the image).
+    for axis in range(3):
+        image = maps.hammer_image(directions, directions[:, axis], 200)
+        share = np.nanmean(np.where(np.isnan(image), np.nan, image > 0.8))
+        assert share == pytest.approx((directions[:, axis] > 0.8).mean(), abs=0.01)
+
+
+def test_edges_lie_between() -> None:
+    assert maps.edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
+    assert maps.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
+
+
+def test_the_separatrix_of_a_leg_is_that_of_the_body() -> None:
+    A, omega = np.array([[1.0], [0.8], [0.6]]), np.array([[0.8], [0.5], [0.74]])
+    sign, part = ensemble.sides(A, omega, (0, 1, 2))
+    outer, inner = 1 * 0.2 * 0.64, 0.6 * 0.2 * 0.74**2
+    assert sign[0] == 1
+    assert part[0] == pytest.approx((outer - inner) / (outer + inner), rel=1e-14)
+
+
+def test_every_sweep_that_ships_is_read() -> None:
+    for path in sorted((ROOT / "configs").glob("sweep_*.yaml")):
+        config = load(path)
+        assert any(case.sweep for case in config.cases.values())
+    assert math.prod(sweep.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"])) == 10**6
