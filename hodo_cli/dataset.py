@@ -60,6 +60,8 @@ def open_cases(path: Path | str) -> Iterator[Cases]:
         file = netCDF4.Dataset(path)
     except OSError as error:
         raise HodoError(f"{path}: {_why_closed(path, error)}") from None
+    except (RuntimeError, LookupError, TypeError, ValueError, AttributeError) as error:
+        raise HodoError(f"{path} is damaged ({error})") from None
     with file:
         cases = Cases(path, file)
         version = cases.attributes.get("format_version")

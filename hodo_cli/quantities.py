@@ -102,6 +102,8 @@ def read(group: Group) -> Motion:
     if data["time"].ndim != 1 or ("omega" in data and data["omega"].shape != (len(data["time"]), 3)):
         raise HodoError(f"{case.name} is damaged (its times and its omega do not fit together)")
     crossings = [data[f"crossing_{name}"].tolist() for name in ("time", "from", "to", "G") if "crossing_time" in data]
+    if len({len(column) for column in crossings}) > 1:
+        raise HodoError(f"{case.name} is damaged (its crossings are not complete)")
     events = [data[name].tolist() for name in ("event_kind", "event_time") if name in data]
     return Motion(
         case,

@@ -263,8 +263,8 @@ class Writer:
 
 def _longer(run: Run | None, line: Attribute | None) -> str:
     """The history of a result with a line more."""
-    lines = [run.attributes.get("history") if run else None, line]
-    return "\n".join(str(line) for line in lines if line)
+    lines = [str(run.attributes.get("history", "")) if run else "", str(line or "")]
+    return "\n".join(filter(None, lines))
 
 
 class Update:
