@@ -39,7 +39,8 @@ COMMON = {
     "method": Key(Choice(*METHODS), "method of integration; auto takes the fastest that is safe", default="auto"),
     "tol": Key(
         Number(above=0, below=1),
-        "tolerance relative to max|omega| (if left out: 1e-9 for RK45, LSODA, Radau and BDF, 1e-12 for DOP853, else the precision's limit)",
+        "tolerance relative to max|omega| "
+        "(if left out: 1e-9 for RK45, LSODA, Radau, BDF, 1e-12 for DOP853, else the precision's limit)",
         default=None,
     ),
     "precision": Key(Choice("double", "extended", "quadruple"), "working precision", default="double"),
@@ -67,12 +68,22 @@ class Section:
         return Data().describe()
 
 
+BENCH = Table(
+    {
+        "methods": Key(keys.Sequence(Choice(*METHODS)), "methods compared"),
+        "tols": Key(keys.Sequence(Number(above=0, below=1)), "tolerances (default: each method's own)", default=()),
+        "repeats": Key(Integer(least=1, most=1000), "runs of which the median is timed", default=1),
+        "max_seconds": Key(Number(above=0), "run time after which a method is given up", "s", 10.0),
+    }
+)
+
 SECTIONS = {
     "title": Key(Text(), "title of the config", default=""),
     "references": Key(Text(), "where its cases come from", default=""),
     "defaults": Key(Section(), "values for every case that takes the key; those of `time` one by one", default=None),
     "cases": Key(Section(), "the experiments, by name"),
     "figures": Key(Section(), "what `hodo plot` draws, by name", default=None),
+    "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
     "claims": Key(keys.Sequence(Table(statements.CLAIM)), "statements that `hodo claims` checks", default=()),
 }
 
@@ -120,6 +131,7 @@ class Config:
     cases: dict[str, Case]
     figures: dict[str, dict[str, Any]]
     claims: tuple[dict[str, Any], ...]
+    bench: dict[str, Any] | None = None
 
 
 def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
@@ -175,6 +187,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         cases={case.name: case for case in checked if case},
         figures=figures,
         claims=sections["claims"],
+        bench=sections["bench"],
     )
 
 

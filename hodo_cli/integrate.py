@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -24,8 +24,11 @@ ASKED = 1e-12
 MANY_STEPS = 1e4
 """Beyond this many Taylor steps, some 10 ms, collocation is the faster one."""
 
+RATIO, MOST_TRIED, ROUGH = 200, 5000, 1e-4
+"""The cost of a step of collocation in Taylor steps; the most steps, and the tolerance, of a trial of it."""
+
 LIMIT = 2**14
-"""Binary orders of magnitude, those of a long double, below which a motion is at rest and above which it is lost."""
+"""Binary orders of magnitude, those of a long double, below which a motion is at rest."""
 
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
@@ -60,7 +63,22 @@ class Units:
         sizes += [math.ceil((log - lightest) / 2) for name, log in logs.items() if model.degree[name] == 0]
         new = max(sizes, default=0)
         rates = [log - lightest + (model.degree[name] - 1) * new for name, log in logs.items() if name != "g"]
-        return cls(new, math.ceil(max([float(new), *rates])))
+        most = cls(new, math.ceil(max([float(new), *rates])))
+        return cls(new, most.rate + max(-1000, math.frexp(most.pace(model, k, np.ldexp(y, size - new)))[1]))
+
+    def pace(self, model: type[Model], k: Constants, y: np.ndarray) -> float:
+        """How fast the motion at a state y in these units, and its derivative, change; 0 where they do not.
+
+        A steady rotation about an axis is not fast however large it is. A series in a unit of time that is 1e15 times
+        too short has coefficients of 0.
+        """
+        scaled = namespace(structure(k), flatten(self.constants(model, k)))
+        rate = np.array(model.rhs(0.0, [*y], scaled))
+        speed = float(np.abs(rate).max())
+        if not speed:
+            return 0.0
+        turn = np.array(model.rhs(0.0, [*(y + 1e-100j * (rate / speed))], scaled)).imag / 1e-100
+        return max(speed, float(np.abs(turn).max()))
 
     def constants(self, model: type[Model], k: Constants) -> Constants:
         """The constants of the equations in these units."""
@@ -194,8 +212,8 @@ def propagate(
         new = Units.fit(model, k, leg.state.astype(float), units.size)
         if new.size < -LIMIT:
             rows[done:], exponent[done:], done = 0, -LIMIT, len(times)
-        elif new.size > LIMIT:
-            watch.give_up("failed", f"the motion has outgrown every number at {clock.true(fp(0)):.6g}")
+        elif new.size > 1024:
+            watch.give_up("failed", f"the motion has outgrown the largest number at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
     return Path(times[:done], rows[:done], exponent[:done], tuple(found))
 
@@ -208,7 +226,10 @@ def sample_times(case: Case) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Solution:
-    """A motion with what its integration cost; `stop` is "" or the reason why it ended before its time."""
+    """A motion with what its integration cost; `stop` is "" or the reason why it ended before its time.
+
+    `evaluations` of the equations: for a series, one for each order of each step.
+    """
 
     path: Path
     tol: float
@@ -216,6 +237,7 @@ class Solution:
     run_time: float
     stop: str = ""
     message: str = ""
+    evaluations: int = 0
 
 
 def solve(
@@ -240,7 +262,8 @@ def solve(
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
     began = perf_counter()
     path = propagate(engine, model, k, model.start(case.data), case.time.start, times, watch, witness, events)
-    return Solution(path, engine.tol, watch.steps, perf_counter() - began, watch.outcome, watch.message)
+    spent = perf_counter() - began
+    return Solution(path, engine.tol, watch.steps, spent, watch.outcome, watch.message, watch.evaluations)
 
 
 def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Solution:
@@ -316,31 +339,37 @@ def best(case: Case, precision: str) -> tuple[str, str]:
 
     In quadruple precision only the Taylor series is to be had.
     """
-    if precision != "quadruple":
-        if exact.applies(case):
-            return "exact", "closed form"
-        if not engines.have_taylor():
-            return "collocation", "heyoka is not installed"
-        if (steps := decay_steps(case)) > MANY_STEPS:
-            return "collocation", f"stiff: a Taylor series would need some {steps:.0e} steps"
+    if precision == "quadruple":
+        return "taylor", "quadruple precision"
+    if exact.applies(case):
+        return "exact", "closed form"
+    if not engines.have_taylor():
+        return "collocation", "heyoka is not installed"
+    steps = taylor_steps(case)
+    if steps > MANY_STEPS and (few := collocation_steps(case, int(min(steps / RATIO, MOST_TRIED)))):
+        return "collocation", f"stiff: {few} steps in a trial where a Taylor series may take {steps:.0e}"
     return "taylor", "not stiff"
 
 
-def decay_steps(case: Case) -> float:
-    """About how many Taylor steps a case takes on account of its fastest decay.
-
-    A step is 8.8 decay times long. The count ends where even the slowest decay has brought the motion to rest.
-    """
+def taylor_steps(case: Case) -> float:
+    """About how many Taylor steps a case takes if it stays as fast as it is at the start, until it is at rest."""
     model = find(case.model, case.form)
     k, y0 = model.constants(case.data), model.start(case.data)
     units = Units.fit(model, k, np.array(y0))
     y = np.array([math.ldexp(value, -units.size) for value in y0])
     constants = namespace(structure(k), flatten(units.constants(model, k)))
-    decays = -np.linalg.eigvals(jacobian(model, constants, case.time.start, y)).real
-    span = (case.time.end - case.time.start) * math.ldexp(1.0, units.rate)
-    if model.degree and decays.min() > 0:
-        span = min(span, LIMIT * math.log(2) / decays.min())
-    return span * max(0.0, float(decays.max())) / 8.8
+    slopes = jacobian(model, constants, case.time.start, y)
+    slowest = -float(np.linalg.eigvals(slopes).real.max())
+    span = math.ldexp(case.time.end - case.time.start, units.rate)
+    if model.degree and slowest > 0:
+        span = min(span, LIMIT * math.log(2) / slowest)
+    return float(np.abs(slopes).sum(axis=1).max()) / 8 * span
+
+
+def collocation_steps(case: Case, most: int) -> int:
+    """How many steps a case takes by collocation at a loose tolerance; 0 if not within `most`."""
+    rough = solve(replace(case, max_steps=most), "collocation", tol=ROUGH, times=np.array([case.time.end]))
+    return 0 if rough.stop else rough.steps
 
 
 def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
@@ -349,7 +378,8 @@ def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
     k = namespace(structure(constants := model.constants(case.data)), flatten(constants))
     output = model.output(path.time, path.state.astype(float), k)
     if model.degree:
-        output = {name: np.ldexp(values, path.exponent[:, None]) for name, values in output.items()}
+        with np.errstate(over="ignore"):  # `remarks` says so
+            output = {name: np.ldexp(values, path.exponent[:, None]) for name, values in output.items()}
     return {name: values for name, values in output.items() if not case.store or name in case.store}
 
 

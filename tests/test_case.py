@@ -223,7 +223,7 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
         ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
         ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
         (GOOD + "titel: t\n", ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
-                               "cases, figures, claims)"]),
+                               "cases, figures, bench, claims)"]),
         (GOOD + "claims: [1]\n", [f"4:10: claims.0: wants a mapping of {', '.join(CLAIM)}, not 1"]),
         (GOOD + "defaults: {inertia: 3, tol: 2}\n", ["4:29: defaults.tol: wants a number > 0, < 1, not 2"]),
         (GOOD + "defaults: {resistance: 3}\n", ["4:12: defaults.resistance: no case here takes this key"]),
@@ -671,3 +671,12 @@ def test_the_key_table_has_every_key_once_per_meaning() -> None:
     assert named >= {key for form in classes for key in form.keys}
     assert "| `damping` | linear-diag | 3 numbers or one for all | 1/time | [0.0, 0.0, 0.0] |" in key_table()
     assert "| `inertia` | linear-diag, tensor | 3 numbers > 0 |" in key_table().replace("cavity+constant, ", "")
+
+
+def test_the_bench_section_is_checked() -> None:
+    text = "cases: {a: {model: tensor, resistance: {diagonal: 0, off_diagonal: 0}, inertia: [1, 1, 1], "
+    text += "initial: {p: 1, q: 0, r: 0}, time: {end: 1}}}\nbench: "
+    given = parse(text + "{methods: [auto, DOP853], tols: [1e-3]}", "x.yaml").bench
+    assert given == {"methods": ("auto", "DOP853"), "tols": (1e-3,), "repeats": 1, "max_seconds": 10.0}
+    with pytest.raises(HodoError, match=r"bench.methods.0: .*did you mean 'Radau'"):
+        parse(text + "{methods: [Radauu]}", "x.yaml")

@@ -9,7 +9,7 @@ import pytest
 
 from hodo_cli import HodoError, engines, exact
 from hodo_cli.case import Case, Time
-from hodo_cli.integrate import Clock, choose, decay_steps, integrate, sample_times, solve
+from hodo_cli.integrate import Clock, choose, integrate, sample_times, solve, taylor_steps
 
 taylor = pytest.mark.heyoka
 
@@ -126,10 +126,34 @@ def test_the_method_is_chosen_by_what_the_case_is() -> None:
     assert choose(diagonal((0.1, 0.1, 0.1), precision="quadruple"))[0] == "taylor"
 
 
-def test_a_slow_and_a_fast_decay_are_told_apart() -> None:
-    # All die out within microseconds: not stiff, however long the span. One that lives on makes it so.
-    assert decay_steps(diagonal((1e6, 2e6, 3e6))) < 1e4
-    assert decay_steps(diagonal((1e6, 2e6, 1e-6))) > 1e7
+def test_a_motion_at_rest_costs_nothing() -> None:
+    assert taylor_steps(diagonal((1e6, 2e6, 3e6))) < 1e4
+    assert taylor_steps(diagonal((1e6, 2e6, 1e-6))) > 1e7
+
+
+def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
+    # At the start the fluid of a body about no axis of its own drives as much as it damps.
+    data = {"inertia": (8.0, 6.0, 4.0), "cavity": None, "kappa": 1e6, "torque": (0.0,) * 3, "epsilon": 1.0}
+    data["initial"] = {"p": 1.0, "q": 0.0, "r": 1.0}
+    case = Case(name="test", model="cavity+constant", form="full", data=data, time=Time(end=60.0, samples=11))
+    trajectory = integrate(case)
+    assert trajectory.method == "collocation"
+    assert trajectory.error < 1e-12
+    momentum = np.linalg.norm(trajectory.variables["omega"] * data["inertia"], axis=1)
+    assert momentum == pytest.approx(momentum[0], rel=1e-13)
+
+
+@taylor
+def test_an_axis_about_which_the_motion_is_steady_does_not_set_the_pace() -> None:
+    # Growth along x1 by e^500: the rotation itself, of which nothing is seen, is 1e217 times faster than the growth.
+    data = {"inertia": BODY, "resistance": ((-10.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0))}
+    data["initial"] = {"p": 1.0, "q": 0.0, "r": 0.0, "G": None}
+    case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=50.0, samples=51))
+    trajectory = integrate(case)
+    expected = np.exp(10 * trajectory.time)
+    assert trajectory.variables["omega"][:, 0] == pytest.approx(expected, rel=1e-12)
+    beyond = integrate(replace(case, time=Time(end=100.0, samples=101)))
+    assert (beyond.status, "outgrown" in beyond.message) == ("failed", True)
 
 
 def test_what_has_decayed_below_every_number_is_at_rest() -> None:

@@ -69,6 +69,7 @@ class Watch:
     band: tuple[float, float] | None = None
     observer: Observer | None = None
     steps: int = 0
+    evaluations: int = 0
     stop: str = ""
     message: str = ""
 

@@ -47,7 +47,7 @@ class Steps:
     def __init__(self, model: type[Model], k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, tol: float) -> None:
         self.model, self.k, self.tol = model, k, tol
         self.t = self.t_old = start
-        self.y, self.end, self.status = y, end, "running"
+        self.y, self.end, self.status, self.nfev = y, end, "running", 0
         self.points, self.integrals, self.transform = tableau(y.dtype)
         fastest = float(np.abs(jacobian(model, k, start, y.astype(float))).sum(axis=1).max())
         self.h = min(end - start, y.dtype.type(1 / fastest)) if fastest else end - start
@@ -100,6 +100,7 @@ class Steps:
         for _ in range(ITERATIONS):
             y = self.y[:, None] + z
             rates = np.array([np.broadcast_to(rate, STAGES) for rate in self.model.rhs(times, list(y), self.k)])
+            self.nfev += STAGES
             slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
             coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
             residual = (z - h * (rates @ self.integrals)).astype(float)

@@ -21,6 +21,7 @@ class Solver(Protocol):
     t: Any
     t_old: Any
     y: Any
+    nfev: int
 
     def step(self) -> str | None:
         """Take one step; returns why it failed, if it did."""
@@ -68,6 +69,7 @@ class Stepwise:
             if watch.observer is not None:
                 watch.observer(solver.t_old, solver.t, dense, hits)
             going = watch.step(solver.y) and solver.status == "running"
+        watch.evaluations += solver.nfev
         state, time = (solver.y, solver.t) if hit is None else (hit.state, hit.time)
         return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit)
 

@@ -30,7 +30,8 @@ class Taylor:
     ) -> None:
         self.dtype = fp = DTYPES[precision]
         self.eps = EPS[precision]
-        self.tol = self.eps if tol is None else max(tol, self.eps / 1024)
+        # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no cost.
+        self.tol = self.eps / 1024 if tol is None else max(tol, self.eps / 2**20)
         self.hits: list[Hit] = []
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
@@ -84,7 +85,8 @@ class Taylor:
                 last = ta.time
             return watch.step(state)
 
-        outcome, *_, rows = ta.propagate_grid(grid, callback=after_step)
+        outcome, _, _, steps, *_, rows = ta.propagate_grid(grid, callback=after_step)
+        watch.evaluations += steps * ta.order
         stopped_by = -1 - int(outcome)
         hit = None
         if 0 <= stopped_by < len(self.terminal):
