@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.special import ellipj
 
 from . import HodoError, exact, rigid
 from .case import Case, parse_case
@@ -277,8 +278,6 @@ def _free_rotation_from_q0(m: Motion) -> list[Pair]:
 
 def _equation_6(m: Motion) -> list[Pair]:
     """P1 eqs (5)-(6) as printed, for D < 0 or D > 0; p, q are given with two signs, of which the better is taken."""
-    from scipy.special import ellipj
-
     A1, A2, A3 = A = m.inertia
     start = m.omega[0]
     lam = m.case.data["damping"][0]

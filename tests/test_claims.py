@@ -4,6 +4,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -207,6 +208,8 @@ def test_quantities_of_a_known_motion() -> None:
     assert free.number("reach_smallest") == pytest.approx(K * np.max(free.omega[:, 2] ** 2))
     assert free.number("crossings") == 0
     assert free.number("first_crossing") == math.inf
+    there_and_back = replace(free, passages=((1.0, 1, 3, 0.3), (2.0, 3, 1, 0.2), (3.0, 1, 3, 0.1)))
+    assert there_and_back.number("entry_momentum") == 0.3
     damped = quantities.integrate(changed(case, {"damping": 0.01}))
     assert damped.number("decay") == pytest.approx(0.01, rel=1e-9)
 
