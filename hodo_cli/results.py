@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+LABELS = {"enclosed_axis": "time"} | {f"crossing_{name}": "crossing" for name in ("time", "error", "from", "to", "G")}
+"""What `classify` adds to a motion, each over its dimension."""
+
+
 @dataclass(frozen=True)
 class Motion:
     """One case: its dataset with what follows from it (`dataset.derive`), and what a figure calls it."""
@@ -131,6 +135,10 @@ class Results:
                 raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
             data = derive(self.cases[name])
             typed(data.attrs, SUMMARY | {"case": str, "error_kind": str}, f"{self.path}: {name}")
+            if "enclosed_axis" in data and not all(
+                key in data and data[key].dims == (dim,) and data[key].dtype.kind in "fi" for key, dim in LABELS.items()
+            ):
+                raise HodoError(f"{self.path}: {name} is damaged (its labels and crossings do not fit together)")
             self._motions[name] = Motion(case_of(data), name, data)
         found = self._motions[name]
         return Motion(found.case, label or name, found.data)
