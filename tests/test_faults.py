@@ -28,6 +28,13 @@ cases:
   b: {damping: [0.003, 0.004, 0.005]}
 figures:
   both: {kind: hodograph, cases: [a, b]}
+claims:
+  - id: start
+    where: here
+    statement: It begins about x1 and is damped.
+    cases: [a]
+    check: {kind: axis, start: x1, end: x3}
+    expect: reproduced
 """
 
 Tampering = Callable[[h5py.Group], object]
@@ -96,6 +103,12 @@ TAMPERINGS: dict[str, Tampering] = {
     "omega has no dimensions": dataset("omega", data=np.zeros((21, 3))),
     "omega is vast": dataset("omega", shape=(10**13, 3), dtype="f8", chunks=(1000, 3)),
     "time is gone": dataset("time"),
+    "time is text": dataset("time", data=["t"] * 21),
+    "time is short": dataset("time", data=np.zeros(3)),
+    "time is a table": dataset("time", data=np.zeros((21, 2))),
+    "crossing_from is gone": dataset("crossing_from"),
+    "crossing_to is short": dataset("crossing_to", data=np.zeros(0, dtype="i1")),
+    "enclosed_axis is text": dataset("enclosed_axis", data=["x1"] * 21),
     "time is a group": lambda case: (case.__delitem__("time"), case.create_group("time")),
     "the group is a dataset": instead(lambda file: file.create_dataset("a", data=1)),
     "the group is empty": instead(lambda file: file.create_group("a")),
@@ -137,6 +150,16 @@ def is_plain(said: str, status: int) -> bool:
     """Whether a command that did not end well said why, briefly and without what a terminal obeys."""
     lines = said.splitlines()
     return (status == 0 or bool(lines)) and len(lines) <= 6 and all(line.isprintable() for line in lines)
+
+
+@pytest.mark.parametrize("how", TAMPERINGS)
+def test_readers_of_a_result_that_was_tampered_with(folder: Path, how: str) -> None:
+    right = shutil.copy(folder / "two.h5", folder / "right.h5")
+    path = tampered(folder, how)
+    for command in (["compare", path, right], ["compare", right, path], ["claims", path]):
+        done = CliRunner().invoke(main, [str(word) for word in command])
+        assert done.exit_code in (0, 2, 3), done.exception
+        assert is_plain(done.stderr, done.exit_code if done.exit_code == 2 else 0)
 
 
 @pytest.mark.parametrize("how", TAMPERINGS)
