@@ -83,8 +83,9 @@ def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
 def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
     """The lines of one case. An attribute has one only if it differs."""
     for key in EXACT:
-        if (ours := str(a.attributes.get(key))) != (theirs := str(b.attributes.get(key))):
-            yield Line(name, key, math.inf, f"{ours}, not {theirs}")
+        said = [str(group.attributes.get(key)) for group in (a, b)]
+        if said[0] != said[1]:
+            yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
     times = [group.variables["time"].data if "time" in group.variables else np.empty(0) for group in (a, b)]
     if any(time.dtype.kind != "f" or time.ndim != 1 for time in times):
         raise HodoError(f"{name} is damaged (its times are no numbers)")

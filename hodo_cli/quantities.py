@@ -117,7 +117,10 @@ def read(group: Group) -> Motion:
 
 
 def integrate(case: Case) -> Motion:
-    """A case integrated and, where that applies, classified; its error is not measured."""
+    """A case integrated and, where that applies, classified; its error is not measured.
+
+    Raises HodoError if it stops before its end.
+    """
     method, _ = choose(case)
     model, labels = find(case.model, case.form), None
     found: list[Crossing] = []
@@ -126,6 +129,8 @@ def integrate(case: Case) -> Motion:
     else:
         solution, found = cross(case, method, case.precision, case.tol, 8 * EPS)
         labels = rigid.enclosed_axis(np.array(case.data["inertia"]), extended(solution.path.state), 8 * EPS)
+    if solution.stop:
+        raise HodoError(f"a variation of case {case.name} {solution.stop}: {solution.message}")
     crossings = tuple((c.time, c.start, c.end, c.momentum) for c in found)
     events = tuple((event.kind, event.time) for event in solution.path.events if event.kind != "separatrix")
     return Motion(case, solution.path.time, stored(case, solution.path), labels, crossings, events)

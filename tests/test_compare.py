@@ -168,6 +168,18 @@ def test_a_missing_sample_is_found(tmp_path: Path) -> None:
     assert ("fig4", "time") in found(compared(tmp_path, change))
 
 
+def test_results_without_times_are_compared_too(tmp_path: Path) -> None:
+    def untimed(shift: float) -> Change:
+        def change(cases: dict[str, Group]) -> None:
+            share = Variable(("direction",), np.array([0.25, 0.5 + shift]), {"rtol": 1e-9})
+            cases["fig4"] = Group(cases["fig4"].attributes, {"share": share})
+
+        return change
+
+    assert not found(compared(tmp_path, untimed(0.0), reference=untimed(0.0)))
+    assert found(compared(tmp_path, untimed(1e-9), reference=untimed(0.0))) == [("fig4", "share")]
+
+
 def test_results_of_other_experiments_are_refused(tmp_path: Path) -> None:
     with pytest.raises(HodoError, match="no case in common"):
         compared(tmp_path, lambda cases: [cases.pop(name) for name in CASES], reference=len)
