@@ -23,6 +23,12 @@ FOLD = 16.0
 MOST_LEGS = 2000
 """Changes of units beyond which a motion is left to the driver of single cases."""
 
+MOST_STEPS = int(4 * MANY_STEPS)
+"""Steps after which a motion is left to that driver too."""
+
+ROUNDS, TANGENT = 60, 1e-8
+"""Of Newton's method: the most steps, and the size of a step whose square is nothing where all rates are at most 1."""
+
 DOUBT = 1e-9
 """Where |D| is a smaller part of the sum of its two terms, its sign may be that of an error."""
 
@@ -180,6 +186,39 @@ def _lanes(e: Ensemble, watching: bool, tol: float | None) -> lanes.Lanes:
     return lanes.build(e.model, e.structure, e.event if watching else None, tol)  # type: ignore[arg-type]
 
 
+def _root(
+    e: Ensemble, A: np.ndarray, k: np.ndarray, y: np.ndarray, spans: np.ndarray, guess: np.ndarray, side: np.ndarray,
+    tol: float | None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """When D = 0 (n,) in motions that leave their `side` once within their spans, and the states there (m, n).
+
+    Newton's method from a guess, kept within the bracket that the signs of D leave; nan where it does not converge.
+    The last of its steps, whose square does not count, is taken along the tangent.
+    """
+    engine, left = _lanes(e, False, tol), np.arange(len(spans))
+    at, there = np.full(len(spans), np.nan), y.copy()
+    low, high, t = np.zeros_like(spans), spans.copy(), guess
+    state, *_ = engine.leg(k, y, t, MOST_STEPS)
+    for _ in range(ROUNDS):
+        rate = np.array(e.model.rhs(0.0, list(state), namespace(e.structure, list(k[:, left]))))
+        value, faster, slower = (
+            np.subtract(*rigid.separatrix_terms(A[:, left], w, e.order)) for w in (state, state + rate, state - rate)
+        )
+        before = value * side[left] > 0
+        low[left], high[left] = np.where(before, t, low[left]), np.where(before, high[left], t)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            new = t - 2 * value / (faster - slower)
+        new = np.where((new >= low[left]) & (new <= high[left]), new, (low[left] + high[left]) / 2)
+        step = new - t
+        done = np.abs(step) < TANGENT
+        at[left[done]], there[:, left[done]] = new[done], (state + step * rate)[:, done]
+        left, t, step, state = left[~done], new[~done], step[~done], state[:, ~done]
+        if not left.size:
+            break
+        state, *_ = engine.leg(k[:, left], state, step, MOST_STEPS)
+    return at, there
+
+
 class _Leg:
     """One leg of the motions `active`, each in its own units and over its own time."""
 
@@ -193,43 +232,16 @@ class _Leg:
         shift = np.where(np.isnan(degree), 0, np.nan_to_num(degree - 1) * size - rate).astype(np.int64)
         k, spans = np.ldexp(e.constants[:, active], shift), np.ldexp(time, rate)
         plain = _lanes(e, not e.model.crosses_once, tol)
-        self.end, self.steps, self.well, self.found = plain.leg(k, y, spans, int(4 * MANY_STEPS))
+        self.end, self.steps, self.well, self.found = plain.leg(k, y, spans, MOST_STEPS)
         self.side, self.separation = sides(self.A, self.end, e.order)
         self.well &= (self.separation > DOUBT) & np.isfinite(self.end).all(axis=0)
         if e.model.crosses_once and (turned := np.flatnonzero(self.side * side < 0)).size:
-            before, after = sides(self.A, y, e.order)[1], self.separation
-            guess = (before / (before + after))[turned]
-            found = self._passage(e, k[:, turned], y[:, turned], spans[turned], guess, self.A[:, turned], tol)
-            self.found = found._replace(motion=turned[found.motion])
+            before = sides(self.A, y, e.order)[1]
+            guess = (spans * before / (before + self.separation))[turned]
+            at, state = _root(e, self.A[:, turned], k[:, turned], y[:, turned], spans[turned], guess, side[turned], tol)
+            self.found = Passages(turned, at, self.side[turned].astype(np.int64), state)
+            self.well[turned] &= np.isfinite(at)
         self.well &= ~self._doubtful(side)
-
-    def _passage(
-        self, e: Ensemble, k: np.ndarray, y: np.ndarray, spans: np.ndarray, guess: np.ndarray, A: np.ndarray,
-        tol: float | None,
-    ) -> Passages:  # fmt: skip
-        """The one passage of each motion, first looked for about a guess, a part of its span.
-
-        To watch an event doubles the cost of a step, so it is watched from a little before the guess to a little
-        after it, and in the rest of the span only if the passage was not there.
-        """
-        plain = _lanes(e, False, tol)
-        watching = _lanes(e, True, tol)
-        most = int(4 * MANY_STEPS)
-        start = np.maximum(guess - 0.1, 0) * spans
-        stop = np.minimum(guess + 0.1, 1) * spans
-        here, *_ = plain.leg(k, y, start, most)
-        late = sides(A, here, e.order)[0] != sides(A, y, e.order)[0]
-        here[:, late], stop[late], start[late] = y[:, late], start[late], 0
-        there, *_, found = watching.leg(k, here, stop - start, most)
-        missed = np.setdiff1d(np.arange(len(spans)), found.motion)
-        parts = [found._replace(time=start[found.motion] + found.time)]
-        if missed.size:
-            *_, rest = watching.leg(k[:, missed], there[:, missed], (spans - stop)[missed], most)
-            motion = missed[rest.motion]
-            parts.append(rest._replace(motion=motion, time=stop[motion] + rest.time))
-        motion, time, direction, state = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-        order = np.lexsort((time, motion))
-        return Passages(motion[order], time[order], direction[order], state[:, order])
 
     def _doubtful(self, side: np.ndarray) -> np.ndarray:
         """The motions whose passages do not lead, in turns, from the side before the leg to the side after it."""
