@@ -1,18 +1,25 @@
 """Error against run time: every case of a config by every method at every tolerance, judged by a better computation."""
 
 import math
+import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from itertools import product, repeat
+from multiprocessing import get_context
+from pathlib import Path as FilePath
 from statistics import median
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from . import HodoError, engines, exact, rigid
+from . import HodoError, rigid
 from .case import Case, Config
 from .classify import EPS, Crossing, cross
-from .hdf5 import Group, Variable
+from .hdf5 import Group, Variable, create
 from .integrate import (
     ASKED,
     Path,
@@ -31,6 +38,7 @@ from .integrate import (
 )
 from .models import find
 from .models.base import BodyFrame
+from .provenance import root_attributes, stamp
 from .report import magnitude, seconds, table
 
 VERDICTS = ("accurate", "limited by the data", "inaccurate, said so", "failed with a message", "timeout", "SILENT")
@@ -39,6 +47,9 @@ SLACK, ULPS = 10, 30
 
 AFFORDABLE = 1e4
 """The most Taylor steps that are taken in quadruple precision."""
+
+PATIENCE = 10.0
+"""Seconds that auto may take for any case."""
 
 REPEATED = 0.2
 """Seconds above which a run is timed once."""
@@ -86,17 +97,16 @@ def truth(case: Case) -> Truth:
     """The best that can be computed of a case: in quadruple precision unless that takes too long."""
     every = sample_times(case)
     times = every[thinned(every)]
-    many = exact.applies(case) or not engines.have_taylor() or taylor_steps(case) > AFFORDABLE
-    precision = "extended" if many else "quadruple"
-    method, _ = best(case, precision)
-    path = solve(case, method, precision, times=times).path
-    ground = path if precision == "extended" else solve(case, best(case, "extended")[0], "extended", times=times).path
-    moved = [solve(other, best(other, "extended")[0], "extended", times=times).path for other in perturbed(case)]
-    floor = max((worst(difference(case, other, ground)) for other in moved), default=0.0)
-    crossings = cross(case, method, precision, None, 8 * EPS)[1] if classifiable(case) else []
+    method, _ = best(case, "extended")
+    path, *moved = [solve(each, method, "extended", times=times).path for each in (case, *perturbed(case))]
+    floor = max(worst(difference(case, other, path)) for other in moved)
+    kind = f"{method}, extended"
+    if method == "taylor" and taylor_steps(case) < AFFORDABLE:
+        path, kind = solve(case, method, "quadruple", times=times).path, f"{method}, quadruple"
+    crossings = cross(case, method, "extended", None, 8 * EPS)[1] if classifiable(case) else []
     changes = drifts(case, path)
     kept = tuple(i for i, change in enumerate(changes) if change <= 1e-15)
-    return Truth(path, f"{method}, {precision}", floor, tuple(crossings), kept)
+    return Truth(path, kind, floor, tuple(crossings), kept)
 
 
 def worst(errors: Mapping[str, float]) -> float:
@@ -105,8 +115,9 @@ def worst(errors: Mapping[str, float]) -> float:
 
 
 def classifiable(case: Case) -> bool:
-    """Whether crossings are looked for: not in a motion of too many samples."""
-    return not find(case.model, case.form).unclassifiable and case.time.samples <= AFFORDABLE
+    """Whether crossings are looked for: not in a motion of too many samples or steps."""
+    short = case.time.samples <= AFFORDABLE and taylor_steps(case) < AFFORDABLE
+    return short and not find(case.model, case.form).unclassifiable
 
 
 def perturbed(case: Case) -> Iterator[Case]:
@@ -156,9 +167,8 @@ def trial(case: Case, sure: Truth, method: str, tol: float | None, repeats: int,
     times = [solution.run_time]
     while len(times) < repeats and solution.run_time < REPEATED:
         times.append(solve(case, taken, case.precision, tol).run_time)
-    terminal = len(solution.path.time) and solution.path.time[-1] != sample_times(case)[-1]
     path = compared(solution.path)
-    error = worst(difference(case, path, sure.path)) if terminal or not solution.stop else math.nan
+    error = worst(difference(case, path, sure.path)) if not solution.stop else math.nan
     changes = drifts(case, path)
     return Trial(
         method=taken,
@@ -208,10 +218,15 @@ def crossing_error(case: Case, sure: Truth, method: str, solution: Solution) -> 
 class Bench:
     """The trials of a config, in the order case, method, tolerance; a tolerance of nan is the method's own."""
 
+    verdicts: ClassVar[tuple[str, ...]] = VERDICTS
     cases: tuple[str, ...]
     methods: tuple[str, ...]
     tols: tuple[float, ...]
     trials: tuple[Trial, ...]
+
+    def items(self) -> Iterator[tuple[tuple[str, str, float], Trial]]:
+        """Case, method and tolerance with their trial."""
+        return zip(product(self.cases, self.methods, self.tols), self.trials, strict=True)
 
     def values(self, name: str) -> np.ndarray:
         """One quantity of all trials, shape (case, method, tol)."""
@@ -250,29 +265,54 @@ LABELS = {
 }
 
 
-def run(config: Config, say: Callable[[str], None]) -> Bench:
-    """Try every case of a config by its `bench:` section; `say` is told of each case.
+def run(config: Config, globs: Sequence[str], jobs: int, say: Callable[[str], None]) -> Bench:
+    """Try the cases of a config, all or those that match, by its `bench:` section; `say` is told of each case.
 
-    Raises HodoError if there is no such section.
+    Raises HodoError if there is no such section, or no such case.
     """
+    names = tuple(name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs))
+    if not names:
+        raise HodoError(f"no case matches {' or '.join(globs)}")
     if config.bench is None:
         raise HodoError(f"{config.path}: there is no bench: section, which names the methods to be compared")
-    given = config.bench
-    tols = given["tols"] or (None,)
     trials: list[Trial] = []
-    for i, case in enumerate(config.cases.values(), 1):
-        began = perf_counter()
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        work = pool.map(trials_of, [config.cases[name] for name in names], repeat(config.bench))
+        for name, (found, spent) in zip(names, work, strict=True):
+            trials += found
+            counts = ", ".join(f"{n} {word}" for word in VERDICTS if (n := sum(t.status == word for t in found)))
+            say(f"{len(trials) // len(found)}/{len(names)} {name}: {counts} ({seconds(spent)})")
+    tols = config.bench["tols"] or (math.nan,)
+    return Bench(names, config.bench["methods"], tols, tuple(trials))
+
+
+def trials_of(case: Case, given: Mapping[str, Any]) -> tuple[list[Trial], float]:
+    """The trials of one case by a `bench:` section, and the seconds they took."""
+    began = perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # SciPy's solvers and overflows: the verdicts say what came of them
         sure = truth(case)
         found = [
-            trial(case, sure, method, tol, given["repeats"], 10.0 if method == "auto" else given["max_seconds"])
+            trial(case, sure, method, tol, given["repeats"], PATIENCE if method == "auto" else given["max_seconds"])
             for method in given["methods"]
-            for tol in tols
+            for tol in given["tols"] or (None,)
         ]
-        trials += found
-        counts = ", ".join(f"{n} {word}" for word in VERDICTS if (n := sum(t.status == word for t in found)))
-        say(f"{i}/{len(config.cases)} {case.name}: {counts} ({seconds(perf_counter() - began)})")
-    named = tuple(math.nan if tol is None else tol for tol in tols)
-    return Bench(tuple(config.cases), given["methods"], named, tuple(trials))
+    return found, perf_counter() - began
+
+
+def write(bench: Bench, config: Config, path: FilePath) -> None:
+    """Store a bench as the only group, `bench`, of a result file."""
+    attributes = root_attributes(config.title, config.references, config.text, stamp(f"hodo bench {config.path}"))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix(".partial")
+    with create(draft, attributes) as output:
+        output.write("bench", bench.group())
+    os.replace(draft, path)
+
+
+def let_down(bench: Bench) -> bool:
+    """Whether auto was wrong without saying so, or was not done in time."""
+    return any(trial.status in ("SILENT", "timeout") for key, trial in bench.items() if key[1] == "auto")
 
 
 def fastest(bench: Bench, case: int, digits: int) -> tuple[str, float, float] | None:
@@ -321,11 +361,3 @@ def markdown(rows: Sequence[Sequence[str]]) -> str:
     """A table for README."""
     lines: Iterable[Sequence[str]] = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
     return "\n".join("| " + " | ".join(row) + " |" for row in lines) + "\n"
-
-
-def records(bench: Bench) -> list[dict[str, Any]]:
-    """The trials as plain values, one mapping each."""
-    keys = [(c, m, t) for c in bench.cases for m in bench.methods for t in bench.tols]
-    return [
-        {"case": c, "asked": m, "tol": t} | asdict(trial) for (c, m, t), trial in zip(keys, bench.trials, strict=True)
-    ]

@@ -211,6 +211,33 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
 
 
 @main.command()
+@click.argument("config", type=click.Path(path_type=Path))
+@click.option("--case", "globs", multiple=True, metavar="GLOB", help="Only cases whose name matches (repeatable).")
+@click.option("--out", type=click.Path(path_type=Path), default="runs", show_default=True, help="Folder of results.")
+@click.option("-j", "--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cases tried at once.")
+@click.option("--markdown", is_flag=True, help="Print the table in Markdown.")
+@click.option("--quiet", is_flag=True, help="No progress on stderr.")
+def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool) -> None:
+    """Measure error against run time: every case of CONFIG by the methods and tolerances of its bench: section.
+
+    The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/. Exit status 1 if auto
+    gave a wrong result without saying so, or took longer than 10 s.
+    """
+    from . import bench, plot
+    from .case import load
+
+    loaded = load(config)
+    found = bench.run(loaded, globs, jobs, lambda line: None if quiet else click.echo(line, err=True))
+    bench.write(found, loaded, out / f"{config.stem}.bench.h5")
+    figure = out / "figures" / f"{config.stem}.png"
+    figure.parent.mkdir(parents=True, exist_ok=True)
+    plot.save(plot.draw_bench(found), figure)
+    click.echo((bench.markdown if markdown else bench.plain)(bench.report(found)))
+    if bench.let_down(found):
+        sys.exit(1)
+
+
+@main.command()
 @RUNS
 @JSON
 def show(runs: tuple[Path, ...], as_json: bool) -> None:
