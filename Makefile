@@ -1,6 +1,7 @@
 # `make` or `make help` lists the targets. Each of them makes .venv first if need be, so a fresh clone needs no other step.
 
 PAPERS := $(wildcard configs/paper*.yaml)
+SWEEPS := configs/sweep_crossing.yaml configs/sweep_resistance.yaml
 CONFIGS ?= $(PAPERS)
 RUNS = $(CONFIGS:configs/%.yaml=runs/%.h5)
 
@@ -16,7 +17,7 @@ PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures compare reference test stress lint readme lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test stress lint readme lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -36,6 +37,14 @@ claims: classify  ## Check what the papers say against the results (exit status 
 figures: classify  ## The main job: run, classify, check the claims and draw every figure into runs/figures/
 	$(BIN)/hodo claims $(RUNS) >/dev/null || test $$? -eq 3
 	$(BIN)/hodo plot $(RUNS)
+
+sweeps: $(READY)  ## Run the ensembles but for the million, and draw their maps (needs heyoka; some 20 seconds)
+	$(BIN)/hodo run $(SWEEPS) -j 2
+	$(BIN)/hodo classify $(SWEEPS:configs/%.yaml=runs/%.h5)
+	$(BIN)/hodo plot $(SWEEPS:configs/%.yaml=runs/%.h5)
+
+speed: $(READY)  ## Time sweeps beside plain loops, and renew that table of README.md (some 5 minutes)
+	$(BIN)/python tools/sweep_speed.py | $(BIN)/python tools/readme.py 'sweep speed'
 
 compare: $(READY)  ## Run the papers anew and compare with runs/reference (OPTIONS='--rtol 1e-8' without heyoka)
 	$(BIN)/hodo run $(PAPERS) --force --quiet --out build/compare >/dev/null
