@@ -17,7 +17,7 @@ PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test stress lint readme lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test stress lint bench readme lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -69,6 +69,12 @@ stress: $(READY)  ## Kill runs at random moments, run 10,000 cases, feed the loa
 lint: $(READY)  ## ruff on everything, mypy --strict on the package
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); renews README's tables of both
+	@mkdir -p runs; status=0; for config in error_time extreme; do \
+		$(BIN)/hodo bench configs/$$config.yaml -j 2 --markdown > runs/$$config.md || status=1; \
+		$(BIN)/python tools/readme.py "bench: $$config" < runs/$$config.md; \
+	done; exit $$status
 
 readme: $(READY)  ## Renew the tables of README.md that come from the program
 	$(BIN)/python -c 'from hodo_cli.case import key_table; print(key_table())' | $(BIN)/python tools/readme.py 'key table'

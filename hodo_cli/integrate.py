@@ -289,8 +289,7 @@ def integrate(case: Case) -> Trajectory:
     Raises HodoError if its method cannot be had here. A case that stops early comes back with status
     `timeout` or `failed` and the samples it reached.
     """
-    method, reason = choose(case)
-    solution = solve(case, method, case.precision, case.tol)
+    method, reason, solution = tried(case)
     errors, kind = measure(case, method, solution) if case.error == "on" else ({}, "none")
     warnings = find(case.model, case.form).warnings(case.data)
     path, variables = solution.path, stored(case, solution.path)
@@ -329,6 +328,17 @@ def remarks(
             yield f"{name} is stored as infinite or not a number where it has outgrown the largest double"
 
 
+def tried(case: Case) -> tuple[str, str, Solution]:
+    """Method, reason and solution of a case: by collocation where `auto` has taken the series and that fails."""
+    method, reason = choose(case)
+    solution = solve(case, method, case.precision, case.tol)
+    if case.method == "auto" and method == "taylor" and solution.stop == "failed" and case.precision != "quadruple":
+        other = solve(case, "collocation", case.precision, case.tol)
+        if not other.stop:
+            return "collocation", f"the Taylor series failed: {solution.message}", other
+    return method, reason, solution
+
+
 def choose(case: Case) -> tuple[str, str]:
     """The method for a case and, in words, why."""
     return best(case, case.precision) if case.method == "auto" else (case.method, "asked for")
@@ -345,31 +355,27 @@ def best(case: Case, precision: str) -> tuple[str, str]:
         return "exact", "closed form"
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
-    steps = taylor_steps(case)
-    if steps > MANY_STEPS and (few := collocation_steps(case, int(min(steps / RATIO, MOST_TRIED)))):
-        return "collocation", f"stiff: {few} steps in a trial where a Taylor series may take {steps:.0e}"
+    if (steps := taylor_steps(case)) > MANY_STEPS:
+        times = np.linspace(case.time.start, case.time.end, 17)[1:]
+        most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)))
+        trial = solve(most, "collocation", tol=ROUGH, times=times)
+        if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(MANY_STEPS, RATIO * trial.steps):
+            return "collocation", f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some {steps:.0e}"
     return "taylor", "not stiff"
 
 
-def taylor_steps(case: Case) -> float:
-    """About how many Taylor steps a case takes if it stays as fast as it is at the start, until it is at rest."""
+def taylor_steps(case: Case, path: Path | None = None) -> float:
+    """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as on a path."""
     model = find(case.model, case.form)
-    k, y0 = model.constants(case.data), model.start(case.data)
-    units = Units.fit(model, k, np.array(y0))
-    y = np.array([math.ldexp(value, -units.size) for value in y0])
-    constants = namespace(structure(k), flatten(units.constants(model, k)))
-    slopes = jacobian(model, constants, case.time.start, y)
-    slowest = -float(np.linalg.eigvals(slopes).real.max())
-    span = math.ldexp(case.time.end - case.time.start, units.rate)
-    if model.degree and slowest > 0:
-        span = min(span, LIMIT * math.log(2) / slowest)
-    return float(np.abs(slopes).sum(axis=1).max()) / 8 * span
-
-
-def collocation_steps(case: Case, most: int) -> int:
-    """How many steps a case takes by collocation at a loose tolerance; 0 if not within `most`."""
-    rough = solve(replace(case, max_steps=most), "collocation", tol=ROUGH, times=np.array([case.time.end]))
-    return 0 if rough.stop else rough.steps
+    k, rates = model.constants(case.data), []
+    if path is None:
+        path = Path(np.array([case.time.end]), np.array([model.start(case.data)]), np.array([0]), ())
+    for t, state, exponent in zip(path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True):
+        units = Units.fit(model, k, state, exponent)
+        constants = namespace(structure(k), flatten(units.constants(model, k)))
+        slopes = jacobian(model, constants, t, np.ldexp(state, exponent - units.size))
+        rates.append(math.ldexp(float(np.abs(slopes).sum(axis=1).max()), units.rate) if state.any() else 0.0)
+    return float(np.mean(rates) * (path.time[-1] - case.time.start)) / 8
 
 
 def stored(case: Case, path: Path) -> dict[str, np.ndarray]:

@@ -1,0 +1,92 @@
+"""The bench: its verdicts, and what it stores."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Hodo
+
+from hodo_cli import bench, integrate
+from hodo_cli.bench import Bench, Trial, fastest, perturbed, trial, truth, verdict
+from hodo_cli.case import parse
+
+CONFIG = """
+title: t
+bench: {methods: [auto, DOP853, exact], tols: [1e-4, 1e-8]}
+cases:
+  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.05, 0.04, 0.03], initial: {p: 0.8, q: 0.5, r: 0.74},
+      time: {end: 40, samples: 11}}
+  b: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 10, samples: 11}}
+"""
+CASES = parse(CONFIG, "x.yaml").cases
+
+
+def test_each_verdict() -> None:
+    case, method = replace(CASES["a"], tol=1e-4), "DOP853"
+    solution = integrate.solve(case, method, tol=1e-4)
+    assert verdict(case, method, solution, 9e-4, 0.0) == "accurate"
+    assert verdict(case, method, solution, 1e-2, 1e-3) == "limited by the data"
+    assert verdict(case, method, replace(solution, stop="timeout"), 0.0, 0.0) == "timeout"
+    assert verdict(case, method, replace(solution, stop="failed"), 0.0, 0.0) == "failed with a message"
+    # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger one is silent.
+    assert verdict(case, method, solution, 1e-2, 0.0) == "SILENT"
+    wrong = replace(solution, path=solution.path._replace(state=solution.path.state * 1.1))
+    assert verdict(case, method, wrong, 0.1, 0.0) == "inaccurate, said so"
+
+
+def test_one_ulp_moves_every_number_that_is_not_zero() -> None:
+    up, mixed = perturbed(CASES["a"])
+    for one in (up, mixed):
+        assert all(a != b for a, b in zip(one.data["inertia"], CASES["a"].data["inertia"], strict=True))
+        assert one.data["initial"]["p"] == pytest.approx(0.8, rel=3e-16)
+    assert up != mixed
+    assert next(perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
+
+
+def test_the_floor_is_that_of_the_phase() -> None:
+    # An ulp in the data turns the motion by about its angle of 10 times 1e-16.
+    assert 1e-16 < truth(CASES["b"]).floor < 1e-14
+
+
+def test_a_trial_measures_the_true_error_and_the_drift() -> None:
+    found = trial(CASES["b"], truth(CASES["b"]), "DOP853", 1e-6, 3, 10.0)
+    assert 1e-7 < found.error < 1e-4
+    assert 1e-9 < found.drift < found.error
+    assert found.rhs_evaluations >= 12 * found.steps
+    assert np.isnan(trial(CASES["a"], truth(CASES["a"]), "DOP853", 1e-6, 1, 10.0).drift)
+
+
+def test_the_fastest_is_taken_among_those_that_are_right() -> None:
+    trials = tuple(Trial(error=e, run_time=t) for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)])
+    made = Bench(("a",), ("m", "n"), (1e-4, 1e-8), trials)
+    assert [fastest(made, 0, digits) for digits in (3, 6, 9)] == [("m", 1e-4, 1.0), ("n", 1e-4, 2.0), None]
+    assert bench.let_down(Bench(("a",), ("auto",), (np.nan,), (Trial(status="SILENT"),)))
+    assert not bench.let_down(Bench(("a",), ("DOP853",), (np.nan,), (Trial(status="timeout"),)))
+
+
+def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(CONFIG, encoding="utf-8")
+    done = hodo("bench", "small.yaml")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].split() == [
+        "case",
+        *["3", "digits", "6", "digits", "9", "digits", "12", "digits"],
+    ]
+    assert "1/2 a: " in done.stderr
+    assert (tmp_path / "runs" / "figures" / "small.png").stat().st_size > 10_000
+    script = (
+        "import json, xarray\n"
+        "data = xarray.open_dataset('runs/small.bench.h5', group='bench', engine='netcdf4')\n"
+        "print(json.dumps([dict(data.sizes), sorted(data.data_vars), str(data.status.sel(case='b').values[2, 0])]))"
+    )
+    read = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    sizes, names, status = json.loads(read.stdout)
+    assert sizes == {"case": 2, "method": 3, "tol": 2}
+    assert {"error", "crossing_error", "run_time", "compile_time", "steps", "rhs_evaluations", "drift"} <= set(names)
+    assert status == "accurate"
+    missing = hodo("bench", "small.yaml", "--case", "zzz")
+    assert (missing.returncode, missing.stderr) == (2, "no case matches zzz\n")

@@ -1,0 +1,100 @@
+"""Stiff and extreme cases: `auto` is right or says so, in time; the method behind it stands on its own feet."""
+
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+
+from hodo_cli import engines, exact
+from hodo_cli.bench import PATIENCE, trial, truth
+from hodo_cli.case import Case, Time, load
+from hodo_cli.engines.collocation import STAGES, tableau
+from hodo_cli.integrate import EXTENDED, choose, integrate, sample_times, solve
+
+CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
+LONG = {"samples-1e7", "damping-1e6-in-all", "tensor-skew-fast", "top-epsilon-1e-6", "horizon-1e5-weak"}
+
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
+
+
+def test_there_are_enough_cases_and_each_says_what_is_extreme() -> None:
+    assert len(CASES) >= 25
+    assert all(case.note for case in CASES.values())
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("name", [name for name in CASES if name not in LONG])
+def test_auto_is_right_or_says_so(name: str) -> None:
+    case = CASES[name]
+    result = trial(case, truth(case), "auto", None, 1, PATIENCE)
+    assert result.status not in ("SILENT", "timeout"), result
+    assert result.drift != result.drift or result.drift <= max(1e-13, 30 * result.floor)
+    if name != "tensor-explosive":  # it outgrows the largest double, and says when
+        assert result.status in ("accurate", "limited by the data"), result
+
+
+@pytest.mark.parametrize("name", ["damping-1e9", "separatrix-1e-15", "horizon-1e8", "cavity-1e6-triaxial", "top-b-1e6"])
+def test_auto_needs_no_taylor_series(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "have_taylor", lambda: False)
+    began = perf_counter()
+    trajectory = integrate(CASES[name])
+    assert trajectory.method in ("exact", "collocation")
+    assert trajectory.status == "ok"
+    assert trajectory.error < (1e-7 if name == "horizon-1e8" else 1e-11)
+    assert perf_counter() - began < PATIENCE
+
+
+def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:
+    case = replace(CASES["samples-1e7"], time=Time(end=100.0, samples=1_000_000))
+    began = perf_counter()
+    trajectory = integrate(case)
+    assert trajectory.variables["omega"].shape == (1_000_000, 3)
+    assert trajectory.error < 1e-12
+    assert perf_counter() - began < PATIENCE
+
+
+def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:
+    # The spin ends within the first thousandth of the span; close to u2 = u3 only the start is fast.
+    if engines.have_taylor():
+        assert choose(CASES["cavity-averaged-1e6"])[0] == "taylor"
+        assert choose(CASES["top-sleeping"])[0] == "taylor"
+    assert choose(CASES["cavity-1e6-triaxial"])[0] == "collocation"
+
+
+def test_the_tableau_meets_its_order_conditions() -> None:
+    # B(2s - 1): the weights integrate t^(n-1) exactly up to order 31; C(s): the rows do up to their point, n <= 16.
+    points, integrals, transform = tableau(np.dtype(np.longdouble))
+    n = np.arange(1, 2 * STAGES)[:, None]
+    assert np.abs((points ** (n - 1)) @ integrals[:, -1] - 1 / n[:, 0]).max() < 1e-15
+    n = n[:STAGES]
+    assert np.abs((points ** (n - 1)) @ integrals - points**n / n).max() < 1e-15
+    assert points[-1] == 1
+    legendre = np.polynomial.legendre.legvander(2 * points.astype(float) - 1, STAGES - 1).T
+    assert np.abs(legendre @ transform - np.eye(STAGES)).max() < 1e-13
+
+
+@pytest.mark.heyoka
+def test_collocation_agrees_with_the_series_where_both_can() -> None:
+    # 1e4 decay times, of which the series takes every one: what collocation passes over is not lost.
+    case = replace(CASES["damping-1e4"], time=Time(start=0.0, end=1.0, samples=101))
+    series = solve(case, "taylor", "extended").path
+    ours = solve(case, "collocation").path
+    apart = np.abs(np.ldexp(ours.state, (ours.exponent - series.exponent)[:, None]) - series.state).max(axis=1)
+    assert (apart / np.abs(series.state).max(axis=1)).max() < 1e-14
+
+
+@pytest.mark.skipif(not EXTENDED, reason="long double is double here")
+@pytest.mark.heyoka
+@pytest.mark.parametrize("damping", [0.0, 0.05])
+def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: float) -> None:
+    data = {"inertia": (1.0, 0.8, 0.6), "damping": (damping,) * 3}
+    data["initial"] = {"p": 0.8, "q": 0.5, "r": 0.74, "G": None}
+    case = Case(name="test", model="linear-diag", form="full", data=data, time=Time(end=100.0, samples=101))
+    path = solve(case, "exact", "extended").path
+    series = solve(case, "taylor", "quadruple").path
+    theirs = engines.taylor.longdouble(series.state)  # type: ignore[attr-defined]
+    apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
+    assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17
+    assert np.array_equal(exact.solve(case, sample_times(case)).dtype, np.float64)
