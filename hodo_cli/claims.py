@@ -17,6 +17,7 @@ import numpy as np
 from . import HodoError, quantities, rigid
 from .axes import put
 from .case import Case, Time, dump, parse_case
+from .census import Labelled, average
 from .hdf5 import Group, Run, Variable
 from .quantities import Motion
 from .statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, SERIES, UNDERDETERMINED
@@ -57,6 +58,8 @@ def judge(claim: Mapping[str, Any], run: Run) -> Verdict:
 
     Raises HodoError if a case is not classified, or does not have what the check needs.
     """
+    if claim["check"]["kind"] in SWEPT:
+        return census(claim, run)
     cases: dict[str, Motion] = {}
     for name in claim["cases"]:
         ended = run.row(name, {"status": str, "message": str}) if name in run else {"status": "missing", "message": ""}
@@ -168,6 +171,54 @@ def motion(case: Case) -> Motion:
     if (text := dump(case)) not in MOTIONS:
         MOTIONS[text] = quantities.integrate(case)
     return MOTIONS[text]
+
+
+# Checks of sweeps, each of the one case that it names.
+
+
+def census(claim: Mapping[str, Any], run: Run) -> Verdict:
+    """The verdict on a claim about the members of one sweep. Raises HodoError if that has not what the check needs."""
+    name, *others = claim["cases"]
+    if others:
+        raise HodoError(f"{run.path}: claim {claim['id']}: a check of kind {claim['check']['kind']} takes one case")
+    if name not in run:
+        return Verdict(claim, NOT_TESTED, math.nan, f"{name}: missing")
+    group = run.read(name)
+    sweep = parse_case(str(group.attributes["case"])).sweep
+    if not sweep:
+        raise HodoError(f"{run.path}: claim {claim['id']}: case {name} is no sweep")
+    columns = {key: Labelled(each.dims, each.data, each.attributes) for key, each in group.variables.items()}
+    try:
+        finding = SWEPT[claim["check"]["kind"]](claim["check"], columns, list(sweep))
+    except HodoError as error:
+        raise HodoError(f"{run.path}: claim {claim['id']}: {error}") from error
+    return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
+
+
+def averages(check: Mapping[str, Any], columns: Mapping[str, Labelled], axes: list[str]) -> Finding:
+    """Averages over the members at some positions, their bounds and order; decided by the last of them."""
+    found = [float(average(columns, axes, check["variable"], (), at)) for at in check["at"]]
+    wrong = [check["least"] - x for x in found if check["least"] is not None]
+    wrong += [x - check["most"] for x in found if check["most"] is not None]
+    steps = [b - a for a, b in itertools.pairwise(found)]
+    wrong += {"falls": steps, "rises": [-x for x in steps], "equal": [abs(x) - check["within"] for x in steps]}.get(
+        check["sense"], []
+    )
+    size = max(map(abs, found)) or 1.0
+    words = f"{check['variable']} = {', '.join(f'{x:.4g}' for x in found)}"
+    return Finding(beyond(max(wrong, default=0.0) / size, ROUNDING), found[-1], words)
+
+
+def extents(check: Mapping[str, Any], columns: Mapping[str, Labelled], axes: list[str]) -> Finding:
+    """How much averages vary along two axes; decided by the ratio, which should exceed 1."""
+    along = [average(columns, axes, check["variable"], (check[name],), {}) for name in ("larger", "smaller")]
+    larger, smaller = (float(np.nanmax(values) - np.nanmin(values)) for values in along)
+    ratio = larger / smaller if smaller else math.inf
+    words = f"varies by {larger:.3g} along {check['larger']}, by {smaller:.3g} along {check['smaller']}"
+    return Finding(beyond(1 - ratio, 0.0), ratio, words)
+
+
+SWEPT = {"members": averages, "axes": extents}
 
 
 # The kinds of check. Each takes its own keys and the motions of the claim's cases, in order.

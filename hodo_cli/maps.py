@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from . import HodoError
 from .axes import Axis, axes_of
 from .case import Case, parse_case
+from .census import Labelled, average
 from .keys import nearest
 
 if TYPE_CHECKING:
@@ -56,29 +57,13 @@ class Swept:
         """The name of the axis that is a sphere; empty if none is."""
         return next((name for name, axis in self.axes.items() if axis.sphere is not None), "")
 
-    def values(self, variable: str, keep: Sequence[str], where: Mapping[str, int]) -> np.ndarray:
-        """A variable over the axes to `keep`, at positions on others, averaged over the rest; nan where there is none.
-
-        `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is another, so that its
-        average is a share of members. Raises HodoError if the sweep has no such variable.
-        """
-        name, _, part = variable.partition(".")
-        if name not in self.data or not set(self.axes) <= set(self.data[name].dims):
-            known = [str(each) for each, values in self.data.data_vars.items() if set(self.axes) <= set(values.dims)]
-            raise HodoError(f"sweep {self.case.name} has no variable {name!r} (it has: {', '.join(known)})")
-        array = self.data[name]
-        labels = str(array.attrs.get("flag_meanings", "")).split()
-        if part and part in labels:
-            array = (array == int(np.asarray(array.attrs["flag_values"])[labels.index(part)])) * 1.0
-        elif part in ("x1", "x2", "x3") and "axis" in array.dims:
-            array = array.isel(axis=int(part[1]) - 1)
-        elif part or "axis" in array.dims:
-            raise HodoError(f"sweep {self.case.name} has no {variable!r}: give a component of a vector, or a label")
-        if "status" in self.data:
-            array = array.where(self.data["status"] == 0)
-        array = array.isel(where)
-        rest = [dim for dim in array.dims if dim not in keep]
-        return np.asarray((array.mean(rest, skipna=True) if rest else array).transpose(*keep).values, dtype=float)
+    def values(self, variable: str, keep: Sequence[str], at: Mapping[str, int]) -> np.ndarray:
+        """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed; `census.average`."""
+        columns = {
+            str(name): Labelled(tuple(map(str, column.dims)), column.values, column.attrs)
+            for name, column in self.data.data_vars.items()
+        }
+        return average(columns, list(self.axes), variable, keep, at)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
         """The values (n,) along an axis, of the first of its keys, and whether they go in even ratios."""

@@ -166,6 +166,22 @@ KINDS: dict[str, dict[str, Key]] = {
             "the factor of larger effect, over cases at (low, low), (high, low), (low, high), (high, high)",
         ),
     },
+    "members": {
+        "variable": Key(Text(), "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)"),
+        "at": Key(
+            Sequence(Each(Integer(least=0), "axes to positions, from zero")),
+            "where it is averaged over the other axes, once or several times",
+        ),
+        "sense": Key(Choice("falls", "rises", "equal"), "how the averages follow each other", default=None),
+        "least": Key(Number(), "lower bound of each average", default=None),
+        "most": Key(Number(), "upper bound of each average", default=None),
+        "within": Key(Number(least=0), "difference of averages that are called equal", default=1e-12),
+    },
+    "axes": {
+        "variable": Key(Text(), "variable of a sweep"),
+        "larger": Key(Text(), "axis along which its average over the others varies more"),
+        "smaller": Key(Text(), "axis along which it varies less"),
+    },
 }  # fmt: skip
 """What each kind of check takes."""
 

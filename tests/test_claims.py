@@ -14,7 +14,7 @@ from conftest import ROOT, Hodo
 
 from hodo_cli import HodoError, quantities, statements
 from hodo_cli.case import load, parse
-from hodo_cli.claims import KINDS, Finding, changed, gridded, measure, members, sampled, thrown
+from hodo_cli.claims import KINDS, SWEPT, Finding, changed, gridded, measure, members, sampled, thrown
 from hodo_cli.hdf5 import open_run
 from hodo_cli.quantities import Motion
 from hodo_cli.statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
@@ -40,7 +40,7 @@ def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
 
 
 def test_what_is_declared_is_done() -> None:
-    assert list(statements.KINDS) == list(KINDS)
+    assert list(statements.KINDS) == [*KINDS, *SWEPT]
     assert list(statements.SERIES) == list(quantities.SERIES)
     assert list(statements.NUMBERS) == list(quantities.NUMBERS)
     assert list(statements.FORMS) == list(quantities.FORMS)
@@ -276,7 +276,8 @@ def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> N
 
 
 def test_the_example_of_the_readme_is_a_claim() -> None:
-    case_file, claims = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    case_file, claims = (block for block in blocks if block.startswith(("title:", "claims:")))
     assert parse(case_file + claims, "README.md").claims[0]["cases"] == ("turning",)
 
 

@@ -1,6 +1,7 @@
 """Sweeps: members equal single cases, whatever the chunks; nothing is lost; what is drawn is what is stored."""
 
 import math
+import re
 import signal
 import subprocess
 import sysconfig
@@ -17,9 +18,10 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, axes, ensemble, exact, maps, plan, sweep
+from hodo_cli import HodoError, axes, census, ensemble, exact, maps, plan, sweep
 from hodo_cli.batch import Pool, pool
 from hodo_cli.case import Case, load, parse, parse_case
+from hodo_cli.census import Labelled
 from hodo_cli.classify import classify
 from hodo_cli.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
@@ -406,6 +408,53 @@ def test_slabs_are_the_members_in_order(sizes: list[int], data: st.DataObject) -
     assert (np.delete(flat, members) == -1).all()
 
 
+def test_averages_over_members() -> None:
+    """Two axes of 2 and 3 positions; the member at (1, 2) does not count."""
+    labels = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
+    columns = {
+        "status": Labelled(("a", "b"), np.array([[0, 0, 0], [0, 0, 1]]), {}),
+        "end_axis": Labelled(("a", "b"), np.array([[1, 3, 3], [1, 1, 1]]), labels),
+        "share": Labelled(("a", "b", "axis"), np.arange(18.0).reshape(2, 3, 3), {}),
+        "crossing_time": Labelled(("a", "b"), np.array([[1.0, np.nan, 3.0], [5.0, 7.0, 9.0]]), {}),
+    }
+
+    def average(variable: str, *keep: str, **at: int) -> list[float]:
+        return census.average(columns, ["a", "b"], variable, keep, at).tolist()
+
+    assert average("end_axis.x1", "a") == [1 / 3, 1]
+    assert average("share.x2", "b", "a") == [[1, 10], [4, 13], [7, pytest.approx(math.nan, nan_ok=True)]]
+    assert average("crossing_time", a=0) == 2
+    assert average("crossing_time", "b") == [3, 7, 3]
+    for wrong in (("nothing",), ("share",), ("end_axis.x2",)):
+        with pytest.raises(HodoError, match="the sweep has no"):
+            average(*wrong)
+    with pytest.raises(HodoError, match="no position 3 on an axis 'b'"):
+        average("crossing_time", b=3)
+
+
+@pytest.mark.heyoka
+def test_claims_of_sweeps_are_judged(tmp_path: Path, hodo: Hodo) -> None:
+    text = (
+        SMALL.split("  single:")[0]
+        + """\
+claims:
+  - {id: none, where: "-", statement: "-", cases: [ball], expect: reproduced,
+     check: {kind: members, variable: crossings, at: [{damping.2: 1}], most: 0}}
+  - {id: rises, where: "-", statement: "-", cases: [ball], expect: contradicted,
+     check: {kind: members, variable: end_axis.x3, at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}], sense: rises}}
+  - {id: more, where: "-", statement: "-", cases: [ball], expect: contradicted,
+     check: {kind: axes, variable: end_axis.x1, larger: damping.2, smaller: direction}}
+"""
+    )
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    assert hodo("run", "a.yaml").returncode == 0
+    done = hodo("claims", "runs/a.h5")
+    assert done.returncode == 0, done.stdout + done.stderr
+    (tmp_path / "a.yaml").write_text(text.replace("most: 0", "least: 1"), encoding="utf-8")
+    assert hodo("run", "a.yaml").returncode == 0
+    assert hodo("claims", "runs/a.h5").returncode == 3
+
+
 # Maps
 
 
@@ -438,3 +487,11 @@ def test_every_sweep_that_ships_is_read() -> None:
         config = load(path)
         assert any(case.sweep for case in config.cases.values())
     assert math.prod(sweep.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"])) == 10**6
+
+
+def test_the_sweep_of_the_readme_is_one() -> None:
+    blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    (text,) = (block for block in blocks if "sweep:" in block)
+    config = parse(text, "README.md")
+    assert sweep.shape(config.cases["starts"]) == (17, 4000)
+    assert config.figures["starts"]["kind"] == "map"
