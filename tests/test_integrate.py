@@ -160,7 +160,7 @@ def test_what_has_decayed_below_every_number_is_at_rest() -> None:
     trajectory = integrate(diagonal((1e6, 1.1e6, 1.2e6)))
     assert (trajectory.status, trajectory.error < 1e-12) == ("ok", True)
     assert not trajectory.state[1:].any()
-    assert trajectory.run_time < 5
+    assert trajectory.run_time < 10
 
 
 def test_a_tensor_that_feeds_energy_in_is_named() -> None:
