@@ -866,12 +866,13 @@ def work_precision(sheet: Sheet, bench: "Bench") -> None:
             sheet.record(case, method, run_time=x, error=y)
         axes.axhline(max(bench.values("floor")[i].max(), 1e-17), **SEPARATRIX)
         axes.set(title=case, ylim=(1e-17, 10))
-    for axes in panels[len(bench.cases) :]:
+    for place, axes in enumerate(panels[len(bench.cases) :], len(bench.cases)):
         axes.set_axis_off()
-    sheet.figure.supxlabel("run time, s")
-    sheet.figure.supylabel("largest relative error (dashed: what one ulp in the data makes)")
+        panels[place - columns].tick_params(labelbottom=True)
+    sheet.figure.supxlabel("run time, s", fontsize=8)
+    sheet.figure.supylabel("largest relative error (dashed: what one ulp in the data makes)", fontsize=8)
     handles = [Line2D([], [], marker="o", ms=2, **style) for style in styles(len(bench.methods))]
-    sheet.figure.legend(handles, bench.methods, loc="outside lower center", ncols=len(bench.methods))
+    sheet.figure.legend(handles, bench.methods, loc="outside upper center", ncols=len(bench.methods))
 
 
 def status_map(sheet: Sheet, bench: "Bench") -> None:

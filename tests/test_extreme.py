@@ -1,8 +1,11 @@
 """Stiff and extreme cases: `auto` is right or says so, in time; the method behind it stands on its own feet."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +13,9 @@ import pytest
 from hodo_cli import engines, exact
 from hodo_cli.bench import PATIENCE, trial, truth
 from hodo_cli.case import Case, Time, load
-from hodo_cli.engines.collocation import STAGES, tableau
+from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integrate import COMPARED, EXTENDED, choose, integrate, sample_times, solve, thinned
+from hodo_cli.models.base import Model
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
 LONG = {"samples-1e7", "damping-1e6-in-all", "tensor-skew-fast", "top-epsilon-1e-6", "horizon-1e5-weak"}
@@ -100,3 +104,21 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
     assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17
     assert np.array_equal(exact.solve(case, sample_times(case)).dtype, np.float64)
+
+
+class Decay(Model):
+    """y' = -y."""
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        return (-y[0],)
+
+
+def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:
+    # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that something is missed.
+    steps = Steps(Decay, SimpleNamespace(), np.array([1.0]), np.float64(0), np.float64(1e18), 1e-14)
+    steps.h = np.float64(1e16)
+    assert steps.step() is None
+    times = np.linspace(0, steps.t, 50)
+    assert steps.t < 10
+    assert np.abs(steps.dense_output()(times)[0] - np.exp(-times)).max() < 1e-13
