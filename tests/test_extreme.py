@@ -107,16 +107,16 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
 
 
 class Decay(Model):
-    """y' = -y."""
+    """y' = -y beside what stays."""
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return (-y[0],)
+        return -y[0], 0 * y[1]
 
 
 def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:
     # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that something is missed.
-    steps = Steps(Decay, SimpleNamespace(), np.array([1.0]), np.float64(0), np.float64(1e18), 1e-14)
+    steps = Steps(Decay, SimpleNamespace(), np.array([1.0, 1.0]), np.float64(0), np.float64(1e18), 1e-14)
     steps.h = np.float64(1e16)
     assert steps.step() is None
     times = np.linspace(0, steps.t, 50)
