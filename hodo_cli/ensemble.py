@@ -7,15 +7,17 @@ decide by themselves.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from . import rigid
-from .engines import Structure, lanes, namespace
-from .engines.lanes import Passages
+from .engines import Passages, Structure, namespace
 from .integrate import MANY_STEPS
 from .models.base import Event, Model
+
+if TYPE_CHECKING:
+    from .engines.lanes import Lanes
 
 FOLD = 16.0
 """The factor by which |omega| may change before it gets new units."""
@@ -182,7 +184,9 @@ def _rounded(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.ldexp(np.floor(fraction * 16), power - 4))
 
 
-def _lanes(e: Ensemble, watching: bool, tol: float | None) -> lanes.Lanes:
+def _lanes(e: Ensemble, watching: bool, tol: float | None) -> "Lanes":
+    from .engines import lanes  # heyoka may be missing
+
     return lanes.build(e.model, e.structure, e.event if watching else None, tol)  # type: ignore[arg-type]
 
 
@@ -271,6 +275,3 @@ def _joined(found: list[Crossings], settled: np.ndarray) -> Crossings:
     order = np.lexsort((time, motion))
     order = order[settled[motion[order]]]
     return Crossings(motion[order], time[order], rises[order], momentum[order])
-
-
-__all__ = ["Crossings", "Ensemble", "Outcome", "Passages", "advance", "sides"]

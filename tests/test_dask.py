@@ -83,6 +83,7 @@ def equal(a: Path, b: Path) -> None:
                     assert np.array_equal(values[...], theirs[case][name][...], equal_nan=True), f"{case}/{name}"
 
 
+@pytest.mark.heyoka
 def test_a_worker_that_is_killed_costs_only_a_retry(tmp_path: Path, hodo: Hodo, cluster: Cluster) -> None:
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "60000"), encoding="utf-8")
     command = [sys.executable, "-m", "hodo_cli.cli", "run", "a.yaml", "--scheduler", cluster.address, "--out", "far"]
@@ -103,6 +104,7 @@ def test_a_worker_that_is_killed_costs_only_a_retry(tmp_path: Path, hodo: Hodo, 
     equal(tmp_path / "far" / "a.h5", tmp_path / "here" / "a.h5")
 
 
+@pytest.mark.heyoka
 def test_a_cluster_of_this_machine(tmp_path: Path, hodo: Hodo) -> None:
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "600"), encoding="utf-8")
     for out, options in (("far", ["--scheduler", "dask", "-j", "2"]), ("here", [])):

@@ -135,6 +135,7 @@ def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
             assert math.isnan(values["crossing_time"][number])
 
 
+@pytest.mark.heyoka
 @pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
 def test_members_on_a_sphere_are_single_cases(body: str) -> None:
     case = one(f"{body}, {BALL}, sweep: {{d: {{sphere: {{count: 30, seed: 2}}}}}}")
@@ -377,6 +378,7 @@ def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
     assert np.array_equal(table["crossing_time"], stored, equal_nan=True)
 
 
+@pytest.mark.heyoka
 def test_a_chunk_whose_worker_dies_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
     as_before = sweep.compute

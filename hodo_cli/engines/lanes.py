@@ -6,24 +6,15 @@ an ensemble is cut into parts, does not change it.
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import heyoka as hy
 import numpy as np
 
 from ..models.base import Event, Model
-from . import Structure, count, namespace
+from . import Passages, Structure, count, namespace
 
 hy.set_logger_level_error()
-
-
-class Passages(NamedTuple):
-    """Zeros of an event's function: motion, time and direction (+1, -1) of each (n,), and its state (m, n)."""
-
-    motion: np.ndarray
-    time: np.ndarray
-    direction: np.ndarray
-    state: np.ndarray
 
 
 class Lanes:
