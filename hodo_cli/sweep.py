@@ -124,6 +124,7 @@ def carried(case: Case) -> bool:
     """Whether lanes can carry the members: the method is theirs, and the model has units and a separatrix."""
     model = find(case.model, case.form)
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
+    fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
     return fit and bool(model.degree) and not model.unclassifiable and not model.run_events(case.data)
 
 

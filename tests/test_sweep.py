@@ -227,7 +227,7 @@ def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.Monkey
 def test_starts_that_decide_nothing() -> None:
     """On the separatrix, on each principal axis, at rest; labels as the single case has them."""
     on = math.sqrt(0.6)  # with (p, 0, r) = (sqrt(0.6), 0, 1): D = 0.2 p^2 - 0.12 r^2
-    case = one(f"model: linear-diag, {HEAD}, damping: 0.001, initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: {{"
+    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: {{"
                f"initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, initial.q: {{values: [0, 0, 1, 0, 0]}}, "
                "initial.r: {values: [1, 0, 0, 1, 0]}}}}")  # fmt: skip
     values = computed(case)
@@ -241,6 +241,11 @@ def test_members_that_are_no_body_are_marked() -> None:
     values = computed(case)
     assert values["status"].tolist() == [sweep.INVALID, sweep.OK, sweep.INVALID]
     assert np.isnan(values["omega"][[0, 2]]).all()
+
+
+def test_the_limits_of_a_case_are_those_of_each_member() -> None:
+    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}")
+    assert computed(case)["status"].tolist() == [sweep.TIMEOUT, sweep.TIMEOUT]
 
 
 def test_a_model_without_lanes_is_swept_too() -> None:
