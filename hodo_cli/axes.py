@@ -52,8 +52,7 @@ class Span:
 
     def schema(self) -> dict[str, Any]:
         number = Number(above=0 if self.positive else None).schema()
-        items = [number, number, Integer(1, MOST).schema()]
-        return {"type": "array", "prefixItems": items, "minItems": 3, "maxItems": 3}
+        return {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
 
     def describe(self) -> str:
         return "[first, last, number of values]" + (", first and last > 0" if self.positive else "")

@@ -31,7 +31,7 @@ ENGINES = {
     "collocation": ("engines/collocation.py", "numpy"),
     "exact": ("exact.py", "numpy"),
 }
-SWEPT = ("axes.py", "sweep.py", "ensemble.py", "classify.py", "engines/lanes.py")
+SWEPT = ("axes.py", "members.py", "sweep.py", "ensemble.py", "classify.py", "engines/lanes.py")
 FORCED = "--force"
 REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
 

@@ -1,341 +1,35 @@
 """Sweeps: a case with a `sweep:` block, as an ensemble of single cases that are reduced to a few numbers each.
 
 The members go in chunks, which are the tasks of a pool. Each finished chunk is stored by itself, so that a run that
-is killed goes on from there, and no more than a few of them are in memory at a time. Within a chunk the members that
-heyoka's lanes can carry go there (`ensemble`); the others, and those about which anything is in doubt, are integrated
-and classified one by one, as any single case.
+is killed goes on from there, and no more than a few of them are in memory at a time.
 """
 
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import HodoError, ensemble, rigid
-from .axes import Axis, axes_of, put
+from . import rigid
+from .axes import axes_of
 from .batch import Pool
-from .case import Case, Time, dump
-from .classify import classify
-from .engines import Structure, flatten, have_taylor, namespace, structure
-from .ensemble import Ensemble, Outcome
+from .case import Case, dump
+from .engines import flatten, namespace, structure
 from .hdf5 import Attribute, Group, Late, Variable
-from .integrate import Path, difference, integrate, references, solve
+from .integrate import Path, difference, references, solve
+from .members import FAILED, OK, STATUS, Chunk, carried, chunks, columns, compute, kept, member, shape
 from .models import find
 from .store import Writer
 
-OK, FAILED, TIMEOUT, INVALID = range(4)
-STATUS = ("ok", "failed", "timeout", "invalid")
-"""How a member ended; an invalid one is no body, or has no start."""
-
-CHUNK = 16384
 SAMPLE, NEAREST = 256, 64
 """Members whose error is measured: drawn at random, and nearest to the separatrix."""
 
 LEVELS = (0.5, 0.9, 0.99, 1.0)
 """Of the errors, these quantiles are stored."""
-
-LABEL: dict[str, Attribute] = {
-    "flag_values": np.array(list(rigid.LABELS), dtype=np.int8),
-    "flag_meanings": " ".join(rigid.LABELS.values()),
-}
-FLAG: dict[str, Attribute] = {"flag_values": np.arange(len(STATUS), dtype=np.int8), "flag_meanings": " ".join(STATUS)}
-
-
-class Column(NamedTuple):
-    """One number, or one vector, of each member."""
-
-    long_name: str
-    dtype: str = "f8"
-    dims: tuple[str, ...] = ()
-    units: str = "1"
-    attributes: Mapping[str, Attribute] = {}
-    default: bool = True
-
-
-CLASSIFIED = {
-    "crossing_time": Column("time of the first passage through the separatrix"),
-    "crossing_from": Column("axis enclosed before it", "i1", attributes=LABEL),
-    "crossing_to": Column("axis enclosed after it", "i1", attributes=LABEL),
-    "crossing_G": Column("|G| at it"),
-    "crossings": Column("number of passages", "i4"),
-    "start_axis": Column("axis that the hodograph encloses at the start", "i1", attributes=LABEL),
-    "end_axis": Column("axis that the hodograph encloses at the end", "i1", attributes=LABEL),
-    "share": Column("part of the span in which the hodograph encloses an axis", dims=("axis",), default=False),
-    "separation": Column("least |D| seen, as a part of the sum of its two terms", default=False),
-}
-ALWAYS = {"status": Column("how the member ended", "i1", attributes=FLAG)}
-STEPS = {"steps": Column("steps of the integration", "i4", default=False)}
-EVENT = {"event_time": Column("time of the event that ended the motion")}
-
-
-def columns(case: Case) -> dict[str, Column]:
-    """Everything that a member of this sweep is reduced to."""
-    model = find(case.model, case.form)
-    final = {
-        name: Column(f"{variable.long_name}, at the end", dims=variable.dims[1:], units=variable.units)
-        for name, variable in model.variables.items()
-    }
-    own = EVENT if model.unclassifiable else CLASSIFIED
-    return final | own | STEPS | ALWAYS
-
-
-def kept(case: Case) -> dict[str, Column]:
-    """What of that is stored in the result."""
-    asked = set(case.store) - {"trajectory"}
-    return {
-        name: column
-        for name, column in columns(case).items()
-        if name == "status" or (name in asked if asked else column.default)
-    }
-
-
-def shape(case: Case) -> tuple[int, ...]:
-    """The length of each axis."""
-    assert case.sweep is not None
-    return tuple(len(axis) for axis in axes_of(case.sweep))
-
-
-@dataclass(frozen=True)
-class Chunk:
-    """The members `first` to `last` - 1 of a sweep, in the order in which the last axis varies fastest."""
-
-    case: Case
-    first: int
-    last: int
-
-
-def chunks(case: Case) -> Iterator[Chunk]:
-    """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
-    total = math.prod(shape(case))
-    size = min(CHUNK, max(256, -(-total // 16)))
-    if not carried(case) or "trajectory" in case.store:
-        size = min(size, 64)
-    for first in range(0, total, size):
-        yield Chunk(case, first, min(first + size, total))
-
-
-def carried(case: Case) -> bool:
-    """Whether lanes can carry the members: the method is theirs, and the model has units and a separatrix."""
-    model = find(case.model, case.form)
-    fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
-    fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
-    return fit and bool(model.degree) and not model.unclassifiable and not model.run_events(case.data)
-
-
-class Inputs(NamedTuple):
-    """One combination of the values that vary otherwise than over a sphere: the data, and what they amount to.
-
-    `start` is None, and so is all but the data, where they describe no body or no start.
-    """
-
-    data: dict[str, Any]
-    structure: Structure = ()
-    constants: tuple[float, ...] = ()
-    start: tuple[float, ...] | None = None
-    order: tuple[int, int, int] = (0, 1, 2)
-
-
-def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
-    """The data of members with one combination of positions on the axes that are no spheres."""
-    data = case.data
-    for axis, i in zip(axes, index, strict=True):
-        for (path, _), values in zip(axis.ranges, axis.values, strict=True):
-            data = put(data, path, float(values[i]))
-    model = find(case.model, case.form)
-    problems: list[str] = []
-    model.check(data, lambda at, message: problems.append(message))
-    if problems:
-        return Inputs(data)
-    k = model.constants(data)
-    order = rigid.inertia_order(data["inertia"]) if not model.unclassifiable else (0, 1, 2)
-    return Inputs(data, structure(k), tuple(flatten(k)), model.start(data), order)
-
-
-def member_inputs(case: Case, members: np.ndarray) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
-    """The combinations that occur among members (n,), the place of each member's, and its direction (n, 3), if any."""
-    assert case.sweep is not None
-    axes = axes_of(case.sweep)
-    index = np.unravel_index(members, shape(case))
-    plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
-    sizes = [len(axis) for axis, _ in plain] or [1]
-    flat = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
-    which, place = np.unique(flat, return_inverse=True)
-    positions = np.stack(np.unravel_index(which, sizes), axis=-1).tolist()
-    found = [inputs(case, [axis for axis, _ in plain], at if plain else []) for at in positions]
-    sphere = next(((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None)
-    return found, place, sphere[0].directions(sphere[1]) if sphere else None
-
-
-def starts(given: list[Inputs], place: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
-    """The states at the start (m, n), from the combination at each place (n,); with a direction (n, 3) of G, its |G|
-    is that of the data."""
-    start = np.array([one.start for one in given]).T
-    if direction is None:
-        return np.asarray(start[:, place])
-    A = np.array([one.data["inertia"] for one in given]).T
-    return np.asarray(np.linalg.norm(A * start, axis=0)[place] * direction.T / A[:, place])
-
-
-def member(case: Case, number: int, samples: int = 2) -> Case:
-    """One member as a case of its own."""
-    (given,), _, direction = member_inputs(case, np.array([number]))
-    data = given.data
-    if direction is not None and given.start is not None:
-        omega = starts([given], np.zeros(1, dtype=int), direction)[:, 0].tolist()
-        data = {**data, "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True))}
-    time = Time(start=case.time.start, end=case.time.end, samples=samples)
-    return replace(case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off")
-
-
-def compute(chunk: Chunk) -> Group:
-    """The members of a chunk, reduced; what a pool does."""
-    began = perf_counter()
-    case, n = chunk.case, chunk.last - chunk.first
-    values = {
-        name: np.full((n, *(3 for _ in column.dims)), 0 if column.dtype[0] == "i" else np.nan, dtype=column.dtype)
-        for name, column in columns(case).items()
-    }
-    left = _in_lanes(chunk, values) if carried(case) else np.arange(n)
-    for i in left:
-        if values["status"][i] != INVALID:
-            _alone(case, chunk.first + int(i), {name: column[i : i + 1] for name, column in values.items()})
-    dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
-    if "trajectory" in case.store:
-        values |= (paths := _trajectories(chunk, values["status"]))
-        dims |= {name: ("member", "time", *dims[name][1:]) for name in paths}
-    attributes: dict[str, Attribute] = {"run_time": perf_counter() - began, "alone": len(left)}
-    return Group(attributes, {name: Variable(dims[name], data) for name, data in values.items()})
-
-
-def _in_lanes(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
-    """Fill in the members that lanes settle; returns the places of the others."""
-    case, model = chunk.case, find(chunk.case.model, chunk.case.form)
-    found, place, direction = member_inputs(case, np.arange(chunk.first, chunk.last))
-    values["status"][:] = np.array([INVALID if given.start is None else OK for given in found])[place]
-    left = values["status"] == OK
-    kinds: dict[tuple[Structure, tuple[int, int, int]], list[int]] = {}
-    for i, given in enumerate(found):
-        if given.start is not None:
-            kinds.setdefault((given.structure, given.order), []).append(i)
-    for (form, order), alike in kinds.items():
-        here = np.flatnonzero(np.isin(place, alike))
-        among = np.searchsorted(alike, place[here])
-        constants = np.array([found[i].constants for i in alike]).T[:, among]
-        start = starts([found[i] for i in alike], among, None if direction is None else direction[here])
-        (event,) = model.class_events(found[alike[0]].data)
-        span = (case.time.start, case.time.end)
-        outcome = ensemble.advance(Ensemble(model, form, constants, start, span, order, event), case.tol)
-        _enter(case, form, constants, order, outcome, here, values)
-        left[here[outcome.settled]] = False
-    return np.flatnonzero(left)
-
-
-def _enter(
-    case: Case, form: Structure, constants: np.ndarray, order: tuple[int, int, int], outcome: Outcome,
-    here: np.ndarray, values: dict[str, np.ndarray],
-) -> None:  # fmt: skip
-    """Enter the settled motions of an ensemble at their places."""
-    model, well = find(case.model, case.form), outcome.settled
-    k = namespace(form, [row[:, None] for row in constants])
-    for name, state in model.output(np.array([case.time.end]), outcome.state.T, k).items():
-        values[name][here[well]] = np.ldexp(state, outcome.exponent[:, None])[well]
-    crossings = outcome.crossings
-    names = np.array([order[2] + 1, rigid.UNDETERMINED, order[0] + 1], dtype=np.int8)
-    start_axis, end_axis = (names[side.astype(int) + 1] for side in (outcome.first, outcome.last))
-    first, at = np.unique(crossings.motion, return_index=True)
-    after = names[np.where(crossings.rises[at], 2, 0)]
-    entries = {
-        "start_axis": start_axis,
-        "end_axis": end_axis,
-        "crossings": np.bincount(crossings.motion, minlength=len(well)),
-        "steps": outcome.steps,
-        "separation": outcome.separation,
-        "share": _shares(case.time, order, outcome),
-    }
-    for name, column in entries.items():
-        values[name][here[well]] = column[well]
-    for name, column in (("crossing_time", crossings.time), ("crossing_G", crossings.momentum)):
-        values[name][here[first]] = column[at]
-    values["crossing_to"][here[first]] = after
-    values["crossing_from"][here[first]] = names[0] + names[2] - after
-
-
-def _shares(time: Time, order: tuple[int, int, int], outcome: Outcome) -> np.ndarray:
-    """The part of the span (n, 3) for which D > 0, for the axis of largest inertia, and D < 0, for the smallest."""
-    span = time.end - time.start
-    above = np.where(outcome.last > 0, time.end, 0) - np.where(outcome.first > 0, time.start, 0)
-    turns = np.where(outcome.crossings.rises, -1, 1) * outcome.crossings.time
-    above = above + np.bincount(outcome.crossings.motion, turns, minlength=len(above))
-    share = np.zeros((len(above), 3))
-    if span > 0:
-        share[:, order[0]] = np.clip(above / span, 0, 1)
-        share[:, order[2]] = 1 - share[:, order[0]]
-    share[outcome.first == 0] = 0
-    return share
-
-
-def _alone(case: Case, number: int, values: dict[str, np.ndarray]) -> None:
-    """Integrate one member as a single case, and enter it in rows of length one."""
-    model, one = find(case.model, case.form), member(case, number)
-    problems: list[str] = []
-    model.check(one.data, lambda at, message: problems.append(message))
-    if problems:
-        values["status"][0] = INVALID
-        return
-    if not model.unclassifiable:
-        one = replace(one, error=case.error)
-    try:
-        motion = integrate(one)
-        values["status"][0] = STATUS.index(motion.status)
-        values["steps"][0] = motion.steps
-        if motion.status != "ok":
-            return
-        for name, variable in motion.variables.items():
-            values[name][0] = variable[-1]
-        if motion.events and model.unclassifiable:
-            values["event_time"][0] = motion.events[-1].time
-        if not model.unclassifiable:
-            found = classify(one, motion.method, motion.tol, motion.error, motion.variables["omega"])
-            _enter_one(one, found.labels, found.crossings, values)
-    except HodoError:
-        values["status"][0] = FAILED
-
-
-def _enter_one(case: Case, labels: np.ndarray, crossings: Any, values: dict[str, np.ndarray]) -> None:
-    """Enter what `classify` says of a single case."""
-    values["start_axis"][0], values["end_axis"][0] = labels[0], labels[-1]
-    values["crossings"][0] = len(crossings)
-    ends = [case.time.start, *(c.time for c in crossings), case.time.end]
-    axes = [labels[0], *(c.end for c in crossings)] if crossings else [labels[0]]
-    values["share"][0] = 0
-    for axis, start, end in zip(axes, ends[:-1], ends[1:], strict=True):
-        if axis > 0 and case.time.end > case.time.start:
-            values["share"][0, axis - 1] += (end - start) / (case.time.end - case.time.start)
-    A = np.array(case.data["inertia"])[:, None]
-    omega = np.stack([find(case.model, case.form).start(case.data), values["omega"][0]], axis=-1)
-    values["separation"][0] = ensemble.sides(A + 0 * omega, omega, rigid.inertia_order(A[:, 0]))[1].min()
-    if crossings:
-        first = crossings[0]
-        values["crossing_time"][0], values["crossing_G"][0] = first.time, first.momentum
-        values["crossing_from"][0], values["crossing_to"][0] = first.start, first.end
-
-
-def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
-    """The stored variables at every sample (n, samples, ...); nan from where a motion ended."""
-    case = chunk.case
-    found: dict[str, np.ndarray] = {}
-    for i in np.flatnonzero(status == OK):
-        motion = integrate(member(case, chunk.first + int(i), case.time.samples))
-        for name, values in motion.variables.items():
-            size = (len(status), case.time.samples, *values.shape[1:])
-            found.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[: case.time.samples]
-    return found
 
 
 class Probe(NamedTuple):

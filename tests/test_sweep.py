@@ -18,7 +18,7 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, axes, census, ensemble, exact, maps, plan, sweep
+from hodo_cli import HodoError, axes, census, ensemble, exact, maps, members, plan, sweep
 from hodo_cli.batch import Pool, pool
 from hodo_cli.case import Case, load, parse, parse_case
 from hodo_cli.census import Labelled
@@ -38,7 +38,7 @@ def one(text: str) -> Case:
 
 
 def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, np.ndarray]:
-    group = sweep.compute(sweep.Chunk(case, first, math.prod(sweep.shape(case)) if last is None else last))
+    group = sweep.compute(sweep.Chunk(case, first, math.prod(members.shape(case)) if last is None else last))
     return {name: variable.data for name, variable in group.variables.items()}
 
 
@@ -88,9 +88,9 @@ def test_store_names_what_a_sweep_has() -> None:
         one(f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}")
     for model in (one(f"{FIG4}, {BALL}"), one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
                                               "initial: {x: 1, y: 1}, time: {end: 9}")):  # fmt: skip
-        found = sweep.find(model.model, model.form)
+        found = members.find(model.model, model.form)
         names = {*axes.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
-        assert set(sweep.columns(model)) == names
+        assert set(members.columns(model)) == names
 
 
 def test_the_values_of_a_range() -> None:
@@ -119,7 +119,7 @@ def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
     """The tolerance: both are right to about 1e-13 in the state and, by the conditioning of D = 0, 1e-11 in time."""
     values = computed(case)
     for number in numbers:
-        single = replace(sweep.member(case, number), error="off")
+        single = replace(members.member(case, number), error="off")
         motion = integrate(single)
         found = classify(single, motion.method, motion.tol, motion.error, motion.variables["omega"])
         omega = motion.variables["omega"][-1]
@@ -201,11 +201,11 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
                f"sweep: {{damping: {{values: [0, {0.01 * size!r}, {size!r}]}}}}")  # fmt: skip
     values = computed(case)
     for number in range(3):
-        member = sweep.member(case, number)
+        member = members.member(case, number)
         (omega,) = exact.solve(member, np.array([case.time.end]))
         off = np.abs(values["omega"][number] - omega).max() / np.abs(omega).max()
         assert off < 1e-12  # 100 radians: some 200 units in the last place, as one ulp in the data does
-        assert values["status"][number] == sweep.OK
+        assert values["status"][number] == members.OK
 
 
 @pytest.mark.heyoka
@@ -213,13 +213,13 @@ def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.Monkey
     case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 0.8, q: 0.5, r: 0.74}}, "
                "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
     alone: list[int] = []
-    as_before = sweep._alone
-    monkeypatch.setattr(sweep, "_alone", lambda case, number, row: (alone.append(number), as_before(case, number, row)))
+    kept = members._alone
+    monkeypatch.setattr(members, "_alone", lambda case, number, row: (alone.append(number), kept(case, number, row)))
     values = computed(case)
     assert alone == [1]
-    assert values["status"].tolist() == [sweep.OK, sweep.OK]
+    assert values["status"].tolist() == [members.OK, members.OK]
     assert values["end_axis"].tolist() == [3, 3]
-    single = integrate(sweep.member(case, 1))
+    single = integrate(members.member(case, 1))
     assert single.method != "taylor"
     assert values["omega"][1] == pytest.approx(single.variables["omega"][-1], rel=1e-6)
 
@@ -227,25 +227,25 @@ def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.Monkey
 def test_starts_that_decide_nothing() -> None:
     """On the separatrix, on each principal axis, at rest; labels as the single case has them."""
     on = math.sqrt(0.6)  # with (p, 0, r) = (sqrt(0.6), 0, 1): D = 0.2 p^2 - 0.12 r^2
-    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: {{"
-               f"initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, initial.q: {{values: [0, 0, 1, 0, 0]}}, "
-               "initial.r: {values: [1, 0, 0, 1, 0]}}}}")  # fmt: skip
+    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 1, q: 1, r: 1}}, "
+               f"sweep: {{start: {{zip: {{initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, "
+               "initial.q: {values: [0, 0, 1, 0, 0]}, initial.r: {values: [1, 0, 0, 1, 0]}}}}")  # fmt: skip
     values = computed(case)
     assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
     assert values["crossings"].tolist() == [0] * 5
-    assert values["status"].tolist() == [sweep.OK] * 5
+    assert values["status"].tolist() == [members.OK] * 5
 
 
 def test_members_that_are_no_body_are_marked() -> None:
     case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}")
     values = computed(case)
-    assert values["status"].tolist() == [sweep.INVALID, sweep.OK, sweep.INVALID]
+    assert values["status"].tolist() == [members.INVALID, members.OK, members.INVALID]
     assert np.isnan(values["omega"][[0, 2]]).all()
 
 
 def test_the_limits_of_a_case_are_those_of_each_member() -> None:
     case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}")
-    assert computed(case)["status"].tolist() == [sweep.TIMEOUT, sweep.TIMEOUT]
+    assert computed(case)["status"].tolist() == [members.TIMEOUT, members.TIMEOUT]
 
 
 def test_a_model_without_lanes_is_swept_too() -> None:
@@ -314,7 +314,7 @@ def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
         assert named == ["damping.2", "direction", "axis"]
         assert ball["damping.2"][:].tolist() == [0.001, 0.005, 0.009]
         values = computed(case)
-        for name in sweep.kept(case):
+        for name in members.kept(case):
             stored = ball[name][:].reshape(1200, *ball[name].shape[2:])
             assert np.array_equal(stored, values[name], equal_nan=True), name
         assert ball.attrs["error"] < 1e-11
@@ -323,7 +323,7 @@ def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
         assert file["single"]["omega"].shape == (7, 3)
         paths = file["paths"]
         assert paths["omega"].shape == (2, 7, 3)
-        second = sweep.member(parse_case(paths.attrs["case"]), 1, samples=7)
+        second = members.member(parse_case(paths.attrs["case"]), 1, samples=7)
         assert np.array_equal(paths["omega"][1], integrate(second).variables["omega"])
 
 
@@ -361,7 +361,7 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
     with h5py.File(tmp_path / "runs" / "a.h5") as file:
         values = computed(parse_case(file["ball"].attrs["case"]), 0, 300)
         assert np.array_equal(file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True)
-        assert (file["ball"]["status"][:] == sweep.OK).all()
+        assert (file["ball"]["status"][:] == members.OK).all()
 
 
 @pytest.mark.heyoka
@@ -396,7 +396,7 @@ def test_a_chunk_whose_worker_dies_is_marked(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(sweep, "compute", compute)
     with h5py.File(results(tmp_path, text, pool(1))) as file:
         ball = file["ball"]
-        failed = (ball["status"][:] == sweep.FAILED).sum()
+        failed = (ball["status"][:] == members.FAILED).sum()
         assert 0 < failed < ball["status"].size
         assert ball.attrs["status"] == "failed"
         assert f"{failed} of 300 members: its process died" in ball.attrs["message"]
@@ -407,12 +407,12 @@ def test_slabs_are_the_members_in_order(sizes: list[int], data: st.DataObject) -
     total = math.prod(sizes)
     first = data.draw(st.integers(0, total - 1))
     last = data.draw(st.integers(first + 1, total))
-    array, members = np.full(sizes, -1), np.arange(first, last)
+    array, numbers = np.full(sizes, -1), np.arange(first, last)
     for where, rows in sweep.slabs(tuple(sizes), first, last):
-        array[where] = members[rows].reshape(array[where].shape)
+        array[where] = numbers[rows].reshape(array[where].shape)
     flat = array.ravel()
-    assert np.array_equal(flat[first:last], members)
-    assert (np.delete(flat, members) == -1).all()
+    assert np.array_equal(flat[first:last], numbers)
+    assert (np.delete(flat, numbers) == -1).all()
 
 
 def test_averages_over_members() -> None:
@@ -493,12 +493,12 @@ def test_every_sweep_that_ships_is_read() -> None:
     for path in sorted((ROOT / "configs").glob("sweep_*.yaml")):
         config = load(path)
         assert any(case.sweep for case in config.cases.values())
-    assert math.prod(sweep.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"])) == 10**6
+    assert math.prod(members.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"])) == 10**6
 
 
 def test_the_sweep_of_the_readme_is_one() -> None:
     blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     (text,) = (block for block in blocks if "sweep:" in block)
     config = parse(text, "README.md")
-    assert sweep.shape(config.cases["starts"]) == (17, 4000)
+    assert members.shape(config.cases["starts"]) == (17, 4000)
     assert config.figures["starts"]["kind"] == "map"
