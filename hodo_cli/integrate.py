@@ -30,6 +30,9 @@ RATIO, MOST_TRIED, ROUGH = 200, 5000, 1e-4
 LIMIT = 2**12
 """Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the smallest double."""
 
+LARGEST, OUTGROWN = 1024, "the motion has outgrown the largest number"
+"""The binary order of magnitude of the largest double, and what is said of a motion beyond it."""
+
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
 
@@ -212,8 +215,8 @@ def propagate(
         new = Units.fit(model, k, leg.state.astype(float), units.size)
         if new.size < -LIMIT:
             rows[done:], exponent[done:], done = 0, -LIMIT, len(times)
-        elif new.size > 1024:
-            watch.give_up("failed", f"the motion has outgrown the largest number at {clock.true(fp(0)):.6g}")
+        elif new.size > LARGEST:
+            watch.give_up("failed", f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
     return Path(times[:done], rows[:done], exponent[:done], tuple(found))
 
@@ -240,6 +243,7 @@ class Solution:
     evaluations: int = 0
 
 
+@np.errstate(all="ignore")  # what overflows ends a motion, and its status says so
 def solve(
     case: Case,
     method: str,
@@ -251,7 +255,7 @@ def solve(
 ) -> Solution:
     """The motion of a case by one method; the run time excludes imports and compilation.
 
-    Raises HodoError if the method cannot be had here.
+    Raises HodoError if the method cannot be had here, or numbers of the case are out of range.
     """
     model = find(case.model, case.form)
     times = sample_times(case) if times is None else times
@@ -261,7 +265,10 @@ def solve(
     engine = engines.build(method, model, k, events, tol, precision)
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
     began = perf_counter()
-    path = propagate(engine, model, k, model.start(case.data), case.time.start, times, watch, witness, events)
+    try:
+        path = propagate(engine, model, k, model.start(case.data), case.time.start, times, watch, witness, events)
+    except ArithmeticError as error:
+        raise HodoError(f"{case.name}: its numbers lead beyond the range of doubles") from error
     spent = perf_counter() - began
     return Solution(path, engine.tol, watch.steps, spent, watch.outcome, watch.message, watch.evaluations)
 
@@ -280,7 +287,11 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
     for i in range(0, len(times), BLOCK):
         here = slice(i, i + BLOCK)
         state[here], exponent[here] = exact.solve_scaled(case, times[here].astype(fp))
-    return Solution(Path(times, state, exponent, ()), float(np.finfo(fp).eps), 0, perf_counter() - began)
+    lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
+    n = int(lost[0]) if len(lost) else len(times)
+    stop = ("failed", f"{OUTGROWN} at {times[n]:.6g}") if len(lost) else ("", "")
+    path = Path(times[:n], state[:n], exponent[:n], ())
+    return Solution(path, float(np.finfo(fp).eps), 0, perf_counter() - began, *stop)
 
 
 def integrate(case: Case) -> Trajectory:
@@ -344,6 +355,7 @@ def choose(case: Case) -> tuple[str, str]:
     return best(case, case.precision) if case.method == "auto" else (case.method, "asked for")
 
 
+@np.errstate(all="ignore")
 def best(case: Case, precision: str) -> tuple[str, str]:
     """The fastest method that is right to the last digits in a precision, and why.
 
@@ -355,9 +367,13 @@ def best(case: Case, precision: str) -> tuple[str, str]:
         return "exact", "closed form"
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
-    if (steps := taylor_steps(case)) > MANY_STEPS:
+    try:
+        steps = taylor_steps(case)
+    except ArithmeticError:  # out of range, as `solve` will say
+        steps = 0.0
+    if steps > MANY_STEPS:
         times = np.linspace(case.time.start, case.time.end, 17)[1:]
-        most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)))
+        most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)), max_seconds=None)
         trial = solve(most, "collocation", tol=ROUGH, times=times)
         if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(MANY_STEPS, RATIO * trial.steps):
             return "collocation", f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some {steps:.0e}"
@@ -400,6 +416,8 @@ def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, floa
         times = sample_times(case)
     for precision, reference_method, tol in references(case, method, solution.tol):
         reference = solve(case, reference_method, precision, tol, times[thinned(times)])
+        if tol is not None and reference.tol == solution.tol:
+            continue
         if not reference.stop or solution.stop:
             kind = "refined" if tol is not None else "exact" if reference_method == "exact" else precision
             rows = thinned(path.time)
@@ -417,7 +435,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
     """Precision, method and tolerance of the computations against which an error can be measured, best first.
 
     That is what `auto` takes, in the next precision; where that cannot be had or gives up, the same method at a
-    hundredth of the tolerance.
+    hundredth of the tolerance, or where it is at its limit already, so that nothing changes, at a hundred times it.
     """
     finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(case.precision)
     if finer:
@@ -426,32 +444,37 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
             yield finer, better, None
     if method != "exact":
         yield case.precision, method, tol / 100
+        yield case.precision, method, tol * 100
 
 
 def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; a scalar relative to its largest value; the
-    time of a terminal event relative to itself. Quadruple motions are compared in long double, and no error of
+    time of a terminal event relative to the time since the start. A motion at rest (LIMIT) has no error. Quadruple motions are compared in long double, and no error of
     theirs is called smaller than that resolves.
     """
     model = find(case.model, case.form)
     n = min(len(path.time), len(reference.time))
     errors: dict[str, float] = {}
     if n and path.time[n - 1] != reference.time[n - 1]:
-        errors["time"] = abs(path.time[-1] - reference.time[-1]) / abs(reference.time[-1])
+        errors["time"] = abs(path.time[-1] - reference.time[-1]) / (reference.time[-1] - case.time.start)
     rows = np.r_[0 : n - 1, -1] if errors else np.arange(n)
     constants = model.constants(case.data)
     k = namespace(structure(constants), list(np.array(flatten(constants), dtype=np.longdouble)))
     ours = model.output(path.time[rows], extended(path.state)[rows], k)
     theirs = model.output(reference.time[rows], extended(reference.state)[rows], k)
-    shift = (path.exponent[rows] - reference.exponent[rows])[:, None]
+    sizes = path.exponent[rows], reference.exponent[rows]
+    shift = (sizes[0] - sizes[1])[:, None]
+    # One of the two may be called at rest a step before the other.
+    resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < -LIMIT / 2)
     for name, variable in model.variables.items():
         if case.store and name not in case.store:
             continue
         a, b = ours[name], theirs[name]
         if "axis" in variable.dims:
             off = np.sqrt(np.square(np.ldexp(a, shift) - b if model.degree else a - b).sum(axis=-1))
+            off[resting] = 0
             scale = np.sqrt(np.square(b).sum(axis=-1))
         else:
             off, scale = np.abs(a - b), np.max(np.abs(b), initial=0)

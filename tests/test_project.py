@@ -149,7 +149,8 @@ def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
 
 @pytest.mark.heyoka
 def test_run_loads_what_it_uses(tmp_path: Path) -> None:
-    case = "{model: linear-diag, inertia: [1, 0.8, 0.6], damping: [1, 2, 3], time: {end: 1}, initial: {p: 1, q: 1, r: 1}}"
+    body = "inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}"
+    case = f"{{model: linear-diag, {body}, damping: [1, 2, 3], time: {{end: 1}}}}"
     (tmp_path / "tiny.yaml").write_text(f"title: t\ncases:\n  tiny: {case}\n", encoding="utf-8")
     _, loaded = loaded_by(tmp_path, "run", "tiny.yaml")
     assert loaded == {"numpy", "h5py", "heyoka", "yaml"}
