@@ -453,14 +453,14 @@ def key_table() -> str:
     kind = {"kind": Key(Choice(*KINDS), "what is drawn")}
     scopes += [("figure", name, kind | taken) for name, taken in KINDS.items()]
     scopes.append(("claim", "", statements.CLAIM))
-    where: dict[tuple[str, ...], dict[str, list[str]]] = {}
+    where: dict[tuple[str, ...], dict[str, dict[str, None]]] = {}
     for group, member, taken in scopes:
         for row in (row for name, key in taken.items() for row in _rows(name, key)):
-            where.setdefault(row, {}).setdefault(group, []).append(member)
+            where.setdefault(row, {}).setdefault(group, {})[member] = None
     every = {model: list(forms) for model, forms in catalogue.items()} | {"figure": list(KINDS)}
     lines = ["| key | where | value | unit | default | meaning |", "|---|---|---|---|---|---|"]
     for (name, *rest), groups in where.items():
-        named = [g if some in ([""], every.get(g)) else f"{g} ({', '.join(some)})" for g, some in groups.items()]
+        named = [g if list(some) in ([""], every.get(g)) else f"{g} ({', '.join(some)})" for g, some in groups.items()]
         cells = (f"`{name}`", ", ".join(named), *rest)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
