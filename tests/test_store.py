@@ -665,7 +665,7 @@ def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_imports() -> None:
-    code = "import json, sys, hodo_cli.store\nprint(json.dumps([name for name, module in sys.modules.items() if module]))"
+    code = "import json, sys, hodo_cli.store\nprint(json.dumps([n for n, module in sys.modules.items() if module]))"
     loaded = set(alone(code))
     assert not loaded & {"netCDF4", "xarray", "heyoka", "scipy", "matplotlib"}
     assert "h5py" in loaded
