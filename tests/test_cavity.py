@@ -222,3 +222,30 @@ def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
     y = np.random.default_rng(1).normal(size=(len(FORMS[form].state), 7))
     expected = np.array([FORMS[form].rhs(0, column, k) for column in y.T]).T
     assert np.array_equal(np.array(FORMS[form].rhs(0, y, k)), expected)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("method", ["auto", "collocation", "DOP853"])
+@pytest.mark.parametrize("torque", [-0.1, 0.0, 0.1])
+@pytest.mark.parametrize("reversal", ["stop", "continue"])
+def test_a_start_without_spin_is_no_end_of_it(method: str, torque: float, reversal: str) -> None:
+    motion = integrate(
+        case(form="averaged", initial="{x: 1, y: 0}", torque=f"[0, 0, {torque}]", method=method, spin_reversal=reversal)
+    )
+    assert (motion.status, motion.time[-1], motion.events) == ("ok", 10.0, ())
+    assert (motion.variables["y"][1:] > 0).all() == (torque != 0)
+
+
+def test_the_error_of_an_end_of_spin_does_not_depend_on_the_origin_of_time() -> None:
+    # r falls from 1 to 0 in the time 10; the error of 0 relative to itself would have no bound.
+    given = {"form": "averaged", "initial": "{x: 0, y: 1}", "torque": "[0, 0, -0.1]"}
+    motion = integrate(case(**given, time="{start: -10, end: 10}"))
+    assert abs(motion.time[-1]) < 1e-13
+    assert motion.errors.get("time", 0) < 1e-13
+
+
+@pytest.mark.filterwarnings("error")
+def test_doubts_about_bodies_of_any_size() -> None:
+    given = {"initial": "{x: 1e200, y: 1e200}", "torque": "[0, 0, 1]"}
+    assert len(doubts(case(inertia="[1e-250, 1e-250, 0.8e-250]", **given))) == 2
+    assert not doubts(case(inertia="[1e200, 1e200, 0.8e200]", **given))

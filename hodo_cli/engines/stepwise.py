@@ -54,12 +54,13 @@ class Stepwise:
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
         rows[0], done, going, hit = y, 1, len(grid) > 1, None
         while going and hit is None:
+            before = solver.y.copy()
             message = solver.step()
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 watch.give_up("failed", message or "the state became infinite or not a number")
                 break
             dense = solver.dense_output()
-            hits = self._hits(constants, solver.t_old, solver.t, dense)
+            hits = self._hits(constants, solver.t_old, solver.t, dense, before)
             hit = next((h for h in hits if self.events[h.event].terminal), None)
             end = solver.t if hit is None else hit.time
             passed = int(np.searchsorted(grid, end, side="right"))
@@ -73,13 +74,14 @@ class Stepwise:
         state, time = (solver.y, solver.t) if hit is None else (hit.state, hit.time)
         return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit)
 
-    def _hits(self, k: Any, start: Any, end: Any, dense: Callable[[Any], np.ndarray]) -> list[Hit]:
-        """The zeros of every event inside a step, in order of time."""
+    def _hits(self, k: Any, start: Any, end: Any, dense: Callable[[Any], np.ndarray], before: np.ndarray) -> list[Hit]:
+        """The zeros of every event inside a step that starts from the state `before`, in order of time."""
         found: list[Hit] = []
         if not self.events:
             return found
         times = start + (end - start) * SUBSTEPS.astype(self.dtype)
         states = dense(times)
+        states[:, 0] = before  # where dense has rounding: a motion that starts at a zero does not pass through it
         for i, event in enumerate(self.events):
 
             def value(t: Any, event: Event = event) -> Any:

@@ -62,6 +62,11 @@ class Taylor:
 
         return record
 
+    def _stopped_by(self, outcome: Any) -> int | None:
+        """The terminal event that ended a propagation, if one did."""
+        place = -1 - int(outcome)
+        return self.terminal[place] if 0 <= place < len(self.terminal) else None
+
     def _dense(self, time: Any) -> np.ndarray:
         self.ta.update_d_output(time)
         return np.array(self.ta.d_output)
@@ -80,17 +85,19 @@ class Taylor:
         def after_step(ta: Any) -> bool:
             nonlocal last
             if observe is not None:
-                observe(last, ta.time, self._dense, self.hits)
+                observe(last, ta.time, self._dense, [hit for hit in self.hits if hit.time != grid[0]])
                 self.hits.clear()
                 last = ta.time
             return watch.step(state)
 
         outcome, _, _, steps, *_, rows = ta.propagate_grid(grid, callback=after_step)
+        if self._stopped_by(outcome) is not None and ta.time == grid[0]:
+            # A motion that starts at a zero does not pass through it; the event's cooldown keeps it from returning.
+            outcome, _, _, steps, *_, rows = ta.propagate_grid(grid, callback=after_step)
         watch.evaluations += steps * ta.order
-        stopped_by = -1 - int(outcome)
-        hit = None
-        if 0 <= stopped_by < len(self.terminal):
-            hit = Hit(self.terminal[stopped_by], ta.time, 0, state.copy())
+        event, hit = self._stopped_by(outcome), None
+        if event is not None:
+            hit = Hit(event, ta.time, 0, state.copy())
         elif outcome == hy.taylor_outcome.err_nf_state:
             watch.give_up("failed", "the state became infinite or not a number")
         return Leg(rows, ta.dtime, state.copy(), hit)

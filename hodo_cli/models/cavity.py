@@ -120,8 +120,7 @@ class Cavity(Model):
     @classmethod
     def warnings(cls, data: Mapping[str, Any]) -> list[str]:
         A, omega = np.array(data["inertia"]), np.array(velocity(data))
-        torques = {"of the fluid": fluid_torque(A, omega, coefficient(data)), "epsilon M": applied(data)}
-        return [*slow_flow(data["cavity"], omega), *weak(torques, A, omega)]
+        return [*slow_flow(data["cavity"], omega), *weak(A, omega, coefficient(data), applied(data))]
 
 
 def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:
@@ -132,7 +131,7 @@ def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> l
     if cavity is None or cavity["viscosity"] is None:
         return []
     b = (525 * shape_factor(cavity) / (8 * math.pi)) ** (1 / 7)
-    speed = float(np.linalg.norm(omega))
+    speed = math.hypot(*omega)
     reynolds = b * b * speed / cavity["viscosity"]
     if reynolds <= LARGE:
         return []
@@ -140,14 +139,21 @@ def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> l
     return [f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {reynolds:.3g} ({size})"]
 
 
-def weak(torques: Mapping[str, Sequence[float]], A: np.ndarray, omega: np.ndarray) -> list[str]:
-    """Warnings for torques that turn G at a rate not small beside |omega|."""
-    scale = float(np.linalg.norm(omega) * np.linalg.norm(A * omega))
-    sizes = {name: float(np.linalg.norm(torque)) for name, torque in torques.items()}
+def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) -> list[str]:
+    """Warnings for torques that turn G at a rate not small beside |omega|; none for a body at rest."""
+    peak, heaviest = float(np.abs(omega).max()), float(A.max())
+    if not peak:
+        return []
+    w, body = omega / peak, A / heaviest  # of size 1, so that only a ratio itself can overflow
+    scale = math.hypot(*w) * math.hypot(*(body * w)) * heaviest
+    ratios = {
+        "of the fluid": math.hypot(*fluid_torque(body, w, kappa)) / scale * peak,
+        "epsilon M": math.hypot(*torque) / scale / peak / peak,
+    }
     return [
-        f"the torque {name} is not small: {size / scale:.3g} of |omega| |G| at the start"
-        for name, size in sizes.items()
-        if 0 < LARGE * scale < size
+        f"the torque {name} is not small: {ratio:.3g} of |omega| |G| at the start"
+        for name, ratio in ratios.items()
+        if ratio > LARGE
     ]
 
 
@@ -277,7 +283,8 @@ class Averaged(Cavity):
 
     @classmethod
     def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
-        return (Event("end_of_spin", axial_spin, terminal=data["spin_reversal"] == "stop"),)
+        spins = cls.start(data)[1] or cls.constants(data)["N3"]
+        return (Event("end_of_spin", axial_spin, terminal=data["spin_reversal"] == "stop"),) if spins else ()
 
 
 class AveragedAsPrinted(Averaged):
