@@ -65,7 +65,7 @@ def scaled_motion(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) 
     """`equal_damping` as a state (n, 3) of size about 1 and an exponent (n,): omega = state * 2**exponent.
 
     It has its digits where omega itself is far below the smallest double; the exponent ends at -1e9. Times in long
-    double give a state in long double.
+    double give a state in long double. Where a growing motion has turned through an infinite angle the state is nan.
     """
     t = np.asarray(t, dtype=np.result_type(t, float))
     size, unit = _units(omega0)

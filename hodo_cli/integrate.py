@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -199,7 +200,10 @@ def propagate(
     while done < len(times) and watch.stop in ("", "units"):
         watch.stop = ""
         clock.factor = math.ldexp(1.0, units.rate)
-        leg = engine.leg(units.constants(model, k), y, clock.grid(times[done : done + BLOCK].astype(fp)), watch)
+        grid = clock.grid(times[done : done + BLOCK].astype(fp))
+        if not math.isfinite(float(grid[-1])):
+            raise OverflowError
+        leg = engine.leg(units.constants(model, k), y, grid, watch)
         passed = len(leg.rows) - 1
         rows[done : done + passed], exponent[done : done + passed] = leg.rows[1:], units.size
         done += passed
@@ -367,16 +371,14 @@ def best(case: Case, precision: str) -> tuple[str, str]:
         return "exact", "closed form"
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
-    try:
-        steps = taylor_steps(case)
-    except ArithmeticError:  # out of range, as `solve` will say
-        steps = 0.0
-    if steps > MANY_STEPS:
-        times = np.linspace(case.time.start, case.time.end, 17)[1:]
-        most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)), max_seconds=None)
-        trial = solve(most, "collocation", tol=ROUGH, times=times)
-        if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(MANY_STEPS, RATIO * trial.steps):
-            return "collocation", f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some {steps:.0e}"
+    with suppress(ArithmeticError, HodoError):  # numbers out of range, as `solve` will say
+        if (steps := taylor_steps(case)) > MANY_STEPS:
+            times = np.linspace(case.time.start, case.time.end, 17)[1:]
+            most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)), max_seconds=None)
+            trial = solve(most, "collocation", tol=ROUGH, times=times)
+            if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(MANY_STEPS, RATIO * trial.steps):
+                why = f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some {steps:.0e}"
+                return "collocation", why
     return "taylor", "not stiff"
 
 
@@ -394,14 +396,14 @@ def taylor_steps(case: Case, path: Path | None = None) -> float:
     return float(np.mean(rates) * (path.time[-1] - case.time.start)) / 8
 
 
+@np.errstate(over="ignore")  # `remarks` says so
 def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
     """The stored variables of a motion, in double precision and true size."""
     model = find(case.model, case.form)
     k = namespace(structure(constants := model.constants(case.data)), flatten(constants))
     output = model.output(path.time, path.state.astype(float), k)
     if model.degree:
-        with np.errstate(over="ignore"):  # `remarks` says so
-            output = {name: np.ldexp(values, path.exponent[:, None]) for name, values in output.items()}
+        output = {name: np.ldexp(values, path.exponent[:, None]) for name, values in output.items()}
     return {name: values for name, values in output.items() if not case.store or name in case.store}
 
 
@@ -451,14 +453,15 @@ def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; a scalar relative to its largest value; the
-    time of a terminal event relative to the time since the start. A motion at rest (LIMIT) has no error. Quadruple motions are compared in long double, and no error of
-    theirs is called smaller than that resolves.
+    time of a terminal event relative to the time since the start. A motion at rest (LIMIT) has no error. Quadruple
+    motions are compared in long double, and no error of theirs is called smaller than that resolves.
     """
     model = find(case.model, case.form)
     n = min(len(path.time), len(reference.time))
     errors: dict[str, float] = {}
     if n and path.time[n - 1] != reference.time[n - 1]:
-        errors["time"] = abs(path.time[-1] - reference.time[-1]) / (reference.time[-1] - case.time.start)
+        end = float(reference.time[-1])
+        errors["time"] = abs(path.time[-1] - end) / max(end - case.time.start, math.ulp(end))
     rows = np.r_[0 : n - 1, -1] if errors else np.arange(n)
     constants = model.constants(case.data)
     k = namespace(structure(constants), list(np.array(flatten(constants), dtype=np.longdouble)))

@@ -186,3 +186,43 @@ def test_the_clock_loses_no_digits() -> None:
     for _ in range(10_000):
         clock.advance((np.float64(0.1), np.float64(0)))
     assert float(clock.high + clock.low) == math.fsum([0.1] * 10_000)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("method", ["exact", "auto"])
+def test_a_motion_that_outgrows_every_number_ends_there(method: str) -> None:
+    # exp(t) times 1.4 passes the largest double at t = 709.4.
+    damping = (-1.0, -1.0, -1.0) if method == "exact" else (-1.0, -1.0, -1.1)
+    start = START if method == "exact" else (1.0, 0.0, 0.0)
+    motion = integrate(diagonal(damping, start, time=Time(end=2000.0, samples=21), method=method))
+    assert (motion.status, len(motion.time)) == ("failed", 8)
+    assert "outgrown" in motion.message
+    assert np.isfinite(motion.variables["omega"]).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_lead_out_of_range_fail_their_case_alone() -> None:
+    data = {
+        "inertia": BODY,
+        "resistance": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1e265, 1.0)),
+        "initial": dict(zip("pqr", START, strict=True)) | {"G": None},
+    }
+    case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=1e83, samples=2))
+    assert choose(case)[0] in ("taylor", "collocation")
+    with pytest.raises(HodoError, match="test: its numbers"):
+        integrate(case)
+
+
+@taylor
+def test_no_step_is_beyond_the_limit_where_each_asks_for_new_units() -> None:
+    # Each step is some nine decay times long, so that the state leaves the band of its units in every one of them.
+    motion = integrate(diagonal((30.0, 20.0, 20.0), method="taylor", max_steps=20, time=Time(end=100.0, samples=3)))
+    assert (motion.status, motion.steps) == ("timeout", 20)
+
+
+def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "have_taylor", lambda: False)
+    case = diagonal((0.005, 0.004, 0.003), precision="extended", time=Time(end=50.0, samples=11))
+    motion = integrate(case)
+    assert (motion.method, motion.error_kind) == ("collocation", "refined")
+    assert 0 < motion.error < 1e-15

@@ -88,15 +88,15 @@ class Watch:
     def step(self, y: Sequence[Any]) -> bool:
         """Count a step that ended in `y`; False to stop."""
         self.steps += 1
+        if self.steps >= self.max_steps:
+            return self.give_up("timeout", f"max_steps: stopped after {self.steps} steps")
+        if self.steps % 64 == 0 and perf_counter() > self.deadline:
+            return self.give_up("timeout", f"max_seconds: stopped after {self.max_seconds:g} s")
         if self.band is not None:
             norm = sum(float(x) * float(x) for x in y)
             if not self.band[0] < norm < self.band[1]:
                 self.stop = "units"
                 return False
-        if self.steps >= self.max_steps:
-            return self.give_up("timeout", f"max_steps: stopped after {self.steps} steps")
-        if self.steps % 64 == 0 and perf_counter() > self.deadline:
-            return self.give_up("timeout", f"max_seconds: stopped after {self.max_seconds:g} s")
         return True
 
     @property

@@ -106,7 +106,10 @@ class Steps:
             residual = (z - h * (rates @ self.integrals)).astype(float)
             if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):
                 return None
-            change = np.linalg.solve(np.eye(z.size) - coupling.reshape(z.size, z.size), residual.ravel())
+            try:
+                change = np.linalg.solve(np.eye(z.size) - coupling.reshape(z.size, z.size), residual.ravel())
+            except np.linalg.LinAlgError:
+                return None
             z = z - change.reshape(z.shape)
             now = float(np.abs(change).max()) / size
             if now <= self.tol / 10 or before / 4 <= now <= 10 * self.tol:

@@ -1,5 +1,6 @@
 """SciPy's initial value solvers, by name; the only module that imports scipy.integrate."""
 
+import warnings
 from functools import lru_cache, partial
 from types import SimpleNamespace
 from typing import Any
@@ -7,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
-from ..models.base import Event, Model
-from . import Structure, jacobian
+from ..models.base import Constants, Event, Model
+from . import Leg, Structure, Watch, jacobian
 from .stepwise import Solver, Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
@@ -26,6 +27,12 @@ class Ivp(Stepwise):
         self.method, self.model = SOLVERS[method], model
         self.implicit = method in ("LSODA", "Radau", "BDF")
         self.tol = max((1e-12 if method == "DOP853" else 1e-9) if tol is None else tol, LEAST_TOL)
+
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
+        """See `Engine.leg`."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a solver that gives up returns a message too
+            return super().leg(k, y, grid, watch)
 
     def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> Solver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
