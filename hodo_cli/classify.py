@@ -50,26 +50,33 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     """
     recorded = typed(group.attributes, RECORDED, name)
     case = parse_case(recorded["case"])
-    reason = find(case.model, case.form).unclassifiable
-    if not case.sweep and (reason or "omega" not in group.variables):
-        remark = reason or "omega is not stored"
-        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
     if case.sweep:
         from . import sweep
 
         return None, sweep.tabulated(name, group)
+    if remark := inapplicable(case, group):
+        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
     afford(case)
     omega = group.variables["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
     found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    ends = [rigid.LABELS[int(label)] for label in found.labels[[0, -1]]] if len(found.labels) else ["-", "-"]
+    ends = [rigid.LABELS[int(label)] for label in found.labels[[0, -1]]]
     table = [
         {"time": c.time, "error": c.error, "from": rigid.LABELS[c.start], "to": rigid.LABELS[c.end], "G": c.momentum}
         for c in found.crossings
     ]
     row = {"case": name, "start": ends[0], "end": ends[1], "crossings": table, "warnings": list(found.warnings)}
     return labelled(found), row
+
+
+def inapplicable(case: Case, group: Group) -> str:
+    """Why there is nothing to label in a stored case; an empty string if there is."""
+    if reason := find(case.model, case.form).unclassifiable:
+        return reason
+    if "omega" not in group.variables:
+        return "omega is not stored"
+    return "" if len(group.variables["omega"].data) else "no samples are stored"
 
 
 def labelled(found: Classification) -> Group:
@@ -119,25 +126,33 @@ class Sides:
     The motion has changed sides when |D| has stood first with one sign, then with the other, above what an error of
     `band` relative to |omega| makes of its two terms, which near the middle axis is much. So neither a start on
     D = 0, nor a touch, nor a stretch in which D is nothing but rounding makes a crossing, and no root that an engine
-    reports twice or loses between two steps changes the list.
+    reports twice or loses between two steps changes the list. At the start itself |omega| has no error.
     """
 
     A: np.ndarray
     order: tuple[int, int, int]
     band: float
+    started: bool = False
     side: int = 0
     roots: list[tuple[float, np.ndarray, int]] = field(default_factory=list)
     crossings: list[Crossing] = field(default_factory=list)
 
     def __call__(self, step: Step) -> None:
         before = step.start
-        if not self.side:
+        if not self.started:
+            self.started, self.side = True, self.label(step.dense(before).astype(float))
+        elif not self.side:
             self.look(step, before)
         for hit in step.hits:
             self.look(step, (before + hit.time) / 2)
             self.roots.append((step.at(hit.time), hit.state, step.units.size))
             before = hit.time
         self.look(step, step.end)
+
+    def label(self, omega: np.ndarray) -> int:
+        """The side on which a state without error stands; 0 on the separatrix."""
+        axis = int(rigid.enclosed_axis(self.A, omega, self.band))
+        return {self.order[0] + 1: 1, self.order[2] + 1: -1}.get(axis, 0)
 
     def look(self, step: Step, time: float) -> None:
         """Note the side on which the motion stands at a time inside the step, if it is beyond doubt."""
@@ -174,14 +189,17 @@ def classify(case: Case, method: str, tol: float, error: float, omega: np.ndarra
     again = stored(case, solution.path)["omega"][: len(omega)]
     allowed = 1e-12 + (100 * tol if math.isnan(error) else 4 * error)
     apart = relative_distance(again, omega[: len(again)])
-    if apart > allowed or (len(again) < len(omega) and not case.max_seconds):
+    if apart > allowed or (len(again) < len(omega) and not solution.stop):
         raise HodoError(
             f"{case.name}: the stored motion differs from its case by {apart:.1e}, and its error allows {allowed:.1e}; "
             "run it again with --force"
         )
-    labels = rigid.enclosed_axis(A, extended(solution.path.state), band)
-    labels = np.append(labels, np.full(len(omega) - len(again), rigid.UNDETERMINED, dtype=np.int8))
-    return Classification(labels, *checked(case, method, solution, crossings, band))
+    labels = np.full(len(omega), rigid.UNDETERMINED, dtype=np.int8)
+    labels[: len(again)] = rigid.enclosed_axis(A, extended(solution.path.state[: len(omega)]), band)
+    found, warnings = checked(case, method, solution, crossings, band)
+    if len(again) < len(omega):
+        warnings += (f"no labels after {len(again)} samples: {solution.message}",)
+    return Classification(labels, found, warnings)
 
 
 def cross(case: Case, method: str, precision: str, tol: float | None, band: float) -> tuple[Solution, list[Crossing]]:

@@ -161,6 +161,34 @@ def test_a_label_is_the_sign_of_the_separatrix_function(
 
 
 @pytest.mark.heyoka
+def test_the_side_of_the_start_is_that_of_its_label() -> None:
+    # Near the middle axis D stands out of the noise only after the crossing, but the start itself has no noise.
+    body = (0.999999, 0.4722878378595431, 1.0)
+    start = (0.6660700208488779, 4.4023755025267474e-10, 2.1978022028665094e-07)
+    damping = (0.0020559210260287066, 0.00413584962737225, 0.0018788737484742401)
+    classification = found(diagonal(damping, start, inertia=body, time=Time(end=20.0, samples=11)))
+    assert (classification.labels[0], classification.labels[-1]) == (2, 3)
+    assert [(c.start, c.end) for c in classification.crossings] == [(2, 3)]
+
+
+@pytest.mark.heyoka
+def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -> None:
+    # In units of its own at every event, the second integration of a growing motion stops some steps earlier.
+    data = {
+        "inertia": BODY,
+        "resistance": ((-10.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)),
+        "initial": {"p": 1.0, "q": 0.0, "r": 0.0, "G": None},
+    }
+    case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=2001))
+    motion = integrate(case)
+    classification = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    assert motion.status == "failed"
+    assert classification.labels.shape == motion.time.shape
+    few = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"][:5])
+    assert few.labels.tolist() == [1] * 5
+
+
+@pytest.mark.heyoka
 def test_a_motion_that_dies_out_about_the_middle_axis_keeps_no_side() -> None:
     # p and r fall to 1e-16 of q at a time of about 3, and far below the smallest double: their sign of D is noise.
     case = diagonal((30.0, 10.0, 20.0), (0.7, 0.3, 0.3), time=Time(end=200.0, samples=201))
