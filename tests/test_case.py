@@ -165,6 +165,7 @@ LINES = ["model: linear-diag", "inertia: [1, 0.8, 0.6]", "initial: {p: 0.8, q: 0
         ("damping: {x: 1}", 14, ".damping: wants 3 numbers or one for all, not a mapping"),
         ("inertia: [1, 0, 1]", 18, ".inertia.1: wants a number > 0, not 0"),
         ("inertia: [1, 2, 4]", 21, ".inertia.2: no body has A3 = 4 larger than the sum of the other two"),
+        ("inertia: [1, 1, 1e-120]", 21, ".inertia.2: 1e-120 is out of range, 1e-100 to 1e+100: take other units"),
         ("initial: {p: 1, q: 1}", 14, ".initial: r missing: give p, q and r, or two of them and G"),
         ("initial: [1, 2, 3]", 14, ".initial: wants a mapping of p, q, r, G, not a list of 3"),
         ("time: {end: 1, samples: 0}", 29, ".time.samples: wants an integer >= 1, <= 1e+15, not 0"),

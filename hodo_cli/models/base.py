@@ -98,8 +98,11 @@ class Model:
         return ()
 
 
+SMALLEST = 1e-100
+"""The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
+
 INERTIA = Key(Vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia")
-"""Three moments in any order; `BodyFrame.check` wants the triangle inequality besides."""
+"""Three moments in any order; `BodyFrame.check` wants the triangle inequality and the range of SMALLEST besides."""
 
 INITIAL = Key(
     Table(
@@ -162,6 +165,9 @@ class BodyFrame(Model):
                 ("inertia", largest),
                 f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
             )
+        for i, moment in enumerate(A):
+            if not SMALLEST <= moment <= 1 / SMALLEST:
+                report(("inertia", i), f"{moment:g} is out of range, {SMALLEST:g} to {1 / SMALLEST:g}: take other units")
         if "initial" in data and isinstance(problem := complete(A, data["initial"]), str):
             report(("initial",), problem)
 
