@@ -15,9 +15,10 @@ hy.set_logger_level_error()
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
 EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
 
-UNROLLED = 300
-"""The size of a system, in nodes of its expressions, up to which it is unrolled and optimised. For a larger one that
-takes seconds to minutes, and it is an averaged one, which takes tens of steps: it is compiled as it stands."""
+UNROLLED, OPTIMISED = 150, 10_000
+"""The sizes of a system, in nodes of its expressions, up to which it is unrolled, and optimised at all. Beyond the
+first, unrolling takes longer than the steps of most motions; beyond the second are averaged systems, which take tens
+of steps, and are compiled as they stand."""
 
 
 class Taylor:
@@ -36,7 +37,7 @@ class Taylor:
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
         rhs = model.rhs(hy.time, y, k)
-        large = sum(map(len, rhs)) > UNROLLED
+        size = sum(map(len, rhs))
         functions = [event.function(hy.time, y, k) for event in events]
         self.terminal = [i for i, event in enumerate(events) if event.terminal]
         self.ta = hy.taylor_adaptive(
@@ -51,8 +52,8 @@ class Taylor:
                 if i not in self.terminal
             ],
             fp_type=fp,
-            compact_mode=large,
-            opt_level=0 if large else 3,
+            compact_mode=size > UNROLLED,
+            opt_level=3 if size <= OPTIMISED else 0,
         )
 
     def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
