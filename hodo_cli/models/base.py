@@ -167,7 +167,8 @@ class BodyFrame(Model):
             )
         for i, moment in enumerate(A):
             if not SMALLEST <= moment <= 1 / SMALLEST:
-                report(("inertia", i), f"{moment:g} is out of range, {SMALLEST:g} to {1 / SMALLEST:g}: take other units")
+                limits = f"{SMALLEST:g} to {1 / SMALLEST:g}"
+                report(("inertia", i), f"{moment:g} is out of range, {limits}: take other units")
         if "initial" in data and isinstance(problem := complete(A, data["initial"]), str):
             report(("initial",), problem)
 
