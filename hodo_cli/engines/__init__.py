@@ -14,7 +14,6 @@ from ..models.base import Constants, Event, Model
 
 IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 METHODS = ("taylor", "collocation", *IVP)
-PRECISIONS = ("double", "extended", "quadruple")
 BAND = (1 / 64, 64.0)
 """The squared norm of a scaled state that needs no new units."""
 
@@ -57,7 +56,6 @@ class Engine(Protocol):
     """A solver bound to one model's equations and events."""
 
     dtype: Any
-    eps: float
     tol: float
     band: tuple[float, float]
 

@@ -32,8 +32,7 @@ class Collocation(Stepwise):
     ) -> None:
         super().__init__(structure, events)
         self.dtype, self.model = DTYPES[precision], model
-        self.eps = float(np.finfo(self.dtype).eps)
-        self.tol = max(tol or 0.0, 32 * self.eps)
+        self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
         self.band = (1e-200, 1e200)  # its error is relative to the state at every size
 
     def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> "Steps":

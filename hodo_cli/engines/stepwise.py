@@ -36,7 +36,6 @@ class Stepwise:
     """An engine that starts a Solver for each leg."""
 
     dtype: Any = np.float64
-    eps = 2.0**-52
     tol: float
     band = BAND
 

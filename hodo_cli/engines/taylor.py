@@ -30,9 +30,9 @@ class Taylor:
         self, model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str
     ) -> None:
         self.dtype = fp = DTYPES[precision]
-        self.eps = EPS[precision]
+        eps = EPS[precision]
         # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no cost.
-        self.tol = self.eps / 1024 if tol is None else max(tol, self.eps / 2**20)
+        self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
         self.hits: list[Hit] = []
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
