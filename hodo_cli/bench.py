@@ -17,30 +17,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from . import HodoError, rigid
+from .accuracy import difference, extended, measure, thinned
 from .case import Case, Config
 from .classify import EPS, Crossing, cross
 from .hdf5 import Group, Variable, create
-from .integrate import (
-    ASKED,
-    Path,
-    Solution,
-    best,
-    choose,
-    difference,
-    extended,
-    measure,
-    remarks,
-    sample_times,
-    solve,
-    stored,
-    taylor_steps,
-    thinned,
-    tried,
-)
+from .integrate import ASKED, remarks, tried
 from .models import find
 from .models.base import BodyFrame
+from .propagate import Path
 from .provenance import root_attributes, stamp
 from .report import magnitude, seconds, table
+from .solve import Solution, best, choose, sample_times, solve, stored, taylor_steps
 
 VERDICTS = ("accurate", "limited by the data", "inaccurate, said so", "failed with a message", "timeout", "SILENT")
 SLACK, ULPS = 10, 30

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 
 from . import HodoError, rigid
+from .accuracy import extended, references
 from .case import Case, parse_case
 from .hdf5 import Attribute, Group, Variable
-from .integrate import Solution, Step, extended, references, solve, stored
 from .memory import afford
 from .models import find
+from .propagate import Step
 from .provenance import typed
+from .solve import Solution, solve, stored
 
 EPS = 2.0**-52
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from . import rigid
 from .engines import Passages, Structure, namespace
-from .integrate import MANY_STEPS
 from .models.base import Event, Model
+from .solve import MANY_STEPS
 
 if TYPE_CHECKING:
     from .engines.lanes import Lanes

@@ -16,16 +16,27 @@ import numpy as np
 from . import HodoError, models
 from .batch import Pool
 from .case import Case, Config, dump
-from .integrate import choose, integrate
+from .integrate import integrate
 from .memory import afford
 from .progress import Progress
 from .provenance import root_attributes, stamp
 from .report import SUMMARY
+from .solve import choose
 from .store import Finished, Group, Writer, finished, group_of, open_run
 from .trajectory import Trajectory
 
 PACKAGE = Path(__file__).parent
-SHARED = ("rigid.py", "integrate.py", "trajectory.py", "models/base.py", "engines/__init__.py", "engines/stepwise.py")
+SHARED = (
+    "rigid.py",
+    "propagate.py",
+    "solve.py",
+    "accuracy.py",
+    "integrate.py",
+    "trajectory.py",
+    "models/base.py",
+    "engines/__init__.py",
+    "engines/stepwise.py",
+)
 ENGINES = {
     "taylor": ("engines/taylor.py", "heyoka"),
     "collocation": ("engines/collocation.py", "numpy"),

@@ -10,15 +10,16 @@ import numpy as np
 from scipy.special import ellipj
 
 from . import HodoError, exact, rigid
+from .accuracy import extended
 from .case import Case, parse_case
 from .classify import EPS, Crossing, cross
 from .engines import have_taylor
 from .geometry import slope
 from .hdf5 import Group
-from .integrate import choose, extended, solve, stored
 from .models import find
 from .models.lagrange import first_integrals
 from .provenance import typed
+from .solve import choose, solve, stored
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import rigid
+from .accuracy import difference, references
 from .axes import axes_of
 from .batch import Pool
 from .case import Case, dump
 from .engines import flatten, namespace, structure
 from .hdf5 import Attribute, Group, Late, Variable
-from .integrate import Path, difference, references, solve
 from .members import FAILED, OK, STATUS, Chunk, carried, chunks, columns, compute, kept, member, shape
 from .models import find
+from .propagate import Path
+from .solve import solve
 from .store import Writer
 
 SAMPLE, NEAREST = 256, 64

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import Hodo
 
-from hodo_cli import bench, integrate
+from hodo_cli import bench, solve
 from hodo_cli.bench import Bench, Trial, fastest, perturbed, trial, truth, verdict
 from hodo_cli.case import parse
 
@@ -27,7 +27,7 @@ CASES = parse(CONFIG, "x.yaml").cases
 
 def test_each_verdict() -> None:
     case, method = replace(CASES["a"], tol=1e-4), "DOP853"
-    solution = integrate.solve(case, method, tol=1e-4)
+    solution = solve.solve(case, method, tol=1e-4)
     assert verdict(case, method, solution, 9e-4, 0.0) == "accurate"
     assert verdict(case, method, solution, 1e-2, 1e-3) == "limited by the data"
     assert verdict(case, method, replace(solution, stop="timeout"), 0.0, 0.0) == "timeout"

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hodo_cli import HodoError, engines, rigid
 from hodo_cli.case import Case, Time
 from hodo_cli.classify import Classification, Crossing, Sides, classify, labelled
-from hodo_cli.integrate import Step, Units, integrate
+from hodo_cli.integrate import integrate
+from hodo_cli.propagate import Step, Units
 
 BODY = (1.0, 0.8, 0.6)
 CROSSING = 305.3589551667112034886  # of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from hodo_cli import engines, exact
+from hodo_cli.accuracy import COMPARED, EXTENDED, thinned
 from hodo_cli.bench import PATIENCE, trial, truth
 from hodo_cli.case import Case, Time, load
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
-from hodo_cli.integrate import COMPARED, EXTENDED, choose, integrate, sample_times, solve, thinned
+from hodo_cli.integrate import integrate
 from hodo_cli.models.base import Model
+from hodo_cli.solve import choose, sample_times, solve
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
 LONG = {"samples-1e7", "damping-1e6-in-all", "tensor-skew-fast", "top-epsilon-1e-6", "horizon-1e5-weak"}

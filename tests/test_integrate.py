@@ -9,7 +9,9 @@ import pytest
 
 from hodo_cli import HodoError, engines, exact
 from hodo_cli.case import Case, Time
-from hodo_cli.integrate import Clock, choose, integrate, sample_times, solve, taylor_steps
+from hodo_cli.integrate import integrate
+from hodo_cli.propagate import Clock
+from hodo_cli.solve import choose, sample_times, solve, taylor_steps
 
 taylor = pytest.mark.heyoka
 

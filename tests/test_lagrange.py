@@ -15,10 +15,11 @@ import series
 from hodo_cli import HodoError
 from hodo_cli.case import Case, Time, load, parse
 from hodo_cli.engines import have_taylor
-from hodo_cli.integrate import integrate, solve
+from hodo_cli.integrate import integrate
 from hodo_cli.models import catalogue, find
 from hodo_cli.models.base import Event
 from hodo_cli.models.lagrange import first_integrals, mean_cosine, nutation
+from hodo_cli.solve import solve
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases

@@ -1,0 +1,109 @@
+"""The measured error of a motion: its distance from a better computation."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from . import engines
+from .case import Case
+from .engines import flatten, namespace, structure
+from .models import find
+from .propagate import LIMIT, Path
+from .solve import Solution, best, sample_times, solve
+
+COMPARED = 100_000
+"""About how many samples, evenly spaced, an error is measured at."""
+
+RESOLUTION = {"double": 0.0, "extended": 0.0, "quadruple": float(np.finfo(np.longdouble).eps)}
+
+EXTENDED = np.finfo(np.longdouble).eps < 1e-18
+"""Whether long double is more precise than double here."""
+
+
+def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, float], str]:
+    """The error of each stored variable against a better computation, and what that was.
+
+    It is the largest over the samples, or over some COMPARED of them where there are more.
+    """
+    terminal = any(event.terminal for event in find(case.model, case.form).run_events(case.data))
+    path, times = solution.path, solution.path.time
+    if terminal and not solution.stop:
+        times = sample_times(case)
+    for precision, reference_method, tol in references(case, method, solution.tol):
+        reference = solve(case, reference_method, precision, tol, times[thinned(times)])
+        if tol is not None and reference.tol == solution.tol:
+            continue
+        if not reference.stop or solution.stop:
+            kind = "refined" if tol is not None else "exact" if reference_method == "exact" else precision
+            rows = thinned(path.time)
+            thin = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+            return difference(case, thin, reference.path), kind
+    return {}, "none"
+
+
+def thinned(times: np.ndarray) -> np.ndarray:
+    """The positions of evenly spaced samples, and of the last one."""
+    return np.unique(np.r_[0 : len(times) : -(-len(times) // COMPARED) or 1, max(len(times) - 1, 0) : len(times)])
+
+
+def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, float | None]]:
+    """Precision, method and tolerance of the computations against which an error can be measured, best first.
+
+    That is what `auto` takes, in the next precision; where that cannot be had or gives up, the same method at a
+    hundredth of the tolerance, or where it is at its limit already, so that nothing changes, at a hundred times it.
+    """
+    finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(case.precision)
+    if finer:
+        better, _ = best(case, finer)
+        if better != "taylor" or engines.have_taylor():
+            yield finer, better, None
+    if method != "exact":
+        yield case.precision, method, tol / 100
+        yield case.precision, method, tol * 100
+
+
+def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
+    """The error of each stored variable, the largest over the samples that both motions have.
+
+    A vector is judged sample by sample, relative to its length; a scalar relative to its largest value; the
+    time of a terminal event relative to the time since the start. A motion at rest (LIMIT) has no error. Quadruple
+    motions are compared in long double, and no error of theirs is called smaller than that resolves.
+    """
+    model = find(case.model, case.form)
+    n = min(len(path.time), len(reference.time))
+    errors: dict[str, float] = {}
+    if n and path.time[n - 1] != reference.time[n - 1]:
+        end = float(reference.time[-1])
+        errors["time"] = abs(path.time[-1] - end) / max(end - case.time.start, math.ulp(end))
+    rows = np.r_[0 : n - 1, -1] if errors else np.arange(n)
+    constants = model.constants(case.data)
+    k = namespace(structure(constants), list(np.array(flatten(constants), dtype=np.longdouble)))
+    ours = model.output(path.time[rows], extended(path.state)[rows], k)
+    theirs = model.output(reference.time[rows], extended(reference.state)[rows], k)
+    sizes = path.exponent[rows], reference.exponent[rows]
+    shift = (sizes[0] - sizes[1])[:, None]
+    # One of the two may be called at rest a step before the other.
+    resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < -LIMIT / 2)
+    for name, variable in model.variables.items():
+        if case.store and name not in case.store:
+            continue
+        a, b = ours[name], theirs[name]
+        if "axis" in variable.dims:
+            off = np.sqrt(np.square(np.ldexp(a, shift) - b if model.degree else a - b).sum(axis=-1))
+            off[resting] = 0
+            scale = np.sqrt(np.square(b).sum(axis=-1))
+        else:
+            off, scale = np.abs(a - b), np.max(np.abs(b), initial=0)
+        relative = np.divide(off, scale, out=off.copy(), where=scale > 0)
+        errors[name] = max(float(np.max(relative, initial=0)), RESOLUTION[case.precision])
+    return errors
+
+
+def extended(values: np.ndarray) -> np.ndarray:
+    """Values of any precision as long doubles."""
+    if values.dtype.type in (np.float64, np.longdouble):
+        return values.astype(np.longdouble)
+    from .engines import taylor
+
+    return taylor.longdouble(values)

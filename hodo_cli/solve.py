@@ -1,0 +1,148 @@
+"""Case -> Solution: the choice of method, and the motion of a case by it."""
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from . import HodoError, engines, exact
+from .case import Case
+from .engines import Watch, flatten, jacobian, namespace, structure
+from .models import find
+from .models.base import Event
+from .propagate import BLOCK, LARGEST, OUTGROWN, Path, Step, Units, propagate
+
+MANY_STEPS = 1e4
+"""Beyond this many Taylor steps, some 10 ms, collocation is the faster one."""
+
+RATIO, MOST_TRIED, ROUGH = 200, 5000, 1e-4
+"""The cost of a step of collocation in Taylor steps; the most steps, and the tolerance, of a trial of it."""
+
+
+def sample_times(case: Case) -> np.ndarray:
+    """The times (n,) at which a case is stored; a single sample is the end."""
+    time = case.time
+    return np.array([time.end]) if time.samples == 1 else np.linspace(time.start, time.end, time.samples)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A motion with what its integration cost; `stop` is "" or the reason why it ended before its time.
+
+    `evaluations` of the equations: for a series, one for each order of each step.
+    """
+
+    path: Path
+    tol: float
+    steps: int
+    run_time: float
+    stop: str = ""
+    message: str = ""
+    evaluations: int = 0
+
+
+@np.errstate(all="ignore")  # what overflows ends a motion, and its status says so
+def solve(
+    case: Case,
+    method: str,
+    precision: str = "double",
+    tol: float | None = None,
+    times: np.ndarray | None = None,
+    events: tuple[Event, ...] | None = None,
+    witness: Callable[[Step], None] | None = None,
+) -> Solution:
+    """The motion of a case by one method; the run time excludes imports and compilation.
+
+    Raises HodoError if the method cannot be had here, or numbers of the case are out of range.
+    """
+    model = find(case.model, case.form)
+    times = sample_times(case) if times is None else times
+    if method == "exact":
+        return closed_form(case, times, precision)
+    k, events = model.constants(case.data), model.run_events(case.data) if events is None else events
+    engine = engines.build(method, model, k, events, tol, precision)
+    watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
+    began = perf_counter()
+    try:
+        path = propagate(engine, model, k, model.start(case.data), case.time.start, times, watch, witness, events)
+    except ArithmeticError as error:
+        raise HodoError(f"{case.name}: its numbers lead beyond the range of doubles") from error
+    spent = perf_counter() - began
+    return Solution(path, engine.tol, watch.steps, spent, watch.outcome, watch.message, watch.evaluations)
+
+
+def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Solution:
+    """The motion of a case from its closed form, in double or extended precision.
+
+    Raises HodoError if the case has none, or for another precision.
+    """
+    if not exact.applies(case):
+        raise HodoError(f"{case.name}: method exact needs linear-diag with three equal coefficients of damping")
+    if precision == "quadruple":
+        raise HodoError(f"{case.name}: method exact works in double and extended precision only")
+    began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64
+    state, exponent = np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
+    for i in range(0, len(times), BLOCK):
+        here = slice(i, i + BLOCK)
+        state[here], exponent[here] = exact.solve_scaled(case, times[here].astype(fp))
+    lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
+    n = int(lost[0]) if len(lost) else len(times)
+    stop = ("failed", f"{OUTGROWN} at {times[n]:.6g}") if len(lost) else ("", "")
+    path = Path(times[:n], state[:n], exponent[:n], ())
+    return Solution(path, float(np.finfo(fp).eps), 0, perf_counter() - began, *stop)
+
+
+def choose(case: Case) -> tuple[str, str]:
+    """The method for a case and, in words, why."""
+    return best(case, case.precision) if case.method == "auto" else (case.method, "asked for")
+
+
+@np.errstate(all="ignore")
+def best(case: Case, precision: str) -> tuple[str, str]:
+    """The fastest method that is right to the last digits in a precision, and why.
+
+    In quadruple precision only the Taylor series is to be had.
+    """
+    if precision == "quadruple":
+        return "taylor", "quadruple precision"
+    if exact.applies(case):
+        return "exact", "closed form"
+    if not engines.have_taylor():
+        return "collocation", "heyoka is not installed"
+    with suppress(ArithmeticError, HodoError):  # numbers out of range, as `solve` will say
+        if (steps := taylor_steps(case)) > MANY_STEPS:
+            times = np.linspace(case.time.start, case.time.end, 17)[1:]
+            most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)), max_seconds=None)
+            trial = solve(most, "collocation", tol=ROUGH, times=times)
+            if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(MANY_STEPS, RATIO * trial.steps):
+                why = f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some {steps:.0e}"
+                return "collocation", why
+    return "taylor", "not stiff"
+
+
+def taylor_steps(case: Case, path: Path | None = None) -> float:
+    """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as on a path."""
+    model = find(case.model, case.form)
+    k, rates = model.constants(case.data), []
+    if path is None:
+        path = Path(np.array([case.time.end]), np.array([model.start(case.data)]), np.array([0]), ())
+    for t, state, exponent in zip(path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True):
+        units = Units.fit(model, k, state, exponent)
+        constants = namespace(structure(k), flatten(units.constants(model, k)))
+        slopes = jacobian(model, constants, t, np.ldexp(state, exponent - units.size))
+        rates.append(math.ldexp(float(np.abs(slopes).sum(axis=1).max()), units.rate) if state.any() else 0.0)
+    return float(np.mean(rates) * (path.time[-1] - case.time.start)) / 8
+
+
+@np.errstate(over="ignore")  # `remarks` says so
+def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
+    """The stored variables of a motion, in double precision and true size."""
+    model = find(case.model, case.form)
+    k = namespace(structure(constants := model.constants(case.data)), flatten(constants))
+    output = model.output(path.time, path.state.astype(float), k)
+    if model.degree:
+        output = {name: np.ldexp(values, path.exponent[:, None]) for name, values in output.items()}
+    return {name: values for name, values in output.items() if not case.store or name in case.store}
