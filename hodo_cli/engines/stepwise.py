@@ -54,7 +54,11 @@ class Stepwise:
         rows[0], done, going, hit = y, 1, len(grid) > 1, None
         while going and hit is None:
             before = solver.y.copy()
-            message = solver.step()
+            try:
+                message = solver.step()
+            except ValueError as error:  # SciPy's implicit methods, of a matrix that is not finite
+                watch.give_up("failed", str(error))
+                break
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 watch.give_up("failed", message or "the state became infinite or not a number")
                 break
