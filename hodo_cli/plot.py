@@ -647,8 +647,9 @@ def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
         text = f"${value:.4g}$" if abs(value) > 1e-3 * peak else f"${time} = {when:.4g}$"
         below = value > 0.9 * peak
         axes.plot(when, value, **END, clip_on=False, zorder=5)
-        axes.annotate(text, (when, value), (-3, -4 if below else 4), textcoords="offset points", size=7, ha="right",
-                      va="top" if below else "bottom")  # fmt: skip
+        early = when - motion.time[0] < 0.4 * (motion.time[-1] - motion.time[0])
+        axes.annotate(text, (when, value), (3 if early else -3, -4 if below else 4), textcoords="offset points", size=7,
+                      ha="left" if early else "right", va="top" if below else "bottom")  # fmt: skip
 
 
 def inset(
