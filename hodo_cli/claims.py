@@ -47,11 +47,6 @@ class Verdict:
     number: float
     evidence: str
 
-    @property
-    def expected(self) -> bool:
-        """Whether this is the verdict that the case file expects."""
-        return self.verdict == str(self.claim["expect"])
-
 
 def judge(claim: Mapping[str, Any], run: Run) -> Verdict:
     """The verdict on one claim by the cases of a result.
