@@ -18,8 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from .keys import REQUIRED, Either, Integer, Key, Kind, Matrix, Number, Path, Report, Table, Vector, shown, unknown
-from .keys import Sequence as ListOf
+from .schema.kinds import (
+    REQUIRED,
+    Either,
+    Integer,
+    Key,
+    Kind,
+    Matrix,
+    Number,
+    Path,
+    Report,
+    Table,
+    Vector,
+    shown,
+    unknown,
+)
+from .schema.kinds import Sequence as ListOf
 
 MOST = 10**9
 """Members that one sweep may have."""

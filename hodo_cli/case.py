@@ -13,12 +13,30 @@ from functools import cache
 from pathlib import Path as FilePath
 from typing import Any
 
-from . import HodoError, keys, models, statements
+from . import HodoError, models, statements
 from .axes import Ranges, check_axes, storable
-from .document import MAX_BYTES, Block, Items, Mistakes, Place, locate, read, write
 from .figures import KINDS
-from .keys import Choice, Data, Either, Integer, Key, Kind, Misnamed, Names, Number, Path, Report, Table, Text, Variant
 from .models.base import Model
+from .schema import kinds
+from .schema.document import MAX_BYTES, Block, Items, locate, read
+from .schema.kinds import (
+    Choice,
+    Data,
+    Either,
+    Integer,
+    Key,
+    Kind,
+    Misnamed,
+    Names,
+    Number,
+    Path,
+    Report,
+    Table,
+    Text,
+    Variant,
+)
+from .schema.mistakes import Mistakes, Place
+from .schema.write import write
 
 METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
 
@@ -70,8 +88,8 @@ class Section:
 
 BENCH = Table(
     {
-        "methods": Key(keys.Sequence(Choice(*METHODS)), "methods compared"),
-        "tols": Key(keys.Sequence(Number(above=0, below=1)), "tolerances (default: each method's own)", default=()),
+        "methods": Key(kinds.Sequence(Choice(*METHODS)), "methods compared"),
+        "tols": Key(kinds.Sequence(Number(above=0, below=1)), "tolerances (default: each method's own)", default=()),
         "repeats": Key(Integer(least=1, most=1000), "runs of which the median is timed", default=1),
         "max_seconds": Key(Number(above=0), "run time after which a method is given up", "s", 10.0),
     }
@@ -84,7 +102,7 @@ SECTIONS = {
     "cases": Key(Section(), "the experiments, by name"),
     "figures": Key(Section(), "what `hodo plot` draws, by name", default=None),
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
-    "claims": Key(keys.Sequence(Table(statements.CLAIM)), "statements that `hodo claims` checks", default=()),
+    "claims": Key(kinds.Sequence(Table(statements.CLAIM)), "statements that `hodo claims` checks", default=()),
 }
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -163,7 +181,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     document = _mapping(text, mistakes)
     report = _reporter(document, (), Place(1, 1), mistakes)
     given = {section: value for section, value in document.items() if value is not None}
-    sections = keys.resolve(SECTIONS, given, (), report)
+    sections = kinds.resolve(SECTIONS, given, (), report)
     cases, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
     if "cases" in sections and not cases:
         report(("cases",), "there is no case")
@@ -205,7 +223,7 @@ def parse_case(text: str) -> Case:
     block = _mapping(text, mistakes)
     name = block.pop("name", None)
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise mistakes.fatal(Place(1, 1), f"{_NAME_RULE}, not {keys.shown(name)}")
+        raise mistakes.fatal(Place(1, 1), f"{_NAME_RULE}, not {kinds.shown(name)}")
     case = _case(name, block, _reporter(block, (), Place(1, 1), mistakes))
     mistakes.raise_any()
     assert case is not None
@@ -216,7 +234,7 @@ def _mapping(text: str, mistakes: Mistakes) -> Block:
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document
-    raise mistakes.fatal(Place(1, 1), f"wants a mapping of keys to values, not {keys.shown(document)}")
+    raise mistakes.fatal(Place(1, 1), f"wants a mapping of keys to values, not {kinds.shown(document)}")
 
 
 def _without_none(data: Any) -> Any:
@@ -241,7 +259,7 @@ def _is_entry(section: str, name: str, value: Any, report: Report) -> bool:
     if not _NAME.fullmatch(name):
         report((section, Misnamed(name)), _NAME_RULE)
     elif not isinstance(value, Block):
-        report((section, name), f"wants a mapping, not {keys.shown(value)}")
+        report((section, name), f"wants a mapping, not {kinds.shown(value)}")
     else:
         return True
     return False
@@ -294,7 +312,7 @@ def _case(name: str, block: Block, report: Report) -> Case | None:
         report(at, message)
 
     found, taken = _keys_in(block)
-    values = keys.resolve(taken, _own(block, found, taken, note), (), note)
+    values = kinds.resolve(taken, _own(block, found, taken, note), (), note)
     data = {key: values[key] for key in found.keys if key in values} if found else {}
     if found:
         _cross_check(found, data, note)
@@ -304,7 +322,7 @@ def _case(name: str, block: Block, report: Report) -> Case | None:
         known = storable(found.variables, not found.unclassifiable) if sweep else list(found.variables)
         for i, kept in enumerate(values.get("store", ())):
             if kept not in known:
-                note(("store", i), keys.unknown(f"variable {kept!r}", kept, known))
+                note(("store", i), kinds.unknown(f"variable {kept!r}", kept, known))
     if "time" in values and not 0 <= values["time"]["end"] - values["time"]["start"] < float("inf"):
         note(("time", "end"), f"the span from {values['time']['start']:g} to {values['time']['end']:g} is not possible")
     if wrong or not found:
@@ -349,7 +367,7 @@ def _check_defaults(defaults: Block, blocks: Iterable[Block], report: Report) ->
     taken = set(_all_keys()) if any(form is None for form, _ in found) else {key for _, some in found for key in some}
     for key in defaults:
         if key not in taken:
-            message = "no case here takes this key" if key in _all_keys() else keys.unknown("key", key, sorted(taken))
+            message = "no case here takes this key" if key in _all_keys() else kinds.unknown("key", key, sorted(taken))
             report(("defaults", Misnamed(key)), message)
 
 
@@ -363,11 +381,11 @@ def _figures(given: Mapping[str, Any], cases: Mapping[str, Any], report: Report)
         known = isinstance(kind, str) and kind in KINDS
         entries = block if known else {key: kind for key in block if key == "kind"}
         taken = {"kind": Key(Choice(*KINDS), "what is drawn")} | (KINDS[kind] if known else {})
-        figures[name] = keys.resolve(taken, entries, ("figures", name), report)
+        figures[name] = kinds.resolve(taken, entries, ("figures", name), report)
         for key, valid in (("cases", cases), ("scale_with", given)):
             for i, item in enumerate(figures[name].get(key, ())):
                 if item not in valid:
-                    report(("figures", name, key, i), keys.unknown(f"name {item!r}", item, valid))
+                    report(("figures", name, key, i), kinds.unknown(f"name {item!r}", item, valid))
     return figures
 
 
@@ -383,7 +401,7 @@ def _override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> None:
     named = ((names, path) for case, path in splits if (names := _matching(case, blocks)))
     names, path = next(named, ([], []))
     if not names:
-        mistakes.add(place, (), keys.unknown(f"case {parts[0]!r}", parts[0], blocks))
+        mistakes.add(place, (), kinds.unknown(f"case {parts[0]!r}", parts[0], blocks))
     try:
         new = read(value, mistakes, text)
     except HodoError:
@@ -407,7 +425,7 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
     if not path:
         return new
     head, *rest = path
-    if isinstance(kind, keys.Vector) and kind.scalar and isinstance(node, int | float):
+    if isinstance(kind, kinds.Vector) and kind.scalar and isinstance(node, int | float):
         node = (node,) * kind.n
     if isinstance(node, tuple):
         node = Items(list(node), [place] * len(node))
@@ -417,8 +435,8 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
         items, i = node.copy(), int(head)
         items[i], items.places[i] = _replaced(node[i], None, rest, new, place), place
         return items
-    if not isinstance(node, Block) and node not in (None, keys.REQUIRED):
-        raise ValueError(f"there is no {head!r} in {keys.shown(node)}")
+    if not isinstance(node, Block) and node not in (None, kinds.REQUIRED):
+        raise ValueError(f"there is no {head!r} in {kinds.shown(node)}")
     block = node.copy() if isinstance(node, Block) else Block()
     key = kind.keys.get(head) if isinstance(kind, Table) else None
     old = block.get(head, key.default if key else None)
@@ -432,7 +450,7 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
 
 def _rows(path: str, key: Key) -> Iterator[tuple[str, str, str, str, str]]:
     """The rows of the key table, but for `where`, of a key and the keys within it."""
-    default = "required" if key.default is keys.REQUIRED else "" if key.default is None else write(key.default)
+    default = "required" if key.default is kinds.REQUIRED else "" if key.default is None else write(key.default)
     yield path, key.kind.describe(), key.unit, default, key.doc
     kinds = key.kind.kinds if isinstance(key.kind, Either) else (key.kind,)
     for kind in kinds:

@@ -200,9 +200,9 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere. Times of crossings
     and events may be off by 100 times rtol.
     """
-    from . import compare, report, store
+    from . import compare, hdf5, report
 
-    with store.open_run(a) as ours, store.open_run(b) as reference:
+    with hdf5.open_run(a) as ours, hdf5.open_run(b) as reference:
         lines = compare.compare(ours, reference, compare.Tolerance(rtol, atol))
     rows = [{**vars(line), "differs": line.differs} for line in lines]
     click.echo(report.as_json(rows) if as_json else report.comparison(rows))
@@ -242,11 +242,11 @@ def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: 
 @JSON
 def show(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print what is in RUNS: the cases, how they ended, their error and run time."""
-    from . import report, store
+    from . import hdf5, report
 
     rows = []
     for path in runs:
-        with store.open_run(path) as run:
+        with hdf5.open_run(path) as run:
             rows += [{"run": str(path), "case": name, **run.row(name, report.SUMMARY)} for name in run.cases()]
     click.echo(json.dumps(rows) if as_json else report.cases(rows))
 

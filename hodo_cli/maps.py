@@ -13,7 +13,7 @@ from . import HodoError
 from .axes import Axis, axes_of
 from .case import Case, parse_case
 from .census import Labelled, average
-from .keys import nearest
+from .schema.kinds import nearest
 
 if TYPE_CHECKING:
     import xarray as xr

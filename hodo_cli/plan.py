@@ -16,13 +16,14 @@ import numpy as np
 from . import HodoError, models
 from .batch import Pool
 from .case import Case, Config, dump
+from .hdf5 import Group, open_run
 from .integrate import integrate
 from .memory import afford
 from .progress import Progress
 from .provenance import root_attributes, stamp
 from .report import SUMMARY
 from .solve import choose
-from .store import Finished, Group, Writer, finished, group_of, open_run
+from .store import Finished, Writer, finished, group_of
 from .trajectory import Trajectory
 
 PACKAGE = Path(__file__).parent

@@ -38,11 +38,11 @@ from .geometry import (
     stretches,
     windings,
 )
-from .keys import nearest
 from .maps import Swept, edges, hammer, hammer_curve, hammer_image
 from .results import Motion, Rendered, Results
+from .schema.kinds import nearest
 
-if TYPE_CHECKING:  # it loads h5py, and a process that draws has loaded netCDF4
+if TYPE_CHECKING:
     from .bench import Bench
 
 Look = dict[str, Any]

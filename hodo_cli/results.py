@@ -12,9 +12,9 @@ import numpy as np
 from . import HodoError, rigid
 from .case import Case, Config, parse
 from .dataset import Cases, case_of, derive, open_cases
-from .keys import nearest
 from .provenance import typed
 from .report import SUMMARY
+from .schema.kinds import nearest
 
 if TYPE_CHECKING:
     import xarray as xr

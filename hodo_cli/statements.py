@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from . import keys
-from .keys import (
+from .schema import kinds
+from .schema.kinds import (
     Choice,
     Data,
     Either,
@@ -231,10 +231,10 @@ def cross_check(given: Any, cases: Mapping[str, Any], report: Report) -> None:
         named = claim.get("cases", ())
         for j, name in enumerate(named):
             if name not in cases:
-                report((*at, "cases", j), keys.unknown(f"case {name!r}", name, cases))
+                report((*at, "cases", j), kinds.unknown(f"case {name!r}", name, cases))
         for name, values in claim.get("check", {}).get("values", {}).items():
             if name not in SERIES and name not in NUMBERS:
-                report((*at, "check", "values", Misnamed(name)), keys.unknown("quantity", name, [*SERIES, *NUMBERS]))
+                report((*at, "check", "values", Misnamed(name)), kinds.unknown("quantity", name, [*SERIES, *NUMBERS]))
             elif len(values) != len(named):
                 report((*at, "check", "values", name), f"wants {len(named)} numbers, one for each case")
         over = claim.get("over") or {}

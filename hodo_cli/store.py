@@ -22,8 +22,6 @@ from .hdf5 import Attribute, Group, Run, Variable, create, open_run, refusal
 from .trajectory import Trajectory
 from .workshop import Workshop, identity, workshops
 
-__all__ = ["Finished", "Group", "Run", "Update", "Variable", "Writer", "finished", "group_of", "open_run", "update"]
-
 RESUME = ("hash", "status", "message", "case")
 
 Labels = Mapping[str, tuple[tuple[str, ...], str, str]]

@@ -21,7 +21,7 @@ from hodo_cli import HodoError, memory, plan
 from hodo_cli.batch import pool
 from hodo_cli.case import Case, parse
 from hodo_cli.cli import main
-from hodo_cli.store import Group
+from hodo_cli.hdf5 import Group
 
 DEFAULTS = (
     "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"

@@ -13,11 +13,13 @@ from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, document
+from hodo_cli import HodoError
 from hodo_cli.case import COMMON, METHODS, Case, Time, dump, key_table, load, parse, parse_case, schema
-from hodo_cli.document import Mistakes, read, write
 from hodo_cli.figures import KINDS
-from hodo_cli.keys import (
+from hodo_cli.models import catalogue
+from hodo_cli.schema import document
+from hodo_cli.schema.document import read
+from hodo_cli.schema.kinds import (
     Angle,
     Choice,
     Either,
@@ -33,8 +35,9 @@ from hodo_cli.keys import (
     Vector,
     resolve,
 )
-from hodo_cli.keys import Path as KeyPath
-from hodo_cli.models import catalogue
+from hodo_cli.schema.kinds import Path as KeyPath
+from hodo_cli.schema.mistakes import MAX_MISTAKES, Mistakes
+from hodo_cli.schema.write import write
 from hodo_cli.statements import CLAIM
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
@@ -365,7 +368,7 @@ def test_a_bomb_is_refused_at_once(text: str) -> None:
     start = time.process_time()
     lines = mistakes(text)
     assert time.process_time() - start < 1.5
-    assert len(lines) <= document.MAX_MISTAKES + 1
+    assert len(lines) <= MAX_MISTAKES + 1
     assert max(map(len, lines)) < 600
 
 

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from hodo_cli import HodoError
 from hodo_cli.case import Config, dump, parse, parse_case
-from hodo_cli.document import Mistakes, read, write
+from hodo_cli.schema.document import read
+from hodo_cli.schema.mistakes import Mistakes
+from hodo_cli.schema.write import write
 
 COUNT = settings(max_examples=int(os.environ.get("HODO_FUZZ", "150")))
 CONFIGS = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "configs").glob("*.yaml"))]

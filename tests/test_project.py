@@ -30,7 +30,7 @@ IMPORTERS = {
     "netCDF4": "dataset.py",
     "scipy.integrate": "engines/ivp.py",
     "xarray": "dataset.py",
-    "yaml": "document.py",
+    "yaml": "schema/document.py",
 }
 
 

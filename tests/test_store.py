@@ -23,7 +23,8 @@ import pytest
 
 from hodo_cli import HodoError, provenance
 from hodo_cli.case import parse, parse_case
-from hodo_cli.store import Finished, Group, Variable, Writer, finished, group_of, open_run, update
+from hodo_cli.hdf5 import Group, Variable, open_run
+from hodo_cli.store import Finished, Writer, finished, group_of, update
 from hodo_cli.trajectory import Occurrence, Trajectory
 
 ROOT = Path(__file__).parents[1]

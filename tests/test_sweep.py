@@ -18,7 +18,7 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, axes, census, ensemble, exact, maps, members, plan, sweep
+from hodo_cli import HodoError, axes, census, ensemble, exact, maps, members, models, plan, sweep
 from hodo_cli.batch import Pool, pool
 from hodo_cli.case import Case, load, parse, parse_case
 from hodo_cli.census import Labelled
@@ -38,7 +38,7 @@ def one(text: str) -> Case:
 
 
 def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, np.ndarray]:
-    group = sweep.compute(sweep.Chunk(case, first, math.prod(members.shape(case)) if last is None else last))
+    group = members.compute(members.Chunk(case, first, math.prod(members.shape(case)) if last is None else last))
     return {name: variable.data for name, variable in group.variables.items()}
 
 
@@ -88,7 +88,7 @@ def test_store_names_what_a_sweep_has() -> None:
         one(f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}")
     for model in (one(f"{FIG4}, {BALL}"), one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
                                               "initial: {x: 1, y: 1}, time: {end: 9}")):  # fmt: skip
-        found = members.find(model.model, model.form)
+        found = models.find(model.model, model.form)
         names = {*axes.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
         assert set(members.columns(model)) == names
 
@@ -386,14 +386,14 @@ def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
 @pytest.mark.heyoka
 def test_a_chunk_whose_worker_dies_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
-    as_before = sweep.compute
+    as_before = members.compute
 
-    def compute(chunk: sweep.Chunk) -> Any:
+    def compute(chunk: members.Chunk) -> Any:
         if chunk.case.name == "ball" and chunk.first == 0:
             raise HodoError("its process died: killed, or out of memory")
         return as_before(chunk)
 
-    monkeypatch.setattr(sweep, "compute", compute)
+    monkeypatch.setattr(members, "compute", compute)
     with h5py.File(results(tmp_path, text, pool(1))) as file:
         ball = file["ball"]
         failed = (ball["status"][:] == members.FAILED).sum()

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from .. import rigid
-from ..keys import Key, Number, Table, Vector
+from ..schema.kinds import Key, Number, Table, Vector
 
 Report = Callable[[tuple[str | int, ...], str], None]
 """Called as report(path within the case, what is right) for every mistake in a case."""

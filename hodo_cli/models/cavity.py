@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..keys import Choice, Key, Number, Table, Vector
+from ..schema.kinds import Choice, Key, Number, Table, Vector
 from .base import INERTIA, INITIAL, BodyFrame, Constants, Event, Model, Report, Variable, complete
 
 LARGE = 0.1

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..keys import Angle, Choice, Either, Integer, Key, Number, Table, Variant
-from ..keys import Sequence as Several
+from ..schema.kinds import Angle, Choice, Either, Integer, Key, Number, Table, Variant
+from ..schema.kinds import Sequence as Several
 from .base import Constants, Event, Model, Report, Variable
 
 NEAR, TOO_NEAR = 1e-8, 1e-14

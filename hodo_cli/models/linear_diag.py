@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..keys import Key, Vector
+from ..schema.kinds import Key, Vector
 from .base import INERTIA, INITIAL, BodyFrame, Constants
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..keys import Either, Key, Matrix, Number, Table
+from ..schema.kinds import Either, Key, Matrix, Number, Table
 from .base import INERTIA, INITIAL, BodyFrame, Constants
 
 

@@ -8,32 +8,22 @@ their size, depth and number of values are limited, and tags beyond the core sch
 Source: YAML 1.2.2, section 10.3 (core schema).
 """
 
-import json
 import re
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import yaml
 
-from . import HodoError
-from .keys import Misnamed, Path, shown
+from .kinds import Misnamed, Path, shown
+from .mistakes import Mistakes, Place
 
 MAX_BYTES = 16_000_000
 MAX_DEPTH = 50
 MAX_VALUES = 500_000
 MAX_ALIASED = 100_000
 MAX_KEY = 128
-MAX_MISTAKES = 1000
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
-
-class Place(NamedTuple):
-    """Where a value stands: line and column of the file from 1, or in the text of an override."""
-
-    line: int
-    column: int
-    override: str = ""
 
 
 class Block(dict[str, Any]):
@@ -87,43 +77,6 @@ def locate(root: Any, at: Path, place: Place) -> tuple[Place, bool]:
         else:
             break
     return place, inherited
-
-
-class Mistakes:
-    """The mistakes found in a file, each once, to be raised together."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.found: dict[tuple[bool, Place, str], None] = {}
-
-    def add(self, place: Place, path: Path, message: str) -> None:
-        """Note a mistake; raises them all when there are too many to go on."""
-        where = ".".join(str(part) for part in path)
-        self.found[bool(place.override), place, f"{where}: {message}" if where else message] = None
-        if len(self.found) >= MAX_MISTAKES:
-            raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
-
-    def fatal(self, place: Place, message: str, path: Path = ()) -> HodoError:
-        """The error to raise for a mistake after which reading cannot go on, with all mistakes so far."""
-        self.add(place, path, message)
-        return self.error()
-
-    def error(self, end: str = "") -> HodoError:
-        """One line for each mistake, by line and column; those of overrides last."""
-        return HodoError("\n".join(self._line(place, text) for _, place, text in sorted(self.found)) + end)
-
-    def raise_any(self) -> None:
-        """Raise what was noted, if anything was."""
-        if self.found:
-            raise self.error()
-
-    def _line(self, place: Place, text: str) -> str:
-        start = f"--set {place.override}" if place.override else f"{self.name}:{place.line}:{place.column}"
-        return _one_line(f"{start}: {text}")
-
-
-def _one_line(text: str) -> str:
-    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
@@ -317,28 +270,3 @@ _TAGGED: dict[str, tuple[type, ...]] = {
 def _agrees(tag: str, value: Any) -> bool:
     """Whether a tag is one of the core schema that says what the value is anyway."""
     return type(value) in _TAGGED.get(tag, ())
-
-
-def write(value: Any) -> str:
-    """A plain value as YAML in one line (flow style); numbers keep every bit. Tuples are written as lists."""
-    match value:
-        case dict():
-            return "{" + ", ".join(f"{write(str(key))}: {write(item)}" for key, item in value.items()) + "}"
-        case list() | tuple():
-            return "[" + ", ".join(map(write, value)) + "]"
-        case None | bool() | int():
-            return json.dumps(value)
-        case float():
-            return repr(value)
-        case str():
-            return value if _PLAIN.fullmatch(value) and isinstance(resolve_scalar(value), str) else _quoted(value)
-    raise TypeError(f"no plain value: {shown(value)}")
-
-
-_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.+-]*")
-_ESCAPED = re.compile("[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
-
-
-def _quoted(text: str) -> str:
-    text = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
-    return '"' + _ESCAPED.sub(lambda match: f"\\u{ord(match[0]):04x}", text) + '"'

@@ -1,0 +1,53 @@
+"""Mistakes in a case file: where each stands, and all of them as one error."""
+
+from typing import NamedTuple
+
+from .. import HodoError
+from .kinds import Path
+
+MAX_MISTAKES = 1000
+
+
+class Place(NamedTuple):
+    """Where a value stands: line and column of the file from 1, or in the text of an override."""
+
+    line: int
+    column: int
+    override: str = ""
+
+
+class Mistakes:
+    """The mistakes found in a file, each once, to be raised together."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.found: dict[tuple[bool, Place, str], None] = {}
+
+    def add(self, place: Place, path: Path, message: str) -> None:
+        """Note a mistake; raises them all when there are too many to go on."""
+        where = ".".join(str(part) for part in path)
+        self.found[bool(place.override), place, f"{where}: {message}" if where else message] = None
+        if len(self.found) >= MAX_MISTAKES:
+            raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
+
+    def fatal(self, place: Place, message: str, path: Path = ()) -> HodoError:
+        """The error to raise for a mistake after which reading cannot go on, with all mistakes so far."""
+        self.add(place, path, message)
+        return self.error()
+
+    def error(self, end: str = "") -> HodoError:
+        """One line for each mistake, by line and column; those of overrides last."""
+        return HodoError("\n".join(self._line(place, text) for _, place, text in sorted(self.found)) + end)
+
+    def raise_any(self) -> None:
+        """Raise what was noted, if anything was."""
+        if self.found:
+            raise self.error()
+
+    def _line(self, place: Place, text: str) -> str:
+        start = f"--set {place.override}" if place.override else f"{self.name}:{place.line}:{place.column}"
+        return _one_line(f"{start}: {text}")
+
+
+def _one_line(text: str) -> str:
+    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
