@@ -7,8 +7,8 @@ import numpy as np
 
 from . import engines
 from .case import Case
-from .engines import flatten, namespace, structure
 from .models import find
+from .models.constants import flatten, namespace, structure
 from .propagate import LIMIT, Path
 from .solve import Solution, best, sample_times, solve
 

@@ -16,14 +16,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from . import HodoError, rigid
+from . import HodoError
 from .accuracy import difference, extended, measure, thinned
 from .case import Case, Config
 from .classify import EPS, Crossing, cross
 from .hdf5 import Group, Variable, create
 from .integrate import ASKED, remarks, tried
-from .models import find
-from .models.base import BodyFrame
+from .models import find, rigid_body
+from .models.rigid_body import BodyFrame
 from .propagate import Path
 from .provenance import root_attributes, stamp
 from .report import magnitude, seconds, table
@@ -137,8 +137,8 @@ def drifts(case: Case, path: Path) -> list[float]:
     A, omega = np.array(case.data["inertia"], dtype=np.longdouble), extended(path.state)
     size = np.ldexp(np.longdouble(1), path.exponent - path.exponent[0])
     with np.errstate(all="ignore"):
-        energy = rigid.kinetic_energy(A, omega) * size**2
-        momentum = np.sqrt(np.square(rigid.angular_momentum(A, omega)).sum(axis=-1)) * size
+        energy = rigid_body.kinetic_energy(A, omega) * size**2
+        momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=-1)) * size
         return [float(np.max(np.abs(values / values[0] - 1))) for values in (energy, momentum)]
 
 

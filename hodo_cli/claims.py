@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from . import HodoError, quantities, rigid
+from . import HodoError, quantities
 from .axes import put
 from .case import Case, Time, dump, parse_case
 from .census import Labelled, average
 from .hdf5 import Group, Run, Variable
+from .models import rigid_body
 from .quantities import Motion
 from .statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, SERIES, UNDERDETERMINED
 
@@ -152,7 +153,7 @@ def thrown(case: Case, axis: str, random: np.random.Generator) -> Case:
     while True:
         G = random.normal(size=3)
         omega = G / np.linalg.norm(G) / A
-        if axis == "any" or rigid.LABELS[int(rigid.enclosed_axis(A, omega, ROUNDING))] == axis:
+        if axis == "any" or rigid_body.LABELS[int(rigid_body.enclosed_axis(A, omega, ROUNDING))] == axis:
             initial = dict.fromkeys(case.data["initial"]) | dict(zip("pqr", omega.tolist(), strict=True))
             return replace(case, data=case.data | {"initial": initial})
 
@@ -223,7 +224,7 @@ Keys = Mapping[str, Any]
 
 def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The axes enclosed at start and end; decided by the number of cases that comply."""
-    ends = [[rigid.LABELS[int(label)] for label in m.enclosed[[0, -1]]] for m in motions]
+    ends = [[rigid_body.LABELS[int(label)] for label in m.enclosed[[0, -1]]] for m in motions]
     right = [all(check[at] in (None, seen) for at, seen in zip(("start", "end"), pair, strict=True)) for pair in ends]
     words = ", ".join(f"{start} to {end}" if start != end else start for start, end in ends)
     return Finding(0.0 if all(right) else math.inf, float(sum(right)), words)
@@ -236,8 +237,8 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
         counts.append(len(m.crossings))
         right &= check["least"] <= len(m.crossings) <= (math.inf if check["most"] is None else check["most"])
         for _, start, end, _ in m.crossings:
-            right &= check["from"] in (None, rigid.LABELS[start]) and check["to"] in (None, rigid.LABELS[end])
-        passages = [f"{time:.12g} ({rigid.LABELS[a]} to {rigid.LABELS[b]})" for time, a, b, _ in m.crossings]
+            right &= check["from"] in (None, rigid_body.LABELS[start]) and check["to"] in (None, rigid_body.LABELS[end])
+        passages = [f"{time:.12g} ({rigid_body.LABELS[a]} to {rigid_body.LABELS[b]})" for time, a, b, _ in m.crossings]
         words.append(", ".join(passages) or "no crossing")
     return Finding(0.0 if right else math.inf, float(max(counts)), "; ".join(words))
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from . import HodoError, rigid
+from . import HodoError
 from .accuracy import extended, references
 from .case import Case, parse_case
 from .hdf5 import Attribute, Group, Variable
 from .memory import afford
-from .models import find
+from .models import find, rigid_body
 from .propagate import Step
 from .provenance import typed
 from .solve import Solution, solve, stored
@@ -63,9 +63,9 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
     found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    ends = [rigid.LABELS[int(label)] for label in found.labels[[0, -1]]]
+    ends = [rigid_body.LABELS[int(label)] for label in found.labels[[0, -1]]]
     table = [
-        {"time": c.time, "error": c.error, "from": rigid.LABELS[c.start], "to": rigid.LABELS[c.end], "G": c.momentum}
+        {"time": c.time, "error": c.error, "from": rigid_body.LABELS[c.start], "to": rigid_body.LABELS[c.end], "G": c.momentum}
         for c in found.crossings
     ]
     row = {"case": name, "start": ends[0], "end": ends[1], "crossings": table, "warnings": list(found.warnings)}
@@ -84,8 +84,8 @@ def inapplicable(case: Case, group: Group) -> str:
 def labelled(found: Classification) -> Group:
     """A classification as it is stored."""
     flags: dict[str, Attribute] = {
-        "flag_values": np.array(list(rigid.LABELS), dtype=np.int8),
-        "flag_meanings": " ".join(rigid.LABELS.values()),
+        "flag_values": np.array(list(rigid_body.LABELS), dtype=np.int8),
+        "flag_meanings": " ".join(rigid_body.LABELS.values()),
     }
     crossings = found.crossings
     variables = {
@@ -153,15 +153,15 @@ class Sides:
 
     def label(self, omega: np.ndarray) -> int:
         """The side on which a state without error stands; 0 on the separatrix."""
-        axis = int(rigid.enclosed_axis(self.A, omega, self.band))
+        axis = int(rigid_body.enclosed_axis(self.A, omega, self.band))
         return {self.order[0] + 1: 1, self.order[2] + 1: -1}.get(axis, 0)
 
     def look(self, step: Step, time: float) -> None:
         """Note the side on which the motion stands at a time inside the step, if it is beyond doubt."""
         state = step.dense(time)
         omega = state.astype(float)
-        outer, inner = rigid.separatrix_terms(self.A, omega, self.order)
-        near = rigid.near_middle_axis(self.A, omega, self.order)
+        outer, inner = rigid_body.separatrix_terms(self.A, omega, self.order)
+        near = rigid_body.near_middle_axis(self.A, omega, self.order)
         if not abs(outer - inner) * np.sqrt(near) > self.band * (outer + inner):
             return
         side = 1 if outer > inner else -1
@@ -196,8 +196,8 @@ def classify(case: Case, method: str, tol: float, error: float, omega: np.ndarra
             f"{case.name}: the stored motion differs from its case by {apart:.1e}, and its error allows {allowed:.1e}; "
             "run it again with --force"
         )
-    labels = np.full(len(omega), rigid.UNDETERMINED, dtype=np.int8)
-    labels[: len(again)] = rigid.enclosed_axis(A, extended(solution.path.state[: len(omega)]), band)
+    labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
+    labels[: len(again)] = rigid_body.enclosed_axis(A, extended(solution.path.state[: len(omega)]), band)
     found, warnings = checked(case, method, solution, crossings, band)
     if len(again) < len(omega):
         warnings += (f"no labels after {len(again)} samples: {solution.message}",)
@@ -207,7 +207,7 @@ def classify(case: Case, method: str, tol: float, error: float, omega: np.ndarra
 def cross(case: Case, method: str, precision: str, tol: float | None, band: float) -> tuple[Solution, list[Crossing]]:
     """Integrate a case with a watch on the separatrix."""
     model = find(case.model, case.form)
-    sides = Sides(np.array(case.data["inertia"]), rigid.inertia_order(case.data["inertia"]), band)
+    sides = Sides(np.array(case.data["inertia"]), rigid_body.inertia_order(case.data["inertia"]), band)
     solution = solve(case, method, precision, tol, events=model.class_events(case.data), witness=sides)
     return solution, sides.crossings
 

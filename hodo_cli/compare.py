@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import HodoError, rigid
+from . import HodoError
 from .hdf5 import Group, Run, Variable
+from .models import rigid_body
 
 RTOL = 1e-9
 """The relative tolerance of a variable that has none of its own."""
@@ -159,5 +160,5 @@ def coordinate(value: object) -> str:
 def shown(variable: Variable, value: object) -> str:
     """A value as the table prints it; a label by its meaning."""
     if "flag_values" in variable.attributes and isinstance(value, np.integer):
-        return rigid.LABELS.get(int(value), str(value))
+        return rigid_body.LABELS.get(int(value), str(value))
     return f"{value:.17g}" if isinstance(value, np.floating) else str(value)

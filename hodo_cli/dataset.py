@@ -14,8 +14,9 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from . import HodoError, memory, rigid
+from . import HodoError, memory
 from .case import Case, parse_case
+from .models import rigid_body
 from .provenance import FORMAT_VERSION
 
 
@@ -117,12 +118,12 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
         raise HodoError("damaged: its omega holds no vectors")
     omega = omega.transpose(..., "axis")
     A, w = np.array(inertia, dtype=float), omega.values
-    G = rigid.angular_momentum(A, w)
-    outer, inner = rigid.separatrix_terms(A, np.moveaxis(w, -1, 0), rigid.inertia_order(A))
+    G = rigid_body.angular_momentum(A, w)
+    outer, inner = rigid_body.separatrix_terms(A, np.moveaxis(w, -1, 0), rigid_body.inertia_order(A))
     return dataset.assign(
         G=(omega.dims, G, {"long_name": "angular momentum in body axes"}),
         G_norm=(omega.dims[:-1], np.hypot.reduce(G, axis=-1), {"long_name": "angular momentum"}),
         G2=(omega.dims[:-1], (G * G).sum(axis=-1), {"long_name": "square of the angular momentum"}),
-        T=(omega.dims[:-1], rigid.kinetic_energy(A, w), {"long_name": "kinetic energy"}),
+        T=(omega.dims[:-1], rigid_body.kinetic_energy(A, w), {"long_name": "kinetic energy"}),
         D=(omega.dims[:-1], outer - inner, {"long_name": "separatrix function"}),
     )

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from . import rigid
-from .engines import Passages, Structure, namespace
+from .engines import Passages
+from .models import rigid_body
 from .models.base import Event, Model
+from .models.constants import Structure, namespace
 from .solve import MANY_STEPS
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class Outcome:
 
 def sides(A: np.ndarray, omega: np.ndarray, order: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
     """The sign of D (n,), and |D| as a part of the sum of its two terms (infinite for a spherical body)."""
-    outer, inner = rigid.separatrix_terms(A, omega, order)
+    outer, inner = rigid_body.separatrix_terms(A, omega, order)
     total = outer + inner
     part = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
     spherical = A[order[0]] == A[order[2]]
@@ -206,7 +207,7 @@ def _root(
     for _ in range(ROUNDS):
         rate = np.array(e.model.rhs(0.0, list(state), namespace(e.structure, list(k[:, left]))))
         value, faster, slower = (
-            np.subtract(*rigid.separatrix_terms(A[:, left], w, e.order)) for w in (state, state + rate, state - rate)
+            np.subtract(*rigid_body.separatrix_terms(A[:, left], w, e.order)) for w in (state, state + rate, state - rate)
         )
         before = value * side[left] > 0
         low[left], high[left] = np.where(before, t, low[left]), np.where(before, high[left], t)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import HodoError, rigid
+from .models import rigid_body
 
 Outline = Sequence[tuple[float, float]]
 
@@ -82,7 +82,7 @@ def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
     """
     if len(set(A.tolist())) < 3:
         return []
-    largest, middle, smallest = rigid.inertia_order(A)
+    largest, middle, smallest = rigid_body.inertia_order(A)
     slope = math.sqrt((1 - A[middle] / A[largest]) / (A[middle] / A[smallest] - 1))
     turn = np.linspace(0, 2 * np.pi, 361)[:, None]
     circles = []
@@ -91,18 +91,6 @@ def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
         across[largest], across[smallest] = 1, sign * slope
         circles.append(np.cos(turn) * across / math.hypot(1, slope) + np.sin(turn) * np.eye(3)[middle])
     return circles
-
-
-def slope(A: Sequence[float] | np.ndarray) -> float:
-    """K = A_s (A_m - A_s) / (A_l (A_l - A_m)): zero where the smaller two moments are equal, inf where the larger two.
-
-    The separatrix is w_l^2 = K w_s^2. Raises HodoError for a spherical body, which has none.
-    Source: Rachinskaya, eqs (7)-(8).
-    """
-    largest, middle, smallest = (A[i] for i in rigid.inertia_order(A))
-    if largest == smallest:
-        raise HodoError("a body with three equal moments of inertia has no quadrants")
-    return math.inf if largest == middle else smallest * (middle - smallest) / (largest * (largest - middle))
 
 
 def sectors(K: float) -> tuple[tuple[float, float], Outline, Outline]:

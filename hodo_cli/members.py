@@ -12,15 +12,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import HodoError, ensemble, rigid
+from . import HodoError, ensemble
 from .axes import Axis, axes_of, put
 from .case import Case, Time
 from .classify import classify
-from .engines import Structure, flatten, have_taylor, namespace, structure
+from .engines import have_taylor
 from .ensemble import Ensemble, Outcome
 from .hdf5 import Attribute, Group, Variable
 from .integrate import integrate
-from .models import find
+from .models import find, rigid_body
+from .models.constants import Structure, flatten, namespace, structure
 
 OK, FAILED, TIMEOUT, INVALID = range(4)
 STATUS = ("ok", "failed", "timeout", "invalid")
@@ -28,8 +29,8 @@ STATUS = ("ok", "failed", "timeout", "invalid")
 
 CHUNK = 16384
 LABEL: dict[str, Attribute] = {
-    "flag_values": np.array(list(rigid.LABELS), dtype=np.int8),
-    "flag_meanings": " ".join(rigid.LABELS.values()),
+    "flag_values": np.array(list(rigid_body.LABELS), dtype=np.int8),
+    "flag_meanings": " ".join(rigid_body.LABELS.values()),
 }
 FLAG: dict[str, Attribute] = {"flag_values": np.arange(len(STATUS), dtype=np.int8), "flag_meanings": " ".join(STATUS)}
 
@@ -140,7 +141,7 @@ def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
     if problems:
         return Inputs(data)
     k = model.constants(data)
-    order = rigid.inertia_order(data["inertia"]) if not model.unclassifiable else (0, 1, 2)
+    order = rigid_body.inertia_order(data["inertia"]) if not model.unclassifiable else (0, 1, 2)
     return Inputs(data, structure(k), tuple(flatten(k)), model.start(data), order)
 
 
@@ -233,7 +234,7 @@ def _enter(
     for name, state in model.output(np.array([case.time.end]), outcome.state.T, k).items():
         values[name][here[well]] = np.ldexp(state, outcome.exponent[:, None])[well]
     crossings = outcome.crossings
-    names = np.array([order[2] + 1, rigid.UNDETERMINED, order[0] + 1], dtype=np.int8)
+    names = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
     start_axis, end_axis = (names[side.astype(int) + 1] for side in (outcome.first, outcome.last))
     first, at = np.unique(crossings.motion, return_index=True)
     after = names[np.where(crossings.rises[at], 2, 0)]
@@ -306,7 +307,7 @@ def _enter_one(case: Case, labels: np.ndarray, crossings: Any, values: dict[str,
             values["share"][0, axis - 1] += (end - start) / (case.time.end - case.time.start)
     A = np.array(case.data["inertia"])[:, None]
     omega = np.stack([find(case.model, case.form).start(case.data), values["omega"][0]], axis=-1)
-    values["separation"][0] = ensemble.sides(A + 0 * omega, omega, rigid.inertia_order(A[:, 0]))[1].min()
+    values["separation"][0] = ensemble.sides(A + 0 * omega, omega, rigid_body.inertia_order(A[:, 0]))[1].min()
     if crossings:
         first = crossings[0]
         values["crossing_time"][0], values["crossing_G"][0] = first.time, first.momentum

@@ -11,9 +11,9 @@ from typing import Any
 from urllib.parse import quote
 
 from .case import Case
+from .models.rigid_body import LABELS
 from .report import magnitude, seconds
 from .results import Motion, Rendered, Results
-from .rigid import LABELS
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1d20; --soft: #5d6068; --line: #d9dbe0; --card: #ffffff; --page: #f4f5f7;

@@ -28,7 +28,7 @@ from .trajectory import Trajectory
 
 PACKAGE = Path(__file__).parent
 SHARED = (
-    "rigid.py",
+    "models/rigid_body.py",
     "propagate.py",
     "solve.py",
     "accuracy.py",
@@ -41,7 +41,7 @@ SHARED = (
 ENGINES = {
     "taylor": ("engines/taylor.py", "heyoka"),
     "collocation": ("engines/collocation.py", "numpy"),
-    "exact": ("exact.py", "numpy"),
+    "exact": ("models/closed_form.py", "numpy"),
 }
 SWEPT = ("axes.py", "members.py", "sweep.py", "ensemble.py", "classify.py", "engines/lanes.py")
 FORCED = "--force"

@@ -25,20 +25,11 @@ from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Circle, Ellipse, Patch, Polygon
 
-from . import HodoError, rigid
-from .geometry import (
-    View,
-    centroid,
-    freest,
-    graticule,
-    round_step,
-    sectors,
-    separatrix_circles,
-    slope,
-    stretches,
-    windings,
-)
+from . import HodoError
+from .geometry import View, centroid, freest, graticule, round_step, sectors, separatrix_circles, stretches, windings
 from .maps import Swept, edges, hammer, hammer_curve, hammer_image
+from .models import rigid_body
+from .models.rigid_body import slope
 from .results import Motion, Rendered, Results
 from .schema.kinds import nearest
 
@@ -579,7 +570,7 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> 
 
 def sketch(axes: Axes, body: Sequence[float]) -> None:
     """The quadrants of one body."""
-    largest, _, smallest = rigid.inertia_order(body)
+    largest, _, smallest = rigid_body.inertia_order(body)
     end, above, below = sectors(slope(body))
     for name, outline, axis in (("A", above, largest), ("B", below, smallest)):
         axes.add_patch(Polygon(outline, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))

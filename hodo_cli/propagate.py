@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .engines import Engine, Hit, Watch, flatten, namespace, structure
+from .engines import Engine, Hit, Watch
 from .models.base import Constants, Event, Model
+from .models.constants import flatten, namespace, structure
 from .trajectory import Occurrence
 
 BLOCK = 1 << 16

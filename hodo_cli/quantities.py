@@ -9,15 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.special import ellipj
 
-from . import HodoError, exact, rigid
+from . import HodoError
 from .accuracy import extended
 from .case import Case, parse_case
 from .classify import EPS, Crossing, cross
-from .engines import have_taylor
-from .geometry import slope
+from .engines import exact, have_taylor
 from .hdf5 import Group
-from .models import find
+from .models import closed_form, find, rigid_body
 from .models.lagrange import first_integrals
+from .models.rigid_body import slope
 from .provenance import typed
 from .solve import choose, solve, stored
 
@@ -87,7 +87,7 @@ class Motion:
     @property
     def order(self) -> tuple[int, int, int]:
         """The positions of the largest, middle and smallest moment of inertia."""
-        return rigid.inertia_order(self.inertia)
+        return rigid_body.inertia_order(self.inertia)
 
 
 LABELLED = ("enclosed_axis", "crossing_time", "crossing_from", "crossing_to", "crossing_G")
@@ -129,7 +129,7 @@ def integrate(case: Case) -> Motion:
         solution = solve(case, method, case.precision, case.tol)
     else:
         solution, found = cross(case, method, case.precision, case.tol, 8 * EPS)
-        labels = rigid.enclosed_axis(np.array(case.data["inertia"]), extended(solution.path.state), 8 * EPS)
+        labels = rigid_body.enclosed_axis(np.array(case.data["inertia"]), extended(solution.path.state), 8 * EPS)
     if solution.stop:
         raise HodoError(f"a variation of case {case.name} {solution.stop}: {solution.message}")
     crossings = tuple((c.time, c.start, c.end, c.momentum) for c in found)
@@ -144,7 +144,7 @@ def _momentum(m: Motion) -> np.ndarray:
 
 
 def _separatrix_distance(m: Motion) -> np.ndarray:
-    outer, inner = rigid.separatrix_terms(m.inertia, m.omega.T, m.order)
+    outer, inner = rigid_body.separatrix_terms(m.inertia, m.omega.T, m.order)
     return np.asarray(np.abs(outer - inner) / m["G"] ** 2)
 
 
@@ -162,7 +162,7 @@ SERIES: dict[str, Callable[[Motion], np.ndarray]] = {
     "q": lambda m: m.omega[:, 1],
     "r": lambda m: m.omega[:, 2] if "omega" in m.variables else m.variables["r"],
     "G": _momentum,
-    "T": lambda m: rigid.kinetic_energy(m.inertia, m.omega),
+    "T": lambda m: rigid_body.kinetic_energy(m.inertia, m.omega),
     "x1_direction": lambda m: np.abs(m.inertia[0] * m["p"]) / m["G"],
     "separatrix_distance": _separatrix_distance,
     "x": lambda m: m["p"] ** 2 + m["q"] ** 2 if "omega" in m.variables else m.variables["x"],
@@ -276,10 +276,10 @@ def _free_rotation_from_q0(m: Motion) -> list[Pair]:
     A, start = m.inertia, m.omega[0]
     near = _first(_sign_changes(m, "q")) if m["q"][0] else float(m.time[0])
     for _ in range(60):
-        here = exact.free_motion(A, start, np.array([near - m.time[0]]))[0]
+        here = closed_form.free_motion(A, start, np.array([near - m.time[0]]))[0]
         near -= here[1] * A[1] / ((A[2] - A[0]) * here[0] * here[2])
-    passage = exact.free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
-    return [(_integrated(m), exact.free_motion(A, passage, m.time - near))]
+    passage = closed_form.free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
+    return [(_integrated(m), closed_form.free_motion(A, passage, m.time - near))]
 
 
 def _equation_6(m: Motion) -> list[Pair]:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import HodoError, rigid
+from . import HodoError
 from .case import Case, Config, parse
 from .dataset import Cases, case_of, derive, open_cases
+from .models import rigid_body
 from .provenance import typed
 from .report import SUMMARY
 from .schema.kinds import nearest
@@ -85,7 +86,7 @@ class Motion:
     @cached_property
     def order(self) -> tuple[int, int, int]:
         """The positions of the largest, middle and smallest moment of inertia."""
-        return rigid.inertia_order(self.inertia)
+        return rigid_body.inertia_order(self.inertia)
 
     @property
     def classified(self) -> bool:

@@ -8,11 +8,12 @@ from time import perf_counter
 
 import numpy as np
 
-from . import HodoError, engines, exact
+from . import HodoError, engines
 from .case import Case
-from .engines import Watch, flatten, jacobian, namespace, structure
+from .engines import Watch, exact
 from .models import find
 from .models.base import Event
+from .models.constants import flatten, jacobian, namespace, structure
 from .propagate import BLOCK, LARGEST, OUTGROWN, Path, Step, Units, propagate
 
 MANY_STEPS = 1e4

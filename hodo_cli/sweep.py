@@ -14,15 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import rigid
 from .accuracy import difference, references
 from .axes import axes_of
 from .batch import Pool
 from .case import Case, dump
-from .engines import flatten, namespace, structure
 from .hdf5 import Attribute, Group, Late, Variable
 from .members import FAILED, OK, STATUS, Chunk, carried, chunks, columns, compute, kept, member, shape
-from .models import find
+from .models import find, rigid_body
+from .models.constants import flatten, namespace, structure
 from .propagate import Path
 from .solve import solve
 from .store import Writer
@@ -70,12 +69,12 @@ def _newton(case: Case, state: np.ndarray, exponent: int) -> float:
     model = find(case.model, case.form)
     A = np.array(case.data["inertia"])
     constants = model.constants(case.data)
-    order = rigid.inertia_order(A)
-    (outer, inner), k = rigid.separatrix_terms(A, state, order), namespace(structure(constants), flatten(constants))
+    order = rigid_body.inertia_order(A)
+    (outer, inner), k = rigid_body.separatrix_terms(A, state, order), namespace(structure(constants), flatten(constants))
     omega = np.ldexp(state.astype(float), exponent)
     rate = np.ldexp(np.array(model.rhs(0.0, list(omega), k)), -exponent)
     w = state.astype(float)
-    faster, slower = (np.subtract(*rigid.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1))
+    faster, slower = (np.subtract(*rigid_body.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1))
     return abs(float(outer - inner) / (float(faster - slower) / 2))
 
 
@@ -330,5 +329,5 @@ def tabulated(name: str, group: Group) -> dict[str, Any]:
 
 def _census(labels: np.ndarray) -> str:
     """How many of the labels are which, in percent."""
-    found = {rigid.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)}
+    found = {rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)}
     return ", ".join(f"{name} {100 * count / max(labels.size, 1):.3g} %" for name, count in found.items() if count)

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, engines, rigid
+from hodo_cli import HodoError, engines
 from hodo_cli.case import Case, Time
 from hodo_cli.classify import Classification, Crossing, Sides, classify, labelled
 from hodo_cli.integrate import integrate
+from hodo_cli.models import rigid_body
 from hodo_cli.propagate import Step, Units
 
 BODY = (1.0, 0.8, 0.6)
@@ -43,31 +44,31 @@ def test_rounding_makes_no_crossings() -> None:
         case = diagonal(damping, ON_SEPARATRIX)
         classification = found(case)
         assert not classification.crossings
-        assert classification.labels[0] == rigid.SEPARATRIX
+        assert classification.labels[0] == rigid_body.SEPARATRIX
 
 
 @pytest.mark.parametrize(("damping", "end"), [((0.005, 0.004, 0.003), 3), ((0.003, 0.004, 0.005), 1)])
 def test_a_start_on_the_separatrix_is_no_crossing(damping: tuple[float, ...], end: int) -> None:
     classification = found(diagonal(damping, ON_SEPARATRIX))
     assert not classification.crossings
-    assert (classification.labels[0], classification.labels[-1]) == (rigid.SEPARATRIX, end)
+    assert (classification.labels[0], classification.labels[-1]) == (rigid_body.SEPARATRIX, end)
 
 
 def test_rotation_about_the_middle_axis_is_the_separatrix() -> None:
-    assert set(found(diagonal(0.01, (0.0, 1.0, 0.0))).labels) == {rigid.SEPARATRIX}
+    assert set(found(diagonal(0.01, (0.0, 1.0, 0.0))).labels) == {rigid_body.SEPARATRIX}
 
 
 @pytest.mark.parametrize(
     ("inertia", "start", "label"),
     [
         ((1.0, 0.8, 0.8), (0.1, 0.5, 0.5), 1),
-        ((1.0, 0.8, 0.8), (0.0, 0.5, 0.5), rigid.UNDETERMINED),
+        ((1.0, 0.8, 0.8), (0.0, 0.5, 0.5), rigid_body.UNDETERMINED),
         ((1.0, 1.0, 0.6), (0.5, 0.5, 0.1), 3),
-        ((1.0, 1.0, 0.6), (0.5, 0.5, 0.0), rigid.UNDETERMINED),
-        ((1.0, 1.0, 1.0), (0.5, 0.5, 0.5), rigid.UNDETERMINED),
+        ((1.0, 1.0, 0.6), (0.5, 0.5, 0.0), rigid_body.UNDETERMINED),
+        ((1.0, 1.0, 1.0), (0.5, 0.5, 0.5), rigid_body.UNDETERMINED),
         ((0.8, 1.0, 0.6), (0.1, 0.9, 0.1), 2),
         ((0.8, 0.6, 1.0), (0.1, 0.9, 0.1), 2),
-        (BODY, (0.0, 0.0, 0.0), rigid.UNDETERMINED),
+        (BODY, (0.0, 0.0, 0.0), rigid_body.UNDETERMINED),
     ],
 )
 def test_labels_name_the_body_axes_as_given(inertia: tuple[float, ...], start: tuple[float, ...], label: int) -> None:
@@ -155,7 +156,7 @@ def test_a_label_is_the_sign_of_the_separatrix_function(
     energy = sum(a * x * x for a, x in zip(A, w, strict=True))
     exact = momentum - energy * Fraction(0.8)
     terms = sum(abs(a * (a - Fraction(0.8))) * x * x for a, x in zip(A, w, strict=True))
-    label = int(rigid.enclosed_axis(inertia, np.array(omega), 1e-15))
+    label = int(rigid_body.enclosed_axis(inertia, np.array(omega), 1e-15))
     beside = terms > Fraction(10) ** -28 * sum(x * x for x in w)
     if any(omega) and terms > Fraction(10) ** -300 and beside and abs(exact) > terms / 10**14:
         assert label == 1 + inertia.index(1.0 if exact > 0 else 0.6)
@@ -197,4 +198,4 @@ def test_a_motion_that_dies_out_about_the_middle_axis_keeps_no_side() -> None:
     assert [(c.start, c.end) for c in classification.crossings] == [(1, 3)]
     assert classification.crossings[0].time < 1
     assert set(classification.labels[1:3]) == {3}
-    assert set(classification.labels[10:]) == {rigid.SEPARATRIX}
+    assert set(classification.labels[10:]) == {rigid_body.SEPARATRIX}

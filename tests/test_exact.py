@@ -18,8 +18,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from mpmath import mpf
 
-from hodo_cli import exact
 from hodo_cli.case import Case, parse
+from hodo_cli.engines import exact
+from hodo_cli.models import closed_form
 
 EVEN = [0, 1, 2], [1, 2, 0], [2, 0, 1]
 
@@ -88,7 +89,7 @@ def limit(omega0: np.ndarray, times: np.ndarray) -> np.ndarray:
 def assert_free_motion(A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int = 60) -> None:
     """Free motion as given by the reference, to `limit`."""
     truth = reference(A, omega0, 0, times, digits)
-    assert (errors(exact.free_motion(A, omega0, times), truth) <= limit(omega0, times)).all()
+    assert (errors(closed_form.free_motion(A, omega0, times), truth) <= limit(omega0, times)).all()
 
 
 def ulp_effect(A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int = 60) -> np.ndarray:
@@ -148,7 +149,7 @@ def test_agrees_with_a_taylor_series_of_the_equations(A, omega0, lam):
         truth = [mpmath.matrix([mpf(x.numerator) / x.denominator for x in state]) for state in states]
         for a, b in zip(reference(A, omega0, lam, times), truth, strict=True):
             assert mpmath.norm(a - b) < 1e-30 * mpmath.norm(b), "the other reference is at fault"
-    assert (errors(exact.equal_damping(A, omega0, lam, times), truth) <= limit(omega0, times)).all()
+    assert (errors(closed_form.equal_damping(A, omega0, lam, times), truth) <= limit(omega0, times)).all()
 
 
 # exp(-lam t) is as good as the product lam t: half an ulp of it is 1e-16 lam t. For lam < 0 the phase grows with s > t.
@@ -156,7 +157,7 @@ def test_agrees_with_a_taylor_series_of_the_equations(A, omega0, lam):
 def test_agrees_with_the_formulas_of_the_literature(A, omega0, lam):
     times = np.array([-7.0, 0.3, 17.0, 120.0])
     turned = np.maximum(abs(times), [abs(math.expm1(-lam * t) / lam) if lam > 1e-200 or lam < 0 else 0 for t in times])
-    found = exact.equal_damping(A, omega0, lam, times)
+    found = closed_form.equal_damping(A, omega0, lam, times)
     bound = limit(omega0, turned) + 1e-15 * abs(lam * times)
     assert (errors(found, reference(A, omega0, lam, times, 260)) <= bound).all()
 
@@ -180,7 +181,7 @@ def test_errors_are_far_below_what_the_data_allow(omega0, end):
     A, omega0, times = np.array([1, 0.8, 0.6]), np.array(omega0), np.array([0.01, 1]) * end
     allowed = np.maximum(1e-13, 30 * ulp_effect(A, omega0, times))
     assert allowed[-1] > 1e-10, "the case is not ill-conditioned and shows nothing"
-    assert (errors(exact.free_motion(A, omega0, times), reference(A, omega0, 0, times)) <= allowed).all()
+    assert (errors(closed_form.free_motion(A, omega0, times), reference(A, omega0, 0, times)) <= allowed).all()
 
 
 def test_on_the_separatrix():
@@ -188,7 +189,7 @@ def test_on_the_separatrix():
     times = np.array([-3.0, 0.0, 1.0, 30.0])
     for A, omega0 in arrangements((9, 8, 4), (4.0, 0.1, 3.0)):
         assert_free_motion(A, omega0, times)
-        end = exact.free_motion(A, omega0, np.array([1e8]))[0]
+        end = closed_form.free_motion(A, omega0, np.array([1e8]))[0]
         assert sorted(abs(end))[:2] == [0, 0]
         assert A[np.argmax(abs(end))] == 8
 
@@ -217,14 +218,14 @@ def test_beside_the_principal_axes(axis, beside):
     ],
 )
 def test_steady_rotations_stay_what_they_are(A, omega0):
-    found = exact.free_motion(np.array(A), np.array(omega0, dtype=float), np.array([-1.0, 0.0, 1e8]))
+    found = closed_form.free_motion(np.array(A), np.array(omega0, dtype=float), np.array([-1.0, 0.0, 1e8]))
     assert np.array_equal(found, np.tile(omega0, (3, 1)))
 
 
 def test_a_symmetric_body_precesses_regularly():
     times = np.linspace(0, 10, 7)
     rate = (1 - 0.6) / 0.6 * 0.5
-    found = exact.free_motion(np.array([0.6, 1, 0.6]), np.array([0.3, 0.5, -0.2]), times)
+    found = closed_form.free_motion(np.array([0.6, 1, 0.6]), np.array([0.3, 0.5, -0.2]), times)
     phase = complex(0.3, -0.2) * np.exp(-1j * rate * times)
     expected = np.stack([phase.real, np.full(7, 0.5), phase.imag], axis=1)
     assert found == pytest.approx(expected, abs=1e-15)
@@ -234,24 +235,24 @@ def test_a_symmetric_body_precesses_regularly():
 @given(A=bodies(), omega0=starts(), lam=DAMPING, size=st.sampled_from([-498, 498]))
 def test_every_scale_is_alike(A, omega0, lam, size):
     times = np.array([0.5, 9.0])
-    found = exact.equal_damping(A, np.ldexp(omega0, size), np.ldexp(lam, size), np.ldexp(times, -size))
+    found = closed_form.equal_damping(A, np.ldexp(omega0, size), np.ldexp(lam, size), np.ldexp(times, -size))
     if lam == 0 or abs(lam) > 1e-3:  # smaller ones are rounded by the change of scale
-        assert np.array_equal(found, np.ldexp(exact.equal_damping(A, omega0, lam, times), size))
-    assert np.array_equal(exact.free_motion(np.ldexp(A, -size), omega0, times), exact.free_motion(A, omega0, times))
+        assert np.array_equal(found, np.ldexp(closed_form.equal_damping(A, omega0, lam, times), size))
+    assert np.array_equal(closed_form.free_motion(np.ldexp(A, -size), omega0, times), closed_form.free_motion(A, omega0, times))
 
 
 @pytest.mark.parametrize("size", [1e-150, 1e150])
 def test_extreme_sizes(size):
     A, omega0 = np.array([0.6, 1, 0.8]), size * np.array([0.5, -0.25, 1.4])
     times = np.array([1.0, 40.0]) / size
-    found = exact.equal_damping(A, omega0, 0.01 * size, times)
+    found = closed_form.equal_damping(A, omega0, 0.01 * size, times)
     assert (errors(found, reference(A, omega0, 0.01 * size, times)) <= limit(omega0, times)).all()
 
 
 # T and G^2 are sums of a few squares: their errors are a few times that of omega, and the phase does not enter.
 @given(A=bodies(), omega0=starts(), end=st.sampled_from([1.0, 100.0, 1e8]))
 def test_free_motion_conserves_energy_and_momentum(A, omega0, end):
-    omega = exact.free_motion(A, omega0, np.linspace(-end, end, 11))
+    omega = closed_form.free_motion(A, omega0, np.linspace(-end, end, 11))
     for weights in (A, A**2):
         conserved = (weights * omega**2).sum(axis=1)
         assert conserved == pytest.approx(np.full(11, (weights * omega0**2).sum()), rel=1e-14)
@@ -263,7 +264,7 @@ def test_free_motion_conserves_energy_and_momentum(A, omega0, end):
 def test_satisfies_the_equations_of_motion(A, omega0, lam, start):
     nodes = np.polynomial.chebyshev.chebpts1(20)
     half = 0.3 / (np.linalg.norm(omega0) + lam)
-    samples = exact.equal_damping(A, omega0, lam, start + half * nodes)
+    samples = closed_form.equal_damping(A, omega0, lam, start + half * nodes)
     fit = np.polynomial.chebyshev.chebfit(nodes, samples, 19)
     omega = np.polynomial.chebyshev.chebval(0, fit)
     slope = np.polynomial.chebyshev.chebval(0, np.polynomial.chebyshev.chebder(fit)) / half
@@ -274,10 +275,10 @@ def test_satisfies_the_equations_of_motion(A, omega0, lam, start):
 def test_decay_far_below_the_smallest_double():
     """lam t = 0.1 x 1000 leaves e^-100; 0.1 x 1e5 leaves nothing that a double can hold, but the scaled state stays."""
     A, omega0, times = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74]), np.array([1000.0, 1e5])
-    found, truth = exact.equal_damping(A, omega0, 0.1, times), reference(A, omega0, 0.1, times)
+    found, truth = closed_form.equal_damping(A, omega0, 0.1, times), reference(A, omega0, 0.1, times)
     assert errors(found[:1], truth[:1])[0] <= 1e-15 * 0.1 * 1000
     assert not found[1].any()
-    state, exponent = exact.scaled_motion(A, omega0, 0.1, times)
+    state, exponent = closed_form.scaled_motion(A, omega0, 0.1, times)
     with mpmath.workdps(40):
         scaled = [w * mpf(2) ** -int(k) for w, k in zip(truth, exponent, strict=True)]
     # One ulp in lam t = 1e4 is 2e-12.
@@ -287,9 +288,9 @@ def test_decay_far_below_the_smallest_double():
 
 def test_a_rotation_stopped_at_once_keeps_its_direction():
     A, omega0 = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74])
-    (state,), (exponent,) = exact.scaled_motion(A, omega0, 1e9, np.array([1e3]))
+    (state,), (exponent,) = closed_form.scaled_motion(A, omega0, 1e9, np.array([1e3]))
     assert exponent < -(10**9)
-    assert state / np.linalg.norm(state) == pytest.approx(exact.final_direction(A, omega0, 1e9), rel=1e-15)
+    assert state / np.linalg.norm(state) == pytest.approx(closed_form.final_direction(A, omega0, 1e9), rel=1e-15)
 
 
 @pytest.mark.parametrize("lam", [1e-3, 0.005, 0.1, 1e4])
@@ -300,7 +301,7 @@ def test_final_direction(lam, size):
         with mpmath.workdps(60):
             (end,) = reference(A, omega0, lam, [60 / lam])
             direction = end / mpmath.norm(end)
-        found = exact.final_direction(A, omega0 * size, lam * size)
+        found = closed_form.final_direction(A, omega0 * size, lam * size)
         assert errors(found[None], [direction])[0] <= 1e-15 * (1 + 1.6 / lam)
 
 
@@ -308,8 +309,8 @@ def test_only_a_damped_rotation_has_a_final_direction():
     A = np.array([1, 0.8, 0.6])
     for lam in (0.0, -0.1, math.nan):
         with pytest.raises(ValueError, match="only if it is damped"):
-            exact.final_direction(A, np.array([0.5, 0.25, 1.4]), lam)
-    assert not exact.final_direction(A, np.zeros(3), 0.1).any()
+            closed_form.final_direction(A, np.array([0.5, 0.25, 1.4]), lam)
+    assert not closed_form.final_direction(A, np.zeros(3), 0.1).any()
 
 
 def case(**keys: object) -> Case:
@@ -333,7 +334,7 @@ def test_which_cases_have_a_closed_form(keys, expected):
 def test_a_case_begins_at_its_own_start_of_time():
     one = case(model="linear-diag", damping=0.1, time={"start": 3, "end": 13})
     omega0 = np.array([0.5, 1.4, -0.25])
-    expected = exact.equal_damping(np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0]))
+    expected = closed_form.equal_damping(np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0]))
     assert np.array_equal(exact.solve(one, np.array([3.0, 13.0])), expected)
     assert expected[0] == pytest.approx(omega0, rel=1e-15)
     state, exponent = exact.solve_scaled(one, np.array([3.0, 13.0]))

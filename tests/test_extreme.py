@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hodo_cli import engines, exact
+from hodo_cli import engines
 from hodo_cli.accuracy import COMPARED, EXTENDED, thinned
 from hodo_cli.bench import PATIENCE, trial, truth
 from hodo_cli.case import Case, Time, load
+from hodo_cli.engines import exact
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integrate import integrate
 from hodo_cli.models.base import Model

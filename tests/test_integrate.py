@@ -7,8 +7,9 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from hodo_cli import HodoError, engines, exact
+from hodo_cli import HodoError, engines
 from hodo_cli.case import Case, Time
+from hodo_cli.engines import exact
 from hodo_cli.integrate import integrate
 from hodo_cli.propagate import Clock
 from hodo_cli.solve import choose, sample_times, solve, taylor_steps

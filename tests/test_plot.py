@@ -17,10 +17,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hodo_cli import HodoError, rigid
+from hodo_cli import HodoError
 from hodo_cli.case import load
 from hodo_cli.figures import KINDS
-from hodo_cli.geometry import View, centroid, freest, round_step, sectors, separatrix_circles, slope, stretches
+from hodo_cli.geometry import View, centroid, freest, round_step, sectors, separatrix_circles, stretches
+from hodo_cli.models import rigid_body
+from hodo_cli.models.rigid_body import slope
 
 ROOT = Path(__file__).parents[1]
 PAPERS = ("paper1", "paper2", "paper3")
@@ -374,7 +376,7 @@ assert "not dissipative" in text
 @pytest.mark.parametrize("order", list(permutations((1.0, 0.8, 0.6))))
 def test_separatrix_circles_and_slope(order: tuple[float, float, float]) -> None:
     A = np.array(order)
-    largest, middle, smallest = rigid.inertia_order(A)
+    largest, middle, smallest = rigid_body.inertia_order(A)
     for circle in separatrix_circles(A):
         np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 1, rtol=1e-14)
         G2, T = 1.0, (circle**2 / A).sum(axis=1) / 2
@@ -383,7 +385,7 @@ def test_separatrix_circles_and_slope(order: tuple[float, float, float]) -> None
     assert pytest.approx(0.6) == K
     omega = np.zeros(3)
     omega[largest], omega[smallest] = math.sqrt(K), 1
-    outer, inner = rigid.separatrix_terms(A, omega, rigid.inertia_order(A))
+    outer, inner = rigid_body.separatrix_terms(A, omega, rigid_body.inertia_order(A))
     assert outer == pytest.approx(inner)
 
 

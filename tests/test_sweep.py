@@ -18,11 +18,12 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, axes, census, ensemble, exact, maps, members, models, plan, sweep
+from hodo_cli import HodoError, axes, census, ensemble, maps, members, models, plan, sweep
 from hodo_cli.batch import Pool, pool
 from hodo_cli.case import Case, load, parse, parse_case
 from hodo_cli.census import Labelled
 from hodo_cli.classify import classify
+from hodo_cli.engines import exact
 from hodo_cli.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
 from hodo_cli.progress import Progress

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..models.base import Event, Model
-from . import Structure, jacobian
+from ..models.constants import Structure, jacobian
 from .stepwise import Stepwise
 
 STAGES = 16

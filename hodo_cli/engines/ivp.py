@@ -9,7 +9,8 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from ..models.base import Constants, Event, Model
-from . import Leg, Structure, Watch, jacobian
+from ..models.constants import Structure, jacobian
+from . import Leg, Watch
 from .stepwise import Solver, Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}

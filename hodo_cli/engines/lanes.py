@@ -12,7 +12,8 @@ import heyoka as hy
 import numpy as np
 
 from ..models.base import Event, Model
-from . import Passages, Structure, count, namespace
+from ..models.constants import Structure, count, namespace
+from . import Passages
 
 hy.set_logger_level_error()
 

@@ -8,7 +8,8 @@ import heyoka as hy
 import numpy as np
 
 from ..models.base import Constants, Event, Model
-from . import BAND, Hit, Leg, Structure, Watch, count, flatten, namespace
+from ..models.constants import Structure, count, flatten, namespace
+from . import BAND, Hit, Leg, Watch
 
 hy.set_logger_level_error()
 

@@ -8,7 +8,8 @@ from typing import Any, cast
 import numpy as np
 
 from ..schema.kinds import Choice, Key, Number, Table, Vector
-from .base import INERTIA, INITIAL, BodyFrame, Constants, Event, Model, Report, Variable, complete
+from .base import Constants, Event, Model, Report, Variable
+from .rigid_body import INERTIA, INITIAL, BodyFrame, complete
 
 LARGE = 0.1
 """Where a ratio that the theory takes as small is no longer so."""

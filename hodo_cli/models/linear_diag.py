@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..schema.kinds import Key, Vector
-from .base import INERTIA, INITIAL, BodyFrame, Constants
+from .base import Constants
+from .rigid_body import INERTIA, INITIAL, BodyFrame
 
 
 class LinearDiag(BodyFrame):

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..schema.kinds import Either, Key, Matrix, Number, Table
-from .base import INERTIA, INITIAL, BodyFrame, Constants
+from .base import Constants
+from .rigid_body import INERTIA, INITIAL, BodyFrame
 
 
 class Tensor(BodyFrame):

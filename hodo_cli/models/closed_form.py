@@ -30,9 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from . import rigid
-from .case import Case
-from .models.linear_diag import LinearDiag
+from . import rigid_body
 
 LN2_HEAD, LN2_TAIL = float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33")
 """ln 2 in two parts; the first has so few bits that its product with a whole number below 2**21 is exact."""
@@ -90,24 +88,6 @@ def final_direction(A: np.ndarray, omega0: np.ndarray, lam: float) -> np.ndarray
     return np.asarray(omega / (np.linalg.norm(omega) or 1.0))
 
 
-def applies(case: Case) -> bool:
-    """Whether the case has a closed form here: `linear-diag` with three equal dampings."""
-    return case.model == LinearDiag.name and len(set(case.data["damping"])) == 1
-
-
-def solve(case: Case, times: np.ndarray) -> np.ndarray:
-    """The angular velocity (n, 3) at `times` (n,) of a case to which this `applies`."""
-    state, exponent = solve_scaled(case, times)
-    return np.asarray(np.ldexp(state, exponent[:, np.newaxis]))
-
-
-def solve_scaled(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`solve` as a state (n, 3) of size about 1 and an exponent (n,), as a Trajectory has them; in the precision of
-    `times`."""
-    A, omega0 = np.array(case.data["inertia"]), np.array(LinearDiag.start(case.data))
-    return scaled_motion(A, omega0, case.data["damping"][0], times - case.time.start)
-
-
 def _units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
     """The exponent of a power of two near |omega0|, and omega0 in its units, where no product under- or overflows."""
     size = int(np.frexp(np.max(np.abs(omega0)))[1])
@@ -123,8 +103,8 @@ def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
         return np.broadcast_to(omega0, (*np.shape(t), 3))
 
     fp = t.dtype.type
-    e, m, o = order = rigid.inertia_order(B)
-    about_e, about_o = rigid.separatrix_terms(B, w, order)
+    e, m, o = order = rigid_body.inertia_order(B)
+    about_e, about_o = rigid_body.separatrix_terms(B, w, order)
     if about_e < about_o:
         e, o = o, e
     Y = B[m] * abs(B[o] - B[m]) * w[m] ** 2 + B[e] * abs(B[o] - B[e]) * w[e] ** 2

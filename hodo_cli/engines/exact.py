@@ -1,0 +1,25 @@
+"""The closed form as an engine: cases of `linear-diag` with three equal dampings."""
+
+import numpy as np
+
+from ..case import Case
+from ..models.closed_form import scaled_motion
+from ..models.linear_diag import LinearDiag
+
+
+def applies(case: Case) -> bool:
+    """Whether the case has a closed form here: `linear-diag` with three equal dampings."""
+    return case.model == LinearDiag.name and len(set(case.data["damping"])) == 1
+
+
+def solve(case: Case, times: np.ndarray) -> np.ndarray:
+    """The angular velocity (n, 3) at `times` (n,) of a case to which this `applies`."""
+    state, exponent = solve_scaled(case, times)
+    return np.asarray(np.ldexp(state, exponent[:, np.newaxis]))
+
+
+def solve_scaled(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`solve` as a state (n, 3) of size about 1 and an exponent (n,), as a Trajectory has them; in the precision of
+    `times`."""
+    A, omega0 = np.array(case.data["inertia"]), np.array(LinearDiag.start(case.data))
+    return scaled_motion(A, omega0, case.data["damping"][0], times - case.time.start)

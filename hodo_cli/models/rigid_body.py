@@ -1,0 +1,194 @@
+"""A rigid body by its principal moments of inertia: pure functions of (A, omega)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from .. import HodoError
+from ..schema.kinds import Key, Number, Table, Vector
+from .base import Event, Model, Report, Variable
+
+UNDETERMINED, SEPARATRIX = -1, 0
+LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
+
+
+def angular_momentum(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """G = A omega, in body axes; A (3,), omega (..., 3)."""
+    return np.asarray(A * omega)
+
+
+def kinetic_energy(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """T = (A1 p^2 + A2 q^2 + A3 r^2) / 2; A (3,), omega (..., 3)."""
+    return np.asarray((A * omega * omega).sum(axis=-1) / 2)
+
+
+def inertia_order(A: Any) -> tuple[int, int, int]:
+    """The positions of the largest, middle and smallest moment of inertia; ties keep the order given."""
+    largest, middle, smallest = sorted(range(3), key=lambda i: -A[i])
+    return largest, middle, smallest
+
+
+def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
+    """The two non-negative terms whose difference is D = G^2 - 2 T A_middle.
+
+    D = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2, with l, m, s the axes of largest, middle and smallest
+    inertia. The hodograph of G encloses axis l where D > 0 and axis s where D < 0. Subtracting G^2 - 2TA_m
+    itself loses every digit near the separatrix; this form costs only what the data's own conditioning costs.
+
+    Source: Rachinskaya, eqs (7)-(8), solved for D.
+    """
+    l, m, s = order
+    return A[l] * (A[l] - A[m]) * omega[l] * omega[l], A[s] * (A[m] - A[s]) * omega[s] * omega[s]
+
+
+def near_middle_axis(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
+    """How the terms of D compare with what they could be: (outer + inner) / (sum of their weights * |omega|^2).
+
+    Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
+    """
+    l, m, s = order
+    weight = A[l] * (A[l] - A[m]) + A[s] * (A[m] - A[s])
+    return sum(separatrix_terms(A, omega, order)) / (weight * (omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2))
+
+
+def enclosed_axis(A: Any, omega: np.ndarray, band: float) -> np.ndarray:
+    """The axis that the hodograph of G encloses, for omega (..., 3) at any scale, as int8.
+
+    1, 2, 3 name the body axes; 0 is the separatrix, where |D| is at most `band` times the sum of its two terms,
+    or the rotation is within `band` of the middle axis, so that its error may exceed the components which decide;
+    -1 is undetermined: no rotation, or no axis to go round (steady rotation of a symmetric or spherical body).
+    """
+    order, w = inertia_order(A), np.moveaxis(omega, -1, 0)
+    largest, middle, smallest = order
+    outer, inner = separatrix_terms(A, w, order)
+    difference, total = outer - inner, outer + inner
+    labels = np.where(difference > 0, largest + 1, smallest + 1)
+    labels = np.where(np.abs(difference) <= band * total, SEPARATRIX, labels)
+    known = np.isfinite(total) & (total > 0)
+    if A[largest] > A[middle] > A[smallest]:
+        known = np.isfinite(total) & np.any(omega != 0, axis=-1)
+        with np.errstate(invalid="ignore"):
+            labels = np.where(near_middle_axis(A, w, order) <= band * band, SEPARATRIX, labels)
+    return np.where(known, labels, UNDETERMINED).astype(np.int8)
+
+
+def slope(A: Sequence[float] | np.ndarray) -> float:
+    """K = A_s (A_m - A_s) / (A_l (A_l - A_m)): zero where the smaller two moments are equal, inf where the larger two.
+
+    The separatrix is w_l^2 = K w_s^2. Raises HodoError for a spherical body, which has none.
+    Source: Rachinskaya, eqs (7)-(8).
+    """
+    largest, middle, smallest = (A[i] for i in inertia_order(A))
+    if largest == smallest:
+        raise HodoError("a body with three equal moments of inertia has no quadrants")
+    return math.inf if largest == middle else smallest * (middle - smallest) / (largest * (largest - middle))
+
+
+SMALLEST = 1e-100
+"""The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
+
+INERTIA = Key(Vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia")
+"""Three moments in any order; `BodyFrame.check` wants the triangle inequality and the range of SMALLEST besides."""
+
+INITIAL = Key(
+    Table(
+        {
+            "p": Key(Number(), "angular velocity about x1", unit="1/time", default=None),
+            "q": Key(Number(), "angular velocity about x2", unit="1/time", default=None),
+            "r": Key(Number(), "angular velocity about x3", unit="1/time", default=None),
+            "G": Key(
+                Number(above=0),
+                "|G|, in place of one of p, q, r (its positive root)",
+                unit="moment of inertia / time",
+                default=None,
+            ),
+        }
+    ),
+    "initial angular velocity in body axes",
+)
+
+
+def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...] | str:
+    """(p, q, r) from initial data in which |G| may stand for one of them; a sentence if that cannot be done."""
+    omega = [initial.get(axis) for axis in "pqr"]
+    missing = [axis for axis, value in zip("pqr", omega, strict=True) if value is None]
+    momentum = initial.get("G")
+    if momentum is None and not missing:
+        return tuple(omega)  # type: ignore[arg-type]
+    if momentum is None:
+        return f"{' and '.join(missing)} missing: give p, q and r, or two of them and G"
+    if len(missing) != 1:
+        return "G stands for exactly one of p, q, r: leave that one out and give the other two"
+    with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
+        parts = (Decimal(A) * Decimal(w) for A, w in zip(inertia, omega, strict=True) if w is not None)
+        known = sum((part * part for part in parts), Decimal(0))
+        rest = Decimal(momentum) ** 2 - known
+        if rest < 0:
+            return f"|G| is at least {known.sqrt():.6g} with the two given, so G: {momentum:.6g} leaves no {missing[0]}"
+        at = "pqr".index(missing[0])
+        omega[at] = float(rest.sqrt() / Decimal(inertia[at]))
+    return tuple(omega)  # type: ignore[arg-type]
+
+
+class BodyFrame(Model):
+    """A model whose state is the angular velocity (p, q, r) in principal axes.
+
+    Its constants carry A1, A2, A3 and `g` = 1, the factor of the gyroscopic terms (of degree 2).
+    """
+
+    state = ("p", "q", "r")
+    unclassifiable = ""
+    variables = {"omega": Variable(("time", "axis"), "angular velocity in body axes")}
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+        A = data.get("inertia")
+        if A is None:
+            return
+        if 2 * max(A) > sum(A):
+            largest = A.index(max(A))
+            report(
+                ("inertia", largest),
+                f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
+            )
+        for i, moment in enumerate(A):
+            if not SMALLEST <= moment <= 1 / SMALLEST:
+                limits = f"{SMALLEST:g} to {1 / SMALLEST:g}"
+                report(("inertia", i), f"{moment:g} is out of range, {limits}: take other units")
+        if "initial" in data and isinstance(problem := complete(A, data["initial"]), str):
+            report(("initial",), problem)
+
+    @classmethod
+    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
+        omega = complete(data["inertia"], data["initial"])
+        assert not isinstance(omega, str), omega
+        return omega
+
+    @classmethod
+    def inertia(cls, data: Mapping[str, Any]) -> dict[str, float]:
+        """The constants that every body-frame model has."""
+        return dict(zip(("A1", "A2", "A3"), data["inertia"], strict=True)) | {"g": 1.0}
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        return {"omega": y}
+
+    @classmethod
+    def class_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+        return (Event("separatrix", Separatrix(inertia_order(data["inertia"]))),)
+
+
+@dataclass(frozen=True)
+class Separatrix:
+    """D as an event; its order of axes is part of its identity, so that one compilation serves one order."""
+
+    order: tuple[int, int, int]
+
+    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
+        outer, inner = separatrix_terms((k.A1, k.A2, k.A3), y, self.order)
+        return outer - inner
