@@ -77,7 +77,7 @@ bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); 
 	done; exit $$status
 
 readme: $(READY)  ## Renew the tables of README.md that come from the program
-	$(BIN)/python -c 'from hodo_cli.case import key_table; print(key_table())' | $(BIN)/python tools/readme.py 'key table'
+	$(BIN)/python -c 'from hodo_cli.cases.json_schema import key_table; print(key_table())' | $(BIN)/python tools/readme.py 'key table'
 
 lock:  ## Renew requirements.lock from pyproject.toml (needs uv)
 	uv pip compile --quiet --upgrade --universal --python-version 3.11 --all-extras --generate-hashes \

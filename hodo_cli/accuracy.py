@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from . import engines
-from .case import Case
+from .cases.case import Case
 from .models import find
 from .models.constants import flatten, namespace, structure
 from .propagate import LIMIT, Path

@@ -18,7 +18,8 @@ import numpy as np
 
 from . import HodoError
 from .accuracy import difference, extended, measure, thinned
-from .case import Case, Config
+from .cases.case import Case
+from .cases.config import Config
 from .classify import EPS, Crossing, cross
 from .hdf5 import Group, Variable, create
 from .integrate import ASKED, remarks, tried

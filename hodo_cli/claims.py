@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from . import HodoError, quantities
-from .axes import put
-from .case import Case, Time, dump, parse_case
+from .cases.case import Case, Time, dump, parse_case
+from .cases.claim_block import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, SERIES, UNDERDETERMINED
+from .cases.sweep_block import put
 from .census import Labelled, average
 from .hdf5 import Group, Run, Variable
 from .models import rigid_body
 from .quantities import Motion
-from .statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, SERIES, UNDERDETERMINED
 
 PLOTTING_ACCURACY = 0.01
 """A violation, relative to a quantity's range, that a figure does not show."""

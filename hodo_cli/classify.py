@@ -8,7 +8,7 @@ import numpy as np
 
 from . import HodoError
 from .accuracy import extended, references
-from .case import Case, parse_case
+from .cases.case import Case, parse_case
 from .hdf5 import Attribute, Group, Variable
 from .memory import afford
 from .models import find, rigid_body

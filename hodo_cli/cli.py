@@ -90,7 +90,7 @@ def run(
     """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are kept."""
     from . import plan, report
     from .batch import pool
-    from .case import load
+    from .cases.config import load
     from .progress import Progress
 
     loaded = [load(path, overrides) for path in configs]
@@ -146,7 +146,7 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
     Exit status 3 if a verdict is not the one that the case file expects.
     """
     from . import claims, report, store
-    from .case import parse
+    from .cases.config import parse
     from .provenance import stamp
 
     rows = []
@@ -224,7 +224,7 @@ def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: 
     gave a wrong result without saying so, or took longer than 10 s.
     """
     from . import bench, plot
-    from .case import load
+    from .cases.config import load
 
     loaded = load(config)
     found = bench.run(loaded, globs, jobs, lambda line: None if quiet else click.echo(line, err=True))
@@ -255,9 +255,9 @@ def show(runs: tuple[Path, ...], as_json: bool) -> None:
 @click.option("--table", is_flag=True, help="Print the keys as a Markdown table instead.")
 def schema(table: bool) -> None:
     """Print the JSON Schema of case files."""
-    from . import case
+    from .cases import json_schema
 
-    click.echo(case.key_table() if table else json.dumps(case.schema(), indent=2, ensure_ascii=False))
+    click.echo(json_schema.key_table() if table else json.dumps(json_schema.schema(), indent=2, ensure_ascii=False))
 
 
 if __name__ == "__main__":

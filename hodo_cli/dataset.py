@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from . import HodoError, memory
-from .case import Case, parse_case
+from .cases.case import Case, parse_case
 from .models import rigid_body
 from .provenance import FORMAT_VERSION
 

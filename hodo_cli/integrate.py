@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .accuracy import measure
-from .case import Case
+from .cases.case import Case
 from .models import find
 from .solve import Solution, choose, solve, stored
 from .trajectory import Trajectory

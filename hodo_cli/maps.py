@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from . import HodoError
-from .axes import Axis, axes_of
-from .case import Case, parse_case
+from .cases.case import Case, parse_case
+from .cases.sweep_block import Axis, axes_of
 from .census import Labelled, average
 from .schema.kinds import nearest
 

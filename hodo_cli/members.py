@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import HodoError, ensemble
-from .axes import Axis, axes_of, put
-from .case import Case, Time
+from .cases.case import Case, Time
+from .cases.sweep_block import Axis, axes_of, put
 from .classify import classify
 from .engines import have_taylor
 from .ensemble import Ensemble, Outcome

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from . import HodoError
-from .case import Case
+from .cases.case import Case
 from .models import find
 
 BYTES = 50

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from .case import Case
+from .cases.case import Case
 from .models.rigid_body import LABELS
 from .report import magnitude, seconds
 from .results import Motion, Rendered, Results

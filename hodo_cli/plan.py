@@ -15,7 +15,8 @@ import numpy as np
 
 from . import HodoError, models
 from .batch import Pool
-from .case import Case, Config, dump
+from .cases.case import Case, dump
+from .cases.config import Config
 from .hdf5 import Group, open_run
 from .integrate import integrate
 from .memory import afford
@@ -43,7 +44,7 @@ ENGINES = {
     "collocation": ("engines/collocation.py", "numpy"),
     "exact": ("models/closed_form.py", "numpy"),
 }
-SWEPT = ("axes.py", "members.py", "sweep.py", "ensemble.py", "classify.py", "engines/lanes.py")
+SWEPT = ("cases/sweep_block.py", "members.py", "sweep.py", "ensemble.py", "classify.py", "engines/lanes.py")
 FORCED = "--force"
 REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
 

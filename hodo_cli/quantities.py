@@ -11,7 +11,7 @@ from scipy.special import ellipj
 
 from . import HodoError
 from .accuracy import extended
-from .case import Case, parse_case
+from .cases.case import Case, parse_case
 from .classify import EPS, Crossing, cross
 from .engines import exact, have_taylor
 from .hdf5 import Group

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import HodoError
-from .case import Case, Config, parse
+from .cases.case import Case
+from .cases.config import Config, parse
 from .dataset import Cases, case_of, derive, open_cases
 from .models import rigid_body
 from .provenance import typed

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from . import HodoError, engines
-from .case import Case
+from .cases.case import Case
 from .engines import Watch, exact
 from .models import find
 from .models.base import Event

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from . import HodoError
-from .case import dump
+from .cases.case import dump
 from .hdf5 import Attribute, Group, Run, Variable, create, open_run, refusal
 from .trajectory import Trajectory
 from .workshop import Workshop, identity, workshops

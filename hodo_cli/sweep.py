@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .accuracy import difference, references
-from .axes import axes_of
 from .batch import Pool
-from .case import Case, dump
+from .cases.case import Case, dump
+from .cases.sweep_block import axes_of
 from .hdf5 import Attribute, Group, Late, Variable
 from .members import FAILED, OK, STATUS, Chunk, carried, chunks, columns, compute, kept, member, shape
 from .models import find, rigid_body

@@ -19,7 +19,8 @@ from conftest import Hodo
 
 from hodo_cli import HodoError, memory, plan
 from hodo_cli.batch import pool
-from hodo_cli.case import Case, parse
+from hodo_cli.cases.case import Case
+from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.hdf5 import Group
 

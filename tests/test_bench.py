@@ -12,7 +12,7 @@ from conftest import Hodo
 
 from hodo_cli import bench, solve
 from hodo_cli.bench import Bench, Trial, fastest, perturbed, trial, truth, verdict
-from hodo_cli.case import parse
+from hodo_cli.cases.config import parse
 
 CONFIG = """
 title: t

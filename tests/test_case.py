@@ -14,8 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hodo_cli import HodoError
-from hodo_cli.case import COMMON, METHODS, Case, Time, dump, key_table, load, parse, parse_case, schema
-from hodo_cli.figures import KINDS
+from hodo_cli.cases.case import Case, Time, dump, parse_case
+from hodo_cli.cases.claim_block import CLAIM
+from hodo_cli.cases.config import load, parse
+from hodo_cli.cases.figure_block import KINDS
+from hodo_cli.cases.json_schema import key_table, schema
+from hodo_cli.cases.keys import COMMON, METHODS
 from hodo_cli.models import catalogue
 from hodo_cli.schema import document
 from hodo_cli.schema.document import read
@@ -38,7 +42,6 @@ from hodo_cli.schema.kinds import (
 from hodo_cli.schema.kinds import Path as KeyPath
 from hodo_cli.schema.mistakes import MAX_MISTAKES, Mistakes
 from hodo_cli.schema.write import write
-from hodo_cli.statements import CLAIM
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 NAME_RULE = "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"

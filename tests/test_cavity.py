@@ -10,7 +10,8 @@ import pytest
 import series
 
 from hodo_cli import HodoError
-from hodo_cli.case import Case, load, parse
+from hodo_cli.cases.case import Case
+from hodo_cli.cases.config import load, parse
 from hodo_cli.classify import classify
 from hodo_cli.engines import have_taylor
 from hodo_cli.integrate import integrate

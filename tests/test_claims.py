@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from conftest import ROOT, Hodo
 
-from hodo_cli import HodoError, quantities, statements
-from hodo_cli.case import load, parse
+from hodo_cli import HodoError, quantities
+from hodo_cli.cases import claim_block
+from hodo_cli.cases.claim_block import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
+from hodo_cli.cases.config import load, parse
 from hodo_cli.claims import KINDS, SWEPT, Finding, changed, gridded, measure, members, sampled, thrown
 from hodo_cli.hdf5 import open_run
 from hodo_cli.quantities import Motion
-from hodo_cli.statements import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
 
 PAPERS = ("paper1", "paper2", "paper3")
 TOP = load(ROOT / "configs" / "paper3.yaml").cases["case1"]
@@ -33,17 +34,17 @@ def motion(labels: list[int] | None = None, passages: Any = (), events: Any = ()
 
 def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
     """Verdict and deciding number of a check, given as in a case file."""
-    found = statements.CLAIM["check"].kind.check(check, (), pytest.fail)
+    found = claim_block.CLAIM["check"].kind.check(check, (), pytest.fail)
     claim = {"id": "test", "cases": ("a",) * len(motions), "check": found, "over": None, "expect": REPRODUCED}
     decided = measure(claim, motions)
     return decided.verdict, decided.number
 
 
 def test_what_is_declared_is_done() -> None:
-    assert list(statements.KINDS) == [*KINDS, *SWEPT]
-    assert list(statements.SERIES) == list(quantities.SERIES)
-    assert list(statements.NUMBERS) == list(quantities.NUMBERS)
-    assert list(statements.FORMS) == list(quantities.FORMS)
+    assert list(claim_block.KINDS) == [*KINDS, *SWEPT]
+    assert list(claim_block.SERIES) == list(quantities.SERIES)
+    assert list(claim_block.NUMBERS) == list(quantities.NUMBERS)
+    assert list(claim_block.FORMS) == list(quantities.FORMS)
 
 
 def test_monotone_is_judged_by_the_step_back_in_units_of_the_range() -> None:
@@ -166,7 +167,7 @@ def test_a_random_member_contradicts_what_is_said_of_all() -> None:
 
 
 def over(**given: Any) -> dict[str, Any]:
-    return statements.OVER.check(given, (), pytest.fail)
+    return claim_block.OVER.check(given, (), pytest.fail)
 
 
 def test_grids_have_every_combination_and_change_every_case() -> None:
@@ -301,7 +302,7 @@ def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:
             "cases: turning, over: {grid: {damping.0: []}}",
             "17:94: over.grid.damping.0: wants a list of one or more: number, or a mapping, not a list of 0",
         ),
-        ("cases: turning, seed: 3", f"17:69: seed: unknown key (valid: {', '.join(statements.CLAIM)})"),
+        ("cases: turning, seed: 3", f"17:69: seed: unknown key (valid: {', '.join(claim_block.CLAIM)})"),
     ],
 )
 def test_a_wrong_claim_is_named_with_its_place(wrong: str, line: str) -> None:

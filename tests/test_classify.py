@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hodo_cli import HodoError, engines
-from hodo_cli.case import Case, Time
+from hodo_cli.cases.case import Case, Time
 from hodo_cli.classify import Classification, Crossing, Sides, classify, labelled
 from hodo_cli.integrate import integrate
 from hodo_cli.models import rigid_body

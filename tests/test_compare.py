@@ -12,7 +12,8 @@ import series
 from conftest import ROOT, Hodo
 
 from hodo_cli import HodoError
-from hodo_cli.case import load, parse_case
+from hodo_cli.cases.case import parse_case
+from hodo_cli.cases.config import load
 from hodo_cli.compare import Line, Tolerance, compare, difference, matching
 from hodo_cli.hdf5 import Group, Variable, create, open_run
 from hodo_cli.models import find

@@ -8,7 +8,8 @@ import series
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hodo_cli.case import Case, Time, load
+from hodo_cli.cases.case import Case, Time
+from hodo_cli.cases.config import load
 from hodo_cli.classify import classify
 from hodo_cli.integrate import integrate
 from hodo_cli.models import find

@@ -18,7 +18,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from mpmath import mpf
 
-from hodo_cli.case import Case, parse
+from hodo_cli.cases.case import Case
+from hodo_cli.cases.config import parse
 from hodo_cli.engines import exact
 from hodo_cli.models import closed_form
 

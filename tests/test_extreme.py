@@ -13,7 +13,8 @@ import pytest
 from hodo_cli import engines
 from hodo_cli.accuracy import COMPARED, EXTENDED, thinned
 from hodo_cli.bench import PATIENCE, trial, truth
-from hodo_cli.case import Case, Time, load
+from hodo_cli.cases.case import Case, Time
+from hodo_cli.cases.config import load
 from hodo_cli.engines import exact
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integrate import integrate

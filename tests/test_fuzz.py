@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hodo_cli import HodoError
-from hodo_cli.case import Config, dump, parse, parse_case
+from hodo_cli.cases.case import dump, parse_case
+from hodo_cli.cases.config import Config, parse
 from hodo_cli.schema.document import read
 from hodo_cli.schema.mistakes import Mistakes
 from hodo_cli.schema.write import write

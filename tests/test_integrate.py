@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hodo_cli import HodoError, engines
-from hodo_cli.case import Case, Time
+from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import exact
 from hodo_cli.integrate import integrate
 from hodo_cli.propagate import Clock

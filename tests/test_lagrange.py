@@ -13,7 +13,8 @@ import pytest
 import series
 
 from hodo_cli import HodoError
-from hodo_cli.case import Case, Time, load, parse
+from hodo_cli.cases.case import Case, Time
+from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integrate import integrate
 from hodo_cli.models import catalogue, find

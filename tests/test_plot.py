@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from hodo_cli import HodoError
-from hodo_cli.case import load
-from hodo_cli.figures import KINDS
+from hodo_cli.cases.config import load
+from hodo_cli.cases.figure_block import KINDS
 from hodo_cli.geometry import View, centroid, freest, round_step, sectors, separatrix_circles, stretches
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope

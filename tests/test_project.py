@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 from conftest import ROOT, Hodo
 
-from hodo_cli.case import key_table, parse
+from hodo_cli.cases.config import parse
+from hodo_cli.cases.json_schema import key_table
 
 PACKAGE = ROOT / "hodo_cli"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -65,7 +66,7 @@ def test_nothing_imports_the_command_line() -> None:
 
 def test_models_know_no_solver_file_or_plot() -> None:
     modules = {used.lstrip(".").split(".")[0] for name in MODULES if "models/" in name for used in MODULES[name]}
-    assert not modules & {"scipy", "engines", "integrate", "case", "store", "dataset", "plot", "classify", "batch"}
+    assert not modules & {"scipy", "engines", "integrate", "case", "store", "dataset", "plot", "classify", "batch", "cases", "integration", "results", "figures", "commands"}
 
 
 def commands() -> set[str]:

@@ -22,7 +22,8 @@ import numpy as np
 import pytest
 
 from hodo_cli import HodoError, provenance
-from hodo_cli.case import parse, parse_case
+from hodo_cli.cases.case import parse_case
+from hodo_cli.cases.config import parse
 from hodo_cli.hdf5 import Group, Variable, open_run
 from hodo_cli.store import Finished, Writer, finished, group_of, update
 from hodo_cli.trajectory import Occurrence, Trajectory

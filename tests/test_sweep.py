@@ -18,9 +18,11 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, axes, census, ensemble, maps, members, models, plan, sweep
+from hodo_cli import HodoError, census, ensemble, maps, members, models, plan, sweep
 from hodo_cli.batch import Pool, pool
-from hodo_cli.case import Case, load, parse, parse_case
+from hodo_cli.cases import sweep_block
+from hodo_cli.cases.case import Case, parse_case
+from hodo_cli.cases.config import load, parse
 from hodo_cli.census import Labelled
 from hodo_cli.classify import classify
 from hodo_cli.engines import exact
@@ -90,26 +92,26 @@ def test_store_names_what_a_sweep_has() -> None:
     for model in (one(f"{FIG4}, {BALL}"), one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
                                               "initial: {x: 1, y: 1}, time: {end: 9}")):  # fmt: skip
         found = models.find(model.model, model.form)
-        names = {*axes.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
+        names = {*sweep_block.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
         assert set(members.columns(model)) == names
 
 
 def test_the_values_of_a_range() -> None:
     case = one(f"{FIG4}, {BALL}, sweep: {{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}")
-    ratio, even = axes.axes_of(case.sweep or {})
+    ratio, even = sweep_block.axes_of(case.sweep or {})
     assert ratio.values[0] == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
     assert even.values[0].tolist() == [0, 0.25, 0.5, 0.75, 1]
 
 
 def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:
-    axis = axes.Axis("d", (), {"count": 20_000, "seed": 3})
+    axis = sweep_block.Axis("d", (), {"count": 20_000, "seed": 3})
     every = axis.directions(np.arange(20_000))
     assert np.array_equal(axis.directions(np.array([4097, 5, 19_999])), every[[4097, 5, 19_999]])
     assert np.linalg.norm(every, axis=1) == pytest.approx(1, rel=1e-15)
     # Each component of a uniform direction is uniform in [-1, 1]; 4 standard errors of 20,000.
     assert np.abs(every.mean(axis=0)).max() < 4 * math.sqrt(1 / 3 / 20_000)
     assert np.abs((every**2).mean(axis=0) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / 20_000)
-    other = axes.Axis("d", (), {"count": 20_000, "seed": 4}).directions(np.arange(9))
+    other = sweep_block.Axis("d", (), {"count": 20_000, "seed": 4}).directions(np.arange(9))
     assert not np.any(other == every[:9])
 
 
@@ -467,7 +469,7 @@ claims:
 
 
 def test_the_map_of_the_sphere_keeps_areas_and_comes_back() -> None:
-    directions = axes.Axis("d", (), {"count": 4000, "seed": 1}).directions(np.arange(4000))
+    directions = sweep_block.Axis("d", (), {"count": 4000, "seed": 1}).directions(np.arange(4000))
     points = maps.hammer(directions)
     assert maps.hammer_back(points) == pytest.approx(directions, abs=1e-9)
     # A cap of one tenth of the sphere about each axis fills one tenth of the ellipse (to the pixels of the image).

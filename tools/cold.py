@@ -24,7 +24,7 @@ SCIPY = """
 import sys, time
 import numpy as np
 from scipy.integrate import solve_ivp
-from hodo_cli.case import load
+from hodo_cli.cases.config import load
 from hodo_cli.models import find
 from types import SimpleNamespace
 total = 0.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..case import Case
+from ..cases.case import Case
 from ..models.closed_form import scaled_motion
 from ..models.linear_diag import LinearDiag
 

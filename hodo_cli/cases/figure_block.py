@@ -1,6 +1,6 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides `kind`."""
 
-from .schema.kinds import Choice, Integer, Key, Names, Number, Sequence, Table, Text, Vector
+from ..schema.kinds import Choice, Integer, Key, Names, Number, Sequence, Table, Text, Vector
 
 CASES = Key(Names(), "cases drawn, in this order")
 LABELS = Key(Names(), "what the figure calls its cases, in their order (default: their names)", default=())

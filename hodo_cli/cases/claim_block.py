@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .schema import kinds
-from .schema.kinds import (
+from ..schema import kinds
+from ..schema.kinds import (
     Choice,
     Data,
     Either,

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .schema.kinds import (
+from ..schema.kinds import (
     REQUIRED,
     Either,
     Integer,
@@ -33,7 +33,7 @@ from .schema.kinds import (
     shown,
     unknown,
 )
-from .schema.kinds import Sequence as ListOf
+from ..schema.kinds import Sequence as ListOf
 
 MOST = 10**9
 """Members that one sweep may have."""

@@ -1,0 +1,1 @@
+"""What a case file may say, and the frozen cases that it becomes. Imports models and schema."""

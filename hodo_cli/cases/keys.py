@@ -1,0 +1,105 @@
+"""The keys of case files: those of every case, and the sections of a file."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from .. import models
+from ..models.base import Model
+from ..schema import kinds
+from ..schema.document import Block
+from ..schema.kinds import Choice, Data, Integer, Key, Names, Number, Path, Report, Table, Text
+from . import claim_block
+from .sweep_block import Ranges
+
+METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
+
+TIME = Table(
+    {
+        "start": Key(Number(), "time of the initial data", "time", 0.0),
+        "end": Key(Number(), "time at which the integration ends, not before start", "time"),
+        "samples": Key(
+            Integer(least=1, most=10**15),
+            "number of stored times, evenly spaced from start to end; a single one is the end",
+            default=1001,
+        ),
+    }
+)
+
+COMMON = {
+    "time": Key(TIME, "span of the integration, and its samples"),
+    "method": Key(Choice(*METHODS), "method of integration; auto takes the fastest that is safe", default="auto"),
+    "tol": Key(
+        Number(above=0, below=1),
+        "tolerance relative to max|omega| "
+        "(if left out: 1e-9 for RK45, LSODA, Radau, BDF, 1e-12 for DOP853, else the precision's limit)",
+        default=None,
+    ),
+    "precision": Key(Choice("double", "extended", "quadruple"), "working precision", default="double"),
+    "error": Key(Choice("on", "off"), "whether the error is measured, against a finer integration", default="on"),
+    "store": Key(Names(), "variables kept (if left out or empty: the state)", default=()),
+    "max_seconds": Key(Number(above=0), "run time after which the case is given up", "s", None),
+    "max_steps": Key(Integer(least=1, most=10**15), "number of steps after which the case is given up", default=None),
+    "note": Key(Text(), "remark that goes with the results: an assumption, a misprint", default=""),
+    "sweep": Key(Ranges(), "ranges of numeric keys, which make the case a grid or an ensemble", default=None),
+}
+"""The keys that a case of any model takes besides `model` and `form`."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A mapping whose entries are checked one by one."""
+
+    def check(self, value: Any, at: Path, report: Report) -> Any:
+        return value if isinstance(value, Block) else Data().check(value, at, report)
+
+    def schema(self) -> dict[str, Any]:
+        return Data().schema()
+
+    def describe(self) -> str:
+        return Data().describe()
+
+
+BENCH = Table(
+    {
+        "methods": Key(kinds.Sequence(Choice(*METHODS)), "methods compared"),
+        "tols": Key(kinds.Sequence(Number(above=0, below=1)), "tolerances (default: each method's own)", default=()),
+        "repeats": Key(Integer(least=1, most=1000), "runs of which the median is timed", default=1),
+        "max_seconds": Key(Number(above=0), "run time after which a method is given up", "s", 10.0),
+    }
+)
+
+SECTIONS = {
+    "title": Key(Text(), "title of the config", default=""),
+    "references": Key(Text(), "where its cases come from", default=""),
+    "defaults": Key(Section(), "values for every case that takes the key; those of `time` one by one", default=None),
+    "cases": Key(Section(), "the experiments, by name"),
+    "figures": Key(Section(), "what `hodo plot` draws, by name", default=None),
+    "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
+    "claims": Key(kinds.Sequence(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()),
+}
+
+
+@cache
+def _keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
+    """The class of a model's form (None: the first) and every key of its cases; no class if there is none such."""
+    catalogue = models.catalogue()
+    forms = catalogue.get(model or "", {})
+    head = {"model": Key(Choice(*catalogue), "equations of motion")}
+    if forms:
+        head["form"] = Key(Choice(*forms), "form of the equations", default=next(iter(forms)))
+    found = forms.get(head["form"].default if form is None else form) if forms else None
+    return found, head | (found.keys if found else {}) | COMMON
+
+
+def _keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:
+    """`_keys_of` for the model and form that a case names, rightly or not."""
+    model, form = block.get("model"), block.get("form")
+    return _keys_of(model if isinstance(model, str) else None, form if form is None or isinstance(form, str) else "")
+
+
+@cache
+def _all_keys() -> frozenset[str]:
+    """Every key that a case of some model takes."""
+    classes = [form for forms in models.catalogue().values() for form in forms.values()]
+    return frozenset({"model", "form", *COMMON}.union(*(form.keys for form in classes)))
