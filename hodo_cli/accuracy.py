@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from . import engines
 from .cases.case import Case
+from .engines import protocol
 from .models import find
 from .models.constants import flatten, namespace, structure
 from .propagate import LIMIT, Path
@@ -56,7 +56,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
     finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(case.precision)
     if finer:
         better, _ = best(case, finer)
-        if better != "taylor" or engines.have_taylor():
+        if better != "taylor" or protocol.have_taylor():
             yield finer, better, None
     if method != "exact":
         yield case.precision, method, tol / 100

@@ -16,7 +16,7 @@ from . import HodoError, ensemble
 from .cases.case import Case, Time
 from .cases.sweep_block import Axis, axes_of, put
 from .classify import classify
-from .engines import have_taylor
+from .engines.protocol import have_taylor
 from .ensemble import Ensemble, Outcome
 from .hdf5 import Attribute, Group, Variable
 from .integrate import integrate

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .engines import Engine, Hit, Watch
+from .engines.protocol import Engine, Hit, Watch
 from .models.base import Constants, Event, Model
 from .models.constants import flatten, namespace, structure
 from .trajectory import Occurrence

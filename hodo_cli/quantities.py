@@ -13,7 +13,8 @@ from . import HodoError
 from .accuracy import extended
 from .cases.case import Case, parse_case
 from .classify import EPS, Crossing, cross
-from .engines import exact, have_taylor
+from .engines import exact
+from .engines.protocol import have_taylor
 from .hdf5 import Group
 from .models import closed_form, find, rigid_body
 from .models.lagrange import first_integrals

@@ -8,9 +8,10 @@ from time import perf_counter
 
 import numpy as np
 
-from . import HodoError, engines
+from . import HodoError
 from .cases.case import Case
-from .engines import Watch, exact
+from .engines import exact, protocol
+from .engines.protocol import Watch
 from .models import find
 from .models.base import Event
 from .models.constants import flatten, jacobian, namespace, structure
@@ -64,7 +65,7 @@ def solve(
     if method == "exact":
         return closed_form(case, times, precision)
     k, events = model.constants(case.data), model.run_events(case.data) if events is None else events
-    engine = engines.build(method, model, k, events, tol, precision)
+    engine = protocol.build(method, model, k, events, tol, precision)
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
     began = perf_counter()
     try:
@@ -111,7 +112,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
         return "taylor", "quadruple precision"
     if exact.applies(case):
         return "exact", "closed form"
-    if not engines.have_taylor():
+    if not protocol.have_taylor():
         return "collocation", "heyoka is not installed"
     with suppress(ArithmeticError, HodoError):  # numbers out of range, as `solve` will say
         if (steps := taylor_steps(case)) > MANY_STEPS:

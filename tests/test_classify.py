@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, engines
+from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.classify import Classification, Crossing, Sides, classify, labelled
+from hodo_cli.engines import protocol
 from hodo_cli.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.propagate import Step, Units
@@ -84,7 +85,7 @@ def test_labels_go_on_below_the_smallest_double() -> None:
 @pytest.mark.parametrize("samples", [1, 2, 17, 5001])
 def test_crossings_do_not_depend_on_the_sampling(samples: int) -> None:
     (crossing,) = found(replace(FIG4, time=Time(end=1000.0, samples=samples))).crossings
-    bound = 1e-12 if engines.have_taylor() else 1e-10
+    bound = 1e-12 if protocol.have_taylor() else 1e-10
     assert crossing.time == pytest.approx(CROSSING, rel=bound)
     assert (crossing.start, crossing.end) == (1, 3)
 
@@ -127,7 +128,7 @@ def sides_of(values: list[float], roots: list[int]) -> list[tuple[int, int]]:
 
     sides = Sides(np.array(BODY), (0, 1, 2), band=1e-15)
     for i in range(len(values) - 1):
-        hits = [engines.Hit(0, i + 0.5, 1, dense(i + 0.5)) for _ in range(roots.count(i))]
+        hits = [protocol.Hit(0, i + 0.5, 1, dense(i + 0.5)) for _ in range(roots.count(i))]
         sides(Step(float(i), float(i + 1), float, Units(), dense, hits))
     return [(c.start, c.end) for c in sides.crossings]
 

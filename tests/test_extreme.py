@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hodo_cli import engines
 from hodo_cli.accuracy import COMPARED, EXTENDED, thinned
 from hodo_cli.bench import PATIENCE, trial, truth
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
-from hodo_cli.engines import exact
+from hodo_cli.engines import exact, protocol
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integrate import integrate
 from hodo_cli.models.base import Model
@@ -45,7 +44,7 @@ def test_auto_is_right_or_says_so(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["damping-1e9", "separatrix-1e-15", "horizon-1e8", "cavity-1e6-triaxial", "top-b-1e6"])
 def test_auto_needs_no_taylor_series(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engines, "have_taylor", lambda: False)
+    monkeypatch.setattr(protocol, "have_taylor", lambda: False)
     began = perf_counter()
     trajectory = integrate(CASES[name])
     assert trajectory.method in ("exact", "collocation")
@@ -67,7 +66,7 @@ def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:
 
 def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:
     # The spin ends within the first thousandth of the span; close to u2 = u3 only the start is fast.
-    if engines.have_taylor():
+    if protocol.have_taylor():
         assert choose(CASES["cavity-averaged-1e6"])[0] == "taylor"
         assert choose(CASES["top-sleeping"])[0] == "taylor"
     assert choose(CASES["cavity-1e6-triaxial"])[0] == "collocation"
@@ -104,7 +103,7 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
     case = Case(name="test", model="linear-diag", form="full", data=data, time=Time(end=100.0, samples=101))
     path = solve(case, "exact", "extended").path
     series = solve(case, "taylor", "quadruple").path
-    theirs = engines.taylor.longdouble(series.state)  # type: ignore[attr-defined]
+    theirs = protocol.taylor.longdouble(series.state)  # type: ignore[attr-defined]
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
     assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17
     assert np.array_equal(exact.solve(case, sample_times(case)).dtype, np.float64)

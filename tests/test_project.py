@@ -26,10 +26,10 @@ IMPORTERS = {
     "dask": "batch.py",
     "distributed": "batch.py",
     "h5py": "hdf5.py",
-    "heyoka": "engines/taylor.py engines/lanes.py",
+    "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "plot.py",
     "netCDF4": "dataset.py",
-    "scipy.integrate": "engines/ivp.py",
+    "scipy.integrate": "engines/scipy_ivp.py",
     "xarray": "dataset.py",
     "yaml": "schema/document.py",
 }

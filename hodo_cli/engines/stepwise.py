@@ -8,7 +8,7 @@ import numpy as np
 
 from ..models.base import Constants, Event
 from ..models.constants import Structure, flatten, namespace
-from . import BAND, Hit, Leg, Watch
+from .protocol import BAND, Hit, Leg, Watch
 
 SUBSTEPS = np.linspace(0, 1, 17)
 """Where an event's sign is looked at inside a step: no step spans much more than a turn, and D changes sign at

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, count, flatten, namespace
-from . import BAND, Hit, Leg, Watch
+from .protocol import BAND, Hit, Leg, Watch
 
 hy.set_logger_level_error()
 

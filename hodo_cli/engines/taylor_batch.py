@@ -13,7 +13,7 @@ import numpy as np
 
 from ..models.base import Event, Model
 from ..models.constants import Structure, count, namespace
-from . import Passages
+from .protocol import Passages
 
 hy.set_logger_level_error()
 

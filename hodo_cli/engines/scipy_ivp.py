@@ -10,7 +10,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, jacobian
-from . import Leg, Watch
+from .protocol import Leg, Watch
 from .stepwise import Solver, Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}

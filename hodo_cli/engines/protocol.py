@@ -1,0 +1,146 @@
+"""What the driver and the engines say to each other; one file per engine."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from .. import HodoError
+from ..models.base import Constants, Event, Model
+from ..models.constants import structure
+
+IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
+METHODS = ("taylor", "collocation", *IVP)
+BAND = (1 / 64, 64.0)
+"""The squared norm of a scaled state that needs no new units."""
+
+
+class Hit(NamedTuple):
+    """A zero of an event's function: its place in the list of events, time, direction (+1, -1), state."""
+
+    event: int
+    time: float
+    direction: int
+    state: np.ndarray
+
+
+class Passages(NamedTuple):
+    """Zeros of an event's function in many motions: motion, time and direction of each (n,), and its state (m, n)."""
+
+    motion: np.ndarray
+    time: np.ndarray
+    direction: np.ndarray
+    state: np.ndarray
+
+
+class Leg(NamedTuple):
+    """One stretch of integration in fixed units: the states at the grid points passed, and where it stopped.
+
+    `time` is a pair whose sum is the time reached. `hit` is the terminal event, if one ended the leg.
+    """
+
+    rows: np.ndarray
+    time: tuple[Any, Any]
+    state: np.ndarray
+    hit: Hit | None = None
+
+
+Observer = Callable[[float, float, Callable[[float], np.ndarray], list[Hit]], None]
+"""Called after each step as observer(start, end, dense, hits), with dense(t) the state inside the step."""
+
+
+class Engine(Protocol):
+    """A solver bound to one model's equations and events."""
+
+    dtype: Any
+    tol: float
+    band: tuple[float, float]
+
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: "Watch") -> Leg:
+        """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `watch` says stop."""
+        ...
+
+
+@dataclass
+class Watch:
+    """Decides after each step whether to go on, and remembers why it did not.
+
+    With `band` = (low, high) it asks for new units as soon as the squared norm of the state leaves the band.
+    """
+
+    max_steps: float = math.inf
+    max_seconds: float = math.inf
+    band: tuple[float, float] | None = None
+    observer: Observer | None = None
+    steps: int = 0
+    evaluations: int = 0
+    stop: str = ""
+    message: str = ""
+
+    def __post_init__(self) -> None:
+        self.deadline = perf_counter() + self.max_seconds
+
+    def step(self, y: Sequence[Any]) -> bool:
+        """Count a step that ended in `y`; False to stop."""
+        self.steps += 1
+        if self.steps >= self.max_steps:
+            return self.give_up("timeout", f"max_steps: stopped after {self.steps} steps")
+        if self.steps % 64 == 0 and perf_counter() > self.deadline:
+            return self.give_up("timeout", f"max_seconds: stopped after {self.max_seconds:g} s")
+        if self.band is not None:
+            norm = sum(float(x) * float(x) for x in y)
+            if not self.band[0] < norm < self.band[1]:
+                self.stop = "units"
+                return False
+        return True
+
+    @property
+    def outcome(self) -> str:
+        """`timeout` or `failed` where the motion was given up, else an empty string."""
+        return "" if self.stop == "units" else self.stop
+
+    def give_up(self, stop: str, message: str) -> bool:
+        """Record a final stop."""
+        self.stop, self.message = stop, message
+        return False
+
+
+def have_taylor() -> bool:
+    """Whether heyoka is installed."""
+    from importlib.util import find_spec
+
+    try:
+        return find_spec("heyoka") is not None
+    except ValueError:
+        return False
+
+
+def build(
+    method: str, model: type[Model], k: Constants, events: tuple[Event, ...], tol: float | None, precision: str
+) -> Engine:
+    """The engine of a method, bound to a model's equations; for taylor this compiles, once per process.
+
+    Raises HodoError if there is no such method, it needs what is not installed, or cannot work in that precision.
+    """
+    if method not in METHODS:
+        raise HodoError(f"there is no method {method!r}")
+    if method == "taylor":
+        if not have_taylor():
+            raise HodoError("method taylor needs heyoka, which is not installed: pip install heyoka, or method: auto")
+        from . import taylor
+
+        return taylor.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]
+    if method == "collocation" and precision != "quadruple":
+        from . import collocation
+
+        return collocation.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]
+    if method == "collocation":
+        raise HodoError("method collocation works in double and extended precision only")
+    if precision != "double":
+        raise HodoError(f"method {method} works in double precision only, not {precision}")
+    from . import scipy_ivp
+
+    return scipy_ivp.build(method, model, structure(k), events, tol)  # type: ignore[arg-type]
