@@ -17,18 +17,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from . import HodoError
-from .accuracy import difference, extended, measure, thinned
 from .cases.case import Case
 from .cases.config import Config
-from .classify import EPS, Crossing, cross
 from .hdf5 import Group, Variable, create
-from .integrate import ASKED, remarks, tried
+from .integration.choice import best, choose, taylor_steps
+from .integration.classify import EPS, Crossing, cross
+from .integration.driver import Path
+from .integration.error import difference, extended, measure, thinned
+from .integration.integrate import ASKED, remarks, tried
+from .integration.solve import Solution, sample_times, solve, stored
 from .models import find, rigid_body
 from .models.rigid_body import BodyFrame
-from .propagate import Path
 from .provenance import root_attributes, stamp
 from .report import magnitude, seconds, table
-from .solve import Solution, best, choose, sample_times, solve, stored, taylor_steps
 
 VERDICTS = ("accurate", "limited by the data", "inaccurate, said so", "failed with a message", "timeout", "SILENT")
 SLACK, ULPS = 10, 30

@@ -115,7 +115,8 @@ def run(
 @JSON
 def classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the axis that each hodograph encloses and find the separatrix crossings; both go into RUNS."""
-    from . import classify, report, store
+    from . import report, store
+    from .commands import classify
     from .provenance import stamp
 
     rows, failed = [], 0

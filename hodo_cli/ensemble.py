@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .engines.protocol import Passages
+from .integration.choice import MANY_STEPS
 from .models import rigid_body
 from .models.base import Event, Model
 from .models.constants import Structure, namespace
-from .solve import MANY_STEPS
 
 if TYPE_CHECKING:
     from .engines.taylor_batch import Lanes

@@ -15,11 +15,11 @@ import numpy as np
 from . import HodoError, ensemble
 from .cases.case import Case, Time
 from .cases.sweep_block import Axis, axes_of, put
-from .classify import classify
 from .engines.protocol import have_taylor
 from .ensemble import Ensemble, Outcome
 from .hdf5 import Attribute, Group, Variable
-from .integrate import integrate
+from .integration.classify import classify
+from .integration.integrate import integrate
 from .models import find, rigid_body
 from .models.constants import Structure, flatten, namespace, structure
 

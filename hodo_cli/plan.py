@@ -18,23 +18,23 @@ from .batch import Pool
 from .cases.case import Case, dump
 from .cases.config import Config
 from .hdf5 import Group, open_run
-from .integrate import integrate
+from .integration.choice import choose
+from .integration.integrate import integrate
+from .integration.trajectory import Trajectory
 from .memory import afford
 from .progress import Progress
 from .provenance import root_attributes, stamp
 from .report import SUMMARY
-from .solve import choose
 from .store import Finished, Writer, finished, group_of
-from .trajectory import Trajectory
 
 PACKAGE = Path(__file__).parent
 SHARED = (
     "models/rigid_body.py",
-    "propagate.py",
-    "solve.py",
-    "accuracy.py",
-    "integrate.py",
-    "trajectory.py",
+    "integration/driver.py",
+    "integration/solve.py",
+    "integration/error.py",
+    "integration/integrate.py",
+    "integration/trajectory.py",
     "models/base.py",
     "engines/protocol.py",
     "engines/stepwise.py",
@@ -44,7 +44,7 @@ ENGINES = {
     "collocation": ("engines/collocation.py", "numpy"),
     "exact": ("models/closed_form.py", "numpy"),
 }
-SWEPT = ("cases/sweep_block.py", "members.py", "sweep.py", "ensemble.py", "classify.py", "engines/taylor_batch.py")
+SWEPT = ("cases/sweep_block.py", "members.py", "sweep.py", "ensemble.py", "integration/classify.py", "engines/taylor_batch.py")
 FORCED = "--force"
 REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
 

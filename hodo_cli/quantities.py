@@ -10,17 +10,18 @@ import numpy as np
 from scipy.special import ellipj
 
 from . import HodoError
-from .accuracy import extended
 from .cases.case import Case, parse_case
-from .classify import EPS, Crossing, cross
 from .engines import exact
 from .engines.protocol import have_taylor
 from .hdf5 import Group
+from .integration.choice import choose
+from .integration.classify import EPS, Crossing, cross
+from .integration.error import extended
+from .integration.solve import solve, stored
 from .models import closed_form, find, rigid_body
 from .models.lagrange import first_integrals
 from .models.rigid_body import slope
 from .provenance import typed
-from .solve import choose, solve, stored
 
 
 @dataclass(frozen=True)

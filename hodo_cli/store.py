@@ -19,7 +19,7 @@ import numpy as np
 from . import HodoError
 from .cases.case import dump
 from .hdf5 import Attribute, Group, Run, Variable, create, open_run, refusal
-from .trajectory import Trajectory
+from .integration.trajectory import Trajectory
 from .workshop import Workshop, identity, workshops
 
 RESUME = ("hash", "status", "message", "case")

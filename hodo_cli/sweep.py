@@ -14,16 +14,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .accuracy import difference, references
 from .batch import Pool
 from .cases.case import Case, dump
 from .cases.sweep_block import axes_of
 from .hdf5 import Attribute, Group, Late, Variable
+from .integration.driver import Path
+from .integration.error import difference, references
+from .integration.solve import solve
 from .members import FAILED, OK, STATUS, Chunk, carried, chunks, columns, compute, kept, member, shape
 from .models import find, rigid_body
 from .models.constants import flatten, namespace, structure
-from .propagate import Path
-from .solve import solve
 from .store import Writer
 
 SAMPLE, NEAREST = 256, 64
@@ -306,28 +306,3 @@ def slabs(sizes: tuple[int, ...], first: int, last: int) -> Iterator[tuple[tuple
 
     for where, a, b in cut(sizes, first, last):
         yield where, slice(a - first, b - first)
-
-
-def tabulated(name: str, group: Group) -> dict[str, Any]:
-    """A sweep's line in the table of `classify`, from what is stored of it."""
-    row: dict[str, Any] = {"case": name, "start": "-", "end": "-", "crossings": []}
-    ok = group.variables["status"].data == OK
-    for end in ("start", "end"):
-        if (column := group.variables.get(f"{end}_axis")) is not None:
-            row[end] = _census(column.data[ok])
-    if (counts := group.variables.get("crossings")) is None:
-        return {**row, "warnings": ["the crossings are not stored"]}
-    crossing = ok & (counts.data > 0)
-    said = f"{crossing.sum()} of {ok.sum()} members cross"
-    if counts.data.max(initial=0) > 1:
-        said += f", up to {counts.data.max()} times"
-    if (times := group.variables.get("crossing_time")) is not None and crossing.any():
-        least, median, most = np.quantile(times.data[crossing], (0, 0.5, 1))
-        said += f", first at {least:.6g} to {most:.6g}, median {median:.6g}"
-    return {**row, "warnings": [said]}
-
-
-def _census(labels: np.ndarray) -> str:
-    """How many of the labels are which, in percent."""
-    found = {rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)}
-    return ", ".join(f"{name} {100 * count / max(labels.size, 1):.3g} %" for name, count in found.items() if count)

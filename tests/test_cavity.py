@@ -12,9 +12,9 @@ import series
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import load, parse
-from hodo_cli.classify import classify
 from hodo_cli.engines.protocol import have_taylor
-from hodo_cli.integrate import integrate
+from hodo_cli.integration.classify import classify
+from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import catalogue, find
 from hodo_cli.models.cavity import fluid_torque
 

@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.classify import Classification, Crossing, Sides, classify, labelled
+from hodo_cli.commands.classify import labelled
 from hodo_cli.engines import protocol
-from hodo_cli.integrate import integrate
+from hodo_cli.integration.classify import Classification, Crossing, Sides, classify
+from hodo_cli.integration.driver import Step
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.units import Units
 from hodo_cli.models import rigid_body
-from hodo_cli.propagate import Step, Units
 
 BODY = (1.0, 0.8, 0.6)
 CROSSING = 305.3589551667112034886  # of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
-from hodo_cli.classify import classify
-from hodo_cli.integrate import integrate
+from hodo_cli.integration.classify import classify
+from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import find
 
 PAPER1 = load(Path(__file__).parents[1] / "configs" / "paper1.yaml").cases

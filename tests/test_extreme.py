@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hodo_cli.accuracy import COMPARED, EXTENDED, thinned
 from hodo_cli.bench import PATIENCE, trial, truth
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
 from hodo_cli.engines import exact, protocol
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
-from hodo_cli.integrate import integrate
+from hodo_cli.integration.choice import choose
+from hodo_cli.integration.error import COMPARED, EXTENDED, thinned
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.solve import sample_times, solve
 from hodo_cli.models.base import Model
-from hodo_cli.solve import choose, sample_times, solve
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
 LONG = {"samples-1e7", "damping-1e6-in-all", "tensor-skew-fast", "top-epsilon-1e-6", "horizon-1e5-weak"}

@@ -10,9 +10,10 @@ import pytest
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import exact, protocol
-from hodo_cli.integrate import integrate
-from hodo_cli.propagate import Clock
-from hodo_cli.solve import choose, sample_times, solve, taylor_steps
+from hodo_cli.integration.choice import choose, taylor_steps
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.solve import sample_times, solve
+from hodo_cli.integration.units import Clock
 
 taylor = pytest.mark.heyoka
 

@@ -16,11 +16,11 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines.protocol import have_taylor
-from hodo_cli.integrate import integrate
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.solve import solve
 from hodo_cli.models import catalogue, find
 from hodo_cli.models.base import Event
 from hodo_cli.models.lagrange import first_integrals, mean_cosine, nutation
-from hodo_cli.solve import solve
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases

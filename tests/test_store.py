@@ -25,8 +25,8 @@ from hodo_cli import HodoError, provenance
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import parse
 from hodo_cli.hdf5 import Group, Variable, open_run
+from hodo_cli.integration.trajectory import Occurrence, Trajectory
 from hodo_cli.store import Finished, Writer, finished, group_of, update
-from hodo_cli.trajectory import Occurrence, Trajectory
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"

@@ -24,9 +24,9 @@ from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.census import Labelled
-from hodo_cli.classify import classify
 from hodo_cli.engines import exact
-from hodo_cli.integrate import integrate
+from hodo_cli.integration.classify import classify
+from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
 from hodo_cli.progress import Progress
 

@@ -5,12 +5,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .cases.case import Case
-from .engines import protocol
-from .models import find
-from .models.constants import flatten, namespace, structure
-from .propagate import LIMIT, Path
-from .solve import Solution, best, sample_times, solve
+from ..cases.case import Case
+from ..engines import protocol
+from ..models import find
+from ..models.constants import flatten, namespace, structure
+from .choice import best
+from .driver import LIMIT, Path
+from .solve import Solution, sample_times, solve
 
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
@@ -104,6 +105,6 @@ def extended(values: np.ndarray) -> np.ndarray:
     """Values of any precision as long doubles."""
     if values.dtype.type in (np.float64, np.longdouble):
         return values.astype(np.longdouble)
-    from .engines import taylor
+    from ..engines import taylor
 
     return taylor.longdouble(values)

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .accuracy import measure
-from .cases.case import Case
-from .models import find
-from .solve import Solution, choose, solve, stored
+from ..cases.case import Case
+from ..models import find
+from .choice import choose
+from .error import measure
+from .solve import Solution, solve, stored
 from .trajectory import Trajectory
 
 ASKED = 1e-12

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .cases.case import Case
+from ..cases.case import Case
 
 
 @dataclass(frozen=True)

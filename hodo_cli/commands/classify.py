@@ -1,0 +1,116 @@
+"""`hodo classify`: labels and crossings of stored cases."""
+
+from typing import Any
+
+import numpy as np
+
+from .. import HodoError
+from ..cases.case import Case, parse_case
+from ..hdf5 import Attribute, Group, Variable
+from ..integration.classify import Classification, classify
+from ..members import OK
+from ..memory import afford
+from ..models import find, rigid_body
+from ..provenance import typed
+
+RECORDED = {"case": str, "method": str, "tol": float, "error": float}
+"""The attributes of a stored case that its classification rests on."""
+
+
+def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
+    """What `classify` adds to a stored case (None if labels do not apply to it), and its line in the table.
+
+    Raises HodoError as `classify` does.
+    """
+    recorded = typed(group.attributes, RECORDED, name)
+    case = parse_case(recorded["case"])
+    if case.sweep:
+        return None, tabulated(name, group)
+    if remark := inapplicable(case, group):
+        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
+    afford(case)
+    omega = group.variables["omega"].data
+    if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
+        raise HodoError(f"{name} is damaged (its omega holds no vectors)")
+    found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
+    ends = [rigid_body.LABELS[int(label)] for label in found.labels[[0, -1]]]
+    table = [
+        {"time": c.time, "error": c.error, "from": rigid_body.LABELS[c.start], "to": rigid_body.LABELS[c.end], "G": c.momentum}
+        for c in found.crossings
+    ]
+    row = {"case": name, "start": ends[0], "end": ends[1], "crossings": table, "warnings": list(found.warnings)}
+    return labelled(found), row
+
+
+def inapplicable(case: Case, group: Group) -> str:
+    """Why there is nothing to label in a stored case; an empty string if there is."""
+    if reason := find(case.model, case.form).unclassifiable:
+        return reason
+    if "omega" not in group.variables:
+        return "omega is not stored"
+    return "" if len(group.variables["omega"].data) else "no samples are stored"
+
+
+def labelled(found: Classification) -> Group:
+    """A classification as it is stored."""
+    flags: dict[str, Attribute] = {
+        "flag_values": np.array(list(rigid_body.LABELS), dtype=np.int8),
+        "flag_meanings": " ".join(rigid_body.LABELS.values()),
+    }
+    crossings = found.crossings
+    variables = {
+        "enclosed_axis": Variable(
+            ("time",), found.labels, {"long_name": "axis that the hodograph of G encloses", "units": "1", **flags}
+        ),
+        "crossing_time": Variable(
+            ("crossing",),
+            np.array([c.time for c in crossings]),
+            {"long_name": "time of passage through the separatrix", "units": "1"},
+        ),
+        "crossing_error": Variable(
+            ("crossing",),
+            np.array([c.error for c in crossings]),
+            {"long_name": "measured error of crossing_time", "units": "1"},
+        ),
+        "crossing_from": Variable(
+            ("crossing",),
+            np.array([c.start for c in crossings], dtype=np.int8),
+            {"long_name": "axis enclosed before", "units": "1", **flags},
+        ),
+        "crossing_to": Variable(
+            ("crossing",),
+            np.array([c.end for c in crossings], dtype=np.int8),
+            {"long_name": "axis enclosed after", "units": "1", **flags},
+        ),
+        "crossing_G": Variable(
+            ("crossing",),
+            np.array([c.momentum for c in crossings]),
+            {"long_name": "|G| at the passage", "units": "1"},
+        ),
+    }
+    return Group({"classify_warnings": "\n".join(found.warnings)}, variables)
+
+
+def tabulated(name: str, group: Group) -> dict[str, Any]:
+    """A sweep's line in the table of `classify`, from what is stored of it."""
+    row: dict[str, Any] = {"case": name, "start": "-", "end": "-", "crossings": []}
+    ok = group.variables["status"].data == OK
+    for end in ("start", "end"):
+        if (column := group.variables.get(f"{end}_axis")) is not None:
+            row[end] = _census(column.data[ok])
+    if (counts := group.variables.get("crossings")) is None:
+        return {**row, "warnings": ["the crossings are not stored"]}
+    crossing = ok & (counts.data > 0)
+    said = f"{crossing.sum()} of {ok.sum()} members cross"
+    if counts.data.max(initial=0) > 1:
+        said += f", up to {counts.data.max()} times"
+    if (times := group.variables.get("crossing_time")) is not None and crossing.any():
+        least, median, most = np.quantile(times.data[crossing], (0, 0.5, 1))
+        said += f", first at {least:.6g} to {most:.6g}, median {median:.6g}"
+    return {**row, "warnings": [said]}
+
+
+def _census(labels: np.ndarray) -> str:
+    """How many of the labels are which, in percent."""
+    found = {rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)}
+    return ", ".join(f"{name} {100 * count / max(labels.size, 1):.3g} %" for name, count in found.items() if count)

@@ -1,0 +1,1 @@
+"""One motion, without files: driven through an engine, its error measured, its crossings found."""

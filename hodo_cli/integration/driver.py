@@ -1,0 +1,105 @@
+"""The driver of the engines: from a start through the sample times, in units that fit the motion at every moment."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..engines.protocol import Engine, Hit, Watch
+from ..models.base import Constants, Event, Model
+from .trajectory import Occurrence
+from .units import Calendar, Clock, Units
+
+BLOCK = 1 << 16
+"""Samples handed to an engine at once."""
+
+LIMIT = 2**12
+"""Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the smallest double."""
+
+LARGEST, OUTGROWN = 1024, "the motion has outgrown the largest number"
+"""The binary order of magnitude of the largest double, and what is said of a motion beyond it."""
+
+
+class Path(NamedTuple):
+    """A motion at the times passed: state (n, m) in units of 2**exponent (n,), and the events met."""
+
+    time: np.ndarray
+    state: np.ndarray
+    exponent: np.ndarray
+    events: tuple[Occurrence, ...]
+
+
+class Step(NamedTuple):
+    """One step as a witness sees it; `at` turns the engine's time into the true one."""
+
+    start: Any
+    end: Any
+    at: Callable[[Any], float]
+    units: Units
+    dense: Callable[[Any], np.ndarray]
+    hits: list[Hit]
+
+
+def propagate(
+    engine: Engine,
+    model: type[Model],
+    k: Constants,
+    y0: tuple[float, ...],
+    start: float,
+    times: np.ndarray,
+    watch: Watch,
+    witness: Callable[[Step], None] | None = None,
+    events: tuple[Event, ...] = (),
+) -> Path:
+    """Integrate from `y0` at `start` through `times`, changing units whenever the motion has outgrown them.
+
+    Ends early at a terminal event, whose time and state are then the last ones, or when `watch` says so.
+    """
+    fp = engine.dtype
+    units = Units.fit(model, k, np.array(y0))
+    y = np.array([math.ldexp(value, -units.size) for value in y0]).astype(fp)
+    clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
+    rows, exponent = np.empty((len(times), len(y0)), dtype=fp), np.full(len(times), units.size)
+    done = int(np.searchsorted(times, start, side="right"))
+    rows[:done] = y
+    found: list[Occurrence] = []
+    forced = any(k[name] for name, degree in model.degree.items() if degree == 0)
+    watch.band = engine.band if model.degree and any(y0) and not forced else None
+
+    def observe(start: Any, end: Any, dense: Callable[[Any], np.ndarray], hits: list[Hit]) -> None:
+        if witness is not None:
+            witness(Step(start, end, clock.true, units, dense, hits))
+        found.extend(occurrence(hit) for hit in hits if not events[hit.event].terminal)
+
+    def occurrence(hit: Hit) -> Occurrence:
+        state = tuple(float(value) for value in hit.state)
+        return Occurrence(events[hit.event].kind, clock.true(hit.time), hit.direction, state, units.size)
+
+    watch.observer = observe if events else None
+    while done < len(times) and watch.stop in ("", "units"):
+        watch.stop = ""
+        clock.factor = math.ldexp(1.0, units.rate)
+        grid = clock.grid(times[done : done + BLOCK].astype(fp))
+        if not math.isfinite(float(grid[-1])):
+            raise OverflowError
+        leg = engine.leg(units.constants(model, k), y, grid, watch)
+        passed = len(leg.rows) - 1
+        rows[done : done + passed], exponent[done : done + passed] = leg.rows[1:], units.size
+        done += passed
+        if leg.hit is not None:
+            end = occurrence(leg.hit)
+            return Path(
+                np.append(times[:done], end.time),
+                np.concatenate((rows[:done], leg.hit.state[None])),
+                np.append(exponent[:done], units.size),
+                (*found, end),
+            )
+        clock.advance(leg.time)
+        new = Units.fit(model, k, leg.state.astype(float), units.size)
+        if new.size < -LIMIT:
+            rows[done:], exponent[done:], done = 0, -LIMIT, len(times)
+        elif new.size > LARGEST:
+            watch.give_up("failed", f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
+        y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
+    return Path(times[:done], rows[:done], exponent[:done], tuple(found))
