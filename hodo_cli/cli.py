@@ -89,9 +89,9 @@ def run(
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are kept."""
     from . import plan, report
-    from .batch import pool
+    from .batch.pool import pool
+    from .batch.progress import Progress
     from .cases.config import load
-    from .progress import Progress
 
     loaded = [load(path, overrides) for path in configs]
     plans = plan.plans(loaded, out, globs, force, jobs)

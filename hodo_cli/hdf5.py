@@ -13,7 +13,8 @@ import h5py
 import numpy as np
 from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
-from . import HodoError, memory
+from . import HodoError
+from .batch import memory
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()

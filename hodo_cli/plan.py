@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from . import HodoError, models
-from .batch import Pool
+from .batch.memory import afford
+from .batch.pool import Pool
+from .batch.progress import Progress
 from .cases.case import Case, dump
 from .cases.config import Config
 from .hdf5 import Group, open_run
 from .integration.choice import choose
 from .integration.integrate import integrate
 from .integration.trajectory import Trajectory
-from .memory import afford
-from .progress import Progress
 from .provenance import root_attributes, stamp
 from .report import SUMMARY
 from .store import Finished, Writer, finished, group_of

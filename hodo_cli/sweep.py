@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .batch import Pool
+from .batch.pool import Pool
 from .cases.case import Case, dump
 from .cases.sweep_block import axes_of
 from .hdf5 import Attribute, Group, Late, Variable

@@ -17,8 +17,9 @@ import stress
 from click.testing import CliRunner, Result
 from conftest import Hodo
 
-from hodo_cli import HodoError, memory, plan
-from hodo_cli.batch import pool
+from hodo_cli import HodoError, plan
+from hodo_cli.batch import memory
+from hodo_cli.batch.pool import pool
 from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main

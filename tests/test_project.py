@@ -23,8 +23,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 # A heavy library and the only module that may import it.
 IMPORTERS = {
-    "dask": "batch.py",
-    "distributed": "batch.py",
+    "dask": "batch/pool.py",
+    "distributed": "batch/pool.py",
     "h5py": "hdf5.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "plot.py",

@@ -19,7 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hodo_cli import HodoError, census, ensemble, maps, members, models, plan, sweep
-from hodo_cli.batch import Pool, pool
+from hodo_cli.batch.pool import Pool, pool
+from hodo_cli.batch.progress import Progress
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
@@ -28,7 +29,6 @@ from hodo_cli.engines import exact
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
-from hodo_cli.progress import Progress
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"

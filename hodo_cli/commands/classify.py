@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
+from ..batch.memory import afford
 from ..cases.case import Case, parse_case
 from ..hdf5 import Attribute, Group, Variable
 from ..integration.classify import Classification, classify
 from ..members import OK
-from ..memory import afford
 from ..models import find, rigid_body
 from ..provenance import typed
 

@@ -6,9 +6,9 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from . import HodoError
-from .cases.case import Case
-from .models import find
+from .. import HodoError
+from ..cases.case import Case
+from ..models import find
 
 BYTES = 50
 """Peak of memory for each number of each sample (the state and the stored variables), rounded up from what cases of

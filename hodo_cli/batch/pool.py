@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from threading import Thread
 from typing import Any, Self, TypeVar
 
-from . import HodoError
+from .. import HodoError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

@@ -1,0 +1,1 @@
+"""Tasks in processes or on dask, their progress, and the memory that they may take."""
