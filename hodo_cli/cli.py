@@ -115,13 +115,14 @@ def run(
 @JSON
 def classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the axis that each hodograph encloses and find the separatrix crossings; both go into RUNS."""
-    from . import report, store
+    from . import report
     from .commands import classify
-    from .provenance import stamp
+    from .results import update
+    from .results.provenance import stamp
 
     rows, failed = [], 0
     for path in runs:
-        with store.update(path, stamp(f"hodo classify {path}")) as changes:
+        with update.update(path, stamp(f"hodo classify {path}")) as changes:
             for name in changes.run.cases():
                 group = changes.run.read(name)
                 try:
@@ -146,13 +147,14 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
 
     Exit status 3 if a verdict is not the one that the case file expects.
     """
-    from . import claims, report, store
+    from . import claims, report
     from .cases.config import parse
-    from .provenance import stamp
+    from .results import update
+    from .results.provenance import stamp
 
     rows = []
     for path in runs:
-        with store.update(path, stamp(f"hodo claims {path}")) as changes:
+        with update.update(path, stamp(f"hodo claims {path}")) as changes:
             config = parse(changes.run.text, str(path))
             verdicts = [claims.judge(claim, changes.run) for claim in config.claims]
             rows += [{"run": str(path), **claims.row(verdict)} for verdict in verdicts]
@@ -170,7 +172,7 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
 def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
     """Draw the figures of each RUN (*.h5), all or those named, and a page with all of them."""
     from . import page, plot
-    from .results import open_results
+    from .results.motion import open_results
 
     files = [Path(name) for name in runs if name.endswith(".h5")]
     names = [name for name in runs if not name.endswith(".h5")]
@@ -201,7 +203,8 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere. Times of crossings
     and events may be off by 100 times rtol.
     """
-    from . import compare, hdf5, report
+    from . import compare, report
+    from .results import hdf5
 
     with hdf5.open_run(a) as ours, hdf5.open_run(b) as reference:
         lines = compare.compare(ours, reference, compare.Tolerance(rtol, atol))
@@ -243,12 +246,13 @@ def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: 
 @JSON
 def show(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print what is in RUNS: the cases, how they ended, their error and run time."""
-    from . import hdf5, report
+    from . import report
+    from .results import hdf5, layout
 
     rows = []
     for path in runs:
         with hdf5.open_run(path) as run:
-            rows += [{"run": str(path), "case": name, **run.row(name, report.SUMMARY)} for name in run.cases()]
+            rows += [{"run": str(path), "case": name, **run.row(name, layout.SUMMARY)} for name in run.cases()]
     click.echo(json.dumps(rows) if as_json else report.cases(rows))
 
 

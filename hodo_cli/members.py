@@ -17,11 +17,11 @@ from .cases.case import Case, Time
 from .cases.sweep_block import Axis, axes_of, put
 from .engines.protocol import have_taylor
 from .ensemble import Ensemble, Outcome
-from .hdf5 import Attribute, Group, Variable
 from .integration.classify import classify
 from .integration.integrate import integrate
 from .models import find, rigid_body
 from .models.constants import Structure, flatten, namespace, structure
+from .results.hdf5 import Attribute, Group, Variable
 
 OK, FAILED, TIMEOUT, INVALID = range(4)
 STATUS = ("ok", "failed", "timeout", "invalid")

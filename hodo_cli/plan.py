@@ -19,13 +19,14 @@ from .batch.pool import Pool
 from .batch.progress import Progress
 from .cases.case import Case, dump
 from .cases.config import Config
-from .hdf5 import Group, open_run
 from .integration.choice import choose
 from .integration.integrate import integrate
 from .integration.trajectory import Trajectory
-from .provenance import root_attributes, stamp
-from .report import SUMMARY
-from .store import Finished, Writer, finished, group_of
+from .results.encode import group_of
+from .results.hdf5 import Group, open_run
+from .results.layout import SUMMARY
+from .results.provenance import root_attributes, stamp
+from .results.writer import Finished, Writer, finished
 
 PACKAGE = Path(__file__).parent
 SHARED = (

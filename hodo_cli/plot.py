@@ -30,7 +30,7 @@ from .geometry import View, centroid, freest, graticule, round_step, sectors, se
 from .maps import Swept, edges, hammer, hammer_curve, hammer_image
 from .models import rigid_body
 from .models.rigid_body import slope
-from .results import Motion, Rendered, Results
+from .results.motion import Motion, Rendered, Results
 from .schema.kinds import nearest
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from . import HodoError
 from .cases.case import Case, parse_case
 from .engines import exact
 from .engines.protocol import have_taylor
-from .hdf5 import Group
 from .integration.choice import choose
 from .integration.classify import EPS, Crossing, cross
 from .integration.error import extended
@@ -21,7 +20,8 @@ from .integration.solve import solve, stored
 from .models import closed_form, find, rigid_body
 from .models.lagrange import first_integrals
 from .models.rigid_body import slope
-from .provenance import typed
+from .results.hdf5 import Group
+from .results.provenance import typed
 
 
 @dataclass(frozen=True)

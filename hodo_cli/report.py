@@ -5,19 +5,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-SUMMARY = {
-    "model": str,
-    "form": str,
-    "method": str,
-    "steps": int,
-    "run_time": float,
-    "error": float,
-    "status": str,
-    "message": str,
-    "warnings": str,
-}
-"""The attributes of a case that its line in a table shows."""
-
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> str:
     """Columns under a header, aligned; those named in `right` to the right. Lines carry no trailing space.

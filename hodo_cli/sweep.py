@@ -17,14 +17,14 @@ import numpy as np
 from .batch.pool import Pool
 from .cases.case import Case, dump
 from .cases.sweep_block import axes_of
-from .hdf5 import Attribute, Group, Late, Variable
 from .integration.driver import Path
 from .integration.error import difference, references
 from .integration.solve import solve
 from .members import FAILED, OK, STATUS, Chunk, carried, chunks, columns, compute, kept, member, shape
 from .models import find, rigid_body
 from .models.constants import flatten, namespace, structure
-from .store import Writer
+from .results.hdf5 import Attribute, Group, Late, Variable
+from .results.writer import Writer
 
 SAMPLE, NEAREST = 256, 64
 """Members whose error is measured: drawn at random, and nearest to the separatrix."""

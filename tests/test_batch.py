@@ -23,7 +23,7 @@ from hodo_cli.batch.pool import pool
 from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
-from hodo_cli.hdf5 import Group
+from hodo_cli.results.hdf5 import Group
 
 DEFAULTS = (
     "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"

@@ -17,8 +17,8 @@ from hodo_cli.cases import claim_block
 from hodo_cli.cases.claim_block import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
 from hodo_cli.cases.config import load, parse
 from hodo_cli.claims import KINDS, SWEPT, Finding, changed, gridded, measure, members, sampled, thrown
-from hodo_cli.hdf5 import open_run
 from hodo_cli.quantities import Motion
+from hodo_cli.results.hdf5 import open_run
 
 PAPERS = ("paper1", "paper2", "paper3")
 TOP = load(ROOT / "configs" / "paper3.yaml").cases["case1"]

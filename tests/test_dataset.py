@@ -17,7 +17,7 @@ HEAD = f"""
 import sys
 import numpy as np
 from hodo_cli import HodoError
-from hodo_cli.dataset import derive, open_case, open_cases, open_root
+from hodo_cli.results.dataset import derive, open_case, open_cases, open_root
 SAMPLE = {str(SAMPLE)!r}
 """
 

@@ -34,7 +34,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from hodo_cli import HodoError, plot
 from hodo_cli.geometry import View
-from hodo_cli.results import open_results
+from hodo_cli.results.motion import open_results
 runs = Path(sys.argv[1])
 
 def refused(call):

@@ -28,9 +28,9 @@ IMPORTERS = {
     "h5py": "hdf5.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "plot.py",
-    "netCDF4": "dataset.py",
+    "netCDF4": "results/dataset.py",
     "scipy.integrate": "engines/scipy_ivp.py",
-    "xarray": "dataset.py",
+    "xarray": "results/dataset.py",
     "yaml": "schema/document.py",
 }
 

@@ -21,12 +21,15 @@ import h5py
 import numpy as np
 import pytest
 
-from hodo_cli import HodoError, provenance
+from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import parse
-from hodo_cli.hdf5 import Group, Variable, open_run
 from hodo_cli.integration.trajectory import Occurrence, Trajectory
-from hodo_cli.store import Finished, Writer, finished, group_of, update
+from hodo_cli.results import provenance
+from hodo_cli.results.encode import group_of
+from hodo_cli.results.hdf5 import Group, Variable, open_run
+from hodo_cli.results.update import update
+from hodo_cli.results.writer import Finished, Writer, finished
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
@@ -656,7 +659,7 @@ def test_root_attributes_say_what_made_the_file() -> None:
 
 
 def test_a_package_outside_a_checkout_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "hodo_cli" / "provenance.py"))
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "hodo_cli" / "results" / "provenance.py"))
     assert "git_commit" not in provenance.versions()
 
 
@@ -667,7 +670,7 @@ def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_imports() -> None:
-    code = "import json, sys, hodo_cli.store\nprint(json.dumps([n for n, module in sys.modules.items() if module]))"
+    code = "import json, sys, hodo_cli.results.writer\nprint(json.dumps([n for n, module in sys.modules.items() if module]))"
     loaded = set(alone(code))
     assert not loaded & {"netCDF4", "xarray", "heyoka", "scipy", "matplotlib"}
     assert "h5py" in loaded

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from hodo_cli.hdf5 import Group, Run, Variable, create, open_run
-from hodo_cli.provenance import stamp
+from hodo_cli.results.hdf5 import Group, Run, Variable, create, open_run
+from hodo_cli.results.provenance import stamp
 
 SAMPLES = 41
 """About how many samples of a motion are kept."""

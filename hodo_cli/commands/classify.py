@@ -7,11 +7,11 @@ import numpy as np
 from .. import HodoError
 from ..batch.memory import afford
 from ..cases.case import Case, parse_case
-from ..hdf5 import Attribute, Group, Variable
 from ..integration.classify import Classification, classify
 from ..members import OK
 from ..models import find, rigid_body
-from ..provenance import typed
+from ..results.hdf5 import Attribute, Group, Variable
+from ..results.provenance import typed
 
 RECORDED = {"case": str, "method": str, "tol": float, "error": float}
 """The attributes of a stored case that its classification rests on."""

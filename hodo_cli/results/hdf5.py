@@ -1,6 +1,5 @@
 """Labelled arrays in HDF5 that netCDF-4 readers understand, group by group. The only importer of h5py."""
 
-import io
 import os
 import re
 from collections.abc import Callable, Container, Iterator, Mapping
@@ -13,8 +12,9 @@ import h5py
 import numpy as np
 from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
-from . import HodoError
-from .batch import memory
+from .. import HodoError
+from ..batch import memory
+from .disk import _Disk
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
@@ -253,54 +253,6 @@ def _attach(items: Mapping[str, h5py.Dataset], name: str, dims: tuple[str, ...])
     """Link a dataset to its dimensions."""
     for i, dim in enumerate(dims):
         h5ds.attach_scale(items[name].id, items[dim].id, i)
-
-
-class _Disk(io.FileIO):
-    """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process down over one.
-
-    What could not be written is kept in memory and read back from there, for HDF5 crashes over missing bytes too.
-    """
-
-    error: OSError | None = None
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "w+")
-        self._unwritten: list[tuple[int, bytes]] = []
-
-    def write(self, data: Any) -> int:
-        view = memoryview(data).cast("B")
-        try:
-            while view and self.error is None:
-                view = view[super().write(view) :]
-        except OSError as error:
-            self.error = error
-        if view:
-            self._unwritten.append((self.tell(), bytes(view)))
-        return len(data)
-
-    def truncate(self, size: int | None = None) -> int:
-        try:
-            return super().truncate(size)
-        except OSError as error:
-            self.error = self.error or error
-            return size or 0
-
-    def check(self) -> None:
-        """Raise the failure, if there was one."""
-        if self.error:
-            raise self.error
-
-    def readinto(self, buffer: Any) -> int:
-        start, view = self.tell(), memoryview(buffer).cast("B")
-        got = super().readinto(view) or 0
-        if not self.error:
-            return got
-        view[got:] = bytes(len(view) - got)
-        for offset, data in self._unwritten:
-            first, last = max(start, offset), min(start + len(view), offset + len(data))
-            if first < last:
-                view[first - start : last - start] = data[first - offset : last - offset]
-        return len(view)
 
 
 @contextmanager

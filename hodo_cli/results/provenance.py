@@ -10,7 +10,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
-from . import HodoError, __version__
+from .. import HodoError, __version__
 
 FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer files."""
@@ -63,7 +63,7 @@ def versions() -> dict[str, str]:
 
 def _git_status() -> "subprocess.Popen[str] | None":
     """A process that prints the commit and the changes of the package's own checkout; None if it is not in one."""
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     if not (package.parent / ".git").exists():
         return None
     command = ["git", "--no-optional-locks", "-C", str(package), "status", "--porcelain=v2", "--branch", "--", "."]

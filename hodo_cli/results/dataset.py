@@ -14,10 +14,10 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from . import HodoError
-from .batch import memory
-from .cases.case import Case, parse_case
-from .models import rigid_body
+from .. import HodoError
+from ..batch import memory
+from ..cases.case import Case, parse_case
+from ..models import rigid_body
 from .provenance import FORMAT_VERSION
 
 

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import HodoError
-from .cases.case import Case
-from .cases.config import Config, parse
+from .. import HodoError
+from ..cases.case import Case
+from ..cases.config import Config, parse
+from ..models import rigid_body
+from ..schema.kinds import nearest
 from .dataset import Cases, case_of, derive, open_cases
-from .models import rigid_body
+from .layout import SUMMARY
 from .provenance import typed
-from .report import SUMMARY
-from .schema.kinds import nearest
 
 if TYPE_CHECKING:
     import xarray as xr

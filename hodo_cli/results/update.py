@@ -1,0 +1,90 @@
+"""Changes to a result file that is there."""
+
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .hdf5 import Group, Run, create, open_run
+from .staging import Workshop
+from .writer import _longer, _parts, _pieces, _refusals, _resume
+
+
+class Update:
+    """Changes to a result; made by `update`."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.parts: dict[str, Group] = {}
+
+    def write(self, name: str, part: Group) -> None:
+        """Add attributes and variables to a case, or replace them; a group that begins with `_` is made anew."""
+        if name not in self.run or not _holds(self.run.read(name), part, whole=name.startswith("_")):
+            self.parts[name] = part
+
+
+@contextmanager
+def update(path: Path | str, history: str = "") -> Iterator[Update]:
+    """Change a result. It is replaced at the end, or left alone if the changes change nothing.
+
+    If another process has replaced it meanwhile, the changes apply to the cases that are still the same.
+    Raises HodoError as `open_run` does, or if the result cannot be written.
+    """
+    path = Path(path)
+    with open_run(path) as run:
+        changes = Update(run)
+        yield changes
+        with _refusals(path), ExitStack() as stack:
+            workshop = Workshop(path)
+            stack.callback(workshop.close)
+            for folder in workshop.abandoned():
+                if not _pieces(folder) and not _parts(folder):
+                    shutil.rmtree(folder, ignore_errors=True)
+            if changes.parts:
+                stack.callback(workshop.remove)
+                with workshop.turn(), open_run(path) as now:
+                    _rewrite(workshop / "whole.h5", now, changes, history)
+                    workshop.publish(workshop / "whole.h5")
+
+
+def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
+    """Write a result with changes that were made to it, or to a file that had its name before."""
+
+    def applies(name: str) -> bool:
+        return name.startswith("_") or (name in now and _resume(now, name) == _resume(changes.run, name))
+
+    parts = {name: part for name, part in changes.parts.items() if applies(name)}
+    with create(whole, {**now.attributes, "history": _longer(now, history)}) as output:
+        for name in dict.fromkeys([*now.groups(), *parts]):
+            if name not in parts:
+                output.copy(now, name)
+            elif name.startswith("_"):
+                output.write(name, parts[name])
+            else:
+                old, part = now.read(name), parts[name]
+                output.write(name, Group({**old.attributes, **part.attributes}, {**old.variables, **part.variables}))
+
+
+def _holds(old: Group, part: Group, whole: bool) -> bool:
+    """Whether a group has what a part says already and, if `whole`, nothing else."""
+    if whole and (set(old.attributes) != set(part.attributes) or set(old.variables) != set(part.variables)):
+        return False
+    return _same(old.attributes, part.attributes) and all(
+        name in old.variables
+        and old.variables[name].dims == new.dims
+        and _equal(old.variables[name].data, new.data)
+        and _same(old.variables[name].attributes, new.attributes)
+        for name, new in part.variables.items()
+    )
+
+
+def _same(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    return all(name in old and _equal(old[name], value) for name, value in new.items())
+
+
+def _equal(a: Any, b: Any) -> bool:
+    a, b = np.asarray(a), np.asarray(b)
+    return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))
