@@ -18,10 +18,10 @@ from . import HodoError, quantities
 from .cases.case import Case, Time, dump, parse_case
 from .cases.claim_block import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, SERIES, UNDERDETERMINED
 from .cases.sweep_block import put
-from .census import Labelled, average
 from .models import rigid_body
 from .quantities import Motion
 from .results.hdf5 import Group, Run, Variable
+from .sweeps.averages import Labelled, average
 
 PLOTTING_ACCURACY = 0.01
 """A violation, relative to a quantity's range, that a figure does not show."""

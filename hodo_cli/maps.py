@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from . import HodoError
 from .cases.case import Case, parse_case
 from .cases.sweep_block import Axis, axes_of
-from .census import Labelled, average
 from .schema.kinds import nearest
+from .sweeps.averages import Labelled, average
 
 if TYPE_CHECKING:
     import xarray as xr

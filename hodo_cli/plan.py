@@ -45,7 +45,7 @@ ENGINES = {
     "collocation": ("engines/collocation.py", "numpy"),
     "exact": ("models/closed_form.py", "numpy"),
 }
-SWEPT = ("cases/sweep_block.py", "members.py", "sweep.py", "ensemble.py", "integration/classify.py", "engines/taylor_batch.py")
+SWEPT = ("cases/sweep_block.py", "sweeps/members.py", "sweeps/sweep.py", "sweeps/ensemble.py", "integration/classify.py", "engines/taylor_batch.py")
 FORCED = "--force"
 REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
 
@@ -181,7 +181,7 @@ def outcomes(
     yield from pool.map(finish, [case for case in cases if not case.sweep])
     for case in cases:
         if case.sweep:
-            from . import sweep
+            from .sweeps import sweep
 
             resume = plan.reasons.get(case.name) != FORCED
             try:

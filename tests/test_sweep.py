@@ -18,17 +18,18 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, census, ensemble, maps, members, models, plan, sweep
+from hodo_cli import HodoError, maps, models, plan
 from hodo_cli.batch.pool import Pool, pool
 from hodo_cli.batch.progress import Progress
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
-from hodo_cli.census import Labelled
 from hodo_cli.engines import exact
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
+from hodo_cli.sweeps import averages, chunk, columns, ensemble, grid, members, summary
+from hodo_cli.sweeps.averages import Labelled
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
@@ -41,7 +42,7 @@ def one(text: str) -> Case:
 
 
 def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, np.ndarray]:
-    group = members.compute(members.Chunk(case, first, math.prod(members.shape(case)) if last is None else last))
+    group = chunk.compute(chunk.Chunk(case, first, math.prod(columns.shape(case)) if last is None else last))
     return {name: variable.data for name, variable in group.variables.items()}
 
 
@@ -93,7 +94,7 @@ def test_store_names_what_a_sweep_has() -> None:
                                               "initial: {x: 1, y: 1}, time: {end: 9}")):  # fmt: skip
         found = models.find(model.model, model.form)
         names = {*sweep_block.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
-        assert set(members.columns(model)) == names
+        assert set(columns.columns(model)) == names
 
 
 def test_the_values_of_a_range() -> None:
@@ -208,7 +209,7 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
         (omega,) = exact.solve(member, np.array([case.time.end]))
         off = np.abs(values["omega"][number] - omega).max() / np.abs(omega).max()
         assert off < 1e-12  # 100 radians: some 200 units in the last place, as one ulp in the data does
-        assert values["status"][number] == members.OK
+        assert values["status"][number] == columns.OK
 
 
 @pytest.mark.heyoka
@@ -216,11 +217,11 @@ def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.Monkey
     case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 0.8, q: 0.5, r: 0.74}}, "
                "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
     alone: list[int] = []
-    kept = members._alone
-    monkeypatch.setattr(members, "_alone", lambda case, number, row: (alone.append(number), kept(case, number, row)))
+    kept = chunk._alone
+    monkeypatch.setattr(chunk, "_alone", lambda case, number, row: (alone.append(number), kept(case, number, row)))
     values = computed(case)
     assert alone == [1]
-    assert values["status"].tolist() == [members.OK, members.OK]
+    assert values["status"].tolist() == [columns.OK, columns.OK]
     assert values["end_axis"].tolist() == [3, 3]
     single = integrate(members.member(case, 1))
     assert single.method != "taylor"
@@ -236,19 +237,19 @@ def test_starts_that_decide_nothing() -> None:
     values = computed(case)
     assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
     assert values["crossings"].tolist() == [0] * 5
-    assert values["status"].tolist() == [members.OK] * 5
+    assert values["status"].tolist() == [columns.OK] * 5
 
 
 def test_members_that_are_no_body_are_marked() -> None:
     case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}")
     values = computed(case)
-    assert values["status"].tolist() == [members.INVALID, members.OK, members.INVALID]
+    assert values["status"].tolist() == [columns.INVALID, columns.OK, columns.INVALID]
     assert np.isnan(values["omega"][[0, 2]]).all()
 
 
 def test_the_limits_of_a_case_are_those_of_each_member() -> None:
     case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}")
-    assert computed(case)["status"].tolist() == [members.TIMEOUT, members.TIMEOUT]
+    assert computed(case)["status"].tolist() == [columns.TIMEOUT, columns.TIMEOUT]
 
 
 def test_a_model_without_lanes_is_swept_too() -> None:
@@ -266,10 +267,10 @@ def test_an_error_is_measured() -> None:
     """A probe sees an error that is put in, in the state and in the time."""
     case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003]}}}}")
     values = computed(case)
-    ((error, off, kind),) = sweep.probe(sweep.Probe(case, [0], values["omega"], values["crossing_time"]))
+    ((error, off, kind),) = summary.probe(summary.Probe(case, [0], values["omega"], values["crossing_time"]))
     assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
     wrong = values["omega"] * (1 + 1e-9)
-    ((error, off, _),) = sweep.probe(sweep.Probe(case, [0], wrong, values["crossing_time"] + 1e-6))
+    ((error, off, _),) = summary.probe(summary.Probe(case, [0], wrong, values["crossing_time"] + 1e-6))
     assert error == pytest.approx(1e-9, rel=1e-3)
     assert off == pytest.approx(1e-6, rel=1e-3)
 
@@ -317,7 +318,7 @@ def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
         assert named == ["damping.2", "direction", "axis"]
         assert ball["damping.2"][:].tolist() == [0.001, 0.005, 0.009]
         values = computed(case)
-        for name in members.kept(case):
+        for name in columns.kept(case):
             stored = ball[name][:].reshape(1200, *ball[name].shape[2:])
             assert np.array_equal(stored, values[name], equal_nan=True), name
         assert ball.attrs["error"] < 1e-11
@@ -364,7 +365,7 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
     with h5py.File(tmp_path / "runs" / "a.h5") as file:
         values = computed(parse_case(file["ball"].attrs["case"]), 0, 300)
         assert np.array_equal(file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True)
-        assert (file["ball"]["status"][:] == members.OK).all()
+        assert (file["ball"]["status"][:] == columns.OK).all()
 
 
 @pytest.mark.heyoka
@@ -389,17 +390,17 @@ def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
 @pytest.mark.heyoka
 def test_a_chunk_whose_worker_dies_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
-    as_before = members.compute
+    as_before = chunk.compute
 
-    def compute(chunk: members.Chunk) -> Any:
+    def compute(chunk: chunk.Chunk) -> Any:
         if chunk.case.name == "ball" and chunk.first == 0:
             raise HodoError("its process died: killed, or out of memory")
         return as_before(chunk)
 
-    monkeypatch.setattr(members, "compute", compute)
+    monkeypatch.setattr(chunk, "compute", compute)
     with h5py.File(results(tmp_path, text, pool(1))) as file:
         ball = file["ball"]
-        failed = (ball["status"][:] == members.FAILED).sum()
+        failed = (ball["status"][:] == columns.FAILED).sum()
         assert 0 < failed < ball["status"].size
         assert ball.attrs["status"] == "failed"
         assert f"{failed} of 300 members: its process died" in ball.attrs["message"]
@@ -411,7 +412,7 @@ def test_slabs_are_the_members_in_order(sizes: list[int], data: st.DataObject) -
     first = data.draw(st.integers(0, total - 1))
     last = data.draw(st.integers(first + 1, total))
     array, numbers = np.full(sizes, -1), np.arange(first, last)
-    for where, rows in sweep.slabs(tuple(sizes), first, last):
+    for where, rows in grid.slabs(tuple(sizes), first, last):
         array[where] = numbers[rows].reshape(array[where].shape)
     flat = array.ravel()
     assert np.array_equal(flat[first:last], numbers)
@@ -429,7 +430,7 @@ def test_averages_over_members() -> None:
     }
 
     def average(variable: str, *keep: str, **at: int) -> list[float]:
-        return census.average(columns, ["a", "b"], variable, keep, at).tolist()
+        return averages.average(columns, ["a", "b"], variable, keep, at).tolist()
 
     assert average("end_axis.x1", "a") == [1 / 3, 1]
     assert average("share.x2", "b", "a") == [[1, 10], [4, 13], [7, pytest.approx(math.nan, nan_ok=True)]]
@@ -496,12 +497,12 @@ def test_every_sweep_that_ships_is_read() -> None:
     for path in sorted((ROOT / "configs").glob("sweep_*.yaml")):
         config = load(path)
         assert any(case.sweep for case in config.cases.values())
-    assert math.prod(members.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"])) == 10**6
+    assert math.prod(columns.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"])) == 10**6
 
 
 def test_the_sweep_of_the_readme_is_one() -> None:
     blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     (text,) = (block for block in blocks if "sweep:" in block)
     config = parse(text, "README.md")
-    assert members.shape(config.cases["starts"]) == (17, 4000)
+    assert columns.shape(config.cases["starts"]) == (17, 4000)
     assert config.figures["starts"]["kind"] == "map"

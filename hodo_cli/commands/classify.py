@@ -8,10 +8,10 @@ from .. import HodoError
 from ..batch.memory import afford
 from ..cases.case import Case, parse_case
 from ..integration.classify import Classification, classify
-from ..members import OK
 from ..models import find, rigid_body
 from ..results.hdf5 import Attribute, Group, Variable
 from ..results.provenance import typed
+from ..sweeps.columns import OK
 
 RECORDED = {"case": str, "method": str, "tol": float, "error": float}
 """The attributes of a stored case that its classification rests on."""

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import HodoError
+from .. import HodoError
 
 
 class Labelled(NamedTuple):

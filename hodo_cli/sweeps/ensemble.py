@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .engines.protocol import Passages
-from .integration.choice import MANY_STEPS
-from .models import rigid_body
-from .models.base import Event, Model
-from .models.constants import Structure, namespace
+from ..engines.protocol import Passages
+from ..integration.choice import MANY_STEPS
+from ..models import rigid_body
+from ..models.base import Event, Model
+from ..models.constants import Structure, namespace
 
 if TYPE_CHECKING:
-    from .engines.taylor_batch import Lanes
+    from ..engines.taylor_batch import Lanes
 
 FOLD = 16.0
 """The factor by which |omega| may change before it gets new units."""
@@ -186,7 +186,7 @@ def _rounded(values: np.ndarray) -> np.ndarray:
 
 
 def _lanes(e: Ensemble, watching: bool, tol: float | None) -> "Lanes":
-    from .engines import taylor_batch  # heyoka may be missing
+    from ..engines import taylor_batch  # heyoka may be missing
 
     return taylor_batch.build(e.model, e.structure, e.event if watching else None, tol)  # type: ignore[arg-type]
 

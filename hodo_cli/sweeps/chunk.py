@@ -1,92 +1,27 @@
-"""The members of a sweep: their data, and how a chunk of them is carried through and reduced to a few numbers each.
-
-The members that heyoka's lanes can carry go there (`ensemble`); the others, and those about which anything is in
-doubt, are integrated and classified one by one, as any single case.
-"""
+"""A chunk of members, integrated: the task of a pool."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from . import HodoError, ensemble
-from .cases.case import Case, Time
-from .cases.sweep_block import Axis, axes_of, put
-from .engines.protocol import have_taylor
+from .. import HodoError
+from ..cases.case import Case, Time
+from ..engines.protocol import have_taylor
+from ..integration.classify import classify
+from ..integration.integrate import integrate
+from ..models import find, rigid_body
+from ..models.constants import Structure, namespace
+from ..results.hdf5 import Attribute, Group, Variable
+from . import ensemble
+from .columns import FAILED, INVALID, OK, STATUS, columns, shape
 from .ensemble import Ensemble, Outcome
-from .integration.classify import classify
-from .integration.integrate import integrate
-from .models import find, rigid_body
-from .models.constants import Structure, flatten, namespace, structure
-from .results.hdf5 import Attribute, Group, Variable
-
-OK, FAILED, TIMEOUT, INVALID = range(4)
-STATUS = ("ok", "failed", "timeout", "invalid")
-"""How a member ended; an invalid one is no body, or has no start."""
+from .members import member, member_inputs, starts
 
 CHUNK = 16384
-LABEL: dict[str, Attribute] = {
-    "flag_values": np.array(list(rigid_body.LABELS), dtype=np.int8),
-    "flag_meanings": " ".join(rigid_body.LABELS.values()),
-}
-FLAG: dict[str, Attribute] = {"flag_values": np.arange(len(STATUS), dtype=np.int8), "flag_meanings": " ".join(STATUS)}
-
-
-class Column(NamedTuple):
-    """One number, or one vector, of each member."""
-
-    long_name: str
-    dtype: str = "f8"
-    dims: tuple[str, ...] = ()
-    units: str = "1"
-    attributes: Mapping[str, Attribute] = {}
-    default: bool = True
-
-
-CLASSIFIED = {
-    "crossing_time": Column("time of the first passage through the separatrix"),
-    "crossing_from": Column("axis enclosed before it", "i1", attributes=LABEL),
-    "crossing_to": Column("axis enclosed after it", "i1", attributes=LABEL),
-    "crossing_G": Column("|G| at it"),
-    "crossings": Column("number of passages", "i4"),
-    "start_axis": Column("axis that the hodograph encloses at the start", "i1", attributes=LABEL),
-    "end_axis": Column("axis that the hodograph encloses at the end", "i1", attributes=LABEL),
-    "share": Column("part of the span in which the hodograph encloses an axis", dims=("axis",), default=False),
-    "separation": Column("least |D| seen, as a part of the sum of its two terms", default=False),
-}
-ALWAYS = {"status": Column("how the member ended", "i1", attributes=FLAG)}
-STEPS = {"steps": Column("steps of the integration", "i4", default=False)}
-EVENT = {"event_time": Column("time of the event that ended the motion")}
-
-
-def columns(case: Case) -> dict[str, Column]:
-    """Everything that a member of this sweep is reduced to."""
-    model = find(case.model, case.form)
-    final = {
-        name: Column(f"{variable.long_name}, at the end", dims=variable.dims[1:], units=variable.units)
-        for name, variable in model.variables.items()
-    }
-    own = EVENT if model.unclassifiable else CLASSIFIED
-    return final | own | STEPS | ALWAYS
-
-
-def kept(case: Case) -> dict[str, Column]:
-    """What of that is stored in the result."""
-    asked = set(case.store) - {"trajectory"}
-    return {
-        name: column
-        for name, column in columns(case).items()
-        if name == "status" or (name in asked if asked else column.default)
-    }
-
-
-def shape(case: Case) -> tuple[int, ...]:
-    """The length of each axis."""
-    assert case.sweep is not None
-    return tuple(len(axis) for axis in axes_of(case.sweep))
 
 
 @dataclass(frozen=True)
@@ -114,71 +49,6 @@ def carried(case: Case) -> bool:
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
     fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
     return fit and bool(model.degree) and not model.unclassifiable and not model.run_events(case.data)
-
-
-class Inputs(NamedTuple):
-    """One combination of the values that vary otherwise than over a sphere: the data, and what they amount to.
-
-    `start` is None, and so is all but the data, where they describe no body or no start.
-    """
-
-    data: dict[str, Any]
-    structure: Structure = ()
-    constants: tuple[float, ...] = ()
-    start: tuple[float, ...] | None = None
-    order: tuple[int, int, int] = (0, 1, 2)
-
-
-def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
-    """The data of members with one combination of positions on the axes that are no spheres."""
-    data = case.data
-    for axis, i in zip(axes, index, strict=True):
-        for (path, _), values in zip(axis.ranges, axis.values, strict=True):
-            data = put(data, path, float(values[i]))
-    model = find(case.model, case.form)
-    problems: list[str] = []
-    model.check(data, lambda at, message: problems.append(message))
-    if problems:
-        return Inputs(data)
-    k = model.constants(data)
-    order = rigid_body.inertia_order(data["inertia"]) if not model.unclassifiable else (0, 1, 2)
-    return Inputs(data, structure(k), tuple(flatten(k)), model.start(data), order)
-
-
-def member_inputs(case: Case, members: np.ndarray) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
-    """The combinations that occur among members (n,), the place of each member's, and its direction (n, 3), if any."""
-    assert case.sweep is not None
-    axes = axes_of(case.sweep)
-    index = np.unravel_index(members, shape(case))
-    plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
-    sizes = [len(axis) for axis, _ in plain] or [1]
-    flat = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
-    which, place = np.unique(flat, return_inverse=True)
-    positions = np.stack(np.unravel_index(which, sizes), axis=-1).tolist()
-    found = [inputs(case, [axis for axis, _ in plain], at if plain else []) for at in positions]
-    sphere = next(((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None)
-    return found, place, sphere[0].directions(sphere[1]) if sphere else None
-
-
-def starts(given: list[Inputs], place: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
-    """The states at the start (m, n), from the combination at each place (n,); with a direction (n, 3) of G, its |G|
-    is that of the data."""
-    start = np.array([one.start for one in given]).T
-    if direction is None:
-        return np.asarray(start[:, place])
-    A = np.array([one.data["inertia"] for one in given]).T
-    return np.asarray(np.linalg.norm(A * start, axis=0)[place] * direction.T / A[:, place])
-
-
-def member(case: Case, number: int, samples: int = 2) -> Case:
-    """One member as a case of its own."""
-    (given,), _, direction = member_inputs(case, np.array([number]))
-    data = given.data
-    if direction is not None and given.start is not None:
-        omega = starts([given], np.zeros(1, dtype=int), direction)[:, 0].tolist()
-        data = {**data, "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True))}
-    time = Time(start=case.time.start, end=case.time.end, samples=samples)
-    return replace(case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off")
 
 
 def compute(chunk: Chunk) -> Group:

@@ -1,0 +1,1 @@
+"""Ensembles: a case with a `sweep:` block as many members, reduced to a few numbers each."""

@@ -1,0 +1,114 @@
+"""A sweep as the group of a result file, with its axes as dimensions."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..cases.case import Case, dump
+from ..cases.sweep_block import axes_of
+from ..models import find
+from ..results.hdf5 import Attribute, Group, Late, Variable
+from .chunk import Chunk, carried
+from .columns import kept, shape
+from .summary import Read, Summary
+
+
+def _group(
+    case: Case, mark: str, tasks: list[Chunk], read: Read, summary: Summary,
+    errors: Mapping[str, Any], problems: Mapping[str, int],
+) -> Group:  # fmt: skip
+    """The sweep as it is stored; its variables are filled in from the chunks when it is written."""
+    ok, failed, timeout, invalid = summary.status.tolist()
+    total = tasks[-1].last
+    words = [f"{count} of {total} members: {message}" for message, count in problems.items()]
+    words += [f"{n} of {total} members {what}" for n, what in ((failed, "failed"), (timeout, "ran out of time")) if n]
+    lanes = carried(case)
+    attributes: dict[str, Attribute] = {
+        "model": case.model,
+        "form": case.form,
+        "case": dump(case),
+        "hash": mark,
+        "method": "taylor" if lanes else case.method,
+        "method_reason": f"in lanes, {summary.alone} of {total} members by themselves" if lanes else "each by itself",
+        "members": total,
+        "tol": case.tol or 2.0**-52,
+        "steps": summary.steps,
+        "run_time": summary.run_time,
+        "error": math.nan,
+        "error_kind": "none",
+        "status": "failed" if failed or not ok else "timeout" if timeout else "ok",
+        "message": "; ".join(words) or ("" if ok else "no member is a body with a start"),
+        "warnings": f"{invalid} of {total} members are no body or have no start" if invalid else "",
+    }
+    sizes = shape(case)
+    names = [axis.name for axis in axes_of(case.sweep or {})]
+    variables = coordinates(case)
+    for name, column in kept(case).items():
+        inner = tuple(3 for _ in column.dims)
+        dims = column.dims
+        if "trajectory" in case.store and name in find(case.model, case.form).variables:
+            inner, dims = (case.time.samples, *inner), ("time", *dims)
+        outline = np.broadcast_to(np.zeros((), dtype=column.dtype), (*sizes, *inner))
+        labels = {"long_name": column.long_name, "units": column.units, **column.attributes}
+        variables[name] = Variable((*names, *dims), outline, labels)
+    if any("axis" in variable.dims for variable in variables.values()):
+        axes = np.array(["x1", "x2", "x3"], dtype=object)
+        variables["axis"] = Variable(("axis",), axes, {"long_name": "principal axis of inertia"})
+
+    def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
+        for task in tasks:
+            boxes = list(slabs(sizes, task.first, task.last))
+            with read(task) as part:
+                for name in kept(case):
+                    data = part.variable(name)
+                    for where, rows in boxes:
+                        yield name, where, data[rows].reshape(*(s.stop - s.start for s in where), *data.shape[1:])
+
+    return Group({**attributes, **errors}, variables, Late(frozenset(kept(case)), fill))
+
+
+def coordinates(case: Case) -> dict[str, Variable]:
+    """The values along each axis; of a sphere, the directions."""
+    found: dict[str, Variable] = {}
+    for axis in axes_of(case.sweep or {}):
+        numbers = np.arange(len(axis))
+        if axis.sphere is not None:
+            label = {"long_name": "direction of G at the start", "units": "1"}
+            found[f"{axis.name}_vector"] = Variable((axis.name, "axis"), axis.directions(numbers), label)
+        elif len(axis.ranges) == 1 and axis.name == ".".join(map(str, axis.ranges[0][0])):
+            found[axis.name] = Variable((axis.name,), axis.values[0], {"long_name": axis.name, "units": "1"})
+        else:
+            for (path, _), values in zip(axis.ranges, axis.values, strict=True):
+                key = ".".join(map(str, path))
+                found[key] = Variable((axis.name,), values, {"long_name": key, "units": "1"})
+    if "trajectory" in case.store:
+        time = case.time
+        times = np.linspace(time.start, time.end, time.samples) if time.samples > 1 else np.array([time.end])
+        found["time"] = Variable(("time",), times, {"long_name": "time", "units": "1"})
+    return found
+
+
+def slabs(sizes: tuple[int, ...], first: int, last: int) -> Iterator[tuple[tuple[slice, ...], slice]]:
+    """Members `first` to `last` - 1 as boxes of an array of these sizes, each with its part of the members."""
+
+    def cut(sizes: tuple[int, ...], a: int, b: int) -> Iterator[tuple[tuple[slice, ...], int, int]]:
+        if len(sizes) == 1:
+            yield (slice(a, b),), a, b
+            return
+        row = math.prod(sizes[1:])
+        while a < b:
+            i, inside = divmod(a, row)
+            if inside == 0 and b - a >= row:
+                rows = (b - a) // row
+                yield (slice(i, i + rows), *(slice(0, size) for size in sizes[1:])), a, a + rows * row
+                a += rows * row
+            else:
+                stop = min(b, (i + 1) * row)
+                for where, c, d in cut(sizes[1:], inside, inside + stop - a):
+                    yield (slice(i, i + 1), *where), i * row + c, i * row + d
+                a = stop
+
+    for where, a, b in cut(sizes, first, last):
+        yield where, slice(a - first, b - first)

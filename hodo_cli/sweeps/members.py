@@ -1,0 +1,81 @@
+"""The members of a sweep: their data, and how a chunk of them is carried through and reduced to a few numbers each.
+
+The members that heyoka's lanes can carry go there (`ensemble`); the others, and those about which anything is in
+doubt, are integrated and classified one by one, as any single case.
+"""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..cases.case import Case, Time
+from ..cases.sweep_block import Axis, axes_of, put
+from ..models import find, rigid_body
+from ..models.constants import Structure, flatten, structure
+from .columns import shape
+
+
+class Inputs(NamedTuple):
+    """One combination of the values that vary otherwise than over a sphere: the data, and what they amount to.
+
+    `start` is None, and so is all but the data, where they describe no body or no start.
+    """
+
+    data: dict[str, Any]
+    structure: Structure = ()
+    constants: tuple[float, ...] = ()
+    start: tuple[float, ...] | None = None
+    order: tuple[int, int, int] = (0, 1, 2)
+
+
+def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
+    """The data of members with one combination of positions on the axes that are no spheres."""
+    data = case.data
+    for axis, i in zip(axes, index, strict=True):
+        for (path, _), values in zip(axis.ranges, axis.values, strict=True):
+            data = put(data, path, float(values[i]))
+    model = find(case.model, case.form)
+    problems: list[str] = []
+    model.check(data, lambda at, message: problems.append(message))
+    if problems:
+        return Inputs(data)
+    k = model.constants(data)
+    order = rigid_body.inertia_order(data["inertia"]) if not model.unclassifiable else (0, 1, 2)
+    return Inputs(data, structure(k), tuple(flatten(k)), model.start(data), order)
+
+
+def member_inputs(case: Case, members: np.ndarray) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
+    """The combinations that occur among members (n,), the place of each member's, and its direction (n, 3), if any."""
+    assert case.sweep is not None
+    axes = axes_of(case.sweep)
+    index = np.unravel_index(members, shape(case))
+    plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
+    sizes = [len(axis) for axis, _ in plain] or [1]
+    flat = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
+    which, place = np.unique(flat, return_inverse=True)
+    positions = np.stack(np.unravel_index(which, sizes), axis=-1).tolist()
+    found = [inputs(case, [axis for axis, _ in plain], at if plain else []) for at in positions]
+    sphere = next(((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None)
+    return found, place, sphere[0].directions(sphere[1]) if sphere else None
+
+
+def starts(given: list[Inputs], place: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
+    """The states at the start (m, n), from the combination at each place (n,); with a direction (n, 3) of G, its |G|
+    is that of the data."""
+    start = np.array([one.start for one in given]).T
+    if direction is None:
+        return np.asarray(start[:, place])
+    A = np.array([one.data["inertia"] for one in given]).T
+    return np.asarray(np.linalg.norm(A * start, axis=0)[place] * direction.T / A[:, place])
+
+
+def member(case: Case, number: int, samples: int = 2) -> Case:
+    """One member as a case of its own."""
+    (given,), _, direction = member_inputs(case, np.array([number]))
+    data = given.data
+    if direction is not None and given.start is not None:
+        omega = starts([given], np.zeros(1, dtype=int), direction)[:, 0].tolist()
+        data = {**data, "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True))}
+    time = Time(start=case.time.start, end=case.time.end, samples=samples)
+    return replace(case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off")

@@ -1,0 +1,168 @@
+"""What is measured of a sweep as a whole: errors of sampled members, counts, shares."""
+
+import math
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..batch.pool import Pool
+from ..cases.case import Case
+from ..integration.driver import Path
+from ..integration.error import difference, references
+from ..integration.solve import solve
+from ..models import find, rigid_body
+from ..models.constants import flatten, namespace, structure
+from ..results.hdf5 import Group, Variable
+from .chunk import Chunk, carried
+from .columns import FAILED, OK, STATUS, columns
+from .members import member
+
+SAMPLE, NEAREST = 256, 64
+"""Members whose error is measured: drawn at random, and nearest to the separatrix."""
+
+LEVELS = (0.5, 0.9, 0.99, 1.0)
+"""Of the errors, these quantiles are stored."""
+
+
+class Probe(NamedTuple):
+    """Members whose error is to be measured, with what is stored of them."""
+
+    case: Case
+    members: list[int]
+    omega: np.ndarray
+    crossing_time: np.ndarray
+
+
+def probe(task: Probe) -> list[tuple[float, float, str]]:
+    """The error of the final state and of the first crossing of each member, and against what they are measured."""
+    return [_probe(task.case, *each) for each in zip(*task[1:], strict=True)]
+
+
+def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple[float, float, str]:
+    """The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of Newton's method."""
+    one = member(case, number)
+    end = np.array([case.time.end])
+    times = np.append(crossing, end) if crossing < case.time.end else end
+    for precision, method, tol in references(one, "taylor", case.tol or 2.0**-52):
+        reference = solve(one, method, precision, tol, times)
+        if reference.stop:
+            continue
+        path = reference.path
+        theirs = Path(end, path.state[-1:], path.exponent[-1:], ())
+        error = difference(one, Path(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs)["omega"]
+        off = math.nan if len(times) == 1 else _newton(one, path.state[0], int(path.exponent[0]))
+        return error, off, precision if tol is None else "refined"
+    return math.nan, math.nan, "none"
+
+
+def _newton(case: Case, state: np.ndarray, exponent: int) -> float:
+    """|D / (dD/dt)| at a state in units of 2**exponent."""
+    model = find(case.model, case.form)
+    A = np.array(case.data["inertia"])
+    constants = model.constants(case.data)
+    order = rigid_body.inertia_order(A)
+    (outer, inner), k = rigid_body.separatrix_terms(A, state, order), namespace(structure(constants), flatten(constants))
+    omega = np.ldexp(state.astype(float), exponent)
+    rate = np.ldexp(np.array(model.rhs(0.0, list(omega), k)), -exponent)
+    w = state.astype(float)
+    faster, slower = (np.subtract(*rigid_body.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1))
+    return abs(float(outer - inner) / (float(faster - slower) / 2))
+
+
+class Part(NamedTuple):
+    """A finished chunk: its attributes, and each of its variables when it is asked for."""
+
+    attributes: Mapping[str, Any]
+    variable: Callable[[str], np.ndarray]
+
+
+Read = Callable[[Chunk], AbstractContextManager[Part]]
+
+
+def _lost(chunk: Chunk) -> Group:
+    """A chunk whose worker failed."""
+    found = {}
+    for name, column in columns(chunk.case).items():
+        fill = FAILED if name == "status" else 0 if column.dtype[0] == "i" else np.nan
+        data = np.full((chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype)
+        found[name] = Variable(("member", *column.dims), data)
+    return Group({"run_time": 0.0, "alone": 0}, found)
+
+
+@dataclass
+class Summary:
+    """What is gathered from the chunks as they lie on the disk, and the members to be probed."""
+
+    status: np.ndarray
+    steps: int
+    run_time: float
+    alone: int
+    members: list[int]
+    omega: list[np.ndarray]
+    crossing_time: list[float]
+    changes: dict[str, int]
+
+
+def _summary(case: Case, tasks: list[Chunk], read: Read) -> Summary:
+    total = tasks[-1].last
+    found = Summary(np.zeros(len(STATUS), dtype=np.int64), 0, 0.0, 0, [], [], [], {})
+    drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
+    near: list[tuple[float, int, np.ndarray, float]] = []
+    for task in tasks:
+        with read(task) as part:
+            status = part.variable("status")
+            found.status += np.bincount(status, minlength=len(STATUS))
+            found.steps += int(part.variable("steps").sum())
+            found.run_time += part.attributes["run_time"]
+            found.alone += part.attributes["alone"]
+            if not carried(case):
+                continue
+            omega, crossing = part.variable("omega"), part.variable("crossing_time")
+            separation = np.where(status == OK, part.variable("separation"), np.inf)
+        omega = omega[:, -1] if omega.ndim == 3 else omega
+        nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]
+        near += [(float(separation[i]), task.first + int(i), omega[i], float(crossing[i])) for i in nearest]
+        near = sorted(near, key=lambda one: one[:2])[:NEAREST]
+        for i in drawn[(drawn >= task.first) & (drawn < task.last)] - task.first:
+            if status[i] == OK:
+                _add(found, task.first + int(i), omega[i], crossing[i])
+    for _, number, omega, time in near:
+        if number not in found.members:
+            _add(found, number, omega, time)
+    return found
+
+
+def _add(found: Summary, number: int, omega: np.ndarray, time: float) -> None:
+    if np.abs(omega).max() > 1e-290:
+        found.members.append(number)
+        found.omega.append(omega)
+        found.crossing_time.append(float(time))
+
+
+def _errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
+    """Quantiles of the measured errors."""
+    step = 16
+    tasks = [
+        Probe(case, summary.members[i : i + step], np.array(summary.omega[i : i + step]),
+              np.array(summary.crossing_time[i : i + step]))
+        for i in range(0, len(summary.members), step)
+    ]  # fmt: skip
+    found: list[tuple[float, float, str]] = []
+    for _, outcome in pool.map(probe, tasks):
+        if isinstance(outcome, Exception):
+            raise outcome
+        found += outcome
+    states = [one[0] for one in found if not math.isnan(one[0])]
+    times = [one[1] for one in found if not math.isnan(one[1])]
+    kinds = sorted({one[2] for one in found} - {"none"})
+    return {
+        "error": max(states, default=math.nan),
+        "error_kind": kinds[0] if kinds else "none",
+        "error_sample": len(states),
+        "error_levels": np.array(LEVELS),
+        "error_quantiles": np.quantile(states or [math.nan], LEVELS),
+        "crossing_error_quantiles": np.quantile(times or [math.nan], LEVELS),
+    }

@@ -1,0 +1,52 @@
+"""Sweeps: a case with a `sweep:` block, as an ensemble of single cases that are reduced to a few numbers each.
+
+The members go in chunks, which are the tasks of a pool. Each finished chunk is stored by itself, so that a run that
+is killed goes on from there, and no more than a few of them are in memory at a time.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from ..batch.pool import Pool
+from ..cases.case import Case
+from ..results.hdf5 import Group
+from ..results.writer import Writer
+from .chunk import Chunk, carried, chunks, compute
+from .grid import _group
+from .summary import Part, _errors, _lost, _summary
+
+Say = Callable[[str], None]
+
+
+def run(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Say) -> Group:
+    """All members of a sweep; the chunks of an earlier run with the same `mark` are taken over if `resume`.
+
+    Raises HodoError if no member came to anything.
+    """
+    stamp = hashlib.sha256(mark.encode()).hexdigest()[:16]
+    parts = writer.parts(stamp) if resume else set()
+    tasks = list(chunks(case))
+    problems: dict[str, int] = {}
+    if parts:
+        say(f"{case.name}: {len(parts)} of {len(tasks)} chunks are kept")
+    for chunk, outcome in pool.map(compute, [task for task in tasks if task.first not in parts]):
+        if isinstance(outcome, Exception):
+            problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
+        else:
+            writer.add_part(stamp, chunk.first, outcome)
+    done = writer.parts(stamp)
+
+    @contextmanager
+    def read(chunk: Chunk) -> Iterator[Part]:
+        if chunk.first not in done:
+            lost = _lost(chunk)
+            yield Part(lost.attributes, lambda name: lost.variables[name].data)
+        else:
+            with writer.part(stamp, chunk.first) as part:
+                yield Part(part.summary("part"), partial(part.array, "part"))
+
+    summary = _summary(case, tasks, read)
+    errors = _errors(case, pool, summary) if case.error == "on" and carried(case) else {}
+    return _group(case, mark, tasks, read, summary, errors, problems)
