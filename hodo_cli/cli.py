@@ -147,8 +147,9 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
 
     Exit status 3 if a verdict is not the one that the case file expects.
     """
-    from . import claims, report
+    from . import report
     from .cases.config import parse
+    from .commands import claims
     from .results import update
     from .results.provenance import stamp
 

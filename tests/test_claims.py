@@ -12,12 +12,16 @@ import numpy as np
 import pytest
 from conftest import ROOT, Hodo
 
-from hodo_cli import HodoError, quantities
+from hodo_cli import HodoError
 from hodo_cli.cases import claim_block
 from hodo_cli.cases.claim_block import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
 from hodo_cli.cases.config import load, parse
-from hodo_cli.claims import KINDS, SWEPT, Finding, changed, gridded, measure, members, sampled, thrown
-from hodo_cli.quantities import Motion
+from hodo_cli.claims import quantities
+from hodo_cli.claims.checks import KINDS
+from hodo_cli.claims.finding import Finding
+from hodo_cli.claims.quantities import Motion
+from hodo_cli.claims.variations import changed, members, thrown
+from hodo_cli.claims.verdicts import SWEPT, gridded, measure, sampled
 from hodo_cli.results.hdf5 import open_run
 
 PAPERS = ("paper1", "paper2", "paper3")

@@ -9,19 +9,19 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.special import ellipj
 
-from . import HodoError
-from .cases.case import Case, parse_case
-from .engines import exact
-from .engines.protocol import have_taylor
-from .integration.choice import choose
-from .integration.classify import EPS, Crossing, cross
-from .integration.error import extended
-from .integration.solve import solve, stored
-from .models import closed_form, find, rigid_body
-from .models.lagrange import first_integrals
-from .models.rigid_body import slope
-from .results.hdf5 import Group
-from .results.provenance import typed
+from .. import HodoError
+from ..cases.case import Case, parse_case
+from ..engines import exact
+from ..engines.protocol import have_taylor
+from ..integration.choice import choose
+from ..integration.classify import EPS, Crossing, cross
+from ..integration.error import extended
+from ..integration.solve import solve, stored
+from ..models import closed_form, find, rigid_body
+from ..models.lagrange import first_integrals
+from ..models.rigid_body import slope
+from ..results.hdf5 import Group
+from ..results.provenance import typed
 
 
 @dataclass(frozen=True)
