@@ -172,7 +172,8 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
 @click.option("--out", type=click.Path(path_type=Path), default="runs/figures", show_default=True, help="Their folder.")
 def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
     """Draw the figures of each RUN (*.h5), all or those named, and a page with all of them."""
-    from . import page, plot
+    from .commands import plot
+    from .figures import page
     from .results.motion import open_results
 
     files = [Path(name) for name in runs if name.endswith(".h5")]
@@ -228,15 +229,17 @@ def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: 
     The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/. Exit status 1 if auto
     gave a wrong result without saying so, or took longer than 10 s.
     """
-    from . import bench, plot
+    from . import bench
     from .cases.config import load
+    from .figures.bench import draw_bench
+    from .figures.sheet import save
 
     loaded = load(config)
     found = bench.run(loaded, globs, jobs, lambda line: None if quiet else click.echo(line, err=True))
     bench.write(found, loaded, out / f"{config.stem}.bench.h5")
     figure = out / "figures" / f"{config.stem}.png"
     figure.parent.mkdir(parents=True, exist_ok=True)
-    plot.save(plot.draw_bench(found), figure)
+    save(draw_bench(found), figure)
     click.echo((bench.markdown if markdown else bench.plain)(bench.report(found)))
     if bench.let_down(found):
         sys.exit(1)

@@ -20,7 +20,7 @@ import pytest
 from hodo_cli import HodoError
 from hodo_cli.cases.config import load
 from hodo_cli.cases.figure_block import KINDS
-from hodo_cli.geometry import View, centroid, freest, round_step, sectors, separatrix_circles, stretches
+from hodo_cli.figures.geometry import View, centroid, freest, round_step, sectors, separatrix_circles, stretches
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
 
@@ -33,7 +33,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from hodo_cli import HodoError, plot
-from hodo_cli.geometry import View
+from hodo_cli.figures.geometry import View
 from hodo_cli.results.motion import open_results
 runs = Path(sys.argv[1])
 

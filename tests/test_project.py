@@ -27,7 +27,7 @@ IMPORTERS = {
     "distributed": "batch/pool.py",
     "h5py": "hdf5.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
-    "matplotlib": "plot.py",
+    "matplotlib": "figures/artists.py figures/bench.py figures/maps.py figures/plane.py figures/sheet.py figures/space.py",
     "netCDF4": "results/dataset.py",
     "scipy.integrate": "engines/scipy_ivp.py",
     "xarray": "results/dataset.py",

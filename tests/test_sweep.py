@@ -18,13 +18,14 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, maps, models, plan
+from hodo_cli import HodoError, models, plan
 from hodo_cli.batch.pool import Pool, pool
 from hodo_cli.batch.progress import Progress
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import exact
+from hodo_cli.figures import swept
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
@@ -471,18 +472,18 @@ claims:
 
 def test_the_map_of_the_sphere_keeps_areas_and_comes_back() -> None:
     directions = sweep_block.Axis("d", (), {"count": 4000, "seed": 1}).directions(np.arange(4000))
-    points = maps.hammer(directions)
-    assert maps.hammer_back(points) == pytest.approx(directions, abs=1e-9)
+    points = swept.hammer(directions)
+    assert swept.hammer_back(points) == pytest.approx(directions, abs=1e-9)
     # A cap of one tenth of the sphere about each axis fills one tenth of the ellipse (to the pixels of the image).
     for axis in range(3):
-        image = maps.hammer_image(directions, directions[:, axis], 200)
+        image = swept.hammer_image(directions, directions[:, axis], 200)
         share = np.nanmean(np.where(np.isnan(image), np.nan, image > 0.8))
         assert share == pytest.approx((directions[:, axis] > 0.8).mean(), abs=0.01)
 
 
 def test_edges_lie_between() -> None:
-    assert maps.edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
-    assert maps.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
+    assert swept.edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
+    assert swept.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
 
 
 def test_the_separatrix_of_a_leg_is_that_of_the_body() -> None:

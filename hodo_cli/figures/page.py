@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from .cases.case import Case
-from .models.rigid_body import LABELS
-from .report import magnitude, seconds
-from .results.motion import Motion, Rendered, Results
+from ..cases.case import Case
+from ..models.rigid_body import LABELS
+from ..report import magnitude, seconds
+from ..results.motion import Motion, Rendered, Results
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1d20; --soft: #5d6068; --line: #d9dbe0; --card: #ffffff; --page: #f4f5f7;

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from . import HodoError
-from .cases.case import Case, parse_case
-from .cases.sweep_block import Axis, axes_of
-from .schema.kinds import nearest
-from .sweeps.averages import Labelled, average
+from .. import HodoError
+from ..cases.case import Case, parse_case
+from ..cases.sweep_block import Axis, axes_of
+from ..schema.kinds import nearest
+from ..sweeps.averages import Labelled, average
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .models import rigid_body
+from ..models import rigid_body
 
 Outline = Sequence[tuple[float, float]]
 

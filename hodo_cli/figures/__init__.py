@@ -1,0 +1,1 @@
+"""Drawings, and the page that holds them; the only importer of matplotlib."""

@@ -1,0 +1,187 @@
+"""Colours, marks, labels and legends that every kind of figure shares."""
+
+import math
+import re
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize, to_rgb
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from ..results.motion import Motion
+from .geometry import stretches, windings
+from .sheet import Look, Sheet
+
+COLUMN, PAGE = 84 / 25.4, 174 / 25.4
+"""Widths of a journal's column and page, inches."""
+
+BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
+    "#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
+"""The palette of Okabe and Ito, legible to the colour-blind; blue and orange differ in grey print too."""
+
+GREY = "#666666"
+AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#999999"}
+CYCLE = ((BLUE, "-"), (RED, (0, (5, 1.5))), (GREEN, (0, (5, 1.5, 1, 1.5))), (PURPLE, (0, (1, 1))), (ORANGE, "-"),
+         (SKY, (0, (5, 1.5))), (BLACK, (0, (1, 1))), (GREY, "-"))  # fmt: skip
+VIRIDIS_END = 0.93  # its yellow end is too pale on white
+
+START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
+END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "mew": 0.6}
+CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": "#F0E442", "mec": BLACK, "mew": 0.6}
+SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3, 2))}
+HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
+
+
+# What several kinds draw
+
+
+def unit(motion: Motion, variable: str, power: int = 1) -> str:
+    """The units of a variable, in brackets, raised to a power; a dash where it has none."""
+    stored = motion.units(variable)
+    return "[–]" if stored == "1" else f"[{stored}]" if power == 1 else f"[({stored})$^{power}$]"
+
+
+def symbol(name: str) -> str:
+    """A variable's name in TeX: Gz as G_z, u1 as u_1, G.x2 as G_2."""
+    special = {"G_norm": "|G|", "G2": "G^2", "omega.x1": "p", "omega.x2": "q", "omega.x3": "r", "gamma": r"\gamma"}
+    if name in special:
+        return special[name]
+    base, _, axis = name.partition(".")
+    if axis:
+        return f"{symbol(base)}_{axis[1:]}"
+    return f"{name[0]}_{{{name[1:]}}}" if re.fullmatch("[A-Za-z][a-z0-9]", name) else name
+
+
+def axis_label(name: str, motion: Motion) -> str:
+    """A variable's symbol and units."""
+    return f"${symbol(name)}$ {unit(motion, name)}"
+
+
+def time_label(spec: Mapping[str, Any], motion: Motion) -> str:
+    """The symbol of time and its units."""
+    return f"${spec['time']}$ {unit(motion, 'time')}"
+
+
+def styles(n: int) -> list[dict[str, Any]]:
+    """n colours with line styles."""
+    return [dict(zip(("color", "ls"), CYCLE[i % len(CYCLE)], strict=True)) for i in range(n)]
+
+
+def palette(motion: Motion, colour: str, place: int) -> tuple[np.ndarray, np.ndarray]:
+    """Colours (m, 3), and the position in them of each sample's colour (n,), by what the colour says."""
+    if colour == "time":
+        since = motion.time - motion.time[0]
+        hues = matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 64))[:, :3]
+        return hues, (since / (since[-1] or 1.0) * 63).astype(int)
+    if colour == "axis":
+        labels = sorted(AXIS_COLOUR)
+        return np.array([to_rgb(AXIS_COLOUR[x]) for x in labels]), np.searchsorted(labels, motion.labels)
+    return np.array([to_rgb(CYCLE[place % len(CYCLE)][0])]), np.zeros(len(motion.time), dtype=int)
+
+
+def mark(axes: Axes, ends: np.ndarray, crossings: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they are inside."""
+    for style, points in ((START, ends[:1]), (END, ends[1:]), (CROSSING, crossings)):
+        shown = points[inside(points)]
+        for artist in axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False):
+            artist.set_in_layout(False)
+
+
+def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> None:
+    """A legend below the panels."""
+    sheet.figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, columnspacing=1.2)
+
+
+def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
+    """Legend entries of start, end and crossings; times are given where there is one motion only."""
+    crossings = [f"{when:.6g}" for motion in motions for when in motion.crossing_time]
+    end, crossing = "end", "$D = 0$"
+    if len(motions) == 1:
+        end += f", ${time} = {motions[0].time[-1]:.6g}$"
+        crossing = "\n".join(textwrap.wrap(f"{crossing} at ${time}$ = {', '.join(crossings)}", 80 if wide else 46))
+    entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
+    return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
+
+
+def axis_handles(motions: Sequence[Motion], both: bool = False) -> list[Line2D]:
+    """Legend entries of the colours by enclosed axis that occur, or of both axes besides."""
+    present = {int(label) for motion in motions for label in np.unique(motion.labels)}
+    present |= {motions[0].order[0] + 1, motions[0].order[2] + 1} if both else set()
+    words = {0: "separatrix", -1: "undetermined"}
+    order = sorted(present, key=lambda label: (label < 1, label))
+    return [Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$")) for x in order]
+
+
+def case_handles(names: Sequence[str], solid: bool = False) -> list[Line2D]:
+    """Legend entries of the colours and line styles by case, or of the colours alone."""
+    return [
+        Line2D([], [], **style | ({"ls": "-"} if solid else {}), label=name)
+        for name, style in zip(names, styles(len(names)), strict=True)
+    ]
+
+
+def colour_handles(motions: Sequence[Motion], colour: str) -> list[Line2D]:
+    """Legend entries of what the colour of a hodograph says."""
+    if colour == "case":
+        return case_handles([motion.label for motion in motions], solid=True)
+    return axis_handles(motions) if colour == "axis" else []
+
+
+def plane_curve(axes: Axes, points: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float) -> None:
+    """A plane curve (n, 2) in colours[code]."""
+    pieces = stretches(code)
+    shades = [colours[code[piece.start]] for piece in pieces]
+    axes.add_collection(
+        LineCollection([points[piece] for piece in pieces], colors=shades, linewidths=width, alpha=0.85)
+    )
+
+
+def line_width(motion: Motion) -> float:
+    """A line width, the thinner the longer the hodograph winds."""
+    return float(np.interp(windings(motion.G), [15, 120], [1.1, 0.5]))
+
+
+def arrow(axes: Axes, tail: np.ndarray, tip: np.ndarray, colour: Any, zorder: float) -> None:
+    """An arrow from tail to tip (2,)."""
+    looks = {
+        "arrowstyle": "-|>,head_width=0.14,head_length=0.35",
+        "lw": 0.5,
+        "color": colour,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
+    axes.annotate("", pair(tip), pair(tail), arrowprops=looks, zorder=zorder)
+
+
+def pair(point: np.ndarray) -> tuple[float, float]:
+    """A point (2,) as matplotlib's types want it."""
+    return float(point[0]), float(point[1])
+
+
+def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
+    """An arrow head that shows the direction of a curve (n, 2), where it is `size` away from its start."""
+    far = np.flatnonzero(np.hypot(*(points - points[0]).T) > size)
+    if far.size and far[0] + 1 < len(points):
+        here, step = points[far[0]], points[far[0] + 1] - points[far[0]]
+        arrow(axes, here - step / max(float(np.hypot(*step)), math.ulp(0)) * 0.01 * size, here, colour, zorder=5)
+
+
+def everywhere(points: np.ndarray) -> np.ndarray:
+    """True for every point (n, 2)."""
+    return np.ones(len(points), dtype=bool)
+
+
+def time_bar(sheet: Sheet, panels: list[Axes], motion: Motion, spec: Mapping[str, Any]) -> None:
+    """The colour bar of a curve that is coloured by time."""
+    hues = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 256)))
+    scale = ScalarMappable(Normalize(motion.time[0], motion.time[-1]), hues)
+    bar = sheet.figure.colorbar(scale, ax=panels, location="bottom", fraction=0.03, pad=0.02, shrink=0.6, aspect=50)
+    bar.set_label(time_label(spec, motion))

@@ -1,0 +1,260 @@
+"""Figures from result files: each kind of figure is one function here. The only importer of matplotlib."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+
+from .. import HodoError
+from ..models import rigid_body
+from ..models.rigid_body import slope
+from ..results.motion import Motion, Results
+from .artists import (
+    AXIS_COLOUR,
+    BLACK,
+    COLUMN,
+    CROSSING,
+    END,
+    GREY,
+    HALO,
+    PAGE,
+    SEPARATRIX,
+    axis_handles,
+    axis_label,
+    case_handles,
+    everywhere,
+    legend,
+    line_width,
+    mark,
+    mark_handles,
+    palette,
+    plane_curve,
+    styles,
+    symbol,
+    time_label,
+    unit,
+)
+from .geometry import centroid, sectors
+from .sheet import Look, Sheet, kind
+
+# Plane figures
+
+
+def squares(motion: Motion) -> np.ndarray:
+    """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it. Raises HodoError where K is inf."""
+    K = slope(motion.inertia)
+    if math.isinf(K):
+        raise HodoError(f"case {motion.name} has no quadrants to draw: its two larger moments of inertia are equal")
+    largest, _, smallest = motion.order
+    return np.asarray(motion.data["omega"].values[:, [largest, smallest]] ** 2 * [1, K])
+
+
+@kind("quadrants")
+def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
+    motions, zoom = results.motions(spec), spec["zoom"]
+    points = {motion.name: squares(motion) for motion in motions}
+    for motion in motions:
+        p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
+        across, up = points[motion.name].T
+        sheet.record("quadrants", motion.label, time=motion.time, **{f"{p}^2": across, f"K {r}^2": up})
+    others = [results.motion(name) for figure in spec["scale_with"] for name in results.figure(figure)["cases"]]
+    limits = [1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)]) or 1.0]
+    limits += [] if zoom is None else [zoom]
+    sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.58 * PAGE)))
+    panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
+    for axes, limit in zip(panels, limits, strict=True):
+        regions(axes, motions[0], limit)
+        for place, motion in enumerate(motions):
+            curve = points[motion.name]
+            plane_curve(axes, curve, *palette(motion, "axis", place), 0.8 * line_width(motion))
+            on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
+            mark(axes, curve[[0, -1]], on_line, lambda at: at.max(axis=-1) <= limit)  # noqa: B023
+    if zoom is not None:
+        panels[1].set(title="enlarged")
+    wide = zoom is not None
+    legend(sheet, axis_handles(motions, both=True) + mark_handles(motions, spec["time"], wide), 5 if wide else 3)
+
+
+def regions(axes: Axes, motion: Motion, limit: float) -> None:
+    """The regions A and B below and above the diagonal, shaded and named, up to a limit."""
+    largest, _, smallest = motion.order
+    axes.add_patch(Polygon([(0, 0), (limit, limit), (limit, 0)], fc=AXIS_COLOUR[largest + 1], alpha=0.1, lw=0))
+    axes.add_patch(Polygon([(0, 0), (limit, limit), (0, limit)], fc=AXIS_COLOUR[smallest + 1], alpha=0.1, lw=0))
+    axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
+    place: Look = {"xycoords": "axes fraction", "size": 9, "path_effects": HALO, "zorder": 7}
+    axes.annotate(f"A (about $x_{largest + 1}$)", (0.97, 0.04), ha="right", va="bottom", **place)
+    axes.annotate(f"B (about $x_{smallest + 1}$)", (0.5, 0.96), ha="center", va="top", **place)
+    p, r = "pqr"[largest], "pqr"[smallest]
+    axes.set(xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}")
+    axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
+
+
+@kind("quadrant-sketch")
+def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """r^2 against p^2 for each body, with the line p^2 = K r^2, region A above it and B below, without scale."""
+    bodies = spec["bodies"]
+    sheet.figure.set_size_inches(*((COLUMN, COLUMN) if len(bodies) == 1 else (PAGE, PAGE / len(bodies) + 0.35)))
+    panels = sheet.figure.subplots(1, len(bodies), squeeze=False)[0]
+    for axes, body, label in zip_longest(panels, bodies, spec["labels"][: len(bodies)]):
+        title = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body)
+        sheet.record(
+            "sketch", title, **{f"A{i + 1}": np.array([A]) for i, A in enumerate(body)}, K=np.array([slope(body)])
+        )
+        sketch(axes, body)
+        K = slope(body)
+        value = r"\infty" if math.isinf(K) else f"{K:.3g}"
+        axes.set_title(f"{title}\n$K = {value}$, slope ${math.degrees(math.atan(K)):.3g}°$")
+
+
+def sketch(axes: Axes, body: Sequence[float]) -> None:
+    """The quadrants of one body."""
+    largest, _, smallest = rigid_body.inertia_order(body)
+    end, above, below = sectors(slope(body))
+    for name, outline, axis in (("A", above, largest), ("B", below, smallest)):
+        axes.add_patch(Polygon(outline, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))
+        if centre := centroid(outline):
+            axes.text(*centre, f"{name}\nabout $x_{axis + 1}$", ha="center", va="center")
+    axes.plot([0, end[0]], [0, end[1]], color=BLACK, lw=1.4, clip_on=False)
+    axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
+    axes.set_xlabel(f"${'pqr'[smallest]}^2$", loc="right")
+    axes.set_ylabel(f"${'pqr'[largest]}^2$", loc="top", rotation=0)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+@kind("series")
+def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """Variables against time, a panel for each variable or for each case."""
+    motions, variables = results.motions(spec), spec["variables"]
+    by_case = spec["panels"] == "case"
+    if by_case:
+        groups = {motion.name: [(motion, name) for name in variables] for motion in motions}
+        names = [f"${symbol(name)}$" for name in variables]
+    else:
+        groups = {name: [(motion, name) for motion in motions] for name in variables}
+        names = [motion.label for motion in motions]
+    if spec["inset"] and spec["inset"]["panel"] not in groups:
+        raise HodoError(f"the inset's panel {spec['inset']['panel']!r} is none of the panels ({', '.join(groups)})")
+    for axes, (group, curves) in zip(series_panels(sheet, spec, len(groups)), groups.items(), strict=True):
+        for (motion, name), style in zip(curves, styles(len(curves)), strict=True):
+            part = slice(None) if spec["span"] is None else slice(*np.searchsorted(motion.time, spec["span"]))
+            times, values = motion.time[part], motion[name][part]
+            sheet.record(group, motion.label, time=times, **{name: values})
+            axes.plot(times, values, **style)
+            event_marks(axes, motion, name, spec["time"])
+        axes.margins(x=0, y=0.08)
+        if spec["level"] is not None:
+            axes.axhline(spec["level"], **SEPARATRIX)
+        axes.set(**({"title": curves[0][0].label} if by_case else {"ylabel": axis_label(group, motions[0])}))
+        if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
+            axes.set_xlabel(time_label(spec, motions[0]))
+        if spec["inset"] and spec["inset"]["panel"] == group:
+            inset(sheet, axes, spec["inset"], results, dict(zip(variables, styles(len(variables)), strict=True)))
+    if len(names) > 1:
+        room = sheet.figure.get_figwidth() * 72 / (30 + 4 * max(len(re.sub(r"[${}\\]", "", name)) for name in names))
+        legend(sheet, case_handles(names), max(1, min(int(room), len(names))))
+
+
+def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
+    """n panels in rows of `columns`; those of cases share both scales."""
+    columns = min(n, spec["columns"])
+    rows = -(-n // columns)
+    width = COLUMN if columns == 1 else PAGE
+    sheet.figure.set_size_inches(width, rows * max(0.62 * width / columns, 1.4) + 0.3)
+    by_case = spec["panels"] == "case"
+    grid = sheet.figure.subplots(rows, columns, sharex=True, sharey=by_case, squeeze=False).ravel()
+    for spare in grid[n:]:
+        spare.remove()
+    return list(grid[:n])
+
+
+def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
+    """Mark the events of a motion on a curve: with the value there, or with the time where that is nearly zero."""
+    values = motion[name]
+    peak = np.abs(values).max()
+    for when in motion.event_time:
+        value = float(np.interp(when, motion.time, values))
+        text = f"${value:.4g}$" if abs(value) > 1e-3 * peak else f"${time} = {when:.4g}$"
+        below = value > 0.9 * peak
+        axes.plot(when, value, **END, clip_on=False, zorder=5)
+        early = when - motion.time[0] < 0.4 * (motion.time[-1] - motion.time[0])
+        axes.annotate(text, (when, value), (3 if early else -3, -4 if below else 4), textcoords="offset points", size=7,
+                      ha="left" if early else "right", va="top" if below else "bottom")  # fmt: skip
+
+
+def inset(
+    sheet: Sheet, panel: Axes, spec: Mapping[str, Any], results: Results, looks: Mapping[str, dict[str, Any]]
+) -> None:
+    """A smaller panel within a panel: some variables of one case."""
+    motion = results.motion(spec["case"])
+    axes = panel.inset_axes(spec["box"])
+    for name, look in zip(spec["variables"], styles(len(spec["variables"])), strict=True):
+        axes.plot(motion.time, motion[name], **looks.get(name, look), lw=0.9)
+        sheet.record("inset", motion.name, time=motion.time, **motion.columns(name))
+    axes.set_title(", ".join(f"${symbol(name)}$" for name in spec["variables"]), size=7, pad=2)
+    axes.tick_params(labelsize=6)
+    axes.margins(x=0)
+
+
+@kind("phase")
+def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """One variable against another."""
+    motions, x, y = results.motions(spec), spec["x"], spec["y"]
+    sheet.figure.set_size_inches(COLUMN, 0.9 * COLUMN)
+    axes = sheet.figure.subplots()
+    for motion, style in zip(motions, styles(len(motions)), strict=True):
+        across, up = motion[x], motion[y]
+        sheet.record("phase", motion.label, time=motion.time, **{x: across, y: up})
+        axes.plot(across, up, **style)
+        points = np.stack([across, up], axis=-1)
+        mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
+    axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
+    axes.margins(0.06)
+    handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
+    legend(sheet, handles + mark_handles(motions, spec["time"]), 2)
+
+
+@kind("invariants")
+def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping, those of G^2."""
+    motions = results.motions(spec)
+    sheet.figure.set_size_inches(COLUMN, 1.75 * COLUMN)
+    energy, square, ratio = sheet.figure.subplots(3, sharex=True)
+    for motion, style in zip(motions, styles(len(motions)), strict=True):
+        shown = motion.columns("T", "G2", "D/2T")
+        sheet.record("invariants", motion.label, time=motion.time, **shown, D=motion["D"])
+        for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
+            axes.plot(motion.time, values, **style, zorder=3)
+        energy_bounds(energy, square, motion)
+        middle = sorted(motion.inertia)[1]
+        ratio.axhspan(0, max(motion.inertia) - middle, fc=AXIS_COLOUR[motion.order[0] + 1], alpha=0.1, lw=0)
+        ratio.axhspan(min(motion.inertia) - middle, 0, fc=AXIS_COLOUR[motion.order[2] + 1], alpha=0.1, lw=0)
+        crossings = np.stack([motion.crossing_time, 0 * motion.crossing_time], axis=-1)
+        ratio.plot(*crossings.T, **CROSSING, zorder=4)
+    ratio.axhline(0, **SEPARATRIX)
+    for axes, name in ((energy, "T"), (square, "G2"), (ratio, "D/2T")):
+        axes.set(ylabel=axis_label(name, motions[0]))
+        axes.margins(x=0)
+    for axes in (energy, square):
+        low, high = (f(float(f(line.get_ydata())) for line in axes.lines) for f in (min, max))
+        axes.set(**({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high or 1.0)}))
+    ratio.set_xlabel(time_label(spec, motions[0]))
+    handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
+    bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
+    legend(sheet, [*handles, bound, *mark_handles(motions, spec["time"])[2:]], 2)
+
+
+def energy_bounds(energy: Axes, square: Axes, motion: Motion) -> None:
+    """T between G^2/2A_largest and G^2/2A_smallest; G^2 between its exponentials where the damping is diagonal."""
+    G2 = motion["G2"]
+    for A in (min(motion.inertia), max(motion.inertia)):
+        energy.plot(motion.time, G2 / (2 * A), color=GREY, lw=0.5)
+    for rate in {f(motion.case.data.get("damping", [math.nan])) for f in (min, max)}:
+        bound = G2[0] * np.exp(-2 * rate * (motion.time - motion.time[0]))
+        square.plot(motion.time, bound, color=GREY, lw=0.5)

@@ -1,0 +1,119 @@
+"""A figure under construction, the kinds of figures, and how one is saved."""
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.cbook import is_math_text
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.mathtext import MathTextParser
+
+from .. import HodoError
+from ..results.motion import Results
+
+Look = dict[str, Any]
+
+STYLE: Look = {
+    "font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 8, "axes.labelsize": 8,
+    "axes.titlesize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7,
+    "axes.linewidth": 0.5, "lines.linewidth": 1.0, "xtick.direction": "in", "ytick.direction": "in",
+    "xtick.top": True, "ytick.right": True, "xtick.major.width": 0.5, "ytick.major.width": 0.5,
+    "legend.frameon": False, "legend.handlelength": 2.2, "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True, "savefig.dpi": 300,
+    "svg.hashsalt": "hodo", "pdf.fonttype": 42,
+}  # fmt: skip
+
+UNDATED: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+FORMATS = (*UNDATED, "csv")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One curve of a figure: the panel that holds it, its name, and the values drawn."""
+
+    panel: str
+    curve: str
+    values: Mapping[str, np.ndarray]
+
+
+@dataclass
+class Sheet:
+    """A figure being drawn, with a record of every value that it shows."""
+
+    figure: Figure
+    shown: list[Shown] = field(default_factory=list)
+
+    def record(self, panel: str, curve: str, **values: np.ndarray) -> None:
+        """Note the values of a curve."""
+        self.shown.append(Shown(panel, curve, {name: np.asarray(value) for name, value in values.items()}))
+
+    def csv(self) -> str:
+        """What the figure shows, a row per sample; columns that a curve does not have stay empty."""
+        columns = list(dict.fromkeys(name for item in self.shown for name in item.values))
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["panel", "curve", *columns])
+        for item in self.shown:
+            present = [item.values[name].tolist() if name in item.values else None for name in columns]
+            for i in range(len(next(iter(item.values.values())))):
+                writer.writerow([item.panel, item.curve, *("" if one is None else one[i] for one in present)])
+        return text.getvalue()
+
+
+Kind = Callable[[Sheet, Mapping[str, Any], Results], None]
+DRAW: dict[str, Kind] = {}
+
+
+def kind(name: str) -> Callable[[Kind], Kind]:
+    """Make a function the one that draws figures of this kind; `figures.KINDS` declares its keys."""
+
+    def enter(function: Kind) -> Kind:
+        DRAW[name] = function
+        return function
+
+    return enter
+
+
+def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
+    """The figure that one entry of a `figures:` block describes.
+
+    Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for it, or a text
+    is not TeX as matplotlib knows it.
+    """
+    for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
+        check_tex(text)
+    with matplotlib.style.context(["default", STYLE]):
+        sheet = Sheet(Figure(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
+        DRAW[spec["kind"]](sheet, spec, results)
+    return sheet
+
+
+def check_tex(text: str) -> None:
+    """Raise HodoError if the formulas in a text, between dollar signs, cannot be set."""
+    try:
+        if is_math_text(text):
+            MathTextParser("path").parse(text)
+    except ValueError as error:
+        what = str(error).strip().splitlines()[-1]
+        raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
+
+
+def save(sheet: Sheet, path: Path, about: str = "") -> None:
+    """Write a figure in the format of the path's suffix, the same bytes every time; `about` goes into its metadata."""
+    suffix = path.suffix[1:]
+    if suffix == "csv":
+        path.write_text(sheet.csv(), encoding="utf-8", newline="")
+        return
+    note = {"pdf": "Subject"}.get(suffix, "Description")
+    with matplotlib.style.context(["default", STYLE]):
+        sheet.figure.savefig(path, metadata=UNDATED[suffix] | {note: about})
