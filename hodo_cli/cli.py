@@ -88,23 +88,23 @@ def run(
     as_json: bool,
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are kept."""
-    from . import plan, report
     from .batch.pool import pool
     from .batch.progress import Progress
     from .cases.config import load
+    from .commands import run, tables
 
     loaded = [load(path, overrides) for path in configs]
-    plans = plan.plans(loaded, out, globs, force, jobs)
+    plans = run.plans(loaded, out, globs, force, jobs)
     if dry_run:
-        click.echo("\n".join(line for plan in plans for line in plan.lines()))
+        click.echo("\n".join(line for run in plans for line in run.lines()))
         return
     rows: list[dict[str, Any]] = []
-    with pool(jobs, scheduler) as workers, Progress(sum(len(plan.reasons) for plan in plans), quiet) as progress:
+    with pool(jobs, scheduler) as workers, Progress(sum(len(run.reasons) for run in plans), quiet) as progress:
         for plan_ in plans:
             rows += plan_.execute(workers, progress, fail_fast)
             if fail_fast and any(row["status"] != "ok" for row in rows):
                 break
-    click.echo(json.dumps(rows) if as_json else report.cases(rows))
+    click.echo(json.dumps(rows) if as_json else tables.cases(rows))
     if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
         click.echo(f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}", err=True)
         sys.exit(1)
@@ -115,8 +115,7 @@ def run(
 @JSON
 def classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the axis that each hodograph encloses and find the separatrix crossings; both go into RUNS."""
-    from . import report
-    from .commands import classify
+    from .commands import classify, tables
     from .results import update
     from .results.provenance import stamp
 
@@ -134,7 +133,7 @@ def classify(runs: tuple[Path, ...], as_json: bool) -> None:
                 rows.append({"run": str(path), **row})
                 if part is not None:
                     changes.write(name, part)
-    click.echo(json.dumps(rows) if as_json else report.crossings(rows))
+    click.echo(json.dumps(rows) if as_json else tables.crossings(rows))
     if failed:
         sys.exit(1)
 
@@ -147,9 +146,9 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
 
     Exit status 3 if a verdict is not the one that the case file expects.
     """
-    from . import report
+    from . import text
     from .cases.config import parse
-    from .commands import claims
+    from .commands import claims, tables
     from .results import update
     from .results.provenance import stamp
 
@@ -161,7 +160,7 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
             rows += [{"run": str(path), **claims.row(verdict)} for verdict in verdicts]
             if verdicts:
                 changes.write("_claims", claims.group(verdicts))
-    click.echo(report.as_json(rows) if as_json else report.claims(rows))
+    click.echo(text.as_json(rows) if as_json else tables.claims(rows))
     if any(row["verdict"] != row["expect"] for row in rows):
         sys.exit(3)
 
@@ -205,13 +204,14 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere. Times of crossings
     and events may be off by 100 times rtol.
     """
-    from . import compare, report
+    from . import text
+    from .commands import compare, tables
     from .results import hdf5
 
     with hdf5.open_run(a) as ours, hdf5.open_run(b) as reference:
         lines = compare.compare(ours, reference, compare.Tolerance(rtol, atol))
     rows = [{**vars(line), "differs": line.differs} for line in lines]
-    click.echo(report.as_json(rows) if as_json else report.comparison(rows))
+    click.echo(text.as_json(rows) if as_json else tables.comparison(rows))
     if any(line.differs for line in lines):
         sys.exit(3)
 
@@ -229,8 +229,8 @@ def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: 
     The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/. Exit status 1 if auto
     gave a wrong result without saying so, or took longer than 10 s.
     """
-    from . import bench
     from .cases.config import load
+    from .commands import bench
     from .figures.bench import draw_bench
     from .figures.sheet import save
 
@@ -250,14 +250,14 @@ def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: 
 @JSON
 def show(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print what is in RUNS: the cases, how they ended, their error and run time."""
-    from . import report
+    from .commands import tables
     from .results import hdf5, layout
 
     rows = []
     for path in runs:
         with hdf5.open_run(path) as run:
             rows += [{"run": str(path), "case": name, **run.row(name, layout.SUMMARY)} for name in run.cases()]
-    click.echo(json.dumps(rows) if as_json else report.cases(rows))
+    click.echo(json.dumps(rows) if as_json else tables.cases(rows))
 
 
 @main.command()

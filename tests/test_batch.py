@@ -17,12 +17,13 @@ import stress
 from click.testing import CliRunner, Result
 from conftest import Hodo
 
-from hodo_cli import HodoError, plan
+from hodo_cli import HodoError
 from hodo_cli.batch import memory
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
+from hodo_cli.commands import run as run_command
 from hodo_cli.results.hdf5 import Group
 
 DEFAULTS = (
@@ -165,12 +166,12 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
 
 
 def test_a_bug_in_one_case_is_that_case_s_own(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    finish = plan.finish
+    finish = run_command.finish
 
     def buggy(case: Case) -> Group:
         return finish(case) if case.name != "b" else 1 / 0  # type: ignore[return-value]
 
-    monkeypatch.setattr(plan, "finish", buggy)
+    monkeypatch.setattr(run_command, "finish", buggy)
     done = run(config)
     assert done.exit_code == 1
     assert "Traceback" in done.stderr

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from conftest import Hodo
 
-from hodo_cli import bench
-from hodo_cli.bench import Bench, Trial, fastest, perturbed, trial, truth, verdict
 from hodo_cli.cases.config import parse
+from hodo_cli.commands import bench
+from hodo_cli.commands.bench import Bench, Trial, fastest, perturbed, trial, truth, verdict
 from hodo_cli.integration import solve
 
 CONFIG = """

@@ -14,7 +14,7 @@ from conftest import ROOT, Hodo
 from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load
-from hodo_cli.compare import Line, Tolerance, compare, difference, matching
+from hodo_cli.commands.compare import Line, Tolerance, compare, difference, matching
 from hodo_cli.models import find
 from hodo_cli.results.hdf5 import Group, Variable, create, open_run
 

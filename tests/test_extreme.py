@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hodo_cli.bench import PATIENCE, trial, truth
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
+from hodo_cli.commands.bench import PATIENCE, trial, truth
 from hodo_cli.engines import exact, protocol
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integration.choice import choose

@@ -18,12 +18,13 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, models, plan
+from hodo_cli import HodoError, models
 from hodo_cli.batch.pool import Pool, pool
 from hodo_cli.batch.progress import Progress
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
+from hodo_cli.commands import run
 from hodo_cli.engines import exact
 from hodo_cli.figures import swept
 from hodo_cli.integration.classify import classify
@@ -304,7 +305,7 @@ figures:
 
 def results(folder: Path, text: str, workers: Pool) -> Path:
     (folder / "a.yaml").write_text(text, encoding="utf-8")
-    (job,) = plan.plans([load(folder / "a.yaml")], folder, (), False)
+    (job,) = run.plans([load(folder / "a.yaml")], folder, (), False)
     with workers, Progress(1, quiet=True) as progress:
         job.execute(workers, progress)
     return folder / "a.h5"

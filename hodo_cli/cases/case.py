@@ -17,11 +17,11 @@ from ..schema.document import Block, locate, read
 from ..schema.kinds import Key, Misnamed, Path, Report
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
-from .keys import COMMON, _all_keys, _keys_in
+from .keys import COMMON, all_keys, keys_in
 from .sweep_block import check_axes, storable
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-_NAME_RULE = "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+NAME_RULE = "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,17 +64,17 @@ def dump(case: Case) -> str:
 def parse_case(text: str) -> Case:
     """The case in a text written by `dump`. Raises HodoError, one line for each mistake."""
     mistakes = Mistakes("case")
-    block = _mapping(text, mistakes)
+    block = read_mapping(text, mistakes)
     name = block.pop("name", None)
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise mistakes.fatal(Place(1, 1), f"{_NAME_RULE}, not {kinds.shown(name)}")
-    case = _case(name, block, _reporter(block, (), Place(1, 1), mistakes))
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise mistakes.fatal(Place(1, 1), f"{NAME_RULE}, not {kinds.shown(name)}")
+    case = checked_case(name, block, reporter(block, (), Place(1, 1), mistakes))
     mistakes.raise_any()
     assert case is not None
     return case
 
 
-def _mapping(text: str, mistakes: Mistakes) -> Block:
+def read_mapping(text: str, mistakes: Mistakes) -> Block:
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document
@@ -88,7 +88,7 @@ def _without_none(data: Any) -> Any:
     return {key: _without_none(value) for key, value in data.items() if value is not None}
 
 
-def _reporter(root: Block, label: Path, place: Place, mistakes: Mistakes) -> Report:
+def reporter(root: Block, label: Path, place: Place, mistakes: Mistakes) -> Report:
     """A report for paths within `root`, which stands at `place` and is called `label`."""
 
     def report(at: Path, message: str) -> None:
@@ -98,7 +98,7 @@ def _reporter(root: Block, label: Path, place: Place, mistakes: Mistakes) -> Rep
     return report
 
 
-def _case(name: str, block: Block, report: Report) -> Case | None:
+def checked_case(name: str, block: Block, report: Report) -> Case | None:
     """The case that a merged block describes, or None after reporting what is wrong with it."""
     wrong = False
 
@@ -107,7 +107,7 @@ def _case(name: str, block: Block, report: Report) -> Case | None:
         wrong = True
         report(at, message)
 
-    found, taken = _keys_in(block)
+    found, taken = keys_in(block)
     values = kinds.resolve(taken, _own(block, found, taken, note), (), note)
     data = {key: values[key] for key in found.keys if key in values} if found else {}
     if found:
@@ -148,7 +148,7 @@ def _own(block: Block, found: type[Model] | None, taken: Mapping[str, Key], repo
         others = [form for form, other in forms if key in other.keys]
         if key in taken:
             own[key] = value
-        elif key in block.inherited or (found is None and key in _all_keys()):
+        elif key in block.inherited or (found is None and key in all_keys()):
             continue
         elif found and others:
             report((Misnamed(key),), f"is a key of form {' or '.join(others)}, and this is form {found.form}")

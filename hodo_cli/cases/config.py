@@ -11,10 +11,10 @@ from ..schema.document import MAX_BYTES, Block
 from ..schema.kinds import Choice, Key, Misnamed, Report
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
-from .case import _NAME, _NAME_RULE, Case, _case, _mapping, _reporter
+from .case import NAME, NAME_RULE, Case, checked_case, read_mapping, reporter
 from .figure_block import KINDS
-from .keys import SECTIONS, _all_keys, _keys_in
-from .override import _override
+from .keys import SECTIONS, all_keys, keys_in
+from .override import apply_override
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
 def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     """The config in a text; `name` stands for the file in messages. Raises HodoError as `load` does."""
     mistakes = Mistakes(name)
-    document = _mapping(text, mistakes)
-    report = _reporter(document, (), Place(1, 1), mistakes)
+    document = read_mapping(text, mistakes)
+    report = reporter(document, (), Place(1, 1), mistakes)
     given = {section: value for section, value in document.items() if value is not None}
     sections = kinds.resolve(SECTIONS, given, (), report)
     cases, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
@@ -66,9 +66,9 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         report(("cases",), "there is no case")
     blocks = {case: _merge(defaults, block) for case, block in cases.items() if _is_entry("cases", case, block, report)}
     for override in overrides:
-        _override(override, blocks, mistakes)
+        apply_override(override, blocks, mistakes)
     checked = [
-        _case(case, block, _reporter(block, ("cases", case), cases.value_places[case], mistakes))
+        checked_case(case, block, reporter(block, ("cases", case), cases.value_places[case], mistakes))
         for case, block in blocks.items()
     ]
     _check_defaults(defaults, blocks.values(), report)
@@ -90,8 +90,8 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
 
 def _is_entry(section: str, name: str, value: Any, report: Report) -> bool:
     """Whether an entry of a section has a proper name and is a mapping; reports it otherwise."""
-    if not _NAME.fullmatch(name):
-        report((section, Misnamed(name)), _NAME_RULE)
+    if not NAME.fullmatch(name):
+        report((section, Misnamed(name)), NAME_RULE)
     elif not isinstance(value, Block):
         report((section, name), f"wants a mapping, not {kinds.shown(value)}")
     else:
@@ -113,11 +113,11 @@ def _merge(defaults: Block, given: Block) -> Block:
 
 def _check_defaults(defaults: Block, blocks: Iterable[Block], report: Report) -> None:
     """Report the defaults that no case takes."""
-    found = [_keys_in(block) for block in blocks]
-    taken = set(_all_keys()) if any(form is None for form, _ in found) else {key for _, some in found for key in some}
+    found = [keys_in(block) for block in blocks]
+    taken = set(all_keys()) if any(form is None for form, _ in found) else {key for _, some in found for key in some}
     for key in defaults:
         if key not in taken:
-            message = "no case here takes this key" if key in _all_keys() else kinds.unknown("key", key, sorted(taken))
+            message = "no case here takes this key" if key in all_keys() else kinds.unknown("key", key, sorted(taken))
             report(("defaults", Misnamed(key)), message)
 
 

@@ -9,9 +9,9 @@ from ..schema import kinds
 from ..schema.kinds import Choice, Either, Key, Table, Variant
 from ..schema.write import write
 from . import claim_block
-from .case import _NAME
+from .case import NAME
 from .figure_block import KINDS
-from .keys import COMMON, SECTIONS, _keys_of
+from .keys import COMMON, SECTIONS, keys_of
 
 
 def _rows(path: str, key: Key) -> Iterator[tuple[str, str, str, str, str]]:
@@ -32,7 +32,7 @@ def key_table() -> str:
     head = {"model": Key(Choice(*catalogue), "equations of motion")}
     scopes = [("file", "", SECTIONS), ("every case", "", head | COMMON)]
     for model, forms in catalogue.items():
-        scopes.append((model, "", {"form": _keys_of(model, None)[1]["form"]}))
+        scopes.append((model, "", {"form": keys_of(model, None)[1]["form"]}))
         scopes += [(model, form, dict(found.keys)) for form, found in forms.items()]
     kind = {"kind": Key(Choice(*KINDS), "what is drawn")}
     scopes += [("figure", name, kind | taken) for name, taken in KINDS.items()]
@@ -79,7 +79,7 @@ def schema() -> dict[str, Any]:
             rules.append({"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [found])})
     figures = [Table({"kind": Key(Choice(kind), "what is drawn")} | taken).schema() for kind, taken in KINDS.items()]
     sections = {name: key.schema() for name, key in SECTIONS.items()}
-    names = {"propertyNames": {"pattern": f"^{_NAME.pattern}$"}}
+    names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}}
     sections["cases"] |= names | {"additionalProperties": {"$ref": "#/$defs/case"}, "minProperties": 1}
     sections["figures"] |= names | {"additionalProperties": {"oneOf": figures}}
     sections["defaults"] |= {"properties": head | common}

@@ -81,7 +81,7 @@ SECTIONS = {
 
 
 @cache
-def _keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
+def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
     """The class of a model's form (None: the first) and every key of its cases; no class if there is none such."""
     catalogue = models.catalogue()
     forms = catalogue.get(model or "", {})
@@ -92,14 +92,14 @@ def _keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, d
     return found, head | (found.keys if found else {}) | COMMON
 
 
-def _keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:
-    """`_keys_of` for the model and form that a case names, rightly or not."""
+def keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:
+    """`keys_of` for the model and form that a case names, rightly or not."""
     model, form = block.get("model"), block.get("form")
-    return _keys_of(model if isinstance(model, str) else None, form if form is None or isinstance(form, str) else "")
+    return keys_of(model if isinstance(model, str) else None, form if form is None or isinstance(form, str) else "")
 
 
 @cache
-def _all_keys() -> frozenset[str]:
+def all_keys() -> frozenset[str]:
     """Every key that a case of some model takes."""
     classes = [form for forms in models.catalogue().values() for form in forms.values()]
     return frozenset({"model", "form", *COMMON}.union(*(form.keys for form in classes)))

@@ -9,10 +9,10 @@ from ..schema import kinds
 from ..schema.document import Block, Items, read
 from ..schema.kinds import Kind, Table
 from ..schema.mistakes import Mistakes, Place
-from .keys import _keys_in
+from .keys import keys_in
 
 
-def _override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> None:
+def apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> None:
     """Apply one override to the blocks of the cases that it names."""
     place = Place(1, 1, text)
     target, equals, value = text.partition("=")
@@ -31,7 +31,7 @@ def _override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> None:
         return
     for name in names:
         try:
-            blocks[name] = _replaced(blocks[name], Table(_keys_in(blocks[name])[1]), path, new, place)
+            blocks[name] = _replaced(blocks[name], Table(keys_in(blocks[name])[1]), path, new, place)
         except ValueError as error:
             mistakes.add(place, ("cases", name, *path), str(error.args[0]))
 

@@ -12,7 +12,7 @@ from .artists import GREEN, PAGE, RED, SEPARATRIX, SKY, styles
 from .sheet import STYLE, Sheet
 
 if TYPE_CHECKING:
-    from ..bench import Bench
+    from ..commands.bench import Bench
 
 
 VERDICT_COLOUR = (GREEN, SKY, "#F0E442", "#BBBBBB", "#666666", RED)

@@ -12,8 +12,8 @@ from urllib.parse import quote
 
 from ..cases.case import Case
 from ..models.rigid_body import LABELS
-from ..report import magnitude, seconds
 from ..results.motion import Motion, Rendered, Results
+from ..text import magnitude, seconds
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1d20; --soft: #5d6068; --line: #d9dbe0; --card: #ffffff; --page: #f4f5f7;

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 
-class _Disk(io.FileIO):
+class Disk(io.FileIO):
     """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process down over one.
 
     What could not be written is kept in memory and read back from there, for HDF5 crashes over missing bytes too.

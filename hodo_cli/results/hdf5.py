@@ -14,7 +14,7 @@ from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
 from .. import HodoError
 from ..batch import memory
-from .disk import _Disk
+from .disk import Disk
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
@@ -200,7 +200,7 @@ def _dims(dataset: h5py.Dataset, named: Mapping[int, str]) -> tuple[str, ...]:
 class Output:
     """A file that is being written; made by `create`."""
 
-    def __init__(self, file: h5py.File, disk: "_Disk") -> None:
+    def __init__(self, file: h5py.File, disk: "Disk") -> None:
         self._file = file
         self._disk = disk
 
@@ -261,7 +261,7 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
 
     Raises OSError if the operating system does not let it be written.
     """
-    with _Disk(path) as disk:
+    with Disk(path) as disk:
         try:
             with h5py.File(disk, "w", track_order=True) as file:
                 _set_attributes(file, {"format_version": FORMAT_VERSION, **attributes})

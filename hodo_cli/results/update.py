@@ -10,7 +10,7 @@ import numpy as np
 
 from .hdf5 import Group, Run, create, open_run
 from .staging import Workshop
-from .writer import _longer, _parts, _pieces, _refusals, _resume
+from .writer import longer, parts_in, pieces, refusals, resume_attributes
 
 
 class Update:
@@ -37,11 +37,11 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
     with open_run(path) as run:
         changes = Update(run)
         yield changes
-        with _refusals(path), ExitStack() as stack:
+        with refusals(path), ExitStack() as stack:
             workshop = Workshop(path)
             stack.callback(workshop.close)
             for folder in workshop.abandoned():
-                if not _pieces(folder) and not _parts(folder):
+                if not pieces(folder) and not parts_in(folder):
                     shutil.rmtree(folder, ignore_errors=True)
             if changes.parts:
                 stack.callback(workshop.remove)
@@ -54,10 +54,10 @@ def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
     def applies(name: str) -> bool:
-        return name.startswith("_") or (name in now and _resume(now, name) == _resume(changes.run, name))
+        return name.startswith("_") or (name in now and resume_attributes(now, name) == resume_attributes(changes.run, name))
 
     parts = {name: part for name, part in changes.parts.items() if applies(name)}
-    with create(whole, {**now.attributes, "history": _longer(now, history)}) as output:
+    with create(whole, {**now.attributes, "history": longer(now, history)}) as output:
         for name in dict.fromkeys([*now.groups(), *parts]):
             if name not in parts:
                 output.copy(now, name)

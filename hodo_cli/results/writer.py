@@ -40,7 +40,7 @@ def finished(path: Path | str) -> dict[str, list[Finished]]:
     if os.path.lexists(path):
         with open_run(path) as run:
             _collect(run, found)
-    for piece in (piece for folder in workshops(path) for piece in _pieces(folder)):
+    for piece in (piece for folder in workshops(path) for piece in pieces(folder)):
         with suppress(HodoError), open_run(piece) as run:  # gone by now, or torn by a loss of power
             _collect(run, found)
     return found
@@ -48,23 +48,23 @@ def finished(path: Path | str) -> dict[str, list[Finished]]:
 
 def _collect(run: Run, found: dict[str, list[Finished]]) -> None:
     for name in run.cases():
-        found.setdefault(name, []).append(Finished(name, run.path, _resume(run, name)))
+        found.setdefault(name, []).append(Finished(name, run.path, resume_attributes(run, name)))
 
 
-def _resume(run: Run, name: str) -> dict[str, str]:
+def resume_attributes(run: Run, name: str) -> dict[str, str]:
     return {key: str(value) for key, value in run.summary(name, RESUME).items()}
 
 
-def _pieces(folder: Path) -> list[Path]:
+def pieces(folder: Path) -> list[Path]:
     return sorted(folder.glob("[0-9]*.h5"))
 
 
-def _parts(folder: Path) -> list[Path]:
+def parts_in(folder: Path) -> list[Path]:
     return sorted(folder.glob("part-*.h5"))
 
 
 @contextmanager
-def _refusals(path: Path) -> Iterator[None]:
+def refusals(path: Path) -> Iterator[None]:
     """Make a HodoError of what the operating system refuses."""
     try:
         yield
@@ -112,9 +112,9 @@ class Writer:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
             if kind is None:
-                with _refusals(self.path):
+                with refusals(self.path):
                     self._finish()
-            elif not self._new and not (self._workshop.folder and _parts(self._workshop.folder)):
+            elif not self._new and not (self._workshop.folder and parts_in(self._workshop.folder)):
                 self._workshop.remove()
 
     def add(self, name: str, group: Group) -> None:
@@ -128,7 +128,7 @@ class Writer:
 
     def _put(self, piece: Path, name: str, group: Group) -> None:
         draft = piece.with_name("draft")
-        with _refusals(self.path), ExitStack() as failed:
+        with refusals(self.path), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
             with create(draft, {}) as output:
                 output.write(name, group)
@@ -139,7 +139,7 @@ class Writer:
         """The numbers of the parts with this stamp that this run and dead ones have finished; all are now its own."""
         for folder in self._abandoned:
             for part in folder.glob(f"part-{stamp}-*.h5"):
-                with _refusals(self.path), suppress(FileExistsError), suppress(HodoError), open_run(part):
+                with refusals(self.path), suppress(FileExistsError), suppress(HodoError), open_run(part):
                     os.link(part, self._workshop / part.name)
         own = self._workshop.folder
         return {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{stamp}-*.h5")} if own else set()
@@ -149,7 +149,7 @@ class Writer:
 
         `stamp` tells what the part belongs to. Raises HodoError if it cannot be written.
         """
-        with _refusals(self.path):
+        with refusals(self.path):
             piece = self._workshop / f"part-{stamp}-{number}.h5"
         self._put(piece, "part", group)
 
@@ -166,7 +166,7 @@ class Writer:
                 self._kept[case.name] = self._old
             return case.name in self._kept
         piece = self._next_piece()
-        with _refusals(self.path):
+        with refusals(self.path):
             try:
                 os.link(case.file, piece)
             except FileNotFoundError:
@@ -176,7 +176,7 @@ class Writer:
 
     def _next_piece(self) -> Path:
         self._count += 1
-        with _refusals(self.path):
+        with refusals(self.path):
             return self._workshop / f"{self._count}.h5"
 
     def _finish(self) -> None:
@@ -187,7 +187,7 @@ class Writer:
             sources = self._sources(now)
             if self._new or not now or list(sources) != now.cases() or now.text != self._attributes.get("config"):
                 whole = self._workshop / "whole.h5"
-                self._join(whole, sources, _longer(now, self._attributes.get("history")))
+                self._join(whole, sources, longer(now, self._attributes.get("history")))
                 self._workshop.publish(whole)
         for folder in self._abandoned:
             shutil.rmtree(folder, ignore_errors=True)
@@ -200,7 +200,7 @@ class Writer:
             known = set(self._old.cases()) if self._old else set()
             for name in now.cases():
                 ours = self._new.get(name)
-                equal = ours and _resume(now, name).get("hash") == ours.attributes.get("hash")
+                equal = ours and resume_attributes(now, name).get("hash") == ours.attributes.get("hash")
                 if equal or (not ours and (name in self._kept or name not in known)):
                     found[name] = now
         return {name: found[name] for name in dict.fromkeys([*self._order, *found]) if name in found}
@@ -215,7 +215,7 @@ class Writer:
                         output.copy(piece, name)
 
 
-def _longer(run: Run | None, line: Attribute | None) -> str:
+def longer(run: Run | None, line: Attribute | None) -> str:
     """The history of a result with a line more."""
     lines = [str(run.attributes.get("history", "")) if run else "", str(line or "")]
     return "\n".join(filter(None, lines))

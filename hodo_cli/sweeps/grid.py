@@ -15,7 +15,7 @@ from .columns import kept, shape
 from .summary import Read, Summary
 
 
-def _group(
+def group_of_columns(
     case: Case, mark: str, tasks: list[Chunk], read: Read, summary: Summary,
     errors: Mapping[str, Any], problems: Mapping[str, int],
 ) -> Group:  # fmt: skip

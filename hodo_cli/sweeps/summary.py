@@ -82,7 +82,7 @@ class Part(NamedTuple):
 Read = Callable[[Chunk], AbstractContextManager[Part]]
 
 
-def _lost(chunk: Chunk) -> Group:
+def lost_part(chunk: Chunk) -> Group:
     """A chunk whose worker failed."""
     found = {}
     for name, column in columns(chunk.case).items():
@@ -106,7 +106,7 @@ class Summary:
     changes: dict[str, int]
 
 
-def _summary(case: Case, tasks: list[Chunk], read: Read) -> Summary:
+def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
     total = tasks[-1].last
     found = Summary(np.zeros(len(STATUS), dtype=np.int64), 0, 0.0, 0, [], [], [], {})
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
@@ -142,7 +142,7 @@ def _add(found: Summary, number: int, omega: np.ndarray, time: float) -> None:
         found.crossing_time.append(float(time))
 
 
-def _errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
+def sampled_errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
     """Quantiles of the measured errors."""
     step = 16
     tasks = [

@@ -14,8 +14,8 @@ from ..cases.case import Case
 from ..results.hdf5 import Group
 from ..results.writer import Writer
 from .chunk import Chunk, carried, chunks, compute
-from .grid import _group
-from .summary import Part, _errors, _lost, _summary
+from .grid import group_of_columns
+from .summary import Part, lost_part, sampled_errors, summarized
 
 Say = Callable[[str], None]
 
@@ -41,12 +41,12 @@ def run(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Sa
     @contextmanager
     def read(chunk: Chunk) -> Iterator[Part]:
         if chunk.first not in done:
-            lost = _lost(chunk)
+            lost = lost_part(chunk)
             yield Part(lost.attributes, lambda name: lost.variables[name].data)
         else:
             with writer.part(stamp, chunk.first) as part:
                 yield Part(part.summary("part"), partial(part.array, "part"))
 
-    summary = _summary(case, tasks, read)
-    errors = _errors(case, pool, summary) if case.error == "on" and carried(case) else {}
-    return _group(case, mark, tasks, read, summary, errors, problems)
+    summary = summarized(case, tasks, read)
+    errors = sampled_errors(case, pool, summary) if case.error == "on" and carried(case) else {}
+    return group_of_columns(case, mark, tasks, read, summary, errors, problems)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import HodoError
-from .models import rigid_body
-from .results.hdf5 import Group, Run, Variable
+from .. import HodoError
+from ..models import rigid_body
+from ..results.hdf5 import Group, Run, Variable
 
 RTOL = 1e-9
 """The relative tolerance of a variable that has none of its own."""

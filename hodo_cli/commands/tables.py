@@ -1,41 +1,9 @@
-"""Plain tables and numbers for the terminal."""
+"""The tables that commands print."""
 
-import json
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> str:
-    """Columns under a header, aligned; those named in `right` to the right. Lines carry no trailing space.
-
-    A character that a terminal would obey and not show is shown as a question mark.
-    """
-    lines = [list(header), *([_printable(cell) for cell in row] for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    flush = [str.rjust if name in right else str.ljust for name in header]
-    return "\n".join(
-        "  ".join(align(cell, width) for align, cell, width in zip(flush, line, widths, strict=True)).rstrip()
-        for line in lines
-    )
-
-
-def _printable(text: str) -> str:
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
-
-
-def seconds(value: float) -> str:
-    """A duration with its unit, to three digits."""
-    if value >= 100:
-        return f"{value:.0f} s"
-    if value >= 1:
-        return f"{value:.3g} s"
-    return f"{value * 1e3:.3g} ms" if value >= 1e-3 else f"{value * 1e6:.3g} us"
-
-
-def magnitude(value: float) -> str:
-    """An error to two digits; a dash where none was measured."""
-    return "-" if math.isnan(value) else "0" if value == 0 else f"{value:.1e}"
+from ..text import magnitude, seconds, table
 
 
 def cases(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -121,9 +89,3 @@ def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
         ],
         right=("scaled error",),
     )
-
-
-def as_json(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows as JSON, which has no numbers that are not finite: null stands for them."""
-    finite = [{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} for row in rows]
-    return json.dumps(finite)

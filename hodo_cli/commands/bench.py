@@ -16,20 +16,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from . import HodoError
-from .cases.case import Case
-from .cases.config import Config
-from .integration.choice import best, choose, taylor_steps
-from .integration.classify import EPS, Crossing, cross
-from .integration.driver import Path
-from .integration.error import difference, extended, measure, thinned
-from .integration.integrate import ASKED, remarks, tried
-from .integration.solve import Solution, sample_times, solve, stored
-from .models import find, rigid_body
-from .models.rigid_body import BodyFrame
-from .report import magnitude, seconds, table
-from .results.hdf5 import Group, Variable, create
-from .results.provenance import root_attributes, stamp
+from .. import HodoError
+from ..cases.case import Case
+from ..cases.config import Config
+from ..integration.choice import best, choose, taylor_steps
+from ..integration.classify import EPS, Crossing, cross
+from ..integration.driver import Path
+from ..integration.error import difference, extended, measure, thinned
+from ..integration.integrate import ASKED, remarks, tried
+from ..integration.solve import Solution, sample_times, solve, stored
+from ..models import find, rigid_body
+from ..models.rigid_body import BodyFrame
+from ..results.hdf5 import Group, Variable, create
+from ..results.provenance import root_attributes, stamp
+from ..text import magnitude, seconds, table
 
 VERDICTS = ("accurate", "limited by the data", "inaccurate, said so", "failed with a message", "timeout", "SILENT")
 SLACK, ULPS = 10, 30
