@@ -66,8 +66,9 @@ stress: $(READY)  ## Kill runs at random moments, run 10,000 cases, feed the loa
 	$(BIN)/python tests/stress.py
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
 
-lint: $(READY)  ## ruff on everything, mypy --strict on the package
+lint: $(READY)  ## ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet .
 	$(BIN)/mypy
 
 bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); renews README's tables of both

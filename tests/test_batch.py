@@ -286,14 +286,15 @@ def test_what_does_not_fit_into_memory_is_refused_with_the_figure(config: Path, 
 PEAK = """\
 import re, sys
 from pathlib import Path
-from hodo_cli import case, classify, plan
-cases = case.load(sys.argv[1]).cases
+from hodo_cli.cases.config import load
+from hodo_cli.commands import classify, run
+cases = load(sys.argv[1]).cases
 def peak():
     return int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1])
 
-classify.classified("small", plan.finish(cases["small"]))
+classify.classified("small", run.finish(cases["small"]))
 before = peak()
-classify.classified("large", plan.finish(cases["large"]))
+classify.classified("large", run.finish(cases["large"]))
 print((peak() - before) * 1024)
 """
 

@@ -14,7 +14,13 @@ from conftest import ROOT, Hodo
 
 from hodo_cli import HodoError
 from hodo_cli.cases import claim_block
-from hodo_cli.cases.claim_block import CONTRADICTED, NOT_TESTED, PLOTTING, REPRODUCED, UNDERDETERMINED
+from hodo_cli.cases.claim_block import (
+    CONTRADICTED,
+    NOT_TESTED,
+    PLOTTING,
+    REPRODUCED,
+    UNDERDETERMINED,
+)
 from hodo_cli.cases.config import load, parse
 from hodo_cli.claims import quantities
 from hodo_cli.claims.checks import KINDS

@@ -16,7 +16,7 @@ from hodo_cli.commands.bench import PATIENCE, trial, truth
 from hodo_cli.engines import exact, protocol
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integration.choice import choose
-from hodo_cli.integration.error import COMPARED, EXTENDED, thinned
+from hodo_cli.integration.error import COMPARED, EXTENDED, extended, thinned
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import sample_times, solve
 from hodo_cli.models.base import Model
@@ -104,7 +104,7 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
     case = Case(name="test", model="linear-diag", form="full", data=data, time=Time(end=100.0, samples=101))
     path = solve(case, "exact", "extended").path
     series = solve(case, "taylor", "quadruple").path
-    theirs = protocol.taylor.longdouble(series.state)  # type: ignore[attr-defined]
+    theirs = extended(series.state)
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
     assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17
     assert np.array_equal(exact.solve(case, sample_times(case)).dtype, np.float64)

@@ -20,7 +20,15 @@ import pytest
 from hodo_cli import HodoError
 from hodo_cli.cases.config import load
 from hodo_cli.cases.figure_block import KINDS
-from hodo_cli.figures.geometry import View, centroid, freest, round_step, sectors, separatrix_circles, stretches
+from hodo_cli.figures.geometry import (
+    View,
+    centroid,
+    freest,
+    round_step,
+    sectors,
+    separatrix_circles,
+    stretches,
+)
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
 
@@ -32,7 +40,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
-from hodo_cli import HodoError, plot
+from hodo_cli import HodoError
+from hodo_cli.commands import plot
+from hodo_cli.figures import artists, sheet as sheets
 from hodo_cli.figures.geometry import View
 from hodo_cli.results.motion import open_results
 runs = Path(sys.argv[1])
@@ -82,7 +92,7 @@ def test_each_figure_of_the_papers_is_defined() -> None:
 def test_all_figures_are_drawn_without_pyplot_or_h5py(runs: Path, tmp_path: Path) -> None:
     said = alone(
         """
-assert set(plot.DRAW) == set(json.loads(sys.argv[3]))
+assert set(sheets.DRAW) == set(json.loads(sys.argv[3]))
 drawn = {}
 for path in sorted(runs.glob("*.h5")):
     with open_results(path) as results:
@@ -106,7 +116,7 @@ def test_curves_in_space_are_those_stored(runs: Path) -> None:
     alone(
         """
 with open_results(runs / "paper1.h5") as results:
-    sheet = plot.draw(results.figure("fig12"), results)
+    sheet = sheets.draw(results.figure("fig12"), results)
     data = results.cases["fig12"]
     G = data["omega"].values * [1, 0.8, 0.6]
     shown, = sheet.shown
@@ -119,7 +129,7 @@ with open_results(runs / "paper1.h5") as results:
     drawn = np.concatenate(curve.get_segments())
     assert {tuple(at) for at in view(G)[:, :2].tolist()} == {tuple(at) for at in drawn.tolist()}
 
-    blue, orange = (np.array(to_rgb(plot.AXIS_COLOUR[axis])) for axis in (1, 3))
+    blue, orange = (np.array(to_rgb(artists.AXIS_COLOUR[axis])) for axis in (1, 3))
     label = {tuple(at): axis for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].values, strict=True)}
     for segment, colour in zip(curve.get_segments(), curve.get_colors(), strict=True):
         # paler toward white: the colour's distances from white keep their ratio
@@ -139,7 +149,7 @@ def test_time_colour_projections_and_sphere(runs: Path) -> None:
     alone(
         """
 with open_results(runs / "paper1.h5") as results:
-    sheet = plot.draw(results.figure("fig4-projections"), results)
+    sheet = sheets.draw(results.figure("fig4-projections"), results)
     G = results.cases["fig4"]["omega"].values * [1, 0.8, 0.6]
     for axes, (i, j) in zip(sheet.figure.axes[1:4], [(0, 1), (0, 2), (1, 2)], strict=True):
         curve, = [each for each in axes.collections if isinstance(each, LineCollection)]
@@ -151,7 +161,7 @@ with open_results(runs / "paper1.h5") as results:
     brightness = curve.get_colors()[:, :3].sum(axis=1)
     assert brightness[-1] > brightness[0]
 
-    sheet = plot.draw(results.figure("fig1"), results)
+    sheet = sheets.draw(results.figure("fig1"), results)
     assert [each.curve for each in sheet.shown] == ["1", "2", "3′", "3", "4"]
     for shown, name in zip(sheet.shown, results.figure("fig1")["cases"], strict=True):
         g = np.stack([shown.values[f"G.x{i}/|G|"] for i in (1, 2, 3)], axis=-1)
@@ -171,7 +181,7 @@ with open_results(runs / "paper1.h5") as results:
     for name in ("fig9", "fig10", "fig11", "fig13"):
         figure = results.figure(name)
         case = results.cases[figure["cases"][0]]
-        sheet = plot.draw(figure, results)
+        sheet = sheets.draw(figure, results)
         axes = sheet.figure.axes[0]
         curve, = [each for each in axes.collections if isinstance(each, LineCollection)]
         pieces = curve.get_segments()
@@ -191,7 +201,7 @@ with open_results(runs / "paper1.h5") as results:
         if name != "fig13":
             limits.add((axes.get_xlim(), axes.get_ylim()))
     assert len(limits) == 1
-    assert "no quadrants" in refused(lambda: plot.draw({**results.figure("fig10"), "cases": ("fig7",)}, results))
+    assert "no quadrants" in refused(lambda: sheets.draw({**results.figure("fig10"), "cases": ("fig7",)}, results))
 """,
         runs,
     )
@@ -202,7 +212,7 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
         """
 with open_results(runs / "paper2.h5") as results:
     figure = results.figure("fig1")
-    sheet = plot.draw(figure, results)
+    sheet = sheets.draw(figure, results)
     ends = ("0.767", "1.237")
     for axes, name, title, end in zip(sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True):
         case = results.cases[name]
@@ -210,14 +220,14 @@ with open_results(runs / "paper2.h5") as results:
         assert axes.get_title() == title and (x.get_xdata() == case["time"].values).all()
         assert (x.get_ydata() == case["x"].values).all() and (y.get_ydata() == case["y"].values).all()
         assert [text.get_text() for text in axes.texts] == [f"${end}$", f"$t = {case['event_time'].values[0]:.4g}$"]
-    sheet = plot.draw(results.figure("phase"), results)
+    sheet = sheets.draw(results.figure("phase"), results)
     lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
     for line, name in zip(lines, results.figure("phase")["cases"], strict=True):
         assert (line.get_xdata() == results.cases[name]["x"].values).all()
         assert (line.get_ydata() == results.cases[name]["y"].values).all()
 
 with open_results(runs / "paper3.h5") as results:
-    sheet = plot.draw(results.figure("figure"), results)
+    sheet = sheets.draw(results.figure("figure"), results)
     for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
         for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
             assert (line.get_ydata() == results.cases[name][variable].values).all()
@@ -227,15 +237,15 @@ with open_results(runs / "paper3.h5") as results:
     assert (u1.get_ydata() == case["u1"].values).all() and (u2.get_ydata() == case["u2"].values).all()
 
 with open_results(runs / "paper1.h5") as results:
-    sheet = plot.draw(results.figure("fig12-sensitivity"), results)
+    sheet = sheets.draw(results.figure("fig12-sensitivity"), results)
     low, high = results.figure("fig12-sensitivity")["span"]
     assert all((shown.values["time"] >= low).all() and (shown.values["time"] < high).all() for shown in sheet.shown)
     figure = {**results.figure("fig12-sensitivity"), "variables": ("omega.x1", "omega.x2", "G.x3"), "span": None}
-    sheet = plot.draw(figure, results)
+    sheet = sheets.draw(figure, results)
     p, q, r = results.cases["fig12"]["omega"].values.T
     for axes, values, label in zip(sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True):
         assert (axes.lines[0].get_ydata() == values).all() and axes.get_ylabel().startswith(label)
-    sheet = plot.draw(results.figure("fig4-invariants"), results)
+    sheet = sheets.draw(results.figure("fig4-invariants"), results)
     values = sheet.shown[0].values
     upper, lower = (0.005 * 2, 0.003 * 2)
     G2, time = values["G2"], values["time"]
@@ -255,7 +265,7 @@ def test_csv_is_what_is_shown(runs: Path) -> None:
         """
 for paper, name in (("paper1", "fig18"), ("paper1", "fig5"), ("paper3", "figure"), ("paper1", "fig1")):
     with open_results(runs / f"{paper}.h5") as results:
-        sheet = plot.draw(results.figure(name), results)
+        sheet = sheets.draw(results.figure(name), results)
     rows = list(csv.DictReader(sheet.csv().splitlines()))
     at = 0
     for shown in sheet.shown:
@@ -275,7 +285,7 @@ def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
     code = """
 for paper, names in (("paper1", ["fig4", "fig13"]), ("paper3", ["figure"])):
     with open_results(runs / f"{paper}.h5") as results:
-        rendered = plot.render(results, names, plot.FORMATS, Path(sys.argv[2]))
+        rendered = plot.render(results, names, sheets.FORMATS, Path(sys.argv[2]))
         assert not any(each.problem for each in rendered)
 """
     hashes = []
@@ -298,17 +308,17 @@ with open_results(runs / "paper1.h5") as results:
     assert not out.exists()
 
     spec = results.figure("fig4")
-    assert "no case 'gif4'" in refused(lambda: plot.draw({**spec, "cases": ("gif4",)}, results))
+    assert "no case 'gif4'" in refused(lambda: sheets.draw({**spec, "cases": ("gif4",)}, results))
     series = {**results.figure("fig12-sensitivity"), "variables": ("x",)}
-    said = refused(lambda: plot.draw(series, results))
+    said = refused(lambda: sheets.draw(series, results))
     assert "fig12 has no variable 'x'" in said and "omega" in said
     for wrong in ("omega", "omega.x4", "time.x1", "omega."):
-        assert "no variable" in refused(lambda: plot.draw({**series, "variables": (wrong,)}, results))
+        assert "no variable" in refused(lambda: sheets.draw({**series, "variables": (wrong,)}, results))
 
-    said = refused(lambda: plot.draw({**series, "labels": (r"$\\frac{$",)}, results))
+    said = refused(lambda: sheets.draw({**series, "labels": (r"$\\frac{$",)}, results))
     assert "is not TeX" in said
     inset = {"panel": "T", "case": "fig12", "variables": ("T",), "box": (0, 0, 1, 1)}
-    said = refused(lambda: plot.draw({**series, "variables": ("D/2T",), "inset": inset}, results))
+    said = refused(lambda: sheets.draw({**series, "variables": ("D/2T",), "inset": inset}, results))
     assert "none of the panels (D/2T)" in said
 
     results.config.figures["fig6"]["cases"] = ("gone",)
@@ -316,7 +326,7 @@ with open_results(runs / "paper1.h5") as results:
     assert "no case 'gone'" in first.problem and not first.files
     assert not second.problem and second.files[0].is_file()
 with open_results(runs / "paper3.h5") as results:
-    assert "no angular momentum" in refused(lambda: plot.draw({**spec, "cases": ("case1",)}, results))
+    assert "no angular momentum" in refused(lambda: sheets.draw({**spec, "cases": ("case1",)}, results))
 """,
         runs, tmp_path / "out",
     )  # fmt: skip
@@ -327,7 +337,7 @@ def test_the_page_is_self_contained_and_escapes_what_files_say(runs: Path, tmp_p
         """
 import base64, dataclasses
 from html.parser import HTMLParser
-from hodo_cli import page
+from hodo_cli.figures import page
 out = Path(sys.argv[2])
 bad = '<script>alert("&")</script>'
 with open_results(runs / "paper1.h5") as results:

@@ -114,7 +114,7 @@ def test_readme_case_file_is_one() -> None:
 
 
 def test_readme_model_loses_the_energy_that_it_says() -> None:
-    source = re.search(r"```python\n(from \.\.keys.*?)```", README, re.DOTALL)
+    source = re.search(r"```python\n(from \.\.schema.*?)```", README, re.DOTALL)
     assert source
     scope: dict[str, Any] = {"__package__": "hodo_cli.models", "__name__": "hodo_cli.models.quadratic_drag"}
     exec(compile(source[1], "README.md", "exec"), scope)

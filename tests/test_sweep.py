@@ -30,7 +30,7 @@ from hodo_cli.figures import swept
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
-from hodo_cli.sweeps import averages, chunk, columns, ensemble, grid, members, summary
+from hodo_cli.sweeps import averages, chunk, columns, ensemble, grid, members, summary, sweep
 from hodo_cli.sweeps.averages import Labelled
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
@@ -394,12 +394,12 @@ def test_a_chunk_whose_worker_dies_is_marked(tmp_path: Path, monkeypatch: pytest
     text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
     as_before = chunk.compute
 
-    def compute(chunk: chunk.Chunk) -> Any:
-        if chunk.case.name == "ball" and chunk.first == 0:
+    def compute(task: chunk.Chunk) -> Any:
+        if task.case.name == "ball" and task.first == 0:
             raise HodoError("its process died: killed, or out of memory")
-        return as_before(chunk)
+        return as_before(task)
 
-    monkeypatch.setattr(chunk, "compute", compute)
+    monkeypatch.setattr(sweep, "compute", compute)
     with h5py.File(results(tmp_path, text, pool(1))) as file:
         ball = file["ball"]
         failed = (ball["status"][:] == columns.FAILED).sum()

@@ -75,6 +75,7 @@ def parse_case(text: str) -> Case:
 
 
 def read_mapping(text: str, mistakes: Mistakes) -> Block:
+    """The mapping that a text holds. Raises HodoError if it holds anything else."""
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document

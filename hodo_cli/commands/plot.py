@@ -5,9 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
+from ..figures import maps, plane, space
 from ..figures.sheet import FORMATS, draw, save
 from ..results.motion import Rendered, Results
 from ..schema.kinds import nearest
+
+KINDS_DRAWN_BY = (maps, plane, space)
+"""The modules whose functions draw the kinds of figures; importing one enters its kinds into `sheet.DRAW`."""
 
 
 def render(results: Results, names: Sequence[str], formats: Sequence[str], out: Path) -> list[Rendered]:

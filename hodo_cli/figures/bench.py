@@ -1,6 +1,6 @@
 """The figure of `hodo bench`."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import matplotlib.style
 import numpy as np
@@ -11,14 +11,10 @@ from matplotlib.lines import Line2D
 from .artists import GREEN, PAGE, RED, SEPARATRIX, SKY, styles
 from .sheet import STYLE, Sheet
 
-if TYPE_CHECKING:
-    from ..commands.bench import Bench
-
-
 VERDICT_COLOUR = (GREEN, SKY, "#F0E442", "#BBBBBB", "#666666", RED)
 
 
-def draw_bench(bench: "Bench") -> Sheet:
+def draw_bench(bench: Any) -> Sheet:
     """The figure of a bench: work against precision where there are several tolerances, else the map of verdicts."""
     with matplotlib.style.context(["default", STYLE]):
         sheet = Sheet(Figure(layout="constrained"))
@@ -26,7 +22,7 @@ def draw_bench(bench: "Bench") -> Sheet:
     return sheet
 
 
-def work_precision(sheet: Sheet, bench: "Bench") -> None:
+def work_precision(sheet: Sheet, bench: Any) -> None:
     """Error against run time, a panel per case and a line per method; each point is a tolerance."""
     columns = min(3, len(bench.cases))
     rows = -(-len(bench.cases) // columns)
@@ -50,7 +46,7 @@ def work_precision(sheet: Sheet, bench: "Bench") -> None:
     sheet.figure.legend(handles, bench.methods, loc="outside upper center", ncols=len(bench.methods))
 
 
-def status_map(sheet: Sheet, bench: "Bench") -> None:
+def status_map(sheet: Sheet, bench: Any) -> None:
     """What every method makes of every case, with its error."""
     status, error = bench.values("status")[:, :, 0], bench.values("error")[:, :, 0]
     sheet.figure.set_size_inches(PAGE, 0.14 * len(bench.cases) + 1)

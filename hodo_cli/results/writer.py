@@ -52,14 +52,17 @@ def _collect(run: Run, found: dict[str, list[Finished]]) -> None:
 
 
 def resume_attributes(run: Run, name: str) -> dict[str, str]:
+    """The attributes of a case that tell whether it is still right."""
     return {key: str(value) for key, value in run.summary(name, RESUME).items()}
 
 
 def pieces(folder: Path) -> list[Path]:
+    """The finished cases in a staging folder, a file each."""
     return sorted(folder.glob("[0-9]*.h5"))
 
 
 def parts_in(folder: Path) -> list[Path]:
+    """The finished chunks of sweeps in a staging folder, a file each."""
     return sorted(folder.glob("part-*.h5"))
 
 

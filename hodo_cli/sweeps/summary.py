@@ -107,6 +107,7 @@ class Summary:
 
 
 def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
+    """Counts, shares and messages over all members of a sweep."""
     total = tasks[-1].last
     found = Summary(np.zeros(len(STATUS), dtype=np.int64), 0, 0.0, 0, [], [], [], {})
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))

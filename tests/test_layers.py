@@ -1,0 +1,56 @@
+"""The layers of the package: imports go down only, and every folder is small."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+PACKAGE = ROOT / "hodo_cli"
+
+# From the ground up; what stands in one row does not see its neighbours.
+LAYERS = (
+    "text schema",
+    "models",
+    "cases",
+    "engines",
+    "integration batch",
+    "results",
+    "sweeps",
+    "claims figures",
+    "commands",
+    "cli",
+)
+FLOOR = {name: floor for floor, names in enumerate(LAYERS) for name in names.split()}
+
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room(path: Path) -> str:
+    """The folder of the package, or the module beside them, that a file belongs to."""
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def rooms_used(path: Path) -> Iterator[str]:
+    """The rooms that a file imports from, in functions and for types too."""
+    package = ("hodo_cli", *path.relative_to(PACKAGE).parts[:-1])
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = package[: len(package) - node.level + 1] + tuple((node.module or "").split("."))
+            names = [(*base, alias.name) if base[-1] else (*base[:-1], alias.name) for alias in node.names]
+            yield from (parts[1] for parts in names if len(parts) > 1 and parts[1] in FLOOR)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_imports_go_down(path: Path) -> None:
+    here = room(path)
+    for used in rooms_used(path):
+        assert used == here or FLOOR[used] < FLOOR.get(here, 0), f"{here} imports {used}"
+
+
+def test_every_folder_has_a_floor_and_says_what_it_is() -> None:
+    for folder in (path for path in PACKAGE.iterdir() if path.is_dir() and path.name != "__pycache__"):
+        assert folder.name in FLOOR
+        assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
+        assert 3 <= len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= 10, folder.name
