@@ -1,7 +1,5 @@
 """hodo: batches of rigid-body rotation experiments, integrated, classified, plotted and checked."""
 
-
-
 __version__ = "0.1.0"
 
 

@@ -1,4 +1,5 @@
-"""The command line: one short function a command. Each imports what it needs, so that `--help` loads nothing heavy."""
+"""The command line: one short function a command. Each imports what it needs, so that `--help`
+loads nothing heavy."""
 
 import json
 import os
@@ -17,15 +18,16 @@ from . import HodoError, __version__
 def _end(number: int, frame: object) -> NoReturn:
     """End the process at a signal, at once.
 
-    Results survive that at any moment. An exception would not do: where it arises inside a destructor or a callback
-    of HDF5, it is lost.
+    Results survive that at any moment. An exception would not do: where it arises inside a
+    destructor or a callback of HDF5, it is lost.
     """
     os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; finished cases are kept\n")
     os._exit(128 + number)
 
 
 class Hodo(click.Group):
-    """Turns the user's mistakes into one line and exit status 2, Ctrl-C into 130, and SIGTERM into 143."""
+    """Turns the user's mistakes into one line and exit status 2, Ctrl-C into 130, and SIGTERM into
+    143."""
 
     def invoke(self, ctx: click.Context) -> Any:
         before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -40,7 +42,10 @@ class Hodo(click.Group):
         except ModuleNotFoundError as error:
             if (error.name or "").startswith(__package__):
                 raise
-            click.echo(f"this needs {error.name}, which is not installed: pip install {error.name}", err=True)
+            click.echo(
+                f"this needs {error.name}, which is not installed: pip install {error.name}",
+                err=True,
+            )
             ctx.exit(2)
         finally:
             for number, handler in before.items():
@@ -53,23 +58,49 @@ class Hodo(click.Group):
 def main(traceback: bool) -> None:
     """Batches of rigid-body rotation experiments: integrated, classified, plotted and checked.
 
-    Exit status: 0 all well, 1 a case failed, 2 bad input, 3 a difference or a contradicted expectation,
-    130 interrupted.
+    Exit status: 0 all well, 1 a case failed, 2 bad input, 3 a difference or a contradicted
+    expectation, 130 interrupted.
     """
 
 
 RUNS = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
-JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON value instead of a table.")
+JSON = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON value instead of a table."
+)
 
 
 @main.command()
 @click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--case", "globs", multiple=True, metavar="GLOB", help="Only cases whose name matches (repeatable).")
-@click.option("--set", "overrides", multiple=True, metavar="CASE.KEY=VALUE", help="Change a value (repeatable).")
-@click.option("--out", type=click.Path(path_type=Path), default="runs", show_default=True, help="Folder of results.")
+@click.option(
+    "--case",
+    "globs",
+    multiple=True,
+    metavar="GLOB",
+    help="Only cases whose name matches (repeatable).",
+)
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="CASE.KEY=VALUE",
+    help="Change a value (repeatable).",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default="runs",
+    show_default=True,
+    help="Folder of results.",
+)
 @click.option("--force", is_flag=True, help="Run finished cases again.")
-@click.option("-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes.")
-@click.option("--scheduler", metavar="dask|tcp://HOST:PORT", help="Run on dask: in N processes, or on its workers.")
+@click.option(
+    "-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes."
+)
+@click.option(
+    "--scheduler",
+    metavar="dask|tcp://HOST:PORT",
+    help="Run on dask: in N processes, or on its workers.",
+)
 @click.option("--dry-run", is_flag=True, help="Say what would run, and why; run nothing.")
 @click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr; what fails is said.")
@@ -87,7 +118,8 @@ def run(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are kept."""
+    """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are
+    kept."""
     from .batch.pool import pool
     from .batch.progress import Progress
     from .cases.config import load
@@ -99,14 +131,19 @@ def run(
         click.echo("\n".join(line for run in plans for line in run.lines()))
         return
     rows: list[dict[str, Any]] = []
-    with pool(jobs, scheduler) as workers, Progress(sum(len(run.reasons) for run in plans), quiet) as progress:
+    with (
+        pool(jobs, scheduler) as workers,
+        Progress(sum(len(run.reasons) for run in plans), quiet) as progress,
+    ):
         for plan_ in plans:
             rows += plan_.execute(workers, progress, fail_fast)
             if fail_fast and any(row["status"] != "ok" for row in rows):
                 break
     click.echo(json.dumps(rows) if as_json else tables.cases(rows))
     if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
-        click.echo(f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}", err=True)
+        click.echo(
+            f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}", err=True
+        )
         sys.exit(1)
 
 
@@ -114,7 +151,8 @@ def run(
 @RUNS
 @JSON
 def classify(runs: tuple[Path, ...], as_json: bool) -> None:
-    """Label the axis that each hodograph encloses and find the separatrix crossings; both go into RUNS."""
+    """Label the axis that each hodograph encloses and find the separatrix crossings; both go into
+    RUNS."""
     from .commands import classify, tables
     from .results import update
     from .results.provenance import stamp
@@ -167,8 +205,21 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
 
 @main.command()
 @click.argument("runs", nargs=-1, required=True, metavar="RUN... [FIGURE]...")
-@click.option("--format", "formats", multiple=True, default=("png",), show_default=True, help="png, svg, pdf or csv.")
-@click.option("--out", type=click.Path(path_type=Path), default="runs/figures", show_default=True, help="Their folder.")
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    default=("png",),
+    show_default=True,
+    help="png, svg, pdf or csv.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default="runs/figures",
+    show_default=True,
+    help="Their folder.",
+)
 def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
     """Draw the figures of each RUN (*.h5), all or those named, and a page with all of them."""
     from .commands import plot
@@ -181,9 +232,16 @@ def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
         raise HodoError("name a result file: hodo plot runs/NAME.h5 [FIGURE]...")
     with ExitStack() as stack:
         opened = [stack.enter_context(open_results(path)) for path in files]
-        drawn = [(results, plot.render(results, names, formats, out / results.path.stem)) for results in opened]
+        drawn = [
+            (results, plot.render(results, names, formats, out / results.path.stem))
+            for results in opened
+        ]
         for figure in (figure for _, figures in drawn for figure in figures):
-            said = f"{figure.name}: {figure.problem}" if figure.problem else "\n".join(map(str, figure.files))
+            said = (
+                f"{figure.name}: {figure.problem}"
+                if figure.problem
+                else "\n".join(map(str, figure.files))
+            )
             click.echo(said, err=bool(figure.problem))
         if not names:
             page.write(out / "index.html", drawn)
@@ -195,14 +253,18 @@ def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
 @main.command()
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@click.option("--rtol", type=float, help="Relative tolerance (default: the reference's own, else 1e-9).")
-@click.option("--atol", type=float, help="Absolute tolerance (default: the reference's own, else 0).")
+@click.option(
+    "--rtol", type=float, help="Relative tolerance (default: the reference's own, else 1e-9)."
+)
+@click.option(
+    "--atol", type=float, help="Absolute tolerance (default: the reference's own, else 0)."
+)
 @JSON
 def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
     """Compare the result A with the reference B: every case, label, crossing and value that B has.
 
-    The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere. Times of crossings
-    and events may be off by 100 times rtol.
+    The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
+    Times of crossings and events may be off by 100 times rtol.
     """
     from . import text
     from .commands import compare, tables
@@ -218,16 +280,38 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
 
 @main.command()
 @click.argument("config", type=click.Path(path_type=Path))
-@click.option("--case", "globs", multiple=True, metavar="GLOB", help="Only cases whose name matches (repeatable).")
-@click.option("--out", type=click.Path(path_type=Path), default="runs", show_default=True, help="Folder of results.")
-@click.option("-j", "--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cases tried at once.")
+@click.option(
+    "--case",
+    "globs",
+    multiple=True,
+    metavar="GLOB",
+    help="Only cases whose name matches (repeatable).",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default="runs",
+    show_default=True,
+    help="Folder of results.",
+)
+@click.option(
+    "-j",
+    "--jobs",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    help="Cases tried at once.",
+)
 @click.option("--markdown", is_flag=True, help="Print the table in Markdown.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr.")
-def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool) -> None:
-    """Measure error against run time: every case of CONFIG by the methods and tolerances of its bench: section.
+def bench(
+    config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool
+) -> None:
+    """Measure error against run time: every case of CONFIG by the methods and tolerances of its
+    bench: section.
 
-    The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/. Exit status 1 if auto
-    gave a wrong result without saying so, or took longer than 10 s.
+    The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/.
+    Exit status 1 if auto gave a wrong result without saying so, or took longer than 10 s.
     """
     from .cases.config import load
     from .commands import bench
@@ -235,7 +319,9 @@ def bench(config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: 
     from .figures.sheet import save
 
     loaded = load(config)
-    found = bench.run(loaded, globs, jobs, lambda line: None if quiet else click.echo(line, err=True))
+    found = bench.run(
+        loaded, globs, jobs, lambda line: None if quiet else click.echo(line, err=True)
+    )
     bench.write(found, loaded, out / f"{config.stem}.bench.h5")
     figure = out / "figures" / f"{config.stem}.png"
     figure.parent.mkdir(parents=True, exist_ok=True)
@@ -256,7 +342,10 @@ def show(runs: tuple[Path, ...], as_json: bool) -> None:
     rows = []
     for path in runs:
         with hdf5.open_run(path) as run:
-            rows += [{"run": str(path), "case": name, **run.row(name, layout.SUMMARY)} for name in run.cases()]
+            rows += [
+                {"run": str(path), "case": name, **run.row(name, layout.SUMMARY)}
+                for name in run.cases()
+            ]
     click.echo(json.dumps(rows) if as_json else tables.cases(rows))
 
 
@@ -266,7 +355,11 @@ def schema(table: bool) -> None:
     """Print the JSON Schema of case files."""
     from .cases import json_schema
 
-    click.echo(json_schema.key_table() if table else json.dumps(json_schema.schema(), indent=2, ensure_ascii=False))
+    click.echo(
+        json_schema.key_table()
+        if table
+        else json.dumps(json_schema.schema(), indent=2, ensure_ascii=False)
+    )
 
 
 if __name__ == "__main__":

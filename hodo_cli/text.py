@@ -7,7 +7,8 @@ from typing import Any
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> str:
-    """Columns under a header, aligned; those named in `right` to the right. Lines carry no trailing space.
+    """Columns under a header, aligned; those named in `right` to the right. Lines carry no trailing
+    space.
 
     A character that a terminal would obey and not show is shown as a question mark.
     """
@@ -15,7 +16,9 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     flush = [str.rjust if name in right else str.ljust for name in header]
     return "\n".join(
-        "  ".join(align(cell, width) for align, cell, width in zip(flush, line, widths, strict=True)).rstrip()
+        "  ".join(
+            align(cell, width) for align, cell, width in zip(flush, line, widths, strict=True)
+        ).rstrip()
         for line in lines
     )
 
@@ -40,5 +43,8 @@ def magnitude(value: float) -> str:
 
 def as_json(rows: Sequence[Mapping[str, Any]]) -> str:
     """Rows as JSON, which has no numbers that are not finite: null stands for them."""
-    finite = [{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} for row in rows]
+    finite = [
+        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
+        for row in rows
+    ]
     return json.dumps(finite)

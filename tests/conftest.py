@@ -1,4 +1,5 @@
-"""What all tests share: the leg without heyoka, hypothesis' profiles, and `hodo` run as a user runs it."""
+"""What all tests share: the leg without heyoka, hypothesis' profiles, and `hodo` run as a user runs
+it."""
 
 import os
 import subprocess
@@ -21,14 +22,20 @@ settings.load_profile("repeatable")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--no-heyoka", action="store_true", help="hide heyoka, also from the processes that tests start")
+    parser.addoption(
+        "--no-heyoka",
+        action="store_true",
+        help="hide heyoka, also from the processes that tests start",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--no-heyoka"):
         sys.modules["heyoka"] = None  # type: ignore[assignment]
         hidden = str(ROOT / "tests" / "without_heyoka")
-        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [hidden, os.environ.get("PYTHONPATH")]))
+        os.environ["PYTHONPATH"] = os.pathsep.join(
+            filter(None, [hidden, os.environ.get("PYTHONPATH")])
+        )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -43,11 +50,14 @@ Hodo = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture
 def hodo(tmp_path: Path) -> Hodo:
-    """Run `hodo ARGUMENTS` as a process in `tmp_path`; keyword arguments are those of subprocess.run."""
+    """Run `hodo ARGUMENTS` as a process in `tmp_path`; keyword arguments are those of
+    subprocess.run."""
     script = Path(sysconfig.get_path("scripts")) / "hodo"
 
     def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
         command = [str(script), *map(str, arguments)]
-        return subprocess.run(command, **{"cwd": tmp_path, "capture_output": True, "text": True, **options})
+        return subprocess.run(
+            command, **{"cwd": tmp_path, "capture_output": True, "text": True, **options}
+        )
 
     return run

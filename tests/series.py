@@ -1,9 +1,11 @@
-"""An independent reference: Taylor series in big integers, written from the papers' equations alone.
+"""An independent reference: Taylor series in big integers, written from the papers' equations
+alone.
 
-It shares no line with `hodo_cli`. Polynomial systems are integrated in fixed point with `bits` binary places, so an
-error is absolute, about 2**(50 - bits); a motion that decays below that needs more bits. Data are floats and are
-taken for exactly what they are (0.8 is the double 0.8), so the reference solves the very problem that the program is
-given. `python tests/series.py` prints tests/data/crossings.csv; nothing else in here runs long.
+It shares no line with `hodo_cli`. Polynomial systems are integrated in fixed point with `bits`
+binary places, so an error is absolute, about 2**(50 - bits); a motion that decays below that needs
+more bits. Data are floats and are taken for exactly what they are (0.8 is the double 0.8), so the
+reference solves the very problem that the program is given. `python tests/series.py` prints
+tests/data/crossings.csv; nothing else in here runs long.
 """
 
 import csv
@@ -25,8 +27,8 @@ System = tuple[Polynomial, ...]
 Data = Sequence[float | Fraction]
 
 
-# The papers' equations. P1: Rachinskaya; P2: Leshchenko and Kozachenko 2023; P3: Akulenko, Zinkevich, Kozachenko and
-# Leshchenko 2017.
+# The papers' equations. P1: Rachinskaya; P2: Leshchenko and Kozachenko 2023; P3: Akulenko,
+# Zinkevich, Kozachenko and Leshchenko 2017.
 
 
 def tensor(A: Data, I: Sequence[Data]) -> System:
@@ -42,15 +44,20 @@ def tensor(A: Data, I: Sequence[Data]) -> System:
 def diagonal(A: Data, lam: Data) -> System:
     """A1 p' + (A3 - A2) q r = -lambda1 A1 p and cyclically. P1 eq (3)."""
     moments = [Fraction(x) * Fraction(a) for x, a in zip(lam, A, strict=True)]
-    return tensor(A, [[moment if i == j else 0 for j in range(3)] for i, moment in enumerate(moments)])
+    return tensor(
+        A, [[moment if i == j else 0 for j in range(3)] for i, moment in enumerate(moments)]
+    )
 
 
 def cavity(inertia: Data, kappa: float | Fraction, torque: Data) -> System:
-    """P2 eq (2) for three different moments; `torque` is eps M. The fluid's torque is kappa (w'' + w x w'), w' free."""
+    """P2 eq (2) for three different moments; `torque` is eps M. The fluid's torque is kappa (w'' +
+    w x w'), w' free."""
     A, B, C = map(Fraction, inertia)
     k = Fraction(kappa) / (A * B * C)
 
-    def row(A: Fraction, B: Fraction, C: Fraction, q: int, r: int, p: int, M: float | Fraction) -> Polynomial:
+    def row(
+        A: Fraction, B: Fraction, C: Fraction, q: int, r: int, p: int, M: float | Fraction
+    ) -> Polynomial:
         return {
             tuple(sorted((q, r))): (B - C) / A,
             tuple(sorted((p, r, r))): k * C * (A - C) * (A + C - B) / A,
@@ -72,18 +79,24 @@ def cavity_symmetric(A: float, C: float, kappa: float | Fraction, torque: Data) 
     )
 
 
-def cavity_averaged(A: float, C: float, kappa: float | Fraction, torque3: float | Fraction, printed: bool) -> System:
-    """P2 eq (6) for (x, r), r = sqrt(y), `torque3` = eps M3; as printed, or with the sign of x' that (2) gives."""
+def cavity_averaged(
+    A: float, C: float, kappa: float | Fraction, torque3: float | Fraction, printed: bool
+) -> System:
+    """P2 eq (6) for (x, r), r = sqrt(y), `torque3` = eps M3; as printed, or with the sign of x'
+    that (2) gives."""
     A, C, k, M3 = map(Fraction, (A, C, kappa, torque3))
     sign = 1 if printed else -1
-    return {(0, 1, 1): sign * 2 * k * C * (C - A) / A**3}, {(0, 1): k * (C - A) / (A * C), (): M3 / C}
+    return {(0, 1, 1): sign * 2 * k * C * (C - A) / A**3}, {
+        (0, 1): k * (C - A) / (A * C),
+        (): M3 / C,
+    }
 
 
 def lagrange(A: float, C: float, mu: float, eps: float, a: Data, b: Data) -> System:
     """P3 eqs (1.1), (3.1) for (p, q, r, g1, g2, g3, tau) in the slow time tau = eps t.
 
-    g = (sin th sin ph, sin th cos ph, cos th) is the vertical in body axes, g' = g x w; a and b are the
-    coefficients of the polynomials a(tau) and b(tau).
+    g = (sin th sin ph, sin th cos ph, cos th) is the vertical in body axes, g' = g x w; a and b are
+    the coefficients of the polynomials a(tau) and b(tau).
     """
     A, C, mu, eps = map(Fraction, (A, C, mu, eps))
 
@@ -105,7 +118,8 @@ def lagrange(A: float, C: float, mu: float, eps: float, a: Data, b: Data) -> Sys
 
 
 class Step(NamedTuple):
-    """One step: y_i = sum over n of series[i][n] s**n, time = t + h s, 0 <= s <= 1; all in units of 2**-bits."""
+    """One step: y_i = sum over n of series[i][n] s**n, time = t + h s, 0 <= s <= 1; all in units of
+    2**-bits."""
 
     t: int
     h: int
@@ -124,8 +138,8 @@ class Step(NamedTuple):
 def taylor(system: System, start: Data, end: float, bits: int = 192) -> Iterator[Step]:
     """The steps from time 0 to `end`.
 
-    Order and step follow Jorba and Zou (2005): with the tolerance 2**(32 - bits) the order is -log(tolerance)/2, and
-    a step ends where the last terms of the series fall to the tolerance.
+    Order and step follow Jorba and Zou (2005): with the tolerance 2**(32 - bits) the order is
+    -log(tolerance)/2, and a step ends where the last terms of the series fall to the tolerance.
     """
     spare = 32
     order = round((bits - spare) * math.log(2) / 2)
@@ -134,10 +148,16 @@ def taylor(system: System, start: Data, end: float, bits: int = 192) -> Iterator
     while t < last:
         h = min(h, last - t)
         series = expand(y, h)
-        stretch = min((spare - abs(s[n]).bit_length()) / n for s in series for n in range(order - 2, order + 1))
+        stretch = min(
+            (spare - abs(s[n]).bit_length()) / n
+            for s in series
+            for n in range(order - 2, order + 1)
+        )
         if stretch < 0:
             shrink = _fixed(2.0**stretch, bits)
-            powers = list(accumulate([shrink] * order, lambda x, s: x * s >> bits, initial=1 << bits))
+            powers = list(
+                accumulate([shrink] * order, lambda x, s: x * s >> bits, initial=1 << bits)
+            )
             series = [[c * x >> bits for c, x in zip(s, powers, strict=True)] for s in series]
             h = h * shrink >> bits
         yield Step(t, h, series, bits)
@@ -150,7 +170,9 @@ def _expander(system: System, order: int, bits: int) -> Callable[[list[int], int
     size = len(system)
     node: dict[tuple[int, ...], int] = {(i,): i for i in range(size)}
     products: list[tuple[int, int]] = []
-    for monomial in sorted({m[:n] for row in system for m in row for n in range(2, len(m) + 1)}, key=len):
+    for monomial in sorted(
+        {m[:n] for row in system for m in row for n in range(2, len(m) + 1)}, key=len
+    ):
         node[monomial] = size + len(products)
         products.append((node[monomial[:-1]], monomial[-1]))
     linear = [[(node[m], _fixed(k, bits)) for m, k in row.items() if m] for row in system]
@@ -169,7 +191,9 @@ def _expander(system: System, order: int, bits: int) -> Callable[[list[int], int
     return expand
 
 
-def states(system: System, start: Data, times: Sequence[float], bits: int = 192) -> list[list[Fraction]]:
+def states(
+    system: System, start: Data, times: Sequence[float], bits: int = 192
+) -> list[list[Fraction]]:
     """The states at the given times, which rise from 0 on."""
     rest = list(times)
     found = []
@@ -192,15 +216,21 @@ class Zero(NamedTuple):
 
 
 def zeros(steps: Iterator[Step], form: Data) -> Iterator[Zero]:
-    """Every change of sign of sum(form_i y_i), none lost: each step's polynomial is searched by Descartes' rule.
+    """Every change of sign of sum(form_i y_i), none lost: each step's polynomial is searched by
+    Descartes' rule.
 
-    A start at a zero is none. Raises ArithmeticError where the form is no longer larger than the rounding.
+    A start at a zero is none. Raises ArithmeticError where the form is no longer larger than the
+    rounding.
     """
     for step in steps:
         weights = [_fixed(w, step.bits) for w in form]
-        polynomial = [sum(map(mul, weights, terms)) >> step.bits for terms in zip(*step.series, strict=True)]
+        polynomial = [
+            sum(map(mul, weights, terms)) >> step.bits for terms in zip(*step.series, strict=True)
+        ]
         if any(polynomial) and max(map(abs, polynomial)) < 1 << 40:
-            raise ArithmeticError("the form is lost in rounding: more bits, or it is zero for all time")
+            raise ArithmeticError(
+                "the form is lost in rounding: more bits, or it is zero for all time"
+            )
         if abs(polynomial[0]) > sum(map(abs, polynomial[1:])):
             continue
         for s, sign in _roots(polynomial, step.bits):
@@ -210,8 +240,8 @@ def zeros(steps: Iterator[Step], form: Data) -> Iterator[Zero]:
 def _roots(polynomial: list[int], bits: int) -> Iterator[tuple[int, int]]:
     """The roots in 0 < s < 1, each with the sign after it.
 
-    In the Bernstein basis of an interval, no change of sign among the coefficients means no root inside and one
-    change means one root; with more the interval is halved.
+    In the Bernstein basis of an interval, no change of sign among the coefficients means no root
+    inside and one change means one root; with more the interval is halved.
     """
     order = len(polynomial) - 1
     basis = [c // math.comb(order, n) for n, c in enumerate(polynomial)]
@@ -262,9 +292,11 @@ def _fixed(value: float | Fraction, bits: int) -> int:
 
 
 def one_ulp(observe: Callable[..., Any], data: Sequence[float]) -> np.ndarray:
-    """How far observe(*data) moves when one datum grows by one unit in the last place: an array (datum, ...).
+    """How far observe(*data) moves when one datum grows by one unit in the last place: an array
+    (datum, ...).
 
-    `observe` returns numbers of this module, states or the times of crossings, say, from about 128 bits.
+    `observe` returns numbers of this module, states or the times of crossings, say, from about 128
+    bits.
     """
     plain = np.array(observe(*data), dtype=object)
     moved = [[*data[:i], math.nextafter(x, math.inf), *data[i + 1 :]] for i, x in enumerate(data)]
@@ -285,10 +317,12 @@ class Crossing(NamedTuple):
 
 
 def crossings(A: Data, system: System, start: Data, end: float, bits: int = 192) -> list[Crossing]:
-    """Every crossing in 0 < t < end of D = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2, in order of time.
+    """Every crossing in 0 < t < end of D = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2, in order
+    of time.
 
-    l, m, s are the axes of largest, middle and smallest inertia, D > 0 means that G goes round l. D is a difference of
-    squares, (a w_l - b w_s)(a w_l + b w_s), so its roots are those of two linear forms.
+    l, m, s are the axes of largest, middle and smallest inertia, D > 0 means that G goes round l. D
+    is a difference of squares, (a w_l - b w_s)(a w_l + b w_s), so its roots are those of two linear
+    forms.
     """
     largest, middle, smallest = sorted(range(3), key=lambda i: -A[i])
     Al, Am, As = (Fraction(A[i]) for i in (largest, middle, smallest))
@@ -329,8 +363,8 @@ def _root(value: Fraction, bits: int) -> Fraction:
 class LagrangeAveraged(NamedTuple):
     """P3 eq (3.2) averaged over the nutation, for (Gz, H, r) by the slow time; in `mpmath` numbers.
 
-    The mean of u = cos th over a period is u3 - (u3 - u1) E/K by (1.3), with u_i the roots of (1.4). A (p^2 + q^2)
-    follows from H, and A sin th (p sin ph + q cos ph) from Gz, both by (1.2).
+    The mean of u = cos th over a period is u3 - (u3 - u1) E/K by (1.3), with u_i the roots of
+    (1.4). A (p^2 + q^2) follows from H, and A sin th (p sin ph + q cos ph) from Gz, both by (1.2).
     """
 
     A: float
@@ -339,7 +373,9 @@ class LagrangeAveraged(NamedTuple):
     a: Data
     b: Data
 
-    def states(self, start: Data, times: Sequence[float], digits: int = 24, step: float = 0.125) -> list[mpmath.matrix]:
+    def states(
+        self, start: Data, times: Sequence[float], digits: int = 24, step: float = 0.125
+    ) -> list[mpmath.matrix]:
         """(Gz, H, r) at the given times, which rise from 0 on."""
         found = []
         with mpmath.workdps(digits + 12):
@@ -351,17 +387,24 @@ class LagrangeAveraged(NamedTuple):
                 found.append(y)
         return found
 
-    def when(self, start: Data, near: float, gap: Callable[..., mpmath.mpf], digits: int = 24) -> mpmath.mpf:
+    def when(
+        self, start: Data, near: float, gap: Callable[..., mpmath.mpf], digits: int = 24
+    ) -> mpmath.mpf:
         """The time near `near` where gap(Gz, H, r) = 0."""
         (y,) = self.states(start, [near], digits)
         with mpmath.workdps(digits + 12):
             return near + mpmath.findroot(
                 lambda h: gap(*self._advance(mpmath.mpf(near), y, h, digits)),
-                (0, 1e-3), solver="secant", tol=mpmath.mpf(10) ** (-2 * digits),
+                (0, 1e-3),
+                solver="secant",
+                tol=mpmath.mpf(10) ** (-2 * digits),
             )
 
-    def _advance(self, t: mpmath.mpf, y: mpmath.matrix, h: mpmath.mpf, digits: int) -> mpmath.matrix:
-        """One step by Gragg, Bulirsch and Stoer: the midpoint rule on 2, 4, 6, ... parts, extrapolated in h**2."""
+    def _advance(
+        self, t: mpmath.mpf, y: mpmath.matrix, h: mpmath.mpf, digits: int
+    ) -> mpmath.matrix:
+        """One step by Gragg, Bulirsch and Stoer: the midpoint rule on 2, 4, 6, ... parts,
+        extrapolated in h**2."""
         table: list[mpmath.matrix] = []
         for k in range(1, 13):
             new = [self._midpoint(t, y, h, 2 * k)]
@@ -372,7 +415,9 @@ class LagrangeAveraged(NamedTuple):
             table = new
         return self._advance(t + h / 2, self._advance(t, y, h / 2, digits), h / 2, digits)
 
-    def _midpoint(self, t: mpmath.mpf, y: mpmath.matrix, h: mpmath.mpf, parts: int) -> mpmath.matrix:
+    def _midpoint(
+        self, t: mpmath.mpf, y: mpmath.matrix, h: mpmath.mpf, parts: int
+    ) -> mpmath.matrix:
         h = h / parts
         z = [y, y + h * self.slope(t, y)]
         for k in range(1, parts + 1):
@@ -386,7 +431,9 @@ class LagrangeAveraged(NamedTuple):
         v = self.mean_cosine(Gz, H, r)
         horizontal = (Gz - self.C * r * v) / self.A
         transverse = (2 * H - self.C * r**2 - 2 * self.mu * v) / self.A
-        return mpmath.matrix([-a * horizontal - b * r * v, -a * transverse - b * r**2, -b * r / self.C])
+        return mpmath.matrix(
+            [-a * horizontal - b * r * v, -a * transverse - b * r**2, -b * r / self.C]
+        )
 
     def mean_cosine(self, Gz: mpmath.mpf, H: mpmath.mpf, r: mpmath.mpf) -> mpmath.mpf:
         """<u> = u3 - (u3 - u1) E/K."""
@@ -395,7 +442,8 @@ class LagrangeAveraged(NamedTuple):
         return u3 - (u3 - u1) * mpmath.ellipe(m) / mpmath.ellipk(m)
 
     def roots(self, Gz: mpmath.mpf, H: mpmath.mpf, r: mpmath.mpf) -> list[mpmath.mpf]:
-        """u1 <= u2 <= u3: the roots of (1.4), with twice the digits, as half of them go where u1 = u2."""
+        """u1 <= u2 <= u3: the roots of (1.4), with twice the digits, as half of them go where u1 =
+        u2."""
         with mpmath.workdps(2 * mpmath.mp.dps):
             A, C, mu = self.A, self.C, self.mu
             s1 = (H - C * r**2 / 2 + (C * r) ** 2 / (2 * A)) / mu
@@ -404,7 +452,9 @@ class LagrangeAveraged(NamedTuple):
             third = s1 / 3
             radius = mpmath.sqrt(third**2 - s2 / 3)
             angle = mpmath.acos(min(1, (third**3 - third * s2 / 2 + s3 / 2) / radius**3)) / 3
-            return sorted(third + 2 * radius * mpmath.cos(angle + k * 2 * mpmath.pi / 3) for k in range(3))
+            return sorted(
+                third + 2 * radius * mpmath.cos(angle + k * 2 * mpmath.pi / 3) for k in range(3)
+            )
 
 
 # The figures' cases, and the table of their events.
@@ -429,22 +479,41 @@ PAPER1 = {
     "fig14": ((0.005, 0.005), (0.8, 0.5, 0.74), 1200),
     "fig16": ((0.003, 0.001), (0.5, 0.25, None), 1000),
     "fig18": ((0.001, 0.003), (0.5, 0.25, None), 3000),
-    "fig12 from r one ulp lower": ((0.005, 0.005), (0.5, 0.25, float.fromhex("0x1.678406772a407p+0")), 1000),
-    "fig16 from r one ulp lower": ((0.003, 0.001), (0.5, 0.25, float.fromhex("0x1.678406772a407p+0")), 1000),
-    "fig18 from r one ulp lower": ((0.001, 0.003), (0.5, 0.25, float.fromhex("0x1.678406772a407p+0")), 3000),
+    "fig12 from r one ulp lower": (
+        (0.005, 0.005),
+        (0.5, 0.25, float.fromhex("0x1.678406772a407p+0")),
+        1000,
+    ),
+    "fig16 from r one ulp lower": (
+        (0.003, 0.001),
+        (0.5, 0.25, float.fromhex("0x1.678406772a407p+0")),
+        1000,
+    ),
+    "fig18 from r one ulp lower": (
+        (0.001, 0.003),
+        (0.5, 0.25, float.fromhex("0x1.678406772a407p+0")),
+        3000,
+    ),
 }
 """(lambda1, lambda2, lambda3) or (diagonal, off-diagonal); p, q, r at the start; horizon.
 
-r = None is the double nearest to the root of |G(0)| = 1, 0x1.678406772a408p+0; sqrt(1 - 0.29) / 0.6 is one ulp lower.
+r = None is the double nearest to the root of |G(0)| = 1, 0x1.678406772a408p+0; sqrt(1 - 0.29) / 0.6
+is one ulp lower.
 """
 
-PAPER2 = {"fig1": (8.0, 4.0, -0.1), "fig2": (8.0, 4.0, -0.3), "fig3": (1.3, 1.0, -0.1), "fig4": (1.3, 1.0, -0.3)}
+PAPER2 = {
+    "fig1": (8.0, 4.0, -0.1),
+    "fig2": (8.0, 4.0, -0.3),
+    "fig3": (1.3, 1.0, -0.1),
+    "fig4": (1.3, 1.0, -0.3),
+}
 """A, C, M3; kappa = 1260 * 0.48 / 1000, eps = 0.1, x(0) = y(0) = 1."""
 
 PAPER3 = {"case1": (5.0, 0.4), "case2": (60.0, 1.756), "case3": (150.0, 4.196)}
 """theta(0) in degrees, and about when |Gz| = C |r|.
 
-A = 1.5, C = 1, mu = 0.5, r(0) = sqrt 3; a = 0.125 + tau and b = 0.1 + tau, whose constants the paper does not print.
+A = 1.5, C = 1, mu = 0.5, r(0) = sqrt 3; a = 0.125 + tau and b = 0.1 + tau, whose constants the
+paper does not print.
 """
 
 
@@ -454,22 +523,23 @@ def paper1(name: str, number: Number = float) -> tuple[Data, System, Data, float
     A, I = ([number(x) for x in values] for values in (INERTIA, resistance))
     p, q = map(number, start[:2])
     r = number(start[2]) if start[2] is not None else completed(p, q, A)
-    if len(I) == 3:
-        system = diagonal(A, I)
-    else:
-        system = tensor(A, [[I[0] if i == j else I[1] for j in range(3)] for i in range(3)])
+    rows = [[I[0] if i == j else I[1] for j in range(3)] for i in range(3)]
+    system = diagonal(A, I) if len(I) == 3 else tensor(A, rows)
     return A, system, (p, q, r if number is as_printed else float(r)), end
 
 
 def end_of_spin(name: str, printed: bool, number: Number = float, bits: int = 192) -> Zero:
     """Where r of P2's averaged system reaches 0."""
-    A, C, M3, eps, density, P0, viscosity = (Fraction(number(x)) for x in (*PAPER2[name], 0.1, 1260.0, 0.48, 1000.0))
+    A, C, M3, eps, density, P0, viscosity = (
+        Fraction(number(x)) for x in (*PAPER2[name], 0.1, 1260.0, 0.48, 1000.0)
+    )
     system = cavity_averaged(A, C, density * P0 / viscosity, eps * M3, printed)
     return next(zeros(taylor(system, (1, 1), 60, bits), (0, 1)))
 
 
 def paper3(name: str, number: Number = float) -> tuple[LagrangeAveraged, Data]:
-    """A case of P3, and its (Gz, H, r) at the start: computed in floats, or in 40 digits from what is printed."""
+    """A case of P3, and its (Gz, H, r) at the start: computed in floats, or in 40 digits from what
+    is printed."""
     with mpmath.workdps(40):
         functions = mpmath if number is as_printed else math
         r, u = functions.sqrt(3), functions.cos(functions.radians(PAPER3[name][0]))
@@ -503,10 +573,13 @@ def digits(value: Any, places: int = 22) -> str:
 
 
 def main() -> None:
-    """Print the table: the times for the doubles that a case file gives, and for the printed decimals themselves."""
+    """Print the table: the times for the doubles that a case file gives, and for the printed
+    decimals themselves."""
     table = csv.writer(sys.stdout, lineterminator="\n")
     table.writerow(["case", "event", "time", "value", "time_of_decimals"])
-    for (case, event, time, value), (*_, decimal, _) in zip(events(), events(as_printed), strict=True):
+    for (case, event, time, value), (*_, decimal, _) in zip(
+        events(), events(as_printed), strict=True
+    ):
         table.writerow([case, event, digits(time), digits(value), digits(decimal)])
 
 

@@ -1,6 +1,8 @@
-"""Kills `hodo run` and `hodo classify` at random moments, and runs many cases: nothing finished is lost, nothing slow.
+"""Kills `hodo run` and `hodo classify` at random moments, and runs many cases: nothing finished is
+lost, nothing slow.
 
-`python tests/stress.py [KILLS]` does so many kills of each command (default 150) and prints what it counted.
+`python tests/stress.py [KILLS]` does so many kills of each command (default 150) and prints what it
+counted.
 """
 
 import os
@@ -22,12 +24,16 @@ import numpy as np
 
 HODO = [sys.executable, "-m", "hodo_cli.cli"]
 CASES = 16
-CONFIG = "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}}\ncases:\n" + "".join(
-    f"  c{i}: {{damping: [0.005, 0.004, 0.00{i % 9 + 1}], initial: {{p: 0.8, q: 0.{i + 1}, r: 0.74}}}}\n"
-    for i in range(CASES)
+CONFIG = (
+    "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}}\ncases:\n"
+    + "".join(
+        f"  c{i}: {{damping: [0.005, 0.004, 0.00{i % 9 + 1}], initial: {{p: 0.8, q: 0.{i + 1}, r: 0.74}}}}\n"
+        for i in range(CASES)
+    )
 )
 SIGNALS = {signal.SIGKILL: (-9,), signal.SIGTERM: (143, -15), signal.SIGINT: (130, -2)}
-"""What a command returns that a signal ended: a process that has not come so far as to catch it dies of it."""
+"""What a command returns that a signal ended: a process that has not come so far as to catch it
+dies of it."""
 
 READ_BY_XARRAY = """\
 import sys, xarray
@@ -39,18 +45,23 @@ for path in sys.argv[1:]:
 
 def hodo(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """A command that is not killed, and ends well."""
-    done = subprocess.run([*HODO, *arguments], cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*HODO, *arguments], cwd=folder, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     return done
 
 
 def killed(folder: Path, kill: signal.Signals, after: float, *arguments: str) -> tuple[bool, str]:
-    """A command that gets a signal after so many seconds: whether this was its end, and what it has said.
+    """A command that gets a signal after so many seconds: whether this was its end, and what it has
+    said.
 
     Ctrl-C goes to its workers too, as on a terminal; the other signals to the command alone.
     """
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen([*HODO, *arguments], cwd=folder, start_new_session=True, **quiet) as process:
+    with subprocess.Popen(
+        [*HODO, *arguments], cwd=folder, start_new_session=True, **quiet
+    ) as process:
         time.sleep(after)
         (os.killpg if kill == signal.SIGINT else os.kill)(process.pid, kill)
         said = process.communicate()[1]
@@ -90,7 +101,8 @@ def content(path: Path) -> dict[str, np.ndarray]:
 
 
 def whole(folder: Path, motions: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The finished cases in a folder, published or not, each of which must be one of these motions."""
+    """The finished cases in a folder, published or not, each of which must be one of these
+    motions."""
     found = {}
     for path in [*folder.glob(".*.partial/[0-9]*.h5"), *folder.glob("*.h5")]:
         for name, omega in content(path).items():
@@ -105,11 +117,15 @@ def read_by_xarray(paths: list[Path]) -> None:
 
 
 def prepared(folder: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """The right result in folder/right, and the seconds that each command takes when it is left alone."""
+    """The right result in folder/right, and the seconds that each command takes when it is left
+    alone."""
     (folder / "right").mkdir()
     (folder / "many.yaml").write_text(CONFIG)
     took = {}
-    for name, arguments in {"run": ["run", "many.yaml", "--out", "right"], "classify": ["classify", "c.h5"]}.items():
+    for name, arguments in {
+        "run": ["run", "many.yaml", "--out", "right"],
+        "classify": ["classify", "c.h5"],
+    }.items():
         if name == "classify":
             shutil.copy(folder / "right" / "many.h5", folder / "c.h5")
         began = time.monotonic()
@@ -119,13 +135,15 @@ def prepared(folder: Path) -> tuple[dict[str, np.ndarray], dict[str, float]]:
 
 
 def moments(kills: int, took: float) -> Iterator[tuple[signal.Signals, float]]:
-    """Signals in turn, at random moments from the time when a command has loaded its modules to its end."""
+    """Signals in turn, at random moments from the time when a command has loaded its modules to its
+    end."""
     chance = random.Random(1)
     return ((kill, took * chance.uniform(0.2, 1.1)) for kill in islice(cycle(SIGNALS), kills))
 
 
 def kill_runs(folder: Path, kills: int) -> Counter[str]:
-    """Kill runs, serial and parallel, three times in a row from nothing; each fourth is left to finish the work."""
+    """Kill runs, serial and parallel, three times in a row from nothing; each fourth is left to
+    finish the work."""
     motions, took = prepared(folder)
     count: Counter[str] = Counter()
     finished: set[str] = set()
@@ -134,12 +152,21 @@ def kill_runs(folder: Path, kills: int) -> Counter[str]:
         out = folder / f"run{i // 3}"
         out.mkdir(exist_ok=True)
         ended, said = killed(
-            folder, kill, after, "run", "many.yaml", "--out", out.name, *(("-j", "2") if i % 2 else ())
+            folder,
+            kill,
+            after,
+            "run",
+            "many.yaml",
+            "--out",
+            out.name,
+            *(("-j", "2") if i % 2 else ()),
         )
         finished |= set(re.findall(r"^\[\d+/\d+\] (\w+): ok$", said, re.MULTILINE))
         found = whole(out, motions)
         assert finished <= set(found), f"{finished - set(found)} had finished"
-        count.update({kill.name: 1, "ended by the signal": ended, "finished cases found again": len(found)})
+        count.update(
+            {kill.name: 1, "ended by the signal": ended, "finished cases found again": len(found)}
+        )
         if i % 3 == 2 or i == kills - 1:
             said = hodo(folder, "run", "many.yaml", "--out", out.name).stderr
             assert all(f"{name}: is kept" in said for name in found), said
@@ -175,13 +202,19 @@ def kill_classifications(folder: Path, kills: int) -> Counter[str]:
 
 
 def many_cases(folder: Path, many: int = 10000) -> Counter[str]:
-    """Time of this machine's processors for each of many cases in one file and of a hundred, and to show them."""
+    """Time of this machine's processors for each of many cases in one file and of a hundred, and to
+    show them."""
     chance = random.Random(2)
     each = {}
     for count in (1, 101, many):
-        lines = (f"  c{i}: {{damping: [{chance.uniform(1, 5) / 1000}, 0.004, 0.003]}}\n" for i in range(count))
+        lines = (
+            f"  c{i}: {{damping: [{chance.uniform(1, 5) / 1000}, 0.004, 0.003]}}\n"
+            for i in range(count)
+        )
         defaults = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
-        text = f"defaults: {{{defaults}, time: {{end: 400, samples: 101}}}}\ncases:\n" + "".join(lines)
+        text = f"defaults: {{{defaults}, time: {{end: 400, samples: 101}}}}\ncases:\n" + "".join(
+            lines
+        )
         (folder / f"x{count}.yaml").write_text(text)
         each[count] = processor_time(folder, "run", f"x{count}.yaml", "--quiet")
     few, all_of_them = (each[101] - each[1]) / 100, (each[many] - each[1]) / many
@@ -195,11 +228,14 @@ def many_cases(folder: Path, many: int = 10000) -> Counter[str]:
 
 
 def processor_time(folder: Path, *arguments: str) -> float:
-    """Seconds of processor time that a command takes: unlike the time on the wall, other work does not change it."""
+    """Seconds of processor time that a command takes: unlike the time on the wall, other work does
+    not change it."""
     before = os.times()
     hodo(folder, *arguments)
     after = os.times()
-    return after.children_user + after.children_system - before.children_user - before.children_system
+    return (
+        after.children_user + after.children_system - before.children_user - before.children_system
+    )
 
 
 def report(what: str, count: Counter[str], began: float) -> None:

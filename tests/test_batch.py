@@ -1,4 +1,5 @@
-"""Batches: several processes, failing cases, dying workers, what is said meanwhile, kills, and what a rerun keeps."""
+"""Batches: several processes, failing cases, dying workers, what is said meanwhile, kills, and what
+a rerun keeps."""
 
 import itertools
 import os
@@ -126,7 +127,9 @@ def everything(path: Path) -> dict[str, object]:
 
     def look(name: str, item: h5py.HLObject) -> None:
         varying = ("run_time", "history", "DIMENSION_LIST", "REFERENCE_LIST")
-        found.update({f"{name}.{key}": str(value) for key, value in item.attrs.items() if key not in varying})
+        found.update(
+            {f"{name}.{key}": str(value) for key, value in item.attrs.items() if key not in varying}
+        )
         if isinstance(item, h5py.Dataset):
             found[name] = item[()].tolist(), item.dtype.str
 
@@ -162,10 +165,16 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
         "b: runs, its status is failed",
         "c: runs, its status is timeout",
     ]
-    assert [line[:8] for line in run(config, "--quiet").stderr.splitlines()] == ["[1/2] b:", "[2/2] c:", "2 of 4 c"]
+    assert [line[:8] for line in run(config, "--quiet").stderr.splitlines()] == [
+        "[1/2] b:",
+        "[2/2] c:",
+        "2 of 4 c",
+    ]
 
 
-def test_a_bug_in_one_case_is_that_case_s_own(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bug_in_one_case_is_that_case_s_own(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     finish = run_command.finish
 
     def buggy(case: Case) -> Group:
@@ -199,7 +208,9 @@ def test_fail_fast_leaves_what_it_does_not_reach(config: Path, jobs: str) -> Non
 
 def test_white_space_and_comments_change_nothing(config: Path) -> None:
     run(config)
-    config.write_text("# a comment\n\n" + CONFIG.replace("{damping: ", "{damping:    ").replace("0.004", "4e-3"))
+    config.write_text(
+        "# a comment\n\n" + CONFIG.replace("{damping: ", "{damping:    ").replace("0.004", "4e-3")
+    )
     assert run(config, "--dry-run").stdout.splitlines() == [f"{name}: is kept" for name in "abcd"]
 
 
@@ -222,7 +233,9 @@ def test_several_configs_are_run_but_those_without_a_case_asked_for(config: Path
 
 def test_two_runs_at_once_both_end_well(config: Path, hodo: Hodo) -> None:
     script = [*stress.HODO, "run", str(config), "--out", "runs"]
-    both = [subprocess.Popen(script, cwd=config.parent, stdout=subprocess.DEVNULL) for _ in range(2)]
+    both = [
+        subprocess.Popen(script, cwd=config.parent, stdout=subprocess.DEVNULL) for _ in range(2)
+    ]
     assert [process.wait() for process in both] == [0, 0]
     assert os.listdir(config.parent / "runs") == ["four.h5"]
     assert everything(config.parent / "runs" / "four.h5")["order"] == ["a", "b", "c", "d"]
@@ -253,8 +266,14 @@ def read(terminal: int) -> bytes:
 def test_a_worker_that_is_killed_costs_nothing_but_time(config: Path) -> None:
     config.write_text(CONFIG.replace("samples: 21", "samples: 400001"))
     command = [*stress.HODO, "run", str(config), "--out", str(config.parent), "-j", "2"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True) as parent:
-        while not (workers := [pid for pid in stress.members(parent.pid) if b"spawn_main" in command_line(pid)]):
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+    ) as parent:
+        while not (
+            workers := [
+                pid for pid in stress.members(parent.pid) if b"spawn_main" in command_line(pid)
+            ]
+        ):
             assert parent.poll() is None
         os.kill(workers[0], signal.SIGKILL)
         said = parent.communicate()[1].decode()
@@ -274,15 +293,20 @@ def command_line(pid: int) -> bytes:
 
 
 @pytest.mark.parametrize(("jobs", "share"), [("1", ""), ("2", " for each of 2 processes")])
-def test_what_does_not_fit_into_memory_is_refused_with_the_figure(config: Path, jobs: str, share: str) -> None:
+def test_what_does_not_fit_into_memory_is_refused_with_the_figure(
+    config: Path, jobs: str, share: str
+) -> None:
     done = run(config, "--set", "c.time.samples=1000000000", "-j", jobs)
     assert done.exit_code == 2
-    assert done.stderr.startswith("c: 1,000,000,000 samples would take about 300 GB of memory, and there are ")
+    assert done.stderr.startswith(
+        "c: 1,000,000,000 samples would take about 300 GB of memory, and there are "
+    )
     assert done.stderr.endswith(share + "\n")
     assert os.listdir(config.parent) == ["four.yaml"]
 
 
-# Not getrusage: what it calls the largest size is, in a new process, that of the one that started it.
+# Not getrusage: what it calls the largest size is, in a new process, that of the one that started
+# it.
 PEAK = """\
 import re, sys
 from pathlib import Path
@@ -304,7 +328,12 @@ def test_the_estimate_of_memory_is_right_to_a_factor_of_two(tmp_path: Path) -> N
     case = "  {}: {{damping: [0.005, 0.004, 0.003], time: {{end: 400, samples: {}}}}}\n"
     text = DEFAULTS + "cases:\n" + case.format("small", 1000) + case.format("large", 500000)
     (tmp_path / "x.yaml").write_text(text)
-    done = subprocess.run([sys.executable, "-c", PEAK, tmp_path / "x.yaml"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, tmp_path / "x.yaml"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     estimate = memory.need(parse(text, "x").cases["large"])
     assert estimate / 2 < int(done.stdout) < estimate
 

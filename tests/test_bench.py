@@ -32,8 +32,11 @@ def test_each_verdict() -> None:
     assert verdict(case, method, solution, 9e-4, 0.0) == "accurate"
     assert verdict(case, method, solution, 1e-2, 1e-3) == "limited by the data"
     assert verdict(case, method, replace(solution, stop="timeout"), 0.0, 0.0) == "timeout"
-    assert verdict(case, method, replace(solution, stop="failed"), 0.0, 0.0) == "failed with a message"
-    # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger one is silent.
+    assert (
+        verdict(case, method, replace(solution, stop="failed"), 0.0, 0.0) == "failed with a message"
+    )
+    # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger
+    # one is silent.
     assert verdict(case, method, solution, 1e-2, 0.0) == "SILENT"
     wrong = replace(solution, path=solution.path._replace(state=solution.path.state * 1.1))
     assert verdict(case, method, wrong, 0.1, 0.0) == "inaccurate, said so"
@@ -42,7 +45,9 @@ def test_each_verdict() -> None:
 def test_one_ulp_moves_every_number_that_is_not_zero() -> None:
     up, mixed = perturbed(CASES["a"])
     for one in (up, mixed):
-        assert all(a != b for a, b in zip(one.data["inertia"], CASES["a"].data["inertia"], strict=True))
+        assert all(
+            a != b for a, b in zip(one.data["inertia"], CASES["a"].data["inertia"], strict=True)
+        )
         assert one.data["initial"]["p"] == pytest.approx(0.8, rel=3e-16)
     assert up != mixed
     assert next(perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
@@ -62,14 +67,23 @@ def test_a_trial_measures_the_true_error_and_the_drift() -> None:
 
 
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:
-    trials = tuple(Trial(error=e, run_time=t) for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)])
+    trials = tuple(
+        Trial(error=e, run_time=t)
+        for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)]
+    )
     made = Bench(("a",), ("m", "n"), (1e-4, 1e-8), trials)
-    assert [fastest(made, 0, digits) for digits in (3, 6, 9)] == [("m", 1e-4, 1.0), ("n", 1e-4, 2.0), None]
+    assert [fastest(made, 0, digits) for digits in (3, 6, 9)] == [
+        ("m", 1e-4, 1.0),
+        ("n", 1e-4, 2.0),
+        None,
+    ]
     assert bench.let_down(Bench(("a",), ("auto",), (np.nan,), (Trial(status="SILENT"),)))
     assert not bench.let_down(Bench(("a",), ("DOP853",), (np.nan,), (Trial(status="timeout"),)))
 
 
-def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(hodo: Hodo, tmp_path: Path) -> None:
+def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
+    hodo: Hodo, tmp_path: Path
+) -> None:
     (tmp_path / "small.yaml").write_text(CONFIG, encoding="utf-8")
     done = hodo("bench", "small.yaml")
     assert done.returncode == 0, done.stderr
@@ -84,10 +98,20 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(hodo: Hodo, 
         "data = xarray.open_dataset('runs/small.bench.h5', group='bench', engine='netcdf4')\n"
         "print(json.dumps([dict(data.sizes), sorted(data.data_vars), str(data.status.sel(case='b').values[2, 0])]))"
     )
-    read = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    read = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     sizes, names, status = json.loads(read.stdout)
     assert sizes == {"case": 2, "method": 3, "tol": 2}
-    assert {"error", "crossing_error", "run_time", "compile_time", "steps", "rhs_evaluations", "drift"} <= set(names)
+    assert {
+        "error",
+        "crossing_error",
+        "run_time",
+        "compile_time",
+        "steps",
+        "rhs_evaluations",
+        "drift",
+    } <= set(names)
     assert status == "accurate"
     missing = hodo("bench", "small.yaml", "--case", "zzz")
     assert (missing.returncode, missing.stderr) == (2, "no case matches zzz\n")

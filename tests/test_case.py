@@ -1,4 +1,5 @@
-"""The loader of case files: values, mistakes with their places, overrides, round trips, hostile files."""
+"""The loader of case files: values, mistakes with their places, overrides, round trips, hostile
+files."""
 
 import math
 import pickle
@@ -44,7 +45,9 @@ from hodo_cli.schema.mistakes import MAX_MISTAKES, Mistakes
 from hodo_cli.schema.write import write
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
-NAME_RULE = "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
+NAME_RULE = (
+    "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
+)
 BODY = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
 SPAN = "time: {end: 10}"
 GOOD = f"cases:\n  a: {{{BODY}, {SPAN}, damping: 0.1}}\n  a.b: {{{BODY}, {SPAN}}}\n"
@@ -88,7 +91,9 @@ def test_a_case_is_complete() -> None:
 
 
 def test_dump_is_complete_and_readable() -> None:
-    assert dump(one_case(f"{BODY}, time: {{end: 1e3}}, damping: 1e-5, tol: 1e-10, note: 'no: \"1\"'")) == (
+    assert dump(
+        one_case(f"{BODY}, time: {{end: 1e3}}, damping: 1e-5, tol: 1e-10, note: 'no: \"1\"'")
+    ) == (
         "name: a\nmodel: linear-diag\nform: full\ninertia: [1.0, 0.8, 0.6]\ndamping: [1e-05, 1e-05, 1e-05]\n"
         "initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 1001}\nmethod: auto\n"
         'tol: 1e-10\nprecision: double\nerror: on\nstore: []\nnote: "no: \\"1\\""\n'
@@ -153,7 +158,12 @@ def test_a_config_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
 
 LINEAR = ["model", "form", "inertia", "damping", "initial", *COMMON]
 MODELS = Choice(*catalogue()).describe()
-LINES = ["model: linear-diag", "inertia: [1, 0.8, 0.6]", "initial: {p: 0.8, q: 0.5, r: 0.74}", "time: {end: 10}"]
+LINES = [
+    "model: linear-diag",
+    "inertia: [1, 0.8, 0.6]",
+    "initial: {p: 0.8, q: 0.5, r: 0.74}",
+    "time: {end: 10}",
+]
 
 
 @pytest.mark.parametrize(
@@ -276,7 +286,8 @@ def test_all_mistakes_are_raised_together_by_line() -> None:
 
 def test_a_mistake_of_a_default_is_raised_once_at_its_own_place() -> None:
     text = "defaults: {inertia: [1, 1, 3], time: {end: x}, tol: no}\ncases:\n" + "".join(
-        f"  c{i}: {{model: linear-diag, initial: {{p: 1, q: 1, r: 1}}, time: {{samples: 3}}}}\n" for i in range(5)
+        f"  c{i}: {{model: linear-diag, initial: {{p: 1, q: 1, r: 1}}, time: {{samples: 3}}}}\n"
+        for i in range(5)
     )
     assert mistakes(text) == [
         "x.yaml:1:28: defaults.inertia.2: no body has A3 = 3 larger than the sum of the other two",
@@ -360,7 +371,9 @@ BOMBS = {
     "aliases": "a0: &a0 [x, x, x, x, x, x, x, x, x]\n"
     + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)),
     "wide aliases": "a: &a [" + "1, " * 1000 + "1]\nb: [" + "*a, " * 1000 + "1]",
-    "unknown keys": "cases: {a: {model: tensor, " + ", ".join(f"resistanc{i}: 1" for i in range(5000)) + "}}",
+    "unknown keys": "cases: {a: {model: tensor, "
+    + ", ".join(f"resistanc{i}: 1" for i in range(5000))
+    + "}}",
     "itself": "cases: &c {a: *c}",
 }
 
@@ -376,8 +389,12 @@ def test_a_bomb_is_refused_at_once(text: str) -> None:
 
 
 def test_the_values_that_aliases_stand_for_are_counted() -> None:
-    assert mistakes(BOMBS["aliases"]) == ["x.yaml:6:10: a5.0: aliases stand for more than 100000 values"]
-    assert mistakes(BOMBS["wide aliases"]) == ["x.yaml:2:401: b.99: aliases stand for more than 100000 values"]
+    assert mistakes(BOMBS["aliases"]) == [
+        "x.yaml:6:10: a5.0: aliases stand for more than 100000 values"
+    ]
+    assert mistakes(BOMBS["wide aliases"]) == [
+        "x.yaml:2:401: b.99: aliases stand for more than 100000 values"
+    ]
 
 
 @pytest.mark.usefixtures("loader")
@@ -427,13 +444,19 @@ def test_an_override_changes_one_value_of_one_case() -> None:
         ("*.damping.1=2", "a", (0.1, 2.0, 0.1)),
     ],
 )
-def test_an_override_reaches_into_a_vector(override: str, case: str, damping: tuple[float, ...]) -> None:
+def test_an_override_reaches_into_a_vector(
+    override: str, case: str, damping: tuple[float, ...]
+) -> None:
     assert overridden(override)[case].data["damping"] == damping
 
 
 def test_overrides_are_applied_in_their_order_over_defaults() -> None:
-    text = f"defaults: {{{SPAN}, inertia: [1, 1, 1]}}\n" + GOOD.replace(f", {SPAN}", "").replace("0.8, 0.6", "0.8, 0.7")
-    cases = overridden("a.time.start=1", "a.time.start=2", "a.b.max_steps=10", "a.inertia.0=1.1", text=text)
+    text = f"defaults: {{{SPAN}, inertia: [1, 1, 1]}}\n" + GOOD.replace(f", {SPAN}", "").replace(
+        "0.8, 0.6", "0.8, 0.7"
+    )
+    cases = overridden(
+        "a.time.start=1", "a.time.start=2", "a.b.max_steps=10", "a.inertia.0=1.1", text=text
+    )
     assert cases["a"].time == Time(start=2.0, end=10.0)
     assert cases["a.b"].time == Time(end=10.0)
     assert cases["a.b"].max_steps == 10
@@ -455,14 +478,26 @@ def test_an_override_leaves_an_alias_of_its_value_alone() -> None:
         ("a=1", "an override reads CASE.KEY=VALUE"),
         ("aa.tol=1e-3", "unknown case 'aa'; did you mean 'a'? (valid: a, a.b)"),
         ("z*.tol=1e-3", "unknown case 'z*' (valid: a, a.b)"),
-        ("a.dampng=1", f"cases.a.dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
-        ("a.damping.3=1", "cases.a.damping.3: there is no '3' in a list whose positions are 0 to 2"),
-        ("a.damping.x=1", "cases.a.damping.x: there is no 'x' in a list whose positions are 0 to 2"),
+        (
+            "a.dampng=1",
+            f"cases.a.dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})",
+        ),
+        (
+            "a.damping.3=1",
+            "cases.a.damping.3: there is no '3' in a list whose positions are 0 to 2",
+        ),
+        (
+            "a.damping.x=1",
+            "cases.a.damping.x: there is no 'x' in a list whose positions are 0 to 2",
+        ),
         ("a.damping.1=x", "cases.a.damping.1: wants a finite number, not 'x'"),
         ("a.time.end.0=1", "cases.a.time.end.0: there is no '0' in 10"),
         ("a.tol=2", "cases.a.tol: wants a number > 0, < 1, not 2"),
         ("a.tol=", "cases.a.tol: wants a finite number > 0, < 1, not an empty value"),
-        ("a.inertia.0=9", "cases.a.inertia.0: no body has A1 = 9 larger than the sum of the other two"),
+        (
+            "a.inertia.0=9",
+            "cases.a.inertia.0: no body has A1 = 9 larger than the sum of the other two",
+        ),
         ("a.tol=[1", "not YAML: while parsing a flow sequence, did not find expected ',' or ']'"),
         ("a.tol=" + "[" * 100, "nested deeper than 50 levels"),
         ("a" + ".a" * 1000 + "=1", "an override reads CASE.KEY=VALUE"),
@@ -547,15 +582,25 @@ def test_a_kind_reports(kind: Any, given: Any, at: KeyPath, message: str) -> Non
 
 
 def test_resolve_leaves_out_what_is_wrong() -> None:
-    keys = {"a": Key(Number(), ""), "b": Key(Number(), "", default=2.0), "c": Key(Number(), "", default=None)}
+    keys = {
+        "a": Key(Number(), ""),
+        "b": Key(Number(), "", default=2.0),
+        "c": Key(Number(), "", default=None),
+    }
     found: list[KeyPath] = []
-    assert resolve(keys, {"a": "x", "d": 1}, ("case",), lambda at, message: found.append(at)) == {"b": 2.0, "c": None}
+    assert resolve(keys, {"a": "x", "d": 1}, ("case",), lambda at, message: found.append(at)) == {
+        "b": 2.0,
+        "c": None,
+    }
     assert sorted(found) == [("case", "a"), ("case", "d")]
 
 
 # Round trips
 
-TEXTS = st.text(st.characters(exclude_categories=["Cs", "Cc"]) | st.sampled_from("\n\t:#'\"\\-{}[]"), max_size=30)
+TEXTS = st.text(
+    st.characters(exclude_categories=["Cs", "Cc"]) | st.sampled_from("\n\t:#'\"\\-{}[]"),
+    max_size=30,
+)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 WORDS = st.sampled_from(["no", "1e-3", "null", "", "0x1", "~", "True", ".inf", "-", "010"])
 PLAIN = st.recursive(
@@ -581,20 +626,33 @@ def test_what_is_written_is_read_back(value: Any) -> None:
     initial=st.tuples(*[NUMBERS] * 3),
     note=TEXTS,
     span=st.tuples(st.floats(-1e300, 0), st.floats(0, 1e300)),
-    sweep=st.none() | st.dictionaries(st.sampled_from(["damping.2", "initial.p"]), RANGES, min_size=1),
+    sweep=st.none()
+    | st.dictionaries(st.sampled_from(["damping.2", "initial.p"]), RANGES, min_size=1),
 )
 def test_a_case_comes_back_from_its_dump(
     inertia: Any, damping: Any, initial: Any, note: str, span: tuple[float, float], sweep: Any
 ) -> None:
-    data = {"inertia": inertia, "damping": damping, "initial": dict(zip("pqr", initial, strict=True)) | {"G": None}}
-    case = Case("a", "linear-diag", "full", data, Time(start=span[0], end=span[1]), note=note, sweep=sweep)
+    data = {
+        "inertia": inertia,
+        "damping": damping,
+        "initial": dict(zip("pqr", initial, strict=True)) | {"G": None},
+    }
+    case = Case(
+        "a", "linear-diag", "full", data, Time(start=span[0], end=span[1]), note=note, sweep=sweep
+    )
     assert parse_case(dump(case)) == case
     assert dump(parse_case(dump(case))) == dump(case)
 
 
 def test_what_is_no_dump_is_refused() -> None:
     whole = dump(one_case(f"{BODY}, {SPAN}"))
-    for text in ("", "[]", whole.replace("name: a", ""), whole.replace("name: a", "name: ../a"), whole + "foo: 1\n"):
+    for text in (
+        "",
+        "[]",
+        whole.replace("name: a", ""),
+        whole.replace("name: a", "name: ../a"),
+        whole + "foo: 1\n",
+    ):
         with pytest.raises(HodoError, match=r"\Acase:\d+:\d+: [^\n]+\Z"):
             parse_case(text)
 
@@ -603,13 +661,18 @@ def test_what_is_no_dump_is_refused() -> None:
 
 
 def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
-    """Whether a value obeys a JSON Schema: those words of it that the schema of the case files uses."""
+    """Whether a value obeys a JSON Schema: those words of it that the schema of the case files
+    uses."""
     if isinstance(rule, bool):
         return rule
     assert rule.keys() <= KNOWN_WORDS, rule.keys() - KNOWN_WORDS
     if "$ref" in rule:
         return conforms(value, root["$defs"][rule["$ref"].rsplit("/", 1)[1]], root)
-    if "if" in rule and conforms(value, rule["if"], root) and not conforms(value, rule["then"], root):
+    if (
+        "if" in rule
+        and conforms(value, rule["if"], root)
+        and not conforms(value, rule["then"], root)
+    ):
         return False
     number = isinstance(value, int | float) and not isinstance(value, bool)
     types = {
@@ -620,21 +683,34 @@ def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
     parts += [value in rule["enum"]] if "enum" in rule else []
     parts += [value == rule["const"]] if "const" in rule else []
     parts += [any(conforms(value, part, root) for part in rule["anyOf"])] if "anyOf" in rule else []
-    parts += [sum(conforms(value, part, root) for part in rule["oneOf"]) == 1] if "oneOf" in rule else []
+    parts += (
+        [sum(conforms(value, part, root) for part in rule["oneOf"]) == 1] if "oneOf" in rule else []
+    )
     parts += [conforms(value, part, root) for part in rule.get("allOf", ())]
     if number:
-        parts += [value >= rule.get("minimum", value), value > rule.get("exclusiveMinimum", -math.inf)]
-        parts += [value <= rule.get("maximum", value), value < rule.get("exclusiveMaximum", math.inf)]
+        parts += [
+            value >= rule.get("minimum", value),
+            value > rule.get("exclusiveMinimum", -math.inf),
+        ]
+        parts += [
+            value <= rule.get("maximum", value),
+            value < rule.get("exclusiveMaximum", math.inf),
+        ]
     if isinstance(value, str) and "pattern" in rule:
         parts.append(bool(re.search(rule["pattern"], value)))
     if isinstance(value, list):
         parts += [rule.get("minItems", 0) <= len(value) <= rule.get("maxItems", math.inf)]
         parts += [conforms(item, rule.get("items", True), root) for item in value]
     if isinstance(value, dict):
-        parts += [name in value for name in rule.get("required", ())] + [len(value) >= rule.get("minProperties", 0)]
+        parts += [name in value for name in rule.get("required", ())] + [
+            len(value) >= rule.get("minProperties", 0)
+        ]
         parts += [conforms(name, rule.get("propertyNames", True), root) for name in value]
         other = rule.get("additionalProperties", True)
-        parts += [conforms(item, rule.get("properties", {}).get(name, other), root) for name, item in value.items()]
+        parts += [
+            conforms(item, rule.get("properties", {}).get(name, other), root)
+            for name, item in value.items()
+        ]
     return all(parts)
 
 
@@ -676,14 +752,24 @@ def test_the_key_table_has_every_key_once_per_meaning() -> None:
     classes = [form for forms in catalogue().values() for form in forms.values()]
     assert named >= {"model", "form", "time.end", "initial.p", "resistance.diagonal", *COMMON}
     assert named >= {key for form in classes for key in form.keys}
-    assert "| `damping` | linear-diag | 3 numbers or one for all | 1/time | [0.0, 0.0, 0.0] |" in key_table()
-    assert "| `inertia` | linear-diag, tensor | 3 numbers > 0 |" in key_table().replace("cavity+constant, ", "")
+    assert (
+        "| `damping` | linear-diag | 3 numbers or one for all | 1/time | [0.0, 0.0, 0.0] |"
+        in key_table()
+    )
+    assert "| `inertia` | linear-diag, tensor | 3 numbers > 0 |" in key_table().replace(
+        "cavity+constant, ", ""
+    )
 
 
 def test_the_bench_section_is_checked() -> None:
     text = "cases: {a: {model: tensor, resistance: {diagonal: 0, off_diagonal: 0}, inertia: [1, 1, 1], "
     text += "initial: {p: 1, q: 0, r: 0}, time: {end: 1}}}\nbench: "
     given = parse(text + "{methods: [auto, DOP853], tols: [1e-3]}", "x.yaml").bench
-    assert given == {"methods": ("auto", "DOP853"), "tols": (1e-3,), "repeats": 1, "max_seconds": 10.0}
+    assert given == {
+        "methods": ("auto", "DOP853"),
+        "tols": (1e-3,),
+        "repeats": 1,
+        "max_seconds": 10.0,
+    }
     with pytest.raises(HodoError, match=r"bench.methods.0: .*did you mean 'Radau'"):
         parse(text + "{methods: [Radauu]}", "x.yaml")

@@ -1,4 +1,5 @@
-"""The body with a fluid-filled cavity: its torque, the end of spin, full against averaged, wrong and doubtful data."""
+"""The body with a fluid-filled cavity: its torque, the end of spin, full against averaged, wrong
+and doubtful data."""
 
 import csv
 import math
@@ -20,16 +21,26 @@ from hodo_cli.models.cavity import fluid_torque
 
 HERE = Path(__file__).parent
 PAPER2 = load(HERE.parent / "configs" / "paper2.yaml").cases
-ENDS = [row for row in csv.DictReader((HERE / "data" / "crossings.csv").open()) if row["event"] == "end of spin"]
+ENDS = [
+    row
+    for row in csv.DictReader((HERE / "data" / "crossings.csv").open())
+    if row["event"] == "end of spin"
+]
 FORMS = catalogue()["cavity+constant"]
 KAPPA = 1260 * 0.48 / 1000
 CLOSE = 1e-13 if have_taylor() else 1e-9
-"""What a motion is right to: rounding by Taylor series, some hundred times its tolerance by DOP853."""
+"""What a motion is right to: rounding by Taylor series, some hundred times its tolerance by
+DOP853."""
 
 
 def case(text: str = "", **given: str) -> Case:
     """A case of a symmetric body with the keys given, in YAML."""
-    keys = {"inertia": "[1.3, 1.3, 1]", "kappa": "0.6", "initial": "{x: 1, y: 1}", "time": "{end: 10}"} | given
+    keys = {
+        "inertia": "[1.3, 1.3, 1]",
+        "kappa": "0.6",
+        "initial": "{x: 1, y: 1}",
+        "time": "{end: 10}",
+    } | given
     lines = "".join(f"    {key}: {value}\n" for key, value in keys.items() if value)
     return parse(f"cases:\n  c:\n    model: cavity+constant\n{lines}", "test").cases["c"]
 
@@ -46,7 +57,9 @@ def bodies(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Moments of inertia that a body can have, in any order, and an angular velocity."""
     draw = np.random.default_rng(1)
     masses = draw.uniform(0.05, 1, (count, 3))
-    return list(zip(masses.sum(axis=1, keepdims=True) - masses, draw.normal(size=(count, 3)), strict=True))
+    return list(
+        zip(masses.sum(axis=1, keepdims=True) - masses, draw.normal(size=(count, 3)), strict=True)
+    )
 
 
 def test_the_fluid_keeps_the_angular_momentum_and_takes_energy() -> None:
@@ -59,7 +72,9 @@ def test_the_fluid_keeps_the_angular_momentum_and_takes_energy() -> None:
 
 def test_the_equations_are_those_of_the_independent_reference() -> None:
     for A, omega in bodies(20):
-        k = SimpleNamespace(**dict(zip(("A1", "A2", "A3"), A, strict=True)), g=1, kappa=0.6, N1=0.1, N2=-0.2, N3=0.3)
+        k = SimpleNamespace(
+            **dict(zip(("A1", "A2", "A3"), A, strict=True)), g=1, kappa=0.6, N1=0.1, N2=-0.2, N3=0.3
+        )
         expected = [value(row, omega) for row in series.cavity(A, 0.6, (0.1, -0.2, 0.3))]
         assert np.allclose(FORMS["full"].rhs(0, omega, k), expected, rtol=1e-13, atol=1e-13)
 
@@ -67,7 +82,9 @@ def test_the_equations_are_those_of_the_independent_reference() -> None:
 def test_for_an_axisymmetric_body_they_are_those_of_the_paper() -> None:
     k = SimpleNamespace(A1=8.0, A2=8.0, A3=4.0, g=1, kappa=0.6, N1=0.1, N2=-0.2, N3=0.3)
     for _, omega in bodies(20):
-        expected = [value(row, omega) for row in series.cavity_symmetric(8.0, 4.0, 0.6, (0.1, -0.2, 0.3))]
+        expected = [
+            value(row, omega) for row in series.cavity_symmetric(8.0, 4.0, 0.6, (0.1, -0.2, 0.3))
+        ]
         assert np.allclose(FORMS["full"].rhs(0, omega, k), expected, rtol=1e-13, atol=1e-13)
 
 
@@ -77,7 +94,9 @@ def test_the_averaged_equations_are_those_of_the_independent_reference(form: str
     system = series.cavity_averaged(8.0, 4.0, 0.6, -0.3, printed=form == "averaged-as-printed")
     for a, r in [(1.0, 1.0), (0.3, -0.7), (2.0, 0.0)]:
         da, dr = FORMS[form].rhs(0, (a, r), k)
-        assert [2 * a * da, dr] == pytest.approx([value(row, np.array([a * a, r])) for row in system], rel=1e-14)
+        assert [2 * a * da, dr] == pytest.approx(
+            [value(row, np.array([a * a, r])) for row in system], rel=1e-14
+        )
 
 
 @pytest.mark.parametrize("row", ENDS, ids=lambda row: row["case"])
@@ -106,8 +125,13 @@ def test_with_M1_and_M2_full_and_averaged_differ_in_proportion_to_epsilon() -> N
     distances = []
     small = [0.02, 0.01, 0.005, 0.0025]
     for epsilon in small:
-        # Both torques are of the order of epsilon, the horizon of 1/epsilon, well before the end of spin.
-        given = {"epsilon": str(epsilon), "kappa": str(epsilon), "time": f"{{end: {1 / epsilon}, samples: 1001}}"}
+        # Both torques are of the order of epsilon, the horizon of 1/epsilon, well before the end of
+        # spin.
+        given = {
+            "epsilon": str(epsilon),
+            "kappa": str(epsilon),
+            "time": f"{{end: {1 / epsilon}, samples: 1001}}",
+        }
         omega = integrate(case(torque="[0.1, 0.3, -0.1]", **given)).variables["omega"]
         slow = integrate(case(torque="[0.1, 0.3, -0.1]", form="averaged", **given)).variables
         x, y = np.square(omega[:, :2]).sum(axis=1), np.square(omega[:, 2])
@@ -145,7 +169,9 @@ def test_a_triaxial_body_turns_to_its_axis_of_largest_inertia() -> None:
     motion = integrate(given)
     found = classify(given, motion.method, motion.tol, motion.error, motion.variables["omega"])
     A, start = given.data["inertia"], find(given.model, given.form).start(given.data)
-    (expected,) = series.crossings(A, series.cavity(A, KAPPA, (0, 0, 0)), start, given.time.end, bits=128)
+    (expected,) = series.crossings(
+        A, series.cavity(A, KAPPA, (0, 0, 0)), start, given.time.end, bits=128
+    )
     (crossing,) = found.crossings
     assert (crossing.start, crossing.end) == (expected.before, expected.after) == (3, 1)
     assert crossing.time == pytest.approx(float(expected.time), rel=30 * CLOSE)
@@ -206,7 +232,13 @@ def doubts(case: Case) -> list[str]:
 
 def test_what_contradicts_the_theory_is_said() -> None:
     assert not any(doubts(PAPER2[name]) for name in ("fig1", "fig3-as-printed", "fig4-full"))
-    (flow,) = doubts(case(kappa="", cavity="{density: 1e-3, viscosity: 10, radius: 1}", initial="{p: 3, q: 0, r: 4}"))
+    (flow,) = doubts(
+        case(
+            kappa="",
+            cavity="{density: 1e-3, viscosity: 10, radius: 1}",
+            initial="{p: 3, q: 0, r: 4}",
+        )
+    )
     assert "b^2 |omega|/nu is 0.5 " in flow
     (fluid,) = doubts(case(kappa="6"))
     assert "torque of the fluid is not small: 0.753 of" in fluid
@@ -231,7 +263,13 @@ def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
 @pytest.mark.parametrize("reversal", ["stop", "continue"])
 def test_a_start_without_spin_is_no_end_of_it(method: str, torque: float, reversal: str) -> None:
     motion = integrate(
-        case(form="averaged", initial="{x: 1, y: 0}", torque=f"[0, 0, {torque}]", method=method, spin_reversal=reversal)
+        case(
+            form="averaged",
+            initial="{x: 1, y: 0}",
+            torque=f"[0, 0, {torque}]",
+            method=method,
+            spin_reversal=reversal,
+        )
     )
     assert (motion.status, motion.time[-1], motion.events) == ("ok", 10.0, ())
     assert (motion.variables["y"][1:] > 0).all() == (torque != 0)

@@ -1,4 +1,5 @@
-"""What the papers say: the kinds of check, the verdicts, and that every claim gets the one expected."""
+"""What the papers say: the kinds of check, the verdicts, and that every claim gets the one
+expected."""
 
 import json
 import math
@@ -35,17 +36,32 @@ TOP = load(ROOT / "configs" / "paper3.yaml").cases["case1"]
 BODY = load(ROOT / "configs" / "paper1.yaml").cases["fig4"]
 
 
-def motion(labels: list[int] | None = None, passages: Any = (), events: Any = (), **series: Any) -> Motion:
+def motion(
+    labels: list[int] | None = None, passages: Any = (), events: Any = (), **series: Any
+) -> Motion:
     """A motion of the top whose variables are made up."""
     n = max([len(values) for values in series.values()], default=2)
     variables = {name: np.array(values, dtype=float) for name, values in series.items()}
-    return Motion(TOP, np.arange(n, dtype=float), variables, np.array(labels) if labels else None, passages, events)
+    return Motion(
+        TOP,
+        np.arange(n, dtype=float),
+        variables,
+        np.array(labels) if labels else None,
+        passages,
+        events,
+    )
 
 
 def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
     """Verdict and deciding number of a check, given as in a case file."""
     found = claim_block.CLAIM["check"].kind.check(check, (), pytest.fail)
-    claim = {"id": "test", "cases": ("a",) * len(motions), "check": found, "over": None, "expect": REPRODUCED}
+    claim = {
+        "id": "test",
+        "cases": ("a",) * len(motions),
+        "check": found,
+        "over": None,
+        "expect": REPRODUCED,
+    }
     decided = measure(claim, motions)
     return decided.verdict, decided.number
 
@@ -63,7 +79,9 @@ def test_monotone_is_judged_by_the_step_back_in_units_of_the_range() -> None:
     assert verdict(falls, motion(H=[2, 1, 1.01])) == (PLOTTING, pytest.approx(0.005))
     assert verdict(falls, motion(H=[2, 1, 1.05, 0])) == (CONTRADICTED, pytest.approx(0.025))
     assert verdict({**falls, "sense": "rises"}, motion(H=[0, 1, 2]))[0] == REPRODUCED
-    assert verdict({**falls, "of": ["H", "u1"]}, motion(H=[2, 1, 0], u1=[0, 1, 2]))[0] == CONTRADICTED
+    assert (
+        verdict({**falls, "of": ["H", "u1"]}, motion(H=[2, 1, 0], u1=[0, 1, 2]))[0] == CONTRADICTED
+    )
 
 
 def test_a_value_may_be_off_by_its_own_digits_or_by_what_a_figure_shows() -> None:
@@ -78,8 +96,14 @@ def test_bounds() -> None:
     check = {"kind": "bound", "of": "H", "at": "always", "least": 0}
     assert verdict(check, motion(H=[1, 0, 1])) == (REPRODUCED, 0)
     assert verdict(check, motion(H=[1, -0.5, 1])) == (CONTRADICTED, -0.5)
-    assert verdict({"kind": "bound", "of": "H", "most": 1}, motion(H=[9, 1]), motion(H=[9, 0]))[0] == REPRODUCED
-    assert verdict({"kind": "bound", "of": "H", "most": 1}, motion(H=[9, 0]), motion(H=[9, 2])) == (CONTRADICTED, 2)
+    assert (
+        verdict({"kind": "bound", "of": "H", "most": 1}, motion(H=[9, 1]), motion(H=[9, 0]))[0]
+        == REPRODUCED
+    )
+    assert verdict({"kind": "bound", "of": "H", "most": 1}, motion(H=[9, 0]), motion(H=[9, 2])) == (
+        CONTRADICTED,
+        2,
+    )
 
 
 @pytest.mark.parametrize(
@@ -122,7 +146,9 @@ def test_axes_and_crossings() -> None:
     turns = motion(labels=[1, 1, 3], passages=((305.4, 1, 3, 0.27),))
     assert verdict({"kind": "axis", "start": "x1", "end": "x3"}, turns)[0] == REPRODUCED
     assert verdict({"kind": "axis", "start": "x3"}, turns)[0] == CONTRADICTED
-    assert verdict({"kind": "crossings", "least": 1, "most": 1, "from": "x1", "to": "x3"}, turns) == (REPRODUCED, 1)
+    assert verdict(
+        {"kind": "crossings", "least": 1, "most": 1, "from": "x1", "to": "x3"}, turns
+    ) == (REPRODUCED, 1)
     assert verdict({"kind": "crossings", "from": "x3"}, turns)[0] == CONTRADICTED
     assert verdict({"kind": "crossings", "most": 0}, turns)[0] == CONTRADICTED
     assert verdict({"kind": "crossings", "least": 2}, turns)[0] == CONTRADICTED
@@ -133,7 +159,10 @@ def test_axes_and_crossings() -> None:
 def test_events() -> None:
     check = {"kind": "event", "event": "end_of_spin", "happens": "yes"}
     assert verdict(check, motion(events=(("end_of_spin", 40.0),))) == (REPRODUCED, 40)
-    assert verdict({**check, "happens": "no"}, motion(events=(("end_of_spin", 40.0),)))[0] == CONTRADICTED
+    assert (
+        verdict({**check, "happens": "no"}, motion(events=(("end_of_spin", 40.0),)))[0]
+        == CONTRADICTED
+    )
     assert verdict(check, motion()) == (CONTRADICTED, math.inf)
 
 
@@ -144,7 +173,9 @@ def test_the_effects_of_two_factors() -> None:
 
 
 def test_a_closed_form_holds_or_is_denied() -> None:
-    case = changed(load(ROOT / "configs" / "paper1.yaml").cases["fig2-1"], {"time.end": 10, "time.samples": 11})
+    case = changed(
+        load(ROOT / "configs" / "paper1.yaml").cases["fig2-1"], {"time.end": 10, "time.samples": 11}
+    )
     free = quantities.integrate(case)
     check = {"kind": "closed-form", "form": "free-rotation"}
     assert verdict(check, free)[0] == REPRODUCED
@@ -166,7 +197,9 @@ def test_what_holds_on_a_part_of_the_grid_is_under_determined() -> None:
     assert gridded(claim(), {"a": bad, "b": bad}).verdict == CONTRADICTED
     part = gridded(claim(), {"a": good, "b": bad})
     assert part.number == 3
-    assert part.evidence.startswith("holds on 1 of 2 members, 1 to 3; largest violation 0.5 of the range at b")
+    assert part.evidence.startswith(
+        "holds on 1 of 2 members, 1 to 3; largest violation 0.5 of the range at b"
+    )
 
 
 def test_a_random_member_contradicts_what_is_said_of_all() -> None:
@@ -181,7 +214,9 @@ def over(**given: Any) -> dict[str, Any]:
 
 
 def test_grids_have_every_combination_and_change_every_case() -> None:
-    found = dict(members([TOP, TOP], over(grid={"a.0": [0.1, 0.2], "b.0": [0.3, 0.4]}, set={"time.end": 6})))
+    found = dict(
+        members([TOP, TOP], over(grid={"a.0": [0.1, 0.2], "b.0": [0.3, 0.4]}, set={"time.end": 6}))
+    )
     assert len(found) == 4
     first, second = found["a.0 = 0.1, b.0 = 0.4"]
     assert first == second
@@ -202,16 +237,23 @@ def test_random_starts_have_unit_momentum_and_the_axis_asked_for() -> None:
             assert sign * ((A * w) @ (A * w) - 0.8 * (A @ (w * w))) > 0
             assert q != 0
             assert p != r
-    first, again = ([case for _, (case,) in members([BODY], over(start="any", members=3))] for _ in range(2))
+    first, again = (
+        [case for _, (case,) in members([BODY], over(start="any", members=3))] for _ in range(2)
+    )
     assert first == again
     assert first[0] != first[1]
 
 
 def test_quantities_of_a_known_motion() -> None:
-    # Free rotation about x1 and x3 in turn: a body that starts with q = 0 turns about the axis it encloses.
-    case = changed(BODY, {"damping": 0.0, "initial": {"p": 0.1, "q": 0.0, "r": 1.0, "G": None}, "time.end": 40.0})
+    # Free rotation about x1 and x3 in turn: a body that starts with q = 0 turns about the axis it
+    # encloses.
+    case = changed(
+        BODY,
+        {"damping": 0.0, "initial": {"p": 0.1, "q": 0.0, "r": 1.0, "G": None}, "time.end": 40.0},
+    )
     free = quantities.integrate(case)
-    # Libration of (G1, G2) about x3: the rate of small oscillations is r sqrt((A1-A3)(A2-A3)/(A1 A2)).
+    # Libration of (G1, G2) about x3: the rate of small oscillations is r sqrt((A1-A3)(A2-A3)/(A1
+    # A2)).
     rate = math.sqrt(0.4 * 0.2 / 0.8)
     assert free.number("turns") == pytest.approx(40 * rate / (2 * math.pi), rel=0.01)
     assert free.number("reach_largest") == 0
@@ -252,7 +294,9 @@ claims:
 """
 
 
-def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(hodo: Hodo, tmp_path: Path) -> None:
+def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(
+    hodo: Hodo, tmp_path: Path
+) -> None:
     path = tmp_path / "runs" / "c.h5"
     for expect, status in ((REPRODUCED, 0), (CONTRADICTED, 3)):
         (tmp_path / "c.yaml").write_text(CONFIG.replace("EXPECT", expect), encoding="utf-8")
@@ -261,7 +305,10 @@ def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(hodo: Hodo, tmp
         done = hodo("claims", path, "--json")
         assert done.returncode == status, done.stderr
         rows = json.loads(done.stdout)
-        assert [(row["id"], row["verdict"]) for row in rows] == [("turns", REPRODUCED), ("lost", NOT_TESTED)]
+        assert [(row["id"], row["verdict"]) for row in rows] == [
+            ("turns", REPRODUCED),
+            ("lost", NOT_TESTED),
+        ]
         assert rows[0]["number"] == 1
         assert rows[1]["number"] is None
         with open_run(path) as run:
@@ -277,8 +324,15 @@ def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(hodo: Hodo, tmp
 
 def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> None:
     figure = "figures: {a: {kind: hodograph, cases: turning}}\n"
-    (tmp_path / "c.yaml").write_text(CONFIG.replace("EXPECT", REPRODUCED) + figure, encoding="utf-8")
-    for command in ("run c.yaml", "classify runs/c.h5", "claims runs/c.h5", "plot runs/c.h5 --out page"):
+    (tmp_path / "c.yaml").write_text(
+        CONFIG.replace("EXPECT", REPRODUCED) + figure, encoding="utf-8"
+    )
+    for command in (
+        "run c.yaml",
+        "classify runs/c.h5",
+        "claims runs/c.h5",
+        "plot runs/c.h5 --out page",
+    ):
         hodo(*command.split())
     page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
     assert "What the text says" in page
@@ -287,7 +341,9 @@ def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> N
 
 
 def test_the_example_of_the_readme_is_a_claim() -> None:
-    blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(
+        r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL
+    )
     case_file, claims = (block for block in blocks if block.startswith(("title:", "claims:")))
     assert parse(case_file + claims, "README.md").claims[0]["cases"] == ("turning",)
 
@@ -305,14 +361,26 @@ def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "line"),
     [
-        ("cases: turnin", "17:60: cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: turning, given-up)"),
-        ("cases: turning, over: {set: {damping.3: 1}}", "17:82: over.set.damping.3: is no key of case turning"),
-        ("cases: turning, over: {random: {damping.0: 1}}", "17:96: over.random.damping.0: wants 2 numbers, not 1"),
+        (
+            "cases: turnin",
+            "17:60: cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: turning, given-up)",
+        ),
+        (
+            "cases: turning, over: {set: {damping.3: 1}}",
+            "17:82: over.set.damping.3: is no key of case turning",
+        ),
+        (
+            "cases: turning, over: {random: {damping.0: 1}}",
+            "17:96: over.random.damping.0: wants 2 numbers, not 1",
+        ),
         (
             "cases: turning, over: {grid: {damping.0: []}}",
             "17:94: over.grid.damping.0: wants a list of one or more: number, or a mapping, not a list of 0",
         ),
-        ("cases: turning, seed: 3", f"17:69: seed: unknown key (valid: {', '.join(claim_block.CLAIM)})"),
+        (
+            "cases: turning, seed: 3",
+            f"17:69: seed: unknown key (valid: {', '.join(claim_block.CLAIM)})",
+        ),
     ],
 )
 def test_a_wrong_claim_is_named_with_its_place(wrong: str, line: str) -> None:
@@ -327,7 +395,8 @@ def test_a_wrong_claim_is_named_with_its_place(wrong: str, line: str) -> None:
 
 @pytest.fixture(scope="module")
 def judged(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, dict[str, Any]]]:
-    """The verdicts on every claim of the papers, by paper and id; made by the commands, as a user would."""
+    """The verdicts on every claim of the papers, by paper and id; made by the commands, as a user
+    would."""
     import subprocess
     import sysconfig
 
@@ -335,25 +404,37 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, dict
     script = Path(sysconfig.get_path("scripts")) / "hodo"
     found = {}
     for paper in PAPERS:
-        for command in (("run", ROOT / "configs" / f"{paper}.yaml", "--quiet"), ("classify", f"runs/{paper}.h5")):
+        for command in (
+            ("run", ROOT / "configs" / f"{paper}.yaml", "--quiet"),
+            ("classify", f"runs/{paper}.h5"),
+        ):
             subprocess.run([script, *command], cwd=folder, check=True, capture_output=True)
         done = subprocess.run(
-            [script, "claims", f"runs/{paper}.h5", "--json"], cwd=folder, capture_output=True, text=True
+            [script, "claims", f"runs/{paper}.h5", "--json"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
         )
         found[paper] = {row["id"]: row for row in json.loads(done.stdout)}
     return found
 
 
 @pytest.mark.heyoka
-def test_every_claim_of_the_papers_has_the_verdict_expected(judged: Mapping[str, Mapping[str, Any]]) -> None:
+def test_every_claim_of_the_papers_has_the_verdict_expected(
+    judged: Mapping[str, Mapping[str, Any]],
+) -> None:
     for paper, rows in judged.items():
         assert [*rows] == [claim["id"] for claim in load(ROOT / "configs" / f"{paper}.yaml").claims]
-        differing = {name: row["verdict"] for name, row in rows.items() if row["verdict"] != row["expect"]}
+        differing = {
+            name: row["verdict"] for name, row in rows.items() if row["verdict"] != row["expect"]
+        }
         assert not differing
 
 
 @pytest.mark.heyoka
-def test_the_numbers_that_decide_are_those_found_by_other_means(judged: Mapping[str, Mapping[str, Any]]) -> None:
+def test_the_numbers_that_decide_are_those_found_by_other_means(
+    judged: Mapping[str, Mapping[str, Any]],
+) -> None:
     one, two, three = (judged[paper] for paper in PAPERS)
     assert one["fig4-separatrix"]["evidence"] == "305.358955167 (x1 to x3)"
     assert one["fig1-curve-3"]["number"] == pytest.approx(0.0535 / 1.0777**2, rel=1e-3)
@@ -361,9 +442,13 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(judged: Mapping[
     assert one["fig10-fig11-area"]["evidence"] == "reach_smallest: 0.0464777, 0.0821772"
     assert one["fig16-area"]["number"] == pytest.approx(0.0017, rel=0.03)
     assert one["fig18-area"]["number"] == pytest.approx(0.0216, rel=0.01)
-    assert one["x1-stays"]["number"] == pytest.approx(0.47, abs=0.05)  # two standard deviations of 400 starts
+    assert one["x1-stays"]["number"] == pytest.approx(
+        0.47, abs=0.05
+    )  # two standard deviations of 400 starts
     assert one["x3-unstable"]["number"] == pytest.approx(0.95, abs=0.022)
-    assert two["limits-as-printed"]["evidence"].startswith("x = 0.766997, 0.792158, 0.502956, 0.600701 (said")
+    assert two["limits-as-printed"]["evidence"].startswith(
+        "x = 0.766997, 0.792158, 0.502956, 0.600701 (said"
+    )
     assert two["limits"]["evidence"].startswith("x = 1.23706, 1.21575, 1.53762, 1.45569 (said")
     assert two["M1-M2-vanish"]["evidence"] == "x_at_end_of_spin: 0.999019, 1.53762"
     assert three["case3-Gz"]["number"] == pytest.approx(0.0012, rel=0.02)

@@ -1,4 +1,5 @@
-"""Labels and crossings: what counts as one, at every scale, whatever the sampling and the engine."""
+"""Labels and crossings: what counts as one, at every scale, whatever the sampling and the
+engine."""
 
 import math
 from dataclasses import replace
@@ -23,10 +24,16 @@ BODY = (1.0, 0.8, 0.6)
 CROSSING = 305.3589551667112034886  # of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv
 
 
-def diagonal(damping: float | tuple[float, ...], start: tuple[float, ...], **common: object) -> Case:
+def diagonal(
+    damping: float | tuple[float, ...], start: tuple[float, ...], **common: object
+) -> Case:
     inertia, time = common.pop("inertia", BODY), common.pop("time", Time(end=1000.0, samples=101))
     damping = damping if isinstance(damping, tuple) else (damping,) * 3
-    data = {"inertia": inertia, "damping": damping, "initial": dict(zip("pqr", start, strict=True)) | {"G": None}}
+    data = {
+        "inertia": inertia,
+        "damping": damping,
+        "initial": dict(zip("pqr", start, strict=True)) | {"G": None},
+    }
     return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)  # type: ignore[arg-type]
 
 
@@ -38,11 +45,13 @@ def found(case: Case) -> Classification:
 FIG4 = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74))
 
 ON_SEPARATRIX = (math.sqrt(0.6), 0.3, 1.0)
-"""D = 0 but for the rounding of the root: D = A1(A1-A2) p^2 - A3(A2-A3) r^2 = 0.2 p^2 - 0.12 r^2."""
+"""D = 0 but for the rounding of the root: D = A1(A1-A2) p^2 - A3(A2-A3) r^2 = 0.2 p^2 - 0.12
+r^2."""
 
 
 def test_rounding_makes_no_crossings() -> None:
-    # D stays at a few ulps for ever here, and its sign is noise: heyoka alone reports dozens of roots.
+    # D stays at a few ulps for ever here, and its sign is noise: heyoka alone reports dozens of
+    # roots.
     for damping in (0.0, 0.01):
         case = diagonal(damping, ON_SEPARATRIX)
         classification = found(case)
@@ -50,7 +59,9 @@ def test_rounding_makes_no_crossings() -> None:
         assert classification.labels[0] == rigid_body.SEPARATRIX
 
 
-@pytest.mark.parametrize(("damping", "end"), [((0.005, 0.004, 0.003), 3), ((0.003, 0.004, 0.005), 1)])
+@pytest.mark.parametrize(
+    ("damping", "end"), [((0.005, 0.004, 0.003), 3), ((0.003, 0.004, 0.005), 1)]
+)
 def test_a_start_on_the_separatrix_is_no_crossing(damping: tuple[float, ...], end: int) -> None:
     classification = found(diagonal(damping, ON_SEPARATRIX))
     assert not classification.crossings
@@ -74,7 +85,9 @@ def test_rotation_about_the_middle_axis_is_the_separatrix() -> None:
         (BODY, (0.0, 0.0, 0.0), rigid_body.UNDETERMINED),
     ],
 )
-def test_labels_name_the_body_axes_as_given(inertia: tuple[float, ...], start: tuple[float, ...], label: int) -> None:
+def test_labels_name_the_body_axes_as_given(
+    inertia: tuple[float, ...], start: tuple[float, ...], label: int
+) -> None:
     assert set(found(diagonal(0.001, start, inertia=inertia)).labels) == {label}
 
 
@@ -92,7 +105,9 @@ def test_crossings_do_not_depend_on_the_sampling(samples: int) -> None:
     assert (crossing.start, crossing.end) == (1, 3)
 
 
-@pytest.mark.parametrize(("method", "bound"), [("DOP853", 1e-11), ("RK45", 1e-6), ("LSODA", 1e-6), ("Radau", 1e-6)])
+@pytest.mark.parametrize(
+    ("method", "bound"), [("DOP853", 1e-11), ("RK45", 1e-6), ("LSODA", 1e-6), ("Radau", 1e-6)]
+)
 def test_every_engine_finds_the_same_crossing_to_its_own_error(method: str, bound: float) -> None:
     case = replace(FIG4, method=method, time=Time(end=400.0, samples=3))
     if method == "Radau":
@@ -110,8 +125,13 @@ def test_a_stored_motion_that_is_not_the_case_s_is_refused() -> None:
 
 
 def test_labels_and_crossings_as_they_are_stored() -> None:
-    group = labelled(Classification(np.array([1, 3], dtype=np.int8), (Crossing(1.0, 1, 3, 0.5, 1e-12),)))
-    assert group.variables["enclosed_axis"].attributes["flag_meanings"] == "undetermined separatrix x1 x2 x3"
+    group = labelled(
+        Classification(np.array([1, 3], dtype=np.int8), (Crossing(1.0, 1, 3, 0.5, 1e-12),))
+    )
+    assert (
+        group.variables["enclosed_axis"].attributes["flag_meanings"]
+        == "undetermined separatrix x1 x2 x3"
+    )
     assert group.variables["enclosed_axis"].attributes["flag_values"].dtype == np.int8
     assert group.variables["crossing_from"].data.tolist() == [1]
 
@@ -120,8 +140,8 @@ def test_labels_and_crossings_as_they_are_stored() -> None:
 
 
 def sides_of(values: list[float], roots: list[int]) -> list[tuple[int, int]]:
-    """The crossings seen when D / (sum of its terms) takes these values at whole times, with an engine's report of
-    a root in each of the steps listed."""
+    """The crossings seen when D / (sum of its terms) takes these values at whole times, with an
+    engine's report of a root in each of the steps listed."""
 
     def dense(time: float) -> np.ndarray:
         i = min(int(time), len(values) - 2)
@@ -150,7 +170,11 @@ def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
     assert sides_of([0.5, 1e-17, -1e-17, 1e-17, -0.5], [1, 2, 3]) == [(1, 3)]
 
 
-@given(st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3), st.permutations([1.0, 0.8, 0.6]), st.integers(-900, 900))
+@given(
+    st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3),
+    st.permutations([1.0, 0.8, 0.6]),
+    st.integers(-900, 900),
+)
 def test_a_label_is_the_sign_of_the_separatrix_function(
     omega: list[float], inertia: list[float], exponent: int
 ) -> None:
@@ -167,7 +191,8 @@ def test_a_label_is_the_sign_of_the_separatrix_function(
 
 @pytest.mark.heyoka
 def test_the_side_of_the_start_is_that_of_its_label() -> None:
-    # Near the middle axis D stands out of the noise only after the crossing, but the start itself has no noise.
+    # Near the middle axis D stands out of the noise only after the crossing, but the start itself
+    # has no noise.
     body = (0.999999, 0.4722878378595431, 1.0)
     start = (0.6660700208488779, 4.4023755025267474e-10, 2.1978022028665094e-07)
     damping = (0.0020559210260287066, 0.00413584962737225, 0.0018788737484742401)
@@ -178,15 +203,20 @@ def test_the_side_of_the_start_is_that_of_its_label() -> None:
 
 @pytest.mark.heyoka
 def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -> None:
-    # In units of its own at every event, the second integration of a growing motion stops some steps earlier.
+    # In units of its own at every event, the second integration of a growing motion stops some
+    # steps earlier.
     data = {
         "inertia": BODY,
         "resistance": ((-10.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)),
         "initial": {"p": 1.0, "q": 0.0, "r": 0.0, "G": None},
     }
-    case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=2001))
+    case = Case(
+        name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=2001)
+    )
     motion = integrate(case)
-    classification = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    classification = classify(
+        case, motion.method, motion.tol, motion.error, motion.variables["omega"]
+    )
     assert motion.status == "failed"
     assert classification.labels.shape == motion.time.shape
     few = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"][:5])
@@ -195,7 +225,8 @@ def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -
 
 @pytest.mark.heyoka
 def test_a_motion_that_dies_out_about_the_middle_axis_keeps_no_side() -> None:
-    # p and r fall to 1e-16 of q at a time of about 3, and far below the smallest double: their sign of D is noise.
+    # p and r fall to 1e-16 of q at a time of about 3, and far below the smallest double: their sign
+    # of D is noise.
     case = diagonal((30.0, 10.0, 20.0), (0.7, 0.3, 0.3), time=Time(end=200.0, samples=201))
     classification = found(case)
     assert [(c.start, c.end) for c in classification.crossings] == [(1, 3)]

@@ -1,4 +1,5 @@
-"""The commands as a user runs them: processes, exit statuses, what they print and what they leave alone."""
+"""The commands as a user runs them: processes, exit statuses, what they print and what they leave
+alone."""
 
 import json
 from pathlib import Path
@@ -34,7 +35,17 @@ def test_the_main_job(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     ran = hodo("run", config)
     assert ran.returncode == 0, ran.stderr
     header, *lines = ran.stdout.splitlines()
-    assert header.split() == ["case", "model", "form", "method", "steps", "run", "time", "error", "warnings"]
+    assert header.split() == [
+        "case",
+        "model",
+        "form",
+        "method",
+        "steps",
+        "run",
+        "time",
+        "error",
+        "warnings",
+    ]
     assert [line.split()[0] for line in lines] == ["turns", "stays"]
     labelled = hodo("classify", "runs/two.h5")
     assert labelled.returncode == 0, labelled.stderr
@@ -112,6 +123,8 @@ def test_the_schema_accepts_the_papers(hodo: Hodo) -> None:
     assert "| key |" in hodo("schema", "--table").stdout.splitlines()[0].replace("`", "")
 
 
-@pytest.mark.parametrize("config", sorted((ROOT / "configs").glob("paper*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "config", sorted((ROOT / "configs").glob("paper*.yaml")), ids=lambda path: path.stem
+)
 def test_every_config_of_the_papers_can_be_planned(hodo: Hodo, config: Path) -> None:
     assert hodo("run", config, "--dry-run").returncode == 0

@@ -1,4 +1,5 @@
-"""Comparing results: every kind of difference is found, and nothing else; the stored datasets are right."""
+"""Comparing results: every kind of difference is found, and nothing else; the stored datasets are
+right."""
 
 import csv
 import json
@@ -30,10 +31,14 @@ def groups(names: tuple[str, ...] = CASES) -> dict[str, Group]:
     """Some cases of paper 1's reference, free to be changed."""
     with open_run(REFERENCE / "paper1.h5") as run:
         found = {name: run.read(name) for name in names}
-    return {name: Group(dict(group.attributes), dict(group.variables)) for name, group in found.items()}
+    return {
+        name: Group(dict(group.attributes), dict(group.variables)) for name, group in found.items()
+    }
 
 
-def compared(tmp_path: Path, change: Change, tolerance: Tolerance = STORED, reference: Change = len) -> list[Line]:
+def compared(
+    tmp_path: Path, change: Change, tolerance: Tolerance = STORED, reference: Change = len
+) -> list[Line]:
     """The reference, changed, against the reference."""
     paths = []
     for name, each in (("a", change), ("b", reference)):
@@ -87,7 +92,9 @@ def test_twice_the_tolerance_in_one_sample_is_found_and_half_of_it_is_not(tmp_pa
 
 
 def test_a_crossing_has_a_tolerance_of_its_own(tmp_path: Path) -> None:
-    assert found(compared(tmp_path, shifted("fig12", "crossing_time", (1,), 2))) == [("fig12", "crossing_time")]
+    assert found(compared(tmp_path, shifted("fig12", "crossing_time", (1,), 2))) == [
+        ("fig12", "crossing_time")
+    ]
     lines = compared(tmp_path, shifted("fig12", "crossing_time", (1,), 0.5))
     assert not found(lines)
     assert max(line.scaled for line in lines) == pytest.approx(0.5, rel=1e-3)
@@ -117,10 +124,12 @@ def test_a_lost_crossing_is_found(tmp_path: Path) -> None:
 
 def test_a_dropped_case_an_extra_one_and_a_failed_one_are_found(tmp_path: Path) -> None:
     assert found(compared(tmp_path, lambda cases: cases.pop("fig4"))) == [("fig4", "")]
-    assert found(compared(tmp_path, len, reference=lambda cases: cases.pop("fig4"))) == [("fig4", "")]
-    assert found(compared(tmp_path, lambda cases: cases["fig4"].attributes.update(status="failed"))) == [
-        ("fig4", "status")
+    assert found(compared(tmp_path, len, reference=lambda cases: cases.pop("fig4"))) == [
+        ("fig4", "")
     ]
+    assert found(
+        compared(tmp_path, lambda cases: cases["fig4"].attributes.update(status="failed"))
+    ) == [("fig4", "status")]
 
 
 def test_a_value_that_is_no_number_is_found_and_equals_its_like(tmp_path: Path) -> None:
@@ -135,7 +144,9 @@ def test_a_value_that_is_no_number_is_found_and_equals_its_like(tmp_path: Path) 
 
 
 def test_a_variable_that_is_gone_is_found(tmp_path: Path) -> None:
-    assert found(compared(tmp_path, lambda cases: cases["fig4"].variables.pop("omega"))) == [("fig4", "omega")]
+    assert found(compared(tmp_path, lambda cases: cases["fig4"].variables.pop("omega"))) == [
+        ("fig4", "omega")
+    ]
 
 
 def test_tolerances_given_replace_the_stored_ones(tmp_path: Path) -> None:
@@ -187,10 +198,15 @@ def test_results_of_other_experiments_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.heyoka
-def test_the_program_meets_the_reference_and_a_damping_off_by_1e_9_does_not(hodo: Hodo, tmp_path: Path) -> None:
+def test_the_program_meets_the_reference_and_a_damping_off_by_1e_9_does_not(
+    hodo: Hodo, tmp_path: Path
+) -> None:
     config = ROOT / "configs" / "paper1.yaml"
     for name, options in (("same", []), ("off", ["--set", "fig4.damping.0=0.005000000005"])):
-        assert hodo("run", config, "--case", "fig4", "--out", name, "--quiet", *options).returncode == 0
+        assert (
+            hodo("run", config, "--case", "fig4", "--out", name, "--quiet", *options).returncode
+            == 0
+        )
         assert hodo("classify", f"{name}/paper1.h5").returncode == 0
     differing = {}
     for name in ("same", "off"):
@@ -236,7 +252,21 @@ def check(values: np.ndarray, exact: list[list[object]]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["fig1-1", "fig1-4", "fig2-2", "fig3-2", "fig4", "fig6", "fig7", "fig8", "fig11", "fig12", "fig14", "fig18"]
+    "name",
+    [
+        "fig1-1",
+        "fig1-4",
+        "fig2-2",
+        "fig3-2",
+        "fig4",
+        "fig6",
+        "fig7",
+        "fig8",
+        "fig11",
+        "fig12",
+        "fig14",
+        "fig18",
+    ],
 )
 def test_states_of_paper_1_agree_with_the_series(name: str) -> None:
     group, times = sampled("paper1", name, [3, -1])
@@ -272,9 +302,13 @@ def test_events_of_every_figure_agree_with_the_series(paper: int, events: int) -
         exact = [row for row in table if row["case"] == case]
         if not exact:
             continue
-        prefix, value = ("crossing", data["crossing_G"].data) if paper == 1 else ("event", data["x"].data[-1:])
+        prefix, value = (
+            ("crossing", data["crossing_G"].data) if paper == 1 else ("event", data["x"].data[-1:])
+        )
         # To the rounding of a double.
-        assert data[f"{prefix}_time"].data == pytest.approx([float(row["time"]) for row in exact], rel=3e-16, abs=0)
+        assert data[f"{prefix}_time"].data == pytest.approx(
+            [float(row["time"]) for row in exact], rel=3e-16, abs=0
+        )
         assert value == pytest.approx([float(row["value"]) for row in exact], rel=4e-16, abs=0)
         if paper == 1:
             ends = zip(data["crossing_from"].data, data["crossing_to"].data, strict=True)
@@ -296,7 +330,12 @@ def test_states_of_paper_3_agree_with_the_series() -> None:
     case = parse_case(group.attributes["case"])
     data, start = case.data, find(case.model, case.form).start(case.data)
     system = series.lagrange(
-        data["inertia"]["A"], data["inertia"]["C"], data["mu"], data["epsilon"], data["a"], data["b"]
+        data["inertia"]["A"],
+        data["inertia"]["C"],
+        data["mu"],
+        data["epsilon"],
+        data["a"],
+        data["b"],
     )
     exact = series.states(system, (*start, 0), times)
     stored = np.hstack([group.variables[name].data[[7, -1]] for name in ("omega", "gamma")])
@@ -317,8 +356,18 @@ def test_the_table_of_crossings_lists_what_the_datasets_hold() -> None:
         with open_run(path) as run:
             for name in run.cases():
                 data = run.read(name).variables
-                stored = [*(data[key].data.tolist() for key in ("crossing_time", "event_time") if key in data)]
-                listed = [float(row["time"]) for row in rows if (row["paper"], row["case"]) == (path.stem, name)]
+                stored = [
+                    *(
+                        data[key].data.tolist()
+                        for key in ("crossing_time", "event_time")
+                        if key in data
+                    )
+                ]
+                listed = [
+                    float(row["time"])
+                    for row in rows
+                    if (row["paper"], row["case"]) == (path.stem, name)
+                ]
                 assert listed == [time for times in stored for time in times]
 
 
@@ -326,4 +375,7 @@ def test_a_variable_without_a_tolerance_has_the_default_one() -> None:
     plain = Variable(("time",), np.ones(1))
     assert Tolerance().of("omega", plain) == (1e-9, 0.0)
     assert Tolerance().of("crossing_time", plain) == (pytest.approx(1e-7), 0.0)
-    assert Tolerance(1e-3, 2.0).of("omega", Variable(("time",), np.ones(1), {"rtol": 1e-12})) == (1e-3, 2.0)
+    assert Tolerance(1e-3, 2.0).of("omega", Variable(("time",), np.ones(1), {"rtol": 1e-12})) == (
+        1e-3,
+        2.0,
+    )

@@ -21,7 +21,8 @@ def by_program(case):
     """The crossings, and the relative error that their times may have."""
     motion = integrate(case)
     classified = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
-    # Without heyoka DOP853 is right to some 1e-11, and a time is up to a thousand times worse conditioned than a state.
+    # Without heyoka DOP853 is right to some 1e-11, and a time is up to a thousand times worse
+    # conditioned than a state.
     return classified.crossings, 1e-12 if motion.method in ("taylor", "exact") else 1e-8
 
 
@@ -31,7 +32,9 @@ def by_reference(A, resistance, start, end):
         system = series.diagonal(A, resistance)
     else:
         diagonal, off_diagonal = resistance
-        system = series.tensor(A, [[diagonal if i == j else off_diagonal for j in range(3)] for i in range(3)])
+        system = series.tensor(
+            A, [[diagonal if i == j else off_diagonal for j in range(3)] for i in range(3)]
+        )
     return series.crossings(A, system, start, end, bits=128 + round(1.5 * max(resistance) * end))
 
 
@@ -43,7 +46,10 @@ def axes(crossings):
 def test_crossings_of_the_figures(name):
     case = PAPER1[name]
     A, start = case.data["inertia"], find(case.model, case.form).start(case.data)
-    given = case.data.get("damping") or (case.data["resistance"]["diagonal"], case.data["resistance"]["off_diagonal"])
+    given = case.data.get("damping") or (
+        case.data["resistance"]["diagonal"],
+        case.data["resistance"]["off_diagonal"],
+    )
     expected = by_reference(A, given, start, case.time.end)
     crossings, tolerance = by_program(case)
     assert axes(crossings) == [(c.before, c.after) for c in expected]
@@ -53,26 +59,37 @@ def test_crossings_of_the_figures(name):
 
 
 thousandths = st.integers(-1000, 1000).map(lambda n: n / 1000)
-bodies = st.tuples(*[st.integers(200, 1000).map(lambda n: n / 1000)] * 3).filter(lambda A: 2 * max(A) <= sum(A))
+bodies = st.tuples(*[st.integers(200, 1000).map(lambda n: n / 1000)] * 3).filter(
+    lambda A: 2 * max(A) <= sum(A)
+)
 dampings = st.tuples(*[st.integers(0, 200).map(lambda n: n / 10000)] * 3)
 
 
 @pytest.mark.heyoka
 @given(A=bodies, lam=dampings, start=st.tuples(*[thousandths] * 3))
 def test_one_crossing_at_most_and_its_direction(A, lam, start):
-    """Where D = 0, dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, l and s of largest and smallest inertia."""
+    """Where D = 0, dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, l and s of largest and
+    smallest inertia."""
     largest, middle, smallest = sorted(range(3), key=lambda i: -A[i])
     outer = A[largest] * (A[largest] - A[middle]) * start[largest] ** 2
     inner = A[smallest] * (A[middle] - A[smallest]) * start[smallest] ** 2
     assume(abs(outer - inner) > 1e-9 * (outer + inner))  # else the first digit of the data decides
-    data = {"inertia": A, "damping": lam, "initial": dict(zip("pqr", start, strict=True)) | {"G": None}}
+    data = {
+        "inertia": A,
+        "damping": lam,
+        "initial": dict(zip("pqr", start, strict=True)) | {"G": None},
+    }
     case = Case("random", "linear-diag", "full", data, Time(end=200.0, samples=11))
     crossings, tolerance = by_program(case)
     expected = by_reference(A, lam, start, 200)
     assert axes(crossings) == [(c.before, c.after) for c in expected]
     if crossings:
         (crossing,), (exact,) = crossings, expected
-        ends = (largest + 1, smallest + 1) if lam[largest] > lam[smallest] else (smallest + 1, largest + 1)
+        ends = (
+            (largest + 1, smallest + 1)
+            if lam[largest] > lam[smallest]
+            else (smallest + 1, largest + 1)
+        )
         assert (crossing.start, crossing.end) == ends
         assert lam[largest] != lam[smallest]
         error = abs(crossing.time - exact.time)

@@ -1,4 +1,5 @@
-"""Runs on a dask scheduler with two worker processes, all on the loopback interface, one of them killed on the way."""
+"""Runs on a dask scheduler with two worker processes, all on the loopback interface, one of them
+killed on the way."""
 
 import json
 import os
@@ -47,7 +48,9 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
     def start(what: str, *options: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{what}", *common, *options]
-        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path)
+        return subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path
+        )
 
     running = [start("dask_scheduler", "--port", "0")]
     try:
@@ -80,16 +83,35 @@ def equal(a: Path, b: Path) -> None:
             assert ours[case].attrs["status"] == "ok"
             for name, values in ours[case].items():
                 if values.dtype.kind in "if":
-                    assert np.array_equal(values[...], theirs[case][name][...], equal_nan=True), f"{case}/{name}"
+                    assert np.array_equal(values[...], theirs[case][name][...], equal_nan=True), (
+                        f"{case}/{name}"
+                    )
 
 
 @pytest.mark.heyoka
-def test_a_worker_that_is_killed_costs_only_a_retry(tmp_path: Path, hodo: Hodo, cluster: Cluster) -> None:
+def test_a_worker_that_is_killed_costs_only_a_retry(
+    tmp_path: Path, hodo: Hodo, cluster: Cluster
+) -> None:
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "60000"), encoding="utf-8")
-    command = [sys.executable, "-m", "hodo_cli.cli", "run", "a.yaml", "--scheduler", cluster.address, "--out", "far"]
-    running = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    command = [
+        sys.executable,
+        "-m",
+        "hodo_cli.cli",
+        "run",
+        "a.yaml",
+        "--scheduler",
+        cluster.address,
+        "--out",
+        "far",
+    ]
+    running = subprocess.Popen(
+        command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+    )
     deadline = time.monotonic() + 60
-    while len(list(tmp_path.glob("far/.a.h5.*.partial/part-*.h5"))) < 2 and time.monotonic() < deadline:
+    while (
+        len(list(tmp_path.glob("far/.a.h5.*.partial/part-*.h5"))) < 2
+        and time.monotonic() < deadline
+    ):
         assert running.poll() is None
         time.sleep(0.01)
     os.kill(cluster.workers[0].pid, signal.SIGKILL)
@@ -114,7 +136,9 @@ def test_a_cluster_of_this_machine(tmp_path: Path, hodo: Hodo) -> None:
 
 
 @pytest.mark.parametrize("wrong", ["nonsense", "tcp://127.0.0.1:1"])
-def test_a_scheduler_that_does_not_answer_is_bad_input(tmp_path: Path, hodo: Hodo, wrong: str) -> None:
+def test_a_scheduler_that_does_not_answer_is_bad_input(
+    tmp_path: Path, hodo: Hodo, wrong: str
+) -> None:
     (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "6"), encoding="utf-8")
     done = hodo("run", "a.yaml", "--scheduler", wrong, timeout=120)
     assert done.returncode == 2

@@ -1,7 +1,8 @@
 """Result files as xarray datasets.
 
-netCDF4 brings an HDF5 library of its own and must not meet that of h5py, which other tests load: what is tested here
-runs in fresh interpreters, on the committed sample of the format and files made from it.
+netCDF4 brings an HDF5 library of its own and must not meet that of h5py, which other tests load:
+what is tested here runs in fresh interpreters, on the committed sample of the format and files made
+from it.
 """
 
 import os

@@ -1,8 +1,10 @@
-"""The closed forms against two computations that share nothing with them: Taylor series in big integers, and the
-formulas of the literature (sn, cn, dn with an initial phase and signs by cases) in high precision.
+"""The closed forms against two computations that share nothing with them: Taylor series in big
+integers, and the formulas of the literature (sn, cn, dn with an initial phase and signs by cases)
+in high precision.
 
-Unless said otherwise an error is bounded by 1e-15 (1 + |omega0| |t|) relative to |omega|: the phase n t is rounded
-a few times, so an error of some 1e-16 grows with the angle turned. The worst seen in thousands of bodies is 0.27 of it.
+Unless said otherwise an error is bounded by 1e-15 (1 + |omega0| |t|) relative to |omega|: the phase
+n t is rounded a few times, so an error of some 1e-16 grows with the angle turned. The worst seen in
+thousands of bodies is 0.27 of it.
 """
 
 import itertools
@@ -27,11 +29,17 @@ EVEN = [0, 1, 2], [1, 2, 0], [2, 0, 1]
 
 
 def reference(
-    A: Sequence[float], omega0: Sequence[float], lam: float, times: Sequence[float], digits: int = 60
+    A: Sequence[float],
+    omega0: Sequence[float],
+    lam: float,
+    times: Sequence[float],
+    digits: int = 60,
 ) -> list[mpmath.matrix]:
-    """Equal damping by the formulas of P1 (6), mended: with a phase, forwards in time, for any order of A, any sign.
+    """Equal damping by the formulas of P1 (6), mended: with a phase, forwards in time, for any
+    order of A, any sign.
 
-    1 - k^2 is a difference here: near the separatrix the digits must outnumber the zeros it begins with.
+    1 - k^2 is a difference here: near the separatrix the digits must outnumber the zeros it begins
+    with.
     """
     order = sorted(range(3), key=lambda i: -A[i])
     hand = 1 if order in EVEN else -1  # omega is a pseudovector
@@ -60,7 +68,11 @@ def free(A1, A2, A3, p, q, r):
     sn, cn, dn = (lambda u, kind=kind: mpmath.ellipfun(kind, u, m=m) for kind in ("sn", "cn", "dn"))
     if D == 0:
         n = mpmath.sqrt((A2 - A3) * Y / (A1 * A2 * A3))
-        a1, a2, a3 = mpmath.sign(p) * a1, -mpmath.sign(p * r) * mpmath.sqrt(X / (A2 * (A2 - A3))), mpmath.sign(r) * a3
+        a1, a2, a3 = (
+            mpmath.sign(p) * a1,
+            -mpmath.sign(p * r) * mpmath.sqrt(X / (A2 * (A2 - A3))),
+            mpmath.sign(r) * a3,
+        )
         u = mpmath.atanh(q / a2)
         sn, cn, dn = mpmath.tanh, mpmath.sech, mpmath.sech
     elif D < 0:
@@ -79,7 +91,12 @@ def errors(found: np.ndarray, truth: Sequence[mpmath.matrix]) -> np.ndarray:
     """|found - truth| / |truth|, sample by sample; the difference is taken in high precision."""
     with mpmath.workdps(40):
         differences = [mpmath.matrix(row) - w for row, w in zip(found.tolist(), truth, strict=True)]
-        return np.array([float(mpmath.norm(d) / mpmath.norm(w)) for d, w in zip(differences, truth, strict=True)])
+        return np.array(
+            [
+                float(mpmath.norm(d) / mpmath.norm(w))
+                for d, w in zip(differences, truth, strict=True)
+            ]
+        )
 
 
 def limit(omega0: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -87,14 +104,19 @@ def limit(omega0: np.ndarray, times: np.ndarray) -> np.ndarray:
     return 1e-15 * (1 + np.linalg.norm(omega0) * np.abs(times))
 
 
-def assert_free_motion(A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int = 60) -> None:
+def assert_free_motion(
+    A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int = 60
+) -> None:
     """Free motion as given by the reference, to `limit`."""
     truth = reference(A, omega0, 0, times, digits)
     assert (errors(closed_form.free_motion(A, omega0, times), truth) <= limit(omega0, times)).all()
 
 
-def ulp_effect(A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int = 60) -> np.ndarray:
-    """How far one ulp in each datum moves the free motion, relative to |omega|: the sum over the six data."""
+def ulp_effect(
+    A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int = 60
+) -> np.ndarray:
+    """How far one ulp in each datum moves the free motion, relative to |omega|: the sum over the
+    six data."""
     truth = reference(A, omega0, 0, times, digits)
     moved = np.zeros(len(times))
     for i in range(3):
@@ -112,7 +134,8 @@ def ulp_effect(A: np.ndarray, omega0: np.ndarray, times: np.ndarray, digits: int
 
 @st.composite
 def bodies(draw: st.DrawFn) -> np.ndarray:
-    """Moments of inertia in any order that obey the triangle inequality; often symmetric, thin or nearly spherical."""
+    """Moments of inertia in any order that obey the triangle inequality; often symmetric, thin or
+    nearly spherical."""
     size = st.one_of(st.floats(0.01, 1), st.sampled_from([1e-6, 0.25, 0.5, 0.5 + 1e-12]))
     x, y, z = draw(size), draw(size), draw(size)
     return np.array([y + z, z + x, x + y])
@@ -123,18 +146,27 @@ def starts(draw: st.DrawFn, smallest: int = -100) -> np.ndarray:
     """Angular velocities of size about 1, of all signs, often on or beside an axis."""
     mantissa = st.floats(0.1, 1)
     exponent = st.sampled_from([0, 0, 0, 0, -3, max(-12, smallest), smallest])
-    parts = [draw(mantissa) * 10.0 ** draw(exponent) * draw(st.sampled_from([-1, 1, 1, -1, 0])) for _ in range(3)]
+    parts = [
+        draw(mantissa) * 10.0 ** draw(exponent) * draw(st.sampled_from([-1, 1, 1, -1, 0]))
+        for _ in range(3)
+    ]
     parts[draw(st.integers(0, 2))] = draw(mantissa) * draw(st.sampled_from([-1, 1]))
     return np.array(parts)
 
 
-def arrangements(A: Sequence[float], omega0: Sequence[float]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """A body and its start with the axes in all six orders and, among them, all eight combinations of signs."""
+def arrangements(
+    A: Sequence[float], omega0: Sequence[float]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """A body and its start with the axes in all six orders and, among them, all eight combinations
+    of signs."""
     signs = itertools.cycle(itertools.product([1, -1], repeat=3))
     for order in itertools.permutations(range(3)):
         for _ in range(2):
             sign = next(signs)
-            yield np.array([A[i] for i in order]), np.array([s * omega0[i] for s, i in zip(sign, order, strict=True)])
+            yield (
+                np.array([A[i] for i in order]),
+                np.array([s * omega0[i] for s, i in zip(sign, order, strict=True)]),
+            )
 
 
 DAMPING = st.sampled_from([0.0, 5e-324, 1e-300, 1e-12, 0.005, 0.1, 3.0, -0.1])
@@ -147,17 +179,25 @@ def test_agrees_with_a_taylor_series_of_the_equations(A, omega0, lam):
     times = np.array([0.0, 0.1, 1.0, 8.0])
     states = series.states(series.diagonal(A, [lam] * 3), omega0, times)
     with mpmath.workdps(60):
-        truth = [mpmath.matrix([mpf(x.numerator) / x.denominator for x in state]) for state in states]
+        truth = [
+            mpmath.matrix([mpf(x.numerator) / x.denominator for x in state]) for state in states
+        ]
         for a, b in zip(reference(A, omega0, lam, times), truth, strict=True):
             assert mpmath.norm(a - b) < 1e-30 * mpmath.norm(b), "the other reference is at fault"
-    assert (errors(closed_form.equal_damping(A, omega0, lam, times), truth) <= limit(omega0, times)).all()
+    assert (
+        errors(closed_form.equal_damping(A, omega0, lam, times), truth) <= limit(omega0, times)
+    ).all()
 
 
-# exp(-lam t) is as good as the product lam t: half an ulp of it is 1e-16 lam t. For lam < 0 the phase grows with s > t.
+# exp(-lam t) is as good as the product lam t: half an ulp of it is 1e-16 lam t. For lam < 0 the
+# phase grows with s > t.
 @given(A=bodies(), omega0=starts(), lam=DAMPING)
 def test_agrees_with_the_formulas_of_the_literature(A, omega0, lam):
     times = np.array([-7.0, 0.3, 17.0, 120.0])
-    turned = np.maximum(abs(times), [abs(math.expm1(-lam * t) / lam) if lam > 1e-200 or lam < 0 else 0 for t in times])
+    turned = np.maximum(
+        abs(times),
+        [abs(math.expm1(-lam * t) / lam) if lam > 1e-200 or lam < 0 else 0 for t in times],
+    )
     found = closed_form.equal_damping(A, omega0, lam, times)
     bound = limit(omega0, turned) + 1e-15 * abs(lam * times)
     assert (errors(found, reference(A, omega0, lam, times, 260)) <= bound).all()
@@ -165,8 +205,8 @@ def test_agrees_with_the_formulas_of_the_literature(A, omega0, lam):
 
 @pytest.mark.parametrize("distance", [s * 10.0**-n for n in (3, 6, 9, 12, 15) for s in (1, -1)])
 def test_near_the_separatrix_no_digit_of_the_data_is_lost(distance):
-    """The motion of the data as given is met, although at 1e-15 one ulp in them moves it by 8e-8 at t = 60 and by 2e-4
-    at t = 1000: D is a rational number and computed as such.
+    """The motion of the data as given is met, although at 1e-15 one ulp in them moves it by 8e-8 at
+    t = 60 and by 2e-4 at t = 1000: D is a rational number and computed as such.
     """
     times = np.array([0.0, 5.0, 60.0, 1000.0])
     for A, omega0 in arrangements((1, 0.8, 0.6), (math.sqrt(0.6) * (1 + distance), 0.01, 1.0)):
@@ -175,18 +215,26 @@ def test_near_the_separatrix_no_digit_of_the_data_is_lost(distance):
 
 @pytest.mark.parametrize(
     ("omega0", "end"),
-    [((0.79, 0, 1.02), 1000.0), ((math.sqrt(0.6) * (1 + 1e-9), 0.4, 1.0), 1000.0), ((0.5, 0.25, 1.4), 1e8)],
+    [
+        ((0.79, 0, 1.02), 1000.0),
+        ((math.sqrt(0.6) * (1 + 1e-9), 0.4, 1.0), 1000.0),
+        ((0.5, 0.25, 1.4), 1e8),
+    ],
 )
 def test_errors_are_far_below_what_the_data_allow(omega0, end):
-    """The bound that every method is held to: 1e-13, or 30 times what one ulp in each of the data does."""
+    """The bound that every method is held to: 1e-13, or 30 times what one ulp in each of the data
+    does."""
     A, omega0, times = np.array([1, 0.8, 0.6]), np.array(omega0), np.array([0.01, 1]) * end
     allowed = np.maximum(1e-13, 30 * ulp_effect(A, omega0, times))
     assert allowed[-1] > 1e-10, "the case is not ill-conditioned and shows nothing"
-    assert (errors(closed_form.free_motion(A, omega0, times), reference(A, omega0, 0, times)) <= allowed).all()
+    assert (
+        errors(closed_form.free_motion(A, omega0, times), reference(A, omega0, 0, times)) <= allowed
+    ).all()
 
 
 def test_on_the_separatrix():
-    """A1 (A1 - A2) p^2 = A3 (A2 - A3) r^2 holds exactly: 9 x 16 = 16 x 9. The motion ends on the middle axis."""
+    """A1 (A1 - A2) p^2 = A3 (A2 - A3) r^2 holds exactly: 9 x 16 = 16 x 9. The motion ends on the
+    middle axis."""
     times = np.array([-3.0, 0.0, 1.0, 30.0])
     for A, omega0 in arrangements((9, 8, 4), (4.0, 0.1, 3.0)):
         assert_free_motion(A, omega0, times)
@@ -198,7 +246,8 @@ def test_on_the_separatrix():
 @pytest.mark.parametrize("beside", [1e-3, 1e-12, 1e-170])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_beside_the_principal_axes(axis, beside):
-    """The middle one is left at n t = 7, 28, 391, and passed again and again; 1e-170 squared is no double."""
+    """The middle one is left at n t = 7, 28, 391, and passed again and again; 1e-170 squared is no
+    double."""
     start = [beside, beside, 2 * beside]
     start[axis] = 1.0
     times = np.array([1.0, 30.0, 140.0, 900.0, 2000.0])
@@ -219,7 +268,9 @@ def test_beside_the_principal_axes(axis, beside):
     ],
 )
 def test_steady_rotations_stay_what_they_are(A, omega0):
-    found = closed_form.free_motion(np.array(A), np.array(omega0, dtype=float), np.array([-1.0, 0.0, 1e8]))
+    found = closed_form.free_motion(
+        np.array(A), np.array(omega0, dtype=float), np.array([-1.0, 0.0, 1e8])
+    )
     assert np.array_equal(found, np.tile(omega0, (3, 1)))
 
 
@@ -232,14 +283,22 @@ def test_a_symmetric_body_precesses_regularly():
     assert found == pytest.approx(expected, abs=1e-15)
 
 
-# 2**500 is about 3e150. A power of two changes no digit, so the scaled motion is the same to the last bit.
+# 2**500 is about 3e150. A power of two changes no digit, so the scaled motion is the same to the
+# last bit.
 @given(A=bodies(), omega0=starts(), lam=DAMPING, size=st.sampled_from([-498, 498]))
 def test_every_scale_is_alike(A, omega0, lam, size):
     times = np.array([0.5, 9.0])
-    found = closed_form.equal_damping(A, np.ldexp(omega0, size), np.ldexp(lam, size), np.ldexp(times, -size))
+    found = closed_form.equal_damping(
+        A, np.ldexp(omega0, size), np.ldexp(lam, size), np.ldexp(times, -size)
+    )
     if lam == 0 or abs(lam) > 1e-3:  # smaller ones are rounded by the change of scale
-        assert np.array_equal(found, np.ldexp(closed_form.equal_damping(A, omega0, lam, times), size))
-    assert np.array_equal(closed_form.free_motion(np.ldexp(A, -size), omega0, times), closed_form.free_motion(A, omega0, times))
+        assert np.array_equal(
+            found, np.ldexp(closed_form.equal_damping(A, omega0, lam, times), size)
+        )
+    assert np.array_equal(
+        closed_form.free_motion(np.ldexp(A, -size), omega0, times),
+        closed_form.free_motion(A, omega0, times),
+    )
 
 
 @pytest.mark.parametrize("size", [1e-150, 1e150])
@@ -250,7 +309,8 @@ def test_extreme_sizes(size):
     assert (errors(found, reference(A, omega0, 0.01 * size, times)) <= limit(omega0, times)).all()
 
 
-# T and G^2 are sums of a few squares: their errors are a few times that of omega, and the phase does not enter.
+# T and G^2 are sums of a few squares: their errors are a few times that of omega, and the phase
+# does not enter.
 @given(A=bodies(), omega0=starts(), end=st.sampled_from([1.0, 100.0, 1e8]))
 def test_free_motion_conserves_energy_and_momentum(A, omega0, end):
     omega = closed_form.free_motion(A, omega0, np.linspace(-end, end, 11))
@@ -259,8 +319,9 @@ def test_free_motion_conserves_energy_and_momentum(A, omega0, end):
         assert conserved == pytest.approx(np.full(11, (weights * omega0**2).sum()), rel=1e-14)
 
 
-# The poles of sn, cn, dn are at least pi / (2 |omega|) away in complex time, five times the half width, so a degree of
-# 19 suffices; differentiating magnifies rounding errors by up to 19**2 = 361, about 4e-13 for a few ulps.
+# The poles of sn, cn, dn are at least pi / (2 |omega|) away in complex time, five times the half
+# width, so a degree of 19 suffices; differentiating magnifies rounding errors by up to 19**2 = 361,
+# about 4e-13 for a few ulps.
 @given(A=bodies(), omega0=starts(), lam=st.sampled_from([0, 0.1, 1]), start=st.floats(0, 5))
 def test_satisfies_the_equations_of_motion(A, omega0, lam, start):
     nodes = np.polynomial.chebyshev.chebpts1(20)
@@ -274,9 +335,13 @@ def test_satisfies_the_equations_of_motion(A, omega0, lam, start):
 
 
 def test_decay_far_below_the_smallest_double():
-    """lam t = 0.1 x 1000 leaves e^-100; 0.1 x 1e5 leaves nothing that a double can hold, but the scaled state stays."""
+    """lam t = 0.1 x 1000 leaves e^-100; 0.1 x 1e5 leaves nothing that a double can hold, but the
+    scaled state stays."""
     A, omega0, times = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74]), np.array([1000.0, 1e5])
-    found, truth = closed_form.equal_damping(A, omega0, 0.1, times), reference(A, omega0, 0.1, times)
+    found, truth = (
+        closed_form.equal_damping(A, omega0, 0.1, times),
+        reference(A, omega0, 0.1, times),
+    )
     assert errors(found[:1], truth[:1])[0] <= 1e-15 * 0.1 * 1000
     assert not found[1].any()
     state, exponent = closed_form.scaled_motion(A, omega0, 0.1, times)
@@ -291,7 +356,9 @@ def test_a_rotation_stopped_at_once_keeps_its_direction():
     A, omega0 = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74])
     (state,), (exponent,) = closed_form.scaled_motion(A, omega0, 1e9, np.array([1e3]))
     assert exponent < -(10**9)
-    assert state / np.linalg.norm(state) == pytest.approx(closed_form.final_direction(A, omega0, 1e9), rel=1e-15)
+    assert state / np.linalg.norm(state) == pytest.approx(
+        closed_form.final_direction(A, omega0, 1e9), rel=1e-15
+    )
 
 
 @pytest.mark.parametrize("lam", [1e-3, 0.005, 0.1, 1e4])
@@ -335,7 +402,9 @@ def test_which_cases_have_a_closed_form(keys, expected):
 def test_a_case_begins_at_its_own_start_of_time():
     one = case(model="linear-diag", damping=0.1, time={"start": 3, "end": 13})
     omega0 = np.array([0.5, 1.4, -0.25])
-    expected = closed_form.equal_damping(np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0]))
+    expected = closed_form.equal_damping(
+        np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0])
+    )
     assert np.array_equal(exact.solve(one, np.array([3.0, 13.0])), expected)
     assert expected[0] == pytest.approx(omega0, rel=1e-15)
     state, exponent = exact.solve_scaled(one, np.array([3.0, 13.0]))

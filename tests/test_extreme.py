@@ -1,4 +1,5 @@
-"""Stiff and extreme cases: `auto` is right or says so, in time; the method behind it stands on its own feet."""
+"""Stiff and extreme cases: `auto` is right or says so, in time; the method behind it stands on its
+own feet."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +23,13 @@ from hodo_cli.integration.solve import sample_times, solve
 from hodo_cli.models.base import Model
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
-LONG = {"samples-1e7", "damping-1e6-in-all", "tensor-skew-fast", "top-epsilon-1e-6", "horizon-1e5-weak"}
+LONG = {
+    "samples-1e7",
+    "damping-1e6-in-all",
+    "tensor-skew-fast",
+    "top-epsilon-1e-6",
+    "horizon-1e5-weak",
+}
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
@@ -43,7 +50,9 @@ def test_auto_is_right_or_says_so(name: str) -> None:
         assert result.status in ("accurate", "limited by the data"), result
 
 
-@pytest.mark.parametrize("name", ["damping-1e9", "separatrix-1e-15", "horizon-1e8", "cavity-1e6-triaxial", "top-b-1e6"])
+@pytest.mark.parametrize(
+    "name", ["damping-1e9", "separatrix-1e-15", "horizon-1e8", "cavity-1e6-triaxial", "top-b-1e6"]
+)
 def test_auto_needs_no_taylor_series(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(protocol, "have_taylor", lambda: False)
     began = perf_counter()
@@ -66,7 +75,8 @@ def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:
 
 
 def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:
-    # The spin ends within the first thousandth of the span; close to u2 = u3 only the start is fast.
+    # The spin ends within the first thousandth of the span; close to u2 = u3 only the start is
+    # fast.
     if protocol.have_taylor():
         assert choose(CASES["cavity-averaged-1e6"])[0] == "taylor"
         assert choose(CASES["top-sleeping"])[0] == "taylor"
@@ -74,7 +84,8 @@ def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:
 
 
 def test_the_tableau_meets_its_order_conditions() -> None:
-    # B(2s - 1): the weights integrate t^(n-1) exactly up to order 31; C(s): the rows do up to their point, n <= 16.
+    # B(2s - 1): the weights integrate t^(n-1) exactly up to order 31; C(s): the rows do up to their
+    # point, n <= 16.
     points, integrals, transform = tableau(np.dtype(np.longdouble))
     n = np.arange(1, 2 * STAGES)[:, None]
     assert np.abs((points ** (n - 1)) @ integrals[:, -1] - 1 / n[:, 0]).max() < 1e-15
@@ -87,11 +98,14 @@ def test_the_tableau_meets_its_order_conditions() -> None:
 
 @pytest.mark.heyoka
 def test_collocation_agrees_with_the_series_where_both_can() -> None:
-    # 1e4 decay times, of which the series takes every one: what collocation passes over is not lost.
+    # 1e4 decay times, of which the series takes every one: what collocation passes over is not
+    # lost.
     case = replace(CASES["damping-1e4"], time=Time(start=0.0, end=1.0, samples=101))
     series = solve(case, "taylor", "extended").path
     ours = solve(case, "collocation").path
-    apart = np.abs(np.ldexp(ours.state, (ours.exponent - series.exponent)[:, None]) - series.state).max(axis=1)
+    apart = np.abs(
+        np.ldexp(ours.state, (ours.exponent - series.exponent)[:, None]) - series.state
+    ).max(axis=1)
     assert (apart / np.abs(series.state).max(axis=1)).max() < 1e-14
 
 
@@ -101,7 +115,9 @@ def test_collocation_agrees_with_the_series_where_both_can() -> None:
 def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: float) -> None:
     data = {"inertia": (1.0, 0.8, 0.6), "damping": (damping,) * 3}
     data["initial"] = {"p": 0.8, "q": 0.5, "r": 0.74, "G": None}
-    case = Case(name="test", model="linear-diag", form="full", data=data, time=Time(end=100.0, samples=101))
+    case = Case(
+        name="test", model="linear-diag", form="full", data=data, time=Time(end=100.0, samples=101)
+    )
     path = solve(case, "exact", "extended").path
     series = solve(case, "taylor", "quadruple").path
     theirs = extended(series.state)
@@ -119,8 +135,11 @@ class Decay(Model):
 
 
 def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None:
-    # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that something is missed.
-    steps = Steps(Decay, SimpleNamespace(), np.array([1.0, 1.0]), np.float64(0), np.float64(1e18), 1e-14)
+    # At a step of 1e16 decay times every stage is 0 to rounding, and only the start shows that
+    # something is missed.
+    steps = Steps(
+        Decay, SimpleNamespace(), np.array([1.0, 1.0]), np.float64(0), np.float64(1e18), 1e-14
+    )
     steps.h = np.float64(1e16)
     assert steps.step() is None
     times = np.linspace(0, steps.t, 50)

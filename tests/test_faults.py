@@ -1,4 +1,5 @@
-"""What goes wrong outside the program: bad files, no space, missing packages. One line each, and nothing is lost."""
+"""What goes wrong outside the program: bad files, no space, missing packages. One line each, and
+nothing is lost."""
 
 import fcntl
 import os
@@ -73,7 +74,9 @@ def replaced(old: str, new: str) -> Tampering:
 TAMPERINGS: dict[str, Tampering] = {
     "case is no YAML": attribute("case", "]["),
     "case is another shape": attribute("case", "- 1\n- 2"),
-    "case is an object of Python": attribute("case", "!!python/object/apply:os.system ['touch owned']"),
+    "case is an object of Python": attribute(
+        "case", "!!python/object/apply:os.system ['touch owned']"
+    ),
     "case is a number": attribute("case", 7),
     "case is an array": attribute("case", np.arange(3)),
     "case is empty": attribute("case", h5py.Empty("f")),
@@ -127,7 +130,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a config and its classified result."""
     folder = tmp_path_factory.mktemp("whole")
     (folder / "two.yaml").write_text(CONFIG)
-    for arguments in (["run", str(folder / "two.yaml"), "--out", str(folder)], ["classify", str(folder / "two.h5")]):
+    for arguments in (
+        ["run", str(folder / "two.yaml"), "--out", str(folder)],
+        ["classify", str(folder / "two.h5")],
+    ):
         done = CliRunner().invoke(main, arguments)
         assert done.exit_code == 0, done.output
     return folder
@@ -147,9 +153,14 @@ def tampered(folder: Path, how: str) -> Path:
 
 
 def is_plain(said: str, status: int) -> bool:
-    """Whether a command that did not end well said why, briefly and without what a terminal obeys."""
+    """Whether a command that did not end well said why, briefly and without what a terminal
+    obeys."""
     lines = said.splitlines()
-    return (status == 0 or bool(lines)) and len(lines) <= 6 and all(line.isprintable() for line in lines)
+    return (
+        (status == 0 or bool(lines))
+        and len(lines) <= 6
+        and all(line.isprintable() for line in lines)
+    )
 
 
 @pytest.mark.parametrize("how", TAMPERINGS)
@@ -199,7 +210,13 @@ def test_figures_of_results_that_were_tampered_with(folder: Path) -> None:
         (folder / str(i)).mkdir()
         shutil.copy(folder / "two.h5", folder / str(i))
         paths.append(tampered(folder / str(i), how).rename(folder / f"{i}.h5"))
-    done = subprocess.run([sys.executable, "-c", PLOT, *paths], capture_output=True, text=True, cwd=folder, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", PLOT, *paths],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     assert "Traceback" not in done.stderr, done.stderr
     assert done.stderr.count("\nstatus ") == len(TAMPERINGS)
@@ -234,7 +251,9 @@ def test_a_file_that_is_no_result_is_left_alone(folder: Path, how: str, command:
     spoil, reason = BAD[how]
     spoil(path)
     before = path.read_bytes() if path.is_file() else None
-    arguments = [str(folder / "two.yaml"), "--out", str(folder)] if command == "run" else [str(path)]
+    arguments = (
+        [str(folder / "two.yaml"), "--out", str(folder)] if command == "run" else [str(path)]
+    )
     done = CliRunner().invoke(main, [command, *arguments])
     assert done.exit_code == 2
     assert str(path) in done.stderr
@@ -247,7 +266,11 @@ def test_a_file_that_is_no_result_is_left_alone(folder: Path, how: str, command:
 def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
     with open(folder / "two.h5", "rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        for command in (("run", "two.yaml", "--out", "."), ("classify", "two.h5"), ("show", "two.h5")):
+        for command in (
+            ("run", "two.yaml", "--out", "."),
+            ("classify", "two.h5"),
+            ("show", "two.h5"),
+        ):
             done = hodo(*command)
             assert done.returncode == 2
             assert done.stderr == "two.h5: locked: another program has it open for writing\n"
@@ -255,7 +278,8 @@ def test_a_locked_file(folder: Path, hodo: Hodo) -> None:
 
 @pytest.mark.parametrize("size", [2000, 12000, 30000, 60000])
 def test_no_space(folder: Path, hodo: Hodo, size: int) -> None:
-    """A limit on the size of files stands for a full disk; the sizes end the writing of a case, or of the whole."""
+    """A limit on the size of files stands for a full disk; the sizes end the writing of a case, or
+    of the whole."""
     (folder / "two.yaml").write_text(CONFIG.replace("samples: 21", "samples: 801"))
     before = (folder / "two.h5").read_bytes()
 
@@ -284,14 +308,20 @@ def test_a_folder_that_cannot_be(folder: Path, hodo: Hodo) -> None:
 
 def test_a_package_that_is_missing(folder: Path) -> None:
     script = "import sys; sys.modules['netCDF4'] = None; from hodo_cli.cli import main; main(['plot', 'two.h5'])"
-    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 2
     assert done.stderr == "this needs netCDF4, which is not installed: pip install netCDF4\n"
 
 
 def test_taylor_without_heyoka(folder: Path, hodo: Hodo) -> None:
-    path = os.pathsep.join([str(Path(__file__).parent / "without_heyoka"), os.environ.get("PYTHONPATH", "")])
-    done = hodo("run", "two.yaml", "--set", "a.method=taylor", env={**os.environ, "PYTHONPATH": path})
+    path = os.pathsep.join(
+        [str(Path(__file__).parent / "without_heyoka"), os.environ.get("PYTHONPATH", "")]
+    )
+    done = hodo(
+        "run", "two.yaml", "--set", "a.method=taylor", env={**os.environ, "PYTHONPATH": path}
+    )
     assert done.returncode == 1
     assert "a: failed: method taylor needs heyoka, which is not installed" in done.stderr
     assert "b: ok" in done.stderr

@@ -29,7 +29,10 @@ WORDS = st.sampled_from(["on", "x", "60 deg", "taylor", "continue"])
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | WORDS
 VALUES = st.recursive(
     SCALARS,
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from("pqrGabxyz"), inner, max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from("pqrGabxyz"), inner, max_size=4)
+    ),
     max_leaves=8,
 )
 
@@ -41,7 +44,11 @@ def mutants(draw: st.DrawFn) -> str:
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, len(text)))
         end = min(len(text), start + draw(st.integers(0, 40)))
-        text = text[:start] + draw(PIECES | st.just(text[start:end] * 2) | st.text(max_size=5)) + text[end:]
+        text = (
+            text[:start]
+            + draw(PIECES | st.just(text[start:end] * 2) | st.text(max_size=5))
+            + text[end:]
+        )
     return text
 
 
@@ -66,7 +73,9 @@ def outcome(text: str, overrides: tuple[str, ...] = ()) -> Config | None:
     except HodoError as error:
         said = str(error)
     assert time.process_time() - start < 1
-    assert config or all(line.startswith(("x.yaml:", "--set ")) and line.isprintable() for line in said.split("\n"))
+    assert config or all(
+        line.startswith(("x.yaml:", "--set ")) and line.isprintable() for line in said.split("\n")
+    )
     for case in config.cases.values() if config else ():
         assert parse_case(dump(case)) == case
     return config
@@ -92,6 +101,9 @@ def test_a_config_with_its_values_replaced(text: str) -> None:
 
 
 @COUNT
-@given(st.text(max_size=20) | st.lists(PIECES | st.sampled_from([".", "=", "*", "initial", "p", "0"])).map("".join))
+@given(
+    st.text(max_size=20)
+    | st.lists(PIECES | st.sampled_from([".", "=", "*", "initial", "p", "0"])).map("".join)
+)
 def test_any_override(text: str) -> None:
     outcome(CONFIGS[0], (text, "fig4." + text, "*.initial=" + text))

@@ -1,4 +1,5 @@
-"""The driver and the engines: accuracy at every scale, measured errors that are true, limits that are kept."""
+"""The driver and the engines: accuracy at every scale, measured errors that are true, limits that
+are kept."""
 
 import math
 from dataclasses import replace
@@ -21,9 +22,15 @@ BODY = (1.0, 0.8, 0.6)
 START = (0.8, 0.5, 0.74)
 
 
-def diagonal(damping: tuple[float, float, float], start: tuple[float, float, float] = START, **common: object) -> Case:
+def diagonal(
+    damping: tuple[float, float, float], start: tuple[float, float, float] = START, **common: object
+) -> Case:
     time = common.pop("time", Time(end=1000.0, samples=101))
-    data = {"inertia": BODY, "damping": damping, "initial": dict(zip("pqr", start, strict=True)) | {"G": None}}
+    data = {
+        "inertia": BODY,
+        "damping": damping,
+        "initial": dict(zip("pqr", start, strict=True)) | {"G": None},
+    }
     return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)  # type: ignore[arg-type]
 
 
@@ -35,7 +42,8 @@ def distance(omega: np.ndarray, reference: np.ndarray) -> float:
 
 @taylor
 def test_a_motion_that_decays_by_44_orders_stays_right_to_every_digit() -> None:
-    # 1e-12 is what is promised; heyoka alone, in the motion's own units, is wrong in all digits below 1e-16.
+    # 1e-12 is what is promised; heyoka alone, in the motion's own units, is wrong in all digits
+    # below 1e-16.
     case = diagonal((0.1, 0.1, 0.1))
     omega = integrate(case).variables["omega"]
     assert np.linalg.norm(omega[-1]) < 1e-43
@@ -48,7 +56,8 @@ def test_every_size_of_the_angular_velocity_gives_the_same_motion(size: float) -
     unit = integrate(diagonal((0.0, 0.0, 0.0))).variables["omega"]
     start = tuple(size * value for value in START)
     scaled = integrate(diagonal((0.0, 0.0, 0.0), start, time=Time(end=1000.0 / size, samples=101)))  # type: ignore
-    # The size is not a power of two, so that the data differ by an ulp, which 1000 units of time make 1e-12.
+    # The size is not a power of two, so that the data differ by an ulp, which 1000 units of time
+    # make 1e-12.
     assert distance(scaled.variables["omega"] / size, unit) < 1e-12
     assert scaled.error < 1e-12
 
@@ -57,7 +66,9 @@ def test_every_size_of_the_angular_velocity_gives_the_same_motion(size: float) -
 def test_a_power_of_two_changes_no_bit() -> None:
     unit = integrate(diagonal((0.0, 0.0, 0.0))).variables["omega"]
     start = tuple(2.0**400 * value for value in START)
-    scaled = integrate(diagonal((0.0, 0.0, 0.0), start, time=Time(end=1000.0 * 2.0**-400, samples=101)))  # type: ignore
+    scaled = integrate(
+        diagonal((0.0, 0.0, 0.0), start, time=Time(end=1000.0 * 2.0**-400, samples=101))
+    )  # type: ignore
     assert np.array_equal(scaled.variables["omega"] * 2.0**-400, unit)
 
 
@@ -69,21 +80,28 @@ def test_the_state_survives_below_the_smallest_double() -> None:
     assert trajectory.error < 1e-12
 
 
-@pytest.mark.parametrize("method", ["collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "auto"])
+@pytest.mark.parametrize(
+    "method", ["collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "auto"]
+)
 def test_the_measured_error_is_the_true_one(method: str) -> None:
     case = diagonal((0.05, 0.05, 0.05), method=method, time=Time(end=60.0, samples=61))
     trajectory = integrate(case)
     true = distance(trajectory.variables["omega"], exact.solve(case, sample_times(case)))
-    # Within a factor of two where the error stands well above the rounding of the closed form itself.
+    # Within a factor of two where the error stands well above the rounding of the closed form
+    # itself.
     assert trajectory.error == pytest.approx(true, rel=1, abs=2e-14)
 
 
 @taylor
 @pytest.mark.parametrize("precision", ["double", "extended", "quadruple"])
 def test_each_precision_is_as_good_as_it_says(precision: str) -> None:
-    trajectory = integrate(diagonal((0.005, 0.004, 0.003), precision=precision, time=Time(end=600.0, samples=11)))
+    trajectory = integrate(
+        diagonal((0.005, 0.004, 0.003), precision=precision, time=Time(end=600.0, samples=11))
+    )
     # 600 units of time, with a passage of the separatrix, cost about three digits.
-    assert 0 < trajectory.error < {"double": 1e-12, "extended": 1e-15, "quadruple": 2e-19}[precision]
+    assert (
+        0 < trajectory.error < {"double": 1e-12, "extended": 1e-15, "quadruple": 2e-19}[precision]
+    )
 
 
 @pytest.mark.parametrize("method", ["taylor", "collocation", "DOP853", "LSODA"])
@@ -126,7 +144,9 @@ def test_the_smallest_grids() -> None:
 def test_the_method_is_chosen_by_what_the_case_is() -> None:
     assert choose(diagonal((0.1, 0.1, 0.1))) == ("exact", "closed form")
     assert choose(diagonal((1e9, 1.0, 2.0)))[0] == "collocation"
-    assert choose(diagonal((0.1, 0.2, 0.3)))[0] == ("taylor" if protocol.have_taylor() else "collocation")
+    assert choose(diagonal((0.1, 0.2, 0.3)))[0] == (
+        "taylor" if protocol.have_taylor() else "collocation"
+    )
     assert choose(diagonal((0.1, 0.1, 0.1), precision="quadruple"))[0] == "taylor"
 
 
@@ -137,9 +157,21 @@ def test_a_motion_at_rest_costs_nothing() -> None:
 
 def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
     # At the start the fluid of a body about no axis of its own drives as much as it damps.
-    data = {"inertia": (8.0, 6.0, 4.0), "cavity": None, "kappa": 1e6, "torque": (0.0,) * 3, "epsilon": 1.0}
+    data = {
+        "inertia": (8.0, 6.0, 4.0),
+        "cavity": None,
+        "kappa": 1e6,
+        "torque": (0.0,) * 3,
+        "epsilon": 1.0,
+    }
     data["initial"] = {"p": 1.0, "q": 0.0, "r": 1.0}
-    case = Case(name="test", model="cavity+constant", form="full", data=data, time=Time(end=60.0, samples=11))
+    case = Case(
+        name="test",
+        model="cavity+constant",
+        form="full",
+        data=data,
+        time=Time(end=60.0, samples=11),
+    )
     trajectory = integrate(case)
     assert trajectory.method == "collocation"
     assert trajectory.error < 1e-12
@@ -149,10 +181,13 @@ def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
 
 @taylor
 def test_an_axis_about_which_the_motion_is_steady_does_not_set_the_pace() -> None:
-    # Growth along x1 by e^500: the rotation itself, of which nothing is seen, is 1e217 times faster than the growth.
+    # Growth along x1 by e^500: the rotation itself, of which nothing is seen, is 1e217 times faster
+    # than the growth.
     data = {"inertia": BODY, "resistance": ((-10.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0))}
     data["initial"] = {"p": 1.0, "q": 0.0, "r": 0.0, "G": None}
-    case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=50.0, samples=51))
+    case = Case(
+        name="test", model="tensor", form="full", data=data, time=Time(end=50.0, samples=51)
+    )
     trajectory = integrate(case)
     expected = np.exp(10 * trajectory.time)
     assert trajectory.variables["omega"][:, 0] == pytest.approx(expected, rel=1e-12)
@@ -173,7 +208,9 @@ def test_a_tensor_that_feeds_energy_in_is_named() -> None:
         "resistance": {"diagonal": 0.001, "off_diagonal": 0.003},
         "initial": {"p": 0.5, "q": 0.25, "r": None, "G": 1.0},
     }
-    case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=5001))
+    case = Case(
+        name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=5001)
+    )
     trajectory = integrate(case)
     assert "-0.002, -0.002, 0.007" in trajectory.warnings[0]
     momentum = np.linalg.norm(trajectory.variables["omega"] * BODY, axis=1)
@@ -219,12 +256,17 @@ def test_numbers_that_lead_out_of_range_fail_their_case_alone() -> None:
 
 @taylor
 def test_no_step_is_beyond_the_limit_where_each_asks_for_new_units() -> None:
-    # Each step is some nine decay times long, so that the state leaves the band of its units in every one of them.
-    motion = integrate(diagonal((30.0, 20.0, 20.0), method="taylor", max_steps=20, time=Time(end=100.0, samples=3)))
+    # Each step is some nine decay times long, so that the state leaves the band of its units in
+    # every one of them.
+    motion = integrate(
+        diagonal((30.0, 20.0, 20.0), method="taylor", max_steps=20, time=Time(end=100.0, samples=3))
+    )
     assert (motion.status, motion.steps) == ("timeout", 20)
 
 
-def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(protocol, "have_taylor", lambda: False)
     case = diagonal((0.005, 0.004, 0.003), precision="extended", time=Time(end=50.0, samples=11))
     motion = integrate(case)

@@ -1,4 +1,5 @@
-"""The Lagrange top: means over the nutation, the roots, full against averaged, starts at the edges, wrong data."""
+"""The Lagrange top: means over the nutation, the roots, full against averaged, starts at the edges,
+wrong data."""
 
 import csv
 import math
@@ -25,12 +26,14 @@ from hodo_cli.models.lagrange import first_integrals, mean_cosine, nutation
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases
 EVENTS = {
-    (row["case"], row["event"]): float(row["time"]) for row in csv.DictReader((HERE / "data" / "crossings.csv").open())
+    (row["case"], row["event"]): float(row["time"])
+    for row in csv.DictReader((HERE / "data" / "crossings.csv").open())
 }
 FORMS = catalogue()["Lagrange-averaged"]
 AVERAGED = ("averaged", "averaged-u", "averaged-quadrature")
 CLOSE = 1e-13 if have_taylor() else 1e-9
-"""What a motion is right to: rounding by Taylor series, some hundred times its tolerance by DOP853."""
+"""What a motion is right to: rounding by Taylor series, some hundred times its tolerance by
+DOP853."""
 
 
 def case(**given: str) -> Case:
@@ -55,7 +58,8 @@ def first(case: Case) -> dict[str, float]:
     """The stored variables at the start."""
     y = np.array([start(case)])
     return {
-        name: float(v[0]) for name, v in find(case.model, case.form).output(np.zeros(1), y, constants(case)).items()
+        name: float(v[0])
+        for name, v in find(case.model, case.form).output(np.zeros(1), y, constants(case)).items()
     }
 
 
@@ -71,9 +75,12 @@ def motions() -> list[Case]:
 
 
 @pytest.mark.parametrize(
-    ("name", "printed"), [("case1", (0.913, 0.996, 1.087)), ("case2", (0, 0.5, 2)), ("case3", (-0.932, -0.866, 2.932))]
+    ("name", "printed"),
+    [("case1", (0.913, 0.996, 1.087)), ("case2", (0, 0.5, 2)), ("case3", (-0.932, -0.866, 2.932))],
 )
-def test_the_roots_at_the_start_are_those_of_the_papers_table(name: str, printed: tuple[float, ...]) -> None:
+def test_the_roots_at_the_start_are_those_of_the_papers_table(
+    name: str, printed: tuple[float, ...]
+) -> None:
     values = first(PAPER3[name])
     assert [values[u] for u in ("u1", "u2", "u3")] == pytest.approx(printed, abs=5e-4)
     assert values["u2"] == pytest.approx(math.cos(PAPER3[name].data["initial"]["theta"]), rel=1e-15)
@@ -102,7 +109,9 @@ def slopes(case: Case, t: float) -> tuple[mpmath.matrix, mpmath.matrix, series.L
 
 @pytest.mark.parametrize("top", motions(), ids=lambda top: str(top.data["initial"]))
 @pytest.mark.parametrize("form", AVERAGED)
-def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(form: str, top: Case) -> None:
+def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(
+    form: str, top: Case
+) -> None:
     top = case(form=form, **{key: write(top.data[key]) for key in ("initial", "a")})
     k, y, t, h = constants(top), np.array(start(top)), 0.3, 1e-6
     with mpmath.workdps(40):
@@ -111,15 +120,25 @@ def test_the_right_hand_sides_are_the_derivatives_of_integrals_and_roots(form: s
         roots = [(p - q) / (2 * h) for p, q in zip(ahead, behind, strict=True)]
         expected = [float(value) for value in (*dz, *roots)]
     dy = np.array(FORMS[form].rhs(t, y, k))
-    ahead, behind = (FORMS[form].output(np.zeros(1), (y + side * h * dy)[None], k) for side in (1, -1))
+    ahead, behind = (
+        FORMS[form].output(np.zeros(1), (y + side * h * dy)[None], k) for side in (1, -1)
+    )
     # Central differences of 1e-6 in doubles: 1e-10.
-    assert [(ahead[name] - behind[name])[0] / (2 * h) for name in ahead] == pytest.approx(expected, rel=1e-8, abs=3e-9)
+    assert [(ahead[name] - behind[name])[0] / (2 * h) for name in ahead] == pytest.approx(
+        expected, rel=1e-8, abs=3e-9
+    )
 
 
 def write(value: Any) -> str:
     """A resolved value as YAML."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{name}: {write(item)}" for name, item in value.items() if item is not None) + "}"
+        return (
+            "{"
+            + ", ".join(
+                f"{name}: {write(item)}" for name, item in value.items() if item is not None
+            )
+            + "}"
+        )
     return str(list(value)) if isinstance(value, tuple) else str(value)
 
 
@@ -127,7 +146,11 @@ def write(value: Any) -> str:
 def test_the_quadrature_of_linear_dissipation_is_the_closed_form(top: Case) -> None:
     y, other = (
         start(top),
-        case(form="averaged-quadrature", nodes="64", **{n: write(top.data[n]) for n in ("initial", "a")}),
+        case(
+            form="averaged-quadrature",
+            nodes="64",
+            **{n: write(top.data[n]) for n in ("initial", "a")},
+        ),
     )
     assert FORMS["averaged-quadrature"].rhs(0.3, y, constants(other)) == pytest.approx(
         FORMS["averaged"].rhs(0.3, y, constants(top)), rel=1e-13, abs=1e-15
@@ -172,12 +195,17 @@ def test_r_decays_as_the_closed_form_says(form: str) -> None:
     [
         ("[0.1, 0.2, 0.3]", lambda t: 0.1 * t + 0.1 * t**2 + 0.1 * t**3),
         ("{law: exponential, value: 0.3, rate: 0.7}", lambda t: 0.3 * -np.expm1(-0.7 * t) / 0.7),
-        ("{law: power, value: 0.3, rate: 2, exponent: -1.5}", lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5)),
+        (
+            "{law: power, value: 0.3, rate: 2, exponent: -1.5}",
+            lambda t: 0.3 * (1 - (1 + 2 * t) ** -0.5),
+        ),
     ],
 )
 def test_each_law_of_resistance_is_what_it_says(b: str, integral: Any) -> None:
     motion = integrate(case(b=b))
-    assert np.abs(motion.variables["r"] - math.sqrt(3) * np.exp(-integral(motion.time))).max() < CLOSE
+    assert (
+        np.abs(motion.variables["r"] - math.sqrt(3) * np.exp(-integral(motion.time))).max() < CLOSE
+    )
 
 
 @pytest.mark.parametrize("case_name", ["case1", "case2", "case3"])
@@ -194,7 +222,9 @@ def test_u3_rebounds_from_1_where_Gz_is_C_r(case_name: str) -> None:
     after = u3[path.time > event.time].max()
     assert np.interp(event.time, path.time, u3) - 1 < 1e-7
     assert u3.min() > 1 - 1e-14
-    assert after - 1 == pytest.approx({"case1": 0.0128, "case2": 0.0012, "case3": 4e-10}[case_name], rel=0.05)
+    assert after - 1 == pytest.approx(
+        {"case1": 0.0128, "case2": 0.0012, "case3": 4e-10}[case_name], rel=0.05
+    )
 
 
 def test_the_full_motion_is_that_of_the_independent_reference() -> None:
@@ -208,9 +238,14 @@ def test_the_full_motion_is_that_of_the_independent_reference() -> None:
 
 def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
     """The largest |difference| of Gz and of H between full and averaged over tau <= 3."""
-    given |= {"initial": f"{{theta: {theta}, r: 1.7320508075688772}}", "time": "{end: 3, samples: 3001}"}
+    given |= {
+        "initial": f"{{theta: {theta}, r: 1.7320508075688772}}",
+        "time": "{end: 3, samples: 3001}",
+    }
     full = integrate(case(form="full", epsilon=str(epsilon), **given))
-    slow = integrate(case(form="averaged-quadrature" if "perturbation" in given else "averaged", **given)).variables
+    slow = integrate(
+        case(form="averaged-quadrature" if "perturbation" in given else "averaged", **given)
+    ).variables
     v = full.variables
     Gz, H = first_integrals(v["omega"].T, v["gamma"].T, constants(full.case))
     return np.array([np.abs(Gz - slow["Gz"]).max(), np.abs(H - slow["H"]).max()])
@@ -225,7 +260,9 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
         ("150 deg", [(1.4e-4, 3.6e-4), (3.6e-5, 8.9e-5), (9.0e-6, 2.2e-5)]),
     ],
 )
-def test_full_and_averaged_differ_in_proportion_to_epsilon(theta: str, expected: list[tuple[float, float]]) -> None:
+def test_full_and_averaged_differ_in_proportion_to_epsilon(
+    theta: str, expected: list[tuple[float, float]]
+) -> None:
     small = [0.02, 0.005, 0.00125]
     distances = np.array([distance(theta, epsilon) for epsilon in small])
     # The numbers are known to two or three digits from an independent calculation.
@@ -235,13 +272,19 @@ def test_full_and_averaged_differ_in_proportion_to_epsilon(theta: str, expected:
 
 
 def test_the_quadrature_averages_other_torques_too() -> None:
-    far, near = (distance("60 deg", epsilon, perturbation="cubic-dissipation") for epsilon in (0.02, 0.005))
+    far, near = (
+        distance("60 deg", epsilon, perturbation="cubic-dissipation") for epsilon in (0.02, 0.005)
+    )
     assert far == pytest.approx(4 * near, rel=0.2)
     assert near.max() < 5e-3
-    assert distance("60 deg", 0.005, perturbation="linear-dissipation") == pytest.approx([4.9e-4, 1.07e-3], rel=0.03)
+    assert distance("60 deg", 0.005, perturbation="linear-dissipation") == pytest.approx(
+        [4.9e-4, 1.07e-3], rel=0.03
+    )
 
 
-@pytest.mark.parametrize("theta", ["5 deg", "60 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"])
+@pytest.mark.parametrize(
+    "theta", ["5 deg", "60 deg", "150 deg", "0", "1e-5", "3.141592652589793", "180 deg"]
+)
 def test_a_start_by_integrals_is_that_by_the_angle(theta: str) -> None:
     angle = case(initial=f"{{theta: {theta}, r: 2}}")
     values = first(angle)
@@ -252,11 +295,15 @@ def test_a_start_by_integrals_is_that_by_the_angle(theta: str) -> None:
     full = case(form="full", epsilon="0.1", initial=initial)
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert first_integrals((p, q, r), gamma, constants(full)) == pytest.approx((values["Gz"], values["H"]), rel=1e-14)
+    assert first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
+        (values["Gz"], values["H"]), rel=1e-14
+    )
 
 
 def test_a_full_start_may_pass_through_the_vertical() -> None:
-    full = case(form="full", epsilon="0.1", initial="{Gz: 2, H: 3.3, r: 2}")  # Gz = C r: u2 = 1, and it moves there
+    full = case(
+        form="full", epsilon="0.1", initial="{Gz: 2, H: 3.3, r: 2}"
+    )  # Gz = C r: u2 = 1, and it moves there
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
     assert first_integrals((p, q, r), gamma, constants(full)) == pytest.approx((2, 3.3), rel=1e-14)
@@ -264,7 +311,8 @@ def test_a_full_start_may_pass_through_the_vertical() -> None:
 
 @pytest.mark.parametrize("theta", [1e-9, math.pi - 1e-9])
 def test_the_spread_of_a_nearly_vertical_top_keeps_its_digits(theta: float) -> None:
-    # With u = cos theta as one root of (1.4) the others obey u^2 - k2 u + k2 u0 - 1 = 0, k2 = C^2 r^2/(2 A mu) = 8/3.
+    # With u = cos theta as one root of (1.4) the others obey u^2 - k2 u + k2 u0 - 1 = 0, k2 = C^2
+    # r^2/(2 A mu) = 8/3.
     e = start(case(initial=f"{{theta: {theta!r}, r: 2}}"))[3]
     with mpmath.workdps(60):
         u0, k2 = mpmath.cos(mpmath.mpf(theta)), mpmath.mpf(8) / 3
@@ -274,7 +322,8 @@ def test_the_spread_of_a_nearly_vertical_top_keeps_its_digits(theta: float) -> N
 
 def test_regular_precession_stays_regular() -> None:
     k = constants(case())
-    # u1 = u2 = 1/2 and u3 = 2: eqs (1.5) give U from the product, Z from the sum and, of the rest, a quadratic for C r.
+    # u1 = u2 = 1/2 and u3 = 2: eqs (1.5) give U from the product, Z from the sum and, of the rest,
+    # a quadratic for C r.
     X, y, Amu = 0.5, 1.0, k.A * k.mu
     U = -X * math.sqrt(2 * Amu * y)
     c = (-U + math.sqrt(U * U - 4 * Amu * (2 * (2 * X - y - 2) - X * X + 2 * X * y))) / 2
@@ -333,7 +382,10 @@ def test_the_full_top_is_regular_at_the_vertical() -> None:
         ({"a": "[]"}, "a: wants"),
         ({"a": "{law: sine, value: 1}"}, "exponential or power"),
         ({"a": "{law: exponential, value: 1}"}, "missing 'rate'"),
-        ({"form": "full", "epsilon": "0.1", "perturbation": "quadratic"}, "linear-dissipation or cubic-dissipation"),
+        (
+            {"form": "full", "epsilon": "0.1", "perturbation": "quadratic"},
+            "linear-dissipation or cubic-dissipation",
+        ),
     ],
 )
 def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
@@ -358,7 +410,8 @@ def test_what_makes_the_averages_doubtful_is_said() -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
     tops = [
-        case(form=form, epsilon="0.1" if form == "full" else "", initial=f"{{theta: {x}, r: 1.5}}") for x in (0.5, 1, 2)
+        case(form=form, epsilon="0.1" if form == "full" else "", initial=f"{{theta: {x}, r: 1.5}}")
+        for x in (0.5, 1, 2)
     ]
     y, k = np.array([start(top) for top in tops]).T, constants(tops[0])
     expected = np.array([FORMS[form].rhs(0.3, column, k) for column in y.T]).T

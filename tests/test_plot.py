@@ -1,7 +1,7 @@
 """Figures and their page, from the papers' own result files.
 
-netCDF4 brings an HDF5 library of its own and must not meet that of h5py, which other tests load: what reads result
-files runs in fresh interpreters.
+netCDF4 brings an HDF5 library of its own and must not meet that of h5py, which other tests load:
+what reads result files runs in fresh interpreters.
 """
 
 import hashlib
@@ -73,7 +73,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hodo = str(Path(sysconfig.get_path("scripts")) / "hodo")
     configs = [ROOT / "configs" / f"{name}.yaml" for name in PAPERS]
     results = [folder / f"{name}.h5" for name in PAPERS]
-    for command in ([hodo, "run", "--quiet", "--out", folder, *configs], [hodo, "classify", *results]):
+    for command in (
+        [hodo, "run", "--quiet", "--out", folder, *configs],
+        [hodo, "classify", *results],
+    ):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     return folder
@@ -112,7 +115,8 @@ print(json.dumps(drawn))
 
 
 def test_curves_in_space_are_those_stored(runs: Path) -> None:
-    """Every vertex drawn is a stored sample in the view; its colour is that of the label; no sample is left out."""
+    """Every vertex drawn is a stored sample in the view; its colour is that of the label; no sample
+    is left out."""
     alone(
         """
 with open_results(runs / "paper1.h5") as results:
@@ -291,8 +295,16 @@ for paper, names in (("paper1", ["fig4", "fig13"]), ("paper3", ["figure"])):
     hashes = []
     for seed in "01":
         folder = tmp_path / seed
-        alone(code, runs, folder, PYTHONHASHSEED=seed, SOURCE_DATE_EPOCH=str(1_000_000_000 * int(seed)))
-        hashes.append({path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()})
+        alone(
+            code,
+            runs,
+            folder,
+            PYTHONHASHSEED=seed,
+            SOURCE_DATE_EPOCH=str(1_000_000_000 * int(seed)),
+        )
+        hashes.append(
+            {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+        )
     assert len(hashes[0]) == 12
     assert hashes[0] == hashes[1]
 
@@ -405,7 +417,12 @@ def test_symmetric_limits_of_the_quadrants() -> None:
     with pytest.raises(HodoError, match="equal"):
         slope((1, 1, 1))
     assert separatrix_circles(np.array([1, 0.8, 0.8])) == []
-    for K, above, below in ((0.0, 1.0, 0.0), (0.6, 0.7, 0.3), (2.5, 0.2, 0.8), (math.inf, 0.0, 1.0)):
+    for K, above, below in (
+        (0.0, 1.0, 0.0),
+        (0.6, 0.7, 0.3),
+        (2.5, 0.2, 0.8),
+        (math.inf, 0.0, 1.0),
+    ):
         end, A, B = sectors(K)
         assert max(end) == 1
         for outline, area in ((A, above), (B, below)):
@@ -422,6 +439,8 @@ def test_view_stretches_and_steps() -> None:
     assert np.linalg.det(view.matrix) == pytest.approx(1)  # right-handed: not a mirror image
     assert view(np.array([0, 0, 1]))[1] > 0.9
     assert stretches(np.array([1, 1, 3, 3, 1])) == [slice(0, 3), slice(2, 5), slice(4, 6)]
-    assert [round_step(size) for size in (1.0, 0.9, 0.3, 7e-5)] == pytest.approx([0.5, 0.2, 0.1, 2e-5])
+    assert [round_step(size) for size in (1.0, 0.9, 0.3, 7e-5)] == pytest.approx(
+        [0.5, 0.2, 0.1, 2e-5]
+    )
     near, far = np.array([[0, 0, 1], [5, 0, 1]]), np.array([[0, 1, 1], [0, 2, -1]])
     assert [place.tolist() for place in freest([near, far])] == [[5, 0], [0, 1]]

@@ -1,4 +1,5 @@
-"""The project's frame: what README promises exists, heavy libraries stay where they belong, the lock is complete."""
+"""The project's frame: what README promises exists, heavy libraries stay where they belong, the
+lock is complete."""
 
 import ast
 import os
@@ -38,8 +39,14 @@ IMPORTERS = {
 def imports(path: Path) -> Iterator[str]:
     """Every dotted name that a file imports when it runs; relative ones begin with dots."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    guards = (node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
-    for_types = {node for guard in guards for statement in guard.body for node in ast.walk(statement)}
+    guards = (
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+    )
+    for_types = {
+        node for guard in guards for statement in guard.body for node in ast.walk(statement)
+    }
     for node in ast.walk(tree):
         if node in for_types:
             continue
@@ -51,22 +58,52 @@ def imports(path: Path) -> Iterator[str]:
             yield from (f"{module}{separator}{alias.name}" for alias in node.names)
 
 
-MODULES = {path.relative_to(PACKAGE).as_posix(): list(imports(path)) for path in PACKAGE.rglob("*.py")}
+MODULES = {
+    path.relative_to(PACKAGE).as_posix(): list(imports(path)) for path in PACKAGE.rglob("*.py")
+}
 
 
 @pytest.mark.parametrize("library", IMPORTERS)
 def test_a_heavy_library_stays_where_it_belongs(library: str) -> None:
-    users = {name for name, loaded in MODULES.items() if any(f"{used}.".startswith(f"{library}.") for used in loaded)}
+    users = {
+        name
+        for name, loaded in MODULES.items()
+        if any(f"{used}.".startswith(f"{library}.") for used in loaded)
+    }
     assert users <= set(IMPORTERS[library].split())
 
 
 def test_nothing_imports_the_command_line() -> None:
-    assert not [name for name, loaded in MODULES.items() if any(re.search(r"(^|\.)cli(\.|$)", used) for used in loaded)]
+    assert not [
+        name
+        for name, loaded in MODULES.items()
+        if any(re.search(r"(^|\.)cli(\.|$)", used) for used in loaded)
+    ]
 
 
 def test_models_know_no_solver_file_or_plot() -> None:
-    modules = {used.lstrip(".").split(".")[0] for name in MODULES if "models/" in name for used in MODULES[name]}
-    assert not modules & {"scipy", "engines", "integrate", "case", "store", "dataset", "plot", "classify", "batch", "cases", "integration", "results", "figures", "commands"}
+    modules = {
+        used.lstrip(".").split(".")[0]
+        for name in MODULES
+        if "models/" in name
+        for used in MODULES[name]
+    }
+    assert not modules & {
+        "scipy",
+        "engines",
+        "integrate",
+        "case",
+        "store",
+        "dataset",
+        "plot",
+        "classify",
+        "batch",
+        "cases",
+        "integration",
+        "results",
+        "figures",
+        "commands",
+    }
 
 
 def commands() -> set[str]:
@@ -85,7 +122,9 @@ def test_readme_names_only_commands_that_exist() -> None:
 
 
 def test_readme_has_the_key_table() -> None:
-    printed = re.search(r"<!-- begin: key table -->\n(.*?)<!-- end: key table -->", README, re.DOTALL)
+    printed = re.search(
+        r"<!-- begin: key table -->\n(.*?)<!-- end: key table -->", README, re.DOTALL
+    )
     assert printed
     assert printed[1].strip() == key_table().strip(), "run `make readme`"
 
@@ -101,7 +140,9 @@ def test_every_target_is_explained_by_help() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
     assert phony
-    listed = subprocess.run(["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(
+        ["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     assert re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE) == phony[1].split()
 
 
@@ -110,34 +151,59 @@ def test_readme_case_file_is_one() -> None:
     assert source
     config = parse(source[1], "README.md")
     assert list(config.cases) == ["turning", "staying"]
-    assert parse(source[1], "README.md", ["turning.damping.2=0.002"]).cases["turning"].data["damping"][2] == 0.002
+    assert (
+        parse(source[1], "README.md", ["turning.damping.2=0.002"])
+        .cases["turning"]
+        .data["damping"][2]
+        == 0.002
+    )
 
 
 def test_readme_model_loses_the_energy_that_it_says() -> None:
     source = re.search(r"```python\n(from \.\.schema.*?)```", README, re.DOTALL)
     assert source
-    scope: dict[str, Any] = {"__package__": "hodo_cli.models", "__name__": "hodo_cli.models.quadratic_drag"}
+    scope: dict[str, Any] = {
+        "__package__": "hodo_cli.models",
+        "__name__": "hodo_cli.models.quadratic_drag",
+    }
     exec(compile(source[1], "README.md", "exec"), scope)
     model = scope["QuadraticDrag"]
     k = SimpleNamespace(**model.constants({"inertia": (1.0, 0.8, 0.6), "drag": 0.1}))
     omega = (0.6, 0.8, 0.0)
-    energy = sum(A * w * dw for A, w, dw in zip((1.0, 0.8, 0.6), omega, model.rhs(0.0, omega, k), strict=True))
+    energy = sum(
+        A * w * dw
+        for A, w, dw in zip((1.0, 0.8, 0.6), omega, model.rhs(0.0, omega, k), strict=True)
+    )
     assert energy == pytest.approx(-0.1 * (0.36 + 0.8 * 0.64), rel=1e-15)
     assert set(model.degree) <= set(vars(k))
 
 
-HEAVY = {"numpy", "scipy", "h5py", "xarray", "matplotlib", "heyoka", "netCDF4", "yaml", "pandas", "dask"}
+HEAVY = {
+    "numpy",
+    "scipy",
+    "h5py",
+    "xarray",
+    "matplotlib",
+    "heyoka",
+    "netCDF4",
+    "yaml",
+    "pandas",
+    "dask",
+}
 
 
 def loaded_by(folder: Path, *arguments: str) -> tuple[str, set[str]]:
-    """What `hodo ARGUMENTS` prints in a fresh interpreter, and the heavy libraries that it loads."""
+    """What `hodo ARGUMENTS` prints in a fresh interpreter, and the heavy libraries that it
+    loads."""
     script = (
         "import sys\n"
         "from hodo_cli.cli import main\n"
         f"main({list(arguments)!r}, standalone_mode=False)\n"
         f"print('loaded:', *(name for name in {HEAVY!r} if sys.modules.get(name)))"
     )
-    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True
+    )
     printed, _, loaded = done.stdout.rpartition("loaded:")
     return printed, set(loaded.split())
 
@@ -168,7 +234,9 @@ def test_the_console_script_runs(hodo: Hodo) -> None:
 
 def test_heyoka_can_be_hidden_from_processes() -> None:
     hidden = os.environ | {"PYTHONPATH": str(ROOT / "tests" / "without_heyoka")}
-    done = subprocess.run([sys.executable, "-c", "import heyoka"], env=hidden, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", "import heyoka"], env=hidden, capture_output=True, text=True
+    )
     assert "import of heyoka halted" in done.stderr
 
 

@@ -1,4 +1,5 @@
-"""The reference itself: against closed forms, conservation laws, other precisions and the table of events."""
+"""The reference itself: against closed forms, conservation laws, other precisions and the table of
+events."""
 
 import csv
 import math
@@ -19,7 +20,12 @@ def close(value, expected, digits):
     """Two vectors, relative to the larger of them, in arithmetic that does not round."""
     with mpmath.workdps(60):
         value, expected = (
-            mpmath.matrix([mpmath.mpf(v.numerator) / v.denominator if isinstance(v, Fraction) else v for v in vector])
+            mpmath.matrix(
+                [
+                    mpmath.mpf(v.numerator) / v.denominator if isinstance(v, Fraction) else v
+                    for v in vector
+                ]
+            )
             for vector in (value, expected)
         )
         return mpmath.norm(value - expected) <= mpmath.mpf(10) ** -digits * mpmath.norm(expected)
@@ -49,14 +55,20 @@ def test_equal_damping_is_free_motion_in_stretched_time():
         shrink = mpmath.exp(-mpmath.mpf(lam) * 100)
         time = Fraction(int(mpmath.ldexp(stretched, 190)), 1 << 190)
         (free,) = series.states(series.diagonal(INERTIA, (0, 0, 0)), start, [time])
-        assert close([w * Fraction(int(mpmath.ldexp(shrink, 190)), 1 << 190) for w in free], damped, 40)
+        assert close(
+            [w * Fraction(int(mpmath.ldexp(shrink, 190)), 1 << 190) for w in free], damped, 40
+        )
 
 
 def test_tensor_without_gyroscopic_terms_is_a_matrix_exponential():
     resistance, start = [[0.3, 0.01, -0.2], [0.05, 0.1, 0.07], [0.4, -0.03, 0.2]], (0.5, 0.25, 1.4)
     (state,) = series.states(series.tensor((2, 2, 2), resistance), start, [3])
     with mpmath.workdps(60):
-        assert close(state, mpmath.expm(mpmath.matrix(resistance) * mpmath.mpf(-3) / 2) * mpmath.matrix(start), 40)
+        assert close(
+            state,
+            mpmath.expm(mpmath.matrix(resistance) * mpmath.mpf(-3) / 2) * mpmath.matrix(start),
+            40,
+        )
 
 
 def test_torque_of_the_cavity_follows_from_free_motion():
@@ -68,16 +80,22 @@ def test_torque_of_the_cavity_follows_from_free_motion():
         return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
     def gyroscopic(w, v):
-        return [x / a for x, a in zip(cross([a * x for a, x in zip(A, w, strict=True)], v), A, strict=True)]
+        return [
+            x / a
+            for x, a in zip(cross([a * x for a, x in zip(A, w, strict=True)], v), A, strict=True)
+        ]
 
     first = gyroscopic(w, w)
     second = [x + y for x, y in zip(gyroscopic(first, w), gyroscopic(w, first), strict=True)]
     kappa, torque = Fraction(3, 7), [Fraction(k) for k in (2, -3, 5)]
     expected = [
-        x + (kappa * (y + z) + M) / a for x, y, z, M, a in zip(first, second, cross(w, first), torque, A, strict=True)
+        x + (kappa * (y + z) + M) / a
+        for x, y, z, M, a in zip(first, second, cross(w, first), torque, A, strict=True)
     ]
     system = series.cavity(A, kappa, torque)
-    assert [sum(k * math.prod(w[i] for i in m) for m, k in row.items()) for row in system] == expected
+    assert [
+        sum(k * math.prod(w[i] for i in m) for m, k in row.items()) for row in system
+    ] == expected
 
 
 def test_equation_2_is_the_symmetric_case_and_closes_in_x_and_r():
@@ -85,9 +103,13 @@ def test_equation_2_is_the_symmetric_case_and_closes_in_x_and_r():
     symmetric = series.cavity_symmetric(A, C, kappa, (0.01, 0.02, -0.03))
     triaxial = series.cavity((A, A, C), kappa, (0.01, 0.02, -0.03))
     assert [{m: k for m, k in row.items() if k} for row in triaxial] == list(symmetric)
-    ((p, q, r),) = series.states(series.cavity_symmetric(A, C, kappa, (0, 0, -0.01)), (0.6, 0.8, 1), [40])
+    ((p, q, r),) = series.states(
+        series.cavity_symmetric(A, C, kappa, (0, 0, -0.01)), (0.6, 0.8, 1), [40]
+    )
     x0 = Fraction(0.6) ** 2 + Fraction(0.8) ** 2
-    (averaged,) = series.states(series.cavity_averaged(A, C, kappa, -0.01, printed=False), (x0, 1), [40])
+    (averaged,) = series.states(
+        series.cavity_averaged(A, C, kappa, -0.01, printed=False), (x0, 1), [40]
+    )
     assert close([p * p + q * q, r], averaged, 40)
 
 
@@ -120,7 +142,8 @@ def test_top_without_damping_keeps_its_integrals():
 
 
 def test_top_averages_to_first_order():
-    """Two independent derivations meet: the full system with angles gone, and (3.2) with elliptic integrals."""
+    """Two independent derivations meet: the full system with angles gone, and (3.2) with elliptic
+    integrals."""
     motion, (Gz, H, r) = series.paper3("case2")
     times = [k / 4 for k in range(1, 13)]
     slow = motion.states((Gz, H, r), times, digits=10)
@@ -129,7 +152,9 @@ def test_top_averages_to_first_order():
         system = series.lagrange(1.5, 1, 0.5, eps, motion.a, motion.b)
         fast = series.states(system, full_start(math.radians(60), r), times, bits=96)
         energies = [integrals(1.5, 1, 0.5, state)[1] for state in fast]
-        errors.append(max(abs(H - Fraction(float(mean[1]))) for H, mean in zip(energies, slow, strict=True)))
+        errors.append(
+            max(abs(H - Fraction(float(mean[1]))) for H, mean in zip(energies, slow, strict=True))
+        )
     assert errors[0] < 4.4e-3
     assert 3 < errors[0] / errors[1] < 5
 
@@ -141,7 +166,9 @@ def test_mean_cosine_is_the_mean_over_a_period():
         u1, u2, u3 = motion.roots(Gz, H, r)
         assert -1 <= u1 < u2 <= 1 <= u3
         for u in (u1, u2, u3):
-            assert abs((2 * H - r**2 - u) * (1 - u**2) * mpmath.mpf(1.5) - (Gz - r * u) ** 2) < 1e-17
+            assert (
+                abs((2 * H - r**2 - u) * (1 - u**2) * mpmath.mpf(1.5) - (Gz - r * u) ** 2) < 1e-17
+            )
 
         def angle(f):  # u = u1 + (u2 - u1) sin^2 x, dt = dx / sqrt(u3 - u)
             return mpmath.quad(lambda x: f(u1 + (u2 - u1) * mpmath.sin(x) ** 2), [0, mpmath.pi / 2])
@@ -186,11 +213,17 @@ def test_crossings_name_the_axes_as_given(order):
 def test_forms_lost_in_rounding_are_refused():
     with pytest.raises(ArithmeticError, match="more bits"):
         series.crossings(INERTIA, series.diagonal(INERTIA, (1, 1, 1)), (0.8, 0.5, 0.74), 150)
-    assert series.crossings(INERTIA, series.diagonal(INERTIA, (1, 1, 1)), (0.8, 0.5, 0.74), 150, bits=384) == []
+    assert (
+        series.crossings(
+            INERTIA, series.diagonal(INERTIA, (1, 1, 1)), (0.8, 0.5, 0.74), 150, bits=384
+        )
+        == []
+    )
 
 
 def test_one_ulp_near_the_separatrix():
-    """(0.79, 0, 1.02), free: one ulp of r grows to about 3e-11 by t = 1000; that of q = 0 is nothing."""
+    """(0.79, 0, 1.02), free: one ulp of r grows to about 3e-11 by t = 1000; that of q = 0 is
+    nothing."""
 
     def motion(p, q, r):
         return series.states(series.diagonal(INERTIA, (0, 0, 0)), (p, q, r), [500, 1000], bits=128)
@@ -203,15 +236,19 @@ def test_one_ulp_near_the_separatrix():
 
 @pytest.mark.parametrize("name", series.PAPER1)
 def test_table_of_crossings(name):
-    """At two thirds of the precision that made the table: that all its digits return shows that they are digits."""
+    """At two thirds of the precision that made the table: that all its digits return shows that
+    they are digits."""
     rows = [row for row in TABLE if row["case"] == f"P1 {name}"]
     found = series.crossings(*series.paper1(name), bits=128)
     assert [
-        (f"x{c.before} to x{c.after}", series.digits(c.time), series.digits(c.momentum)[:20]) for c in found
+        (f"x{c.before} to x{c.after}", series.digits(c.time), series.digits(c.momentum)[:20])
+        for c in found
     ] == [(row["event"], row["time"], row["value"][:20]) for row in rows]
 
 
-@pytest.mark.parametrize("row", [row for row in TABLE if row["event"] == "end of spin"], ids=lambda row: row["case"])
+@pytest.mark.parametrize(
+    "row", [row for row in TABLE if row["event"] == "end of spin"], ids=lambda row: row["case"]
+)
 def test_table_of_ends_of_spin(row):
     _, name, form = row["case"].split()
     zero = series.end_of_spin(name, printed=form == "averaged-as-printed", bits=128)

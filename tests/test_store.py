@@ -34,8 +34,16 @@ from hodo_cli.results.writer import Finished, Writer, finished
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
 KILLS = int(os.environ.get("HODO_KILLS", "20"))
-ROOT_ATTRIBUTES = {"Conventions": "CF-1.11", "title": "Körper", "history": "begun", "config": "cases: {}\n"}
-FLAGS = {"flag_values": np.array([-1, 0, 1, 2, 3], dtype=np.int8), "flag_meanings": "undetermined separatrix x1 x2 x3"}
+ROOT_ATTRIBUTES = {
+    "Conventions": "CF-1.11",
+    "title": "Körper",
+    "history": "begun",
+    "config": "cases: {}\n",
+}
+FLAGS = {
+    "flag_values": np.array([-1, 0, 1, 2, 3], dtype=np.int8),
+    "flag_meanings": "undetermined separatrix x1 x2 x3",
+}
 CONFIG = """
 cases:
   fig4: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.1, initial: {p: 1, q: 2, r: 3}, time: {end: 1}}
@@ -46,11 +54,22 @@ def group(n: int = 5, seed: int = 0, **attributes: Any) -> Group:
     """A case with n samples that its seed tells from others."""
     omega = np.random.default_rng(seed).normal(size=(n, 3))
     return Group(
-        {"model": "linear-diag", "hash": f"hash {seed}", "status": "ok", "steps": seed, "error": 1e-15, **attributes},
+        {
+            "model": "linear-diag",
+            "hash": f"hash {seed}",
+            "status": "ok",
+            "steps": seed,
+            "error": 1e-15,
+            **attributes,
+        },
         {
             "time": Variable(("time",), np.linspace(0, 1, n), {"long_name": "time", "units": "1"}),
-            "omega": Variable(("time", "axis"), omega, {"long_name": "angular velocity", "units": "1"}),
-            "axis": Variable(("axis",), np.array(["x1", "x2", "x3"], dtype=object), {"long_name": "axis"}),
+            "omega": Variable(
+                ("time", "axis"), omega, {"long_name": "angular velocity", "units": "1"}
+            ),
+            "axis": Variable(
+                ("axis",), np.array(["x1", "x2", "x3"], dtype=object), {"long_name": "axis"}
+            ),
         },
     )
 
@@ -196,7 +215,8 @@ def test_other_readers(path: Path, reader: str) -> None:
         for name in read:
             item = run.read(name)
             attributes = {
-                key: value if isinstance(value, str) else float(value) for key, value in item.attributes.items()
+                key: value if isinstance(value, str) else float(value)
+                for key, value in item.attributes.items()
             }
             np.testing.assert_equal(read[name]["attributes"], attributes)
             assert read[name]["variables"] == {
@@ -250,7 +270,9 @@ def test_trajectory_as_a_group() -> None:
         error_kind="extended",
     )  # fmt: skip
     item = group_of(
-        trajectory, {"omega": (("time", "axis"), "angular velocity", "1/s"), "time": (("time",), "t", "s")}, "ab"
+        trajectory,
+        {"omega": (("time", "axis"), "angular velocity", "1/s"), "time": (("time",), "t", "s")},
+        "ab",
     )
     assert {key: item.attributes[key] for key in ("hash", "steps", "error", "warnings", "status")} == {
         "hash": "ab", "steps": 7, "error": 1e-14, "warnings": "one\ntwo", "status": "ok",
@@ -260,7 +282,11 @@ def test_trajectory_as_a_group() -> None:
         "time": ("time",), "omega": ("time", "axis"), "axis": ("axis",),
         "event_time": ("event",), "event_kind": ("event",),
     }  # fmt: skip
-    assert item.variables["omega"].attributes == {"long_name": "angular velocity", "units": "1/s", "error": 1e-14}
+    assert item.variables["omega"].attributes == {
+        "long_name": "angular velocity",
+        "units": "1/s",
+        "error": 1e-14,
+    }
     assert item.variables["event_time"].attributes["units"] == "s"
     assert item.variables["event_kind"].data.tolist() == ["end of spin"]
 
@@ -270,7 +296,10 @@ def test_sample_of_format_1() -> None:
         assert (run.cases(), run.attributes["format_version"]) == (["fig4", "spin"], 1)
         assert "damping: [0.005, 0.004, 0.003]" in run.text
         fig4, spin = run.read("fig4"), run.read("spin")
-        assert run.read("_claims").variables["verdict"].data.tolist() == ["reproduced", "contradicted"]
+        assert run.read("_claims").variables["verdict"].data.tolist() == [
+            "reproduced",
+            "contradicted",
+        ]
     assert parse_case(fig4.attributes["case"]).data["damping"] == (0.005, 0.004, 0.003)
     assert fig4.variables["omega"].data[0].tolist() == [0.8, 0.5, 0.74]
     assert fig4.variables["enclosed_axis"].data.tolist() == [1, 1, 3, 3, 3]
@@ -296,7 +325,10 @@ BAD: dict[str, tuple[Callable[[Path], Any], str]] = {
     "folder": (lambda path: (path.unlink(), path.mkdir()), "a folder, not a file"),
     "empty": (lambda path: path.write_bytes(b""), "not an HDF5 file"),
     "text": (lambda path: path.write_text("cases:\n"), "not an HDF5 file"),
-    "truncated": (lambda path: os.truncate(path, path.stat().st_size // 2), "truncated: its end is missing"),
+    "truncated": (
+        lambda path: os.truncate(path, path.stat().st_size // 2),
+        "truncated: its end is missing",
+    ),
     "foreign": (make_foreign, "no format_version"),
     "newer": (make_newer, "format version 2, newer than 1: update hodo"),
 }
@@ -308,7 +340,10 @@ def test_bad_files_give_one_line_and_stay_as_they_are(path: Path, name: str) -> 
     spoil, message = BAD[name]
     spoil(path)
     before = path.read_bytes() if path.is_file() else None
-    actions: list[Callable[[], Any]] = [lambda: open_run(path).__enter__(), lambda: update(path).__enter__()]
+    actions: list[Callable[[], Any]] = [
+        lambda: open_run(path).__enter__(),
+        lambda: update(path).__enter__(),
+    ]
     if name != "missing":
         actions += [lambda: finished(path), lambda: Writer(path, {}).__enter__()]
     for action in actions:
@@ -324,7 +359,10 @@ def test_locked(path: Path) -> None:
     write(path, {"a": group()})
     with path.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(HodoError, match="locked: another program has it open for writing"), open_run(path):
+        with (
+            pytest.raises(HodoError, match="locked: another program has it open for writing"),
+            open_run(path),
+        ):
             pass
 
 
@@ -392,14 +430,21 @@ def test_nothing_new_leaves_the_file_alone(path: Path) -> None:
             for items in writer.finished.values():
                 writer.keep(items[0])
     assert path.stat() == before
-    with Writer(path, {**ROOT_ATTRIBUTES, "config": "other", "history": "again"}, ["a", "b"]) as writer:
+    with Writer(
+        path, {**ROOT_ATTRIBUTES, "config": "other", "history": "again"}, ["a", "b"]
+    ) as writer:
         writer.keep(writer.finished["b"][0])
     with open_run(path) as run:
-        assert (run.cases(), run.text, run.attributes["history"]) == (["b"], "other", "begun\nagain")
+        assert (run.cases(), run.text, run.attributes["history"]) == (
+            ["b"],
+            "other",
+            "begun\nagain",
+        )
 
 
 def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
-    """Labels belong to a case and stay with it; claims are about all cases and go when one is new."""
+    """Labels belong to a case and stay with it; claims are about all cases and go when one is
+    new."""
     write(path, {"a": group()})
     with update(path) as changes:
         changes.write("a", labels())
@@ -478,7 +523,8 @@ def test_two_runs_at_once(path: Path) -> None:
 
 
 def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
-    """Every case that was reported finished survives, and each next run takes the earlier ones' over."""
+    """Every case that was reported finished survives, and each next run takes the earlier ones'
+    over."""
     log, names = tmp_path / "log", [f"c{i}" for i in range(15)]
 
     def run() -> None:
@@ -568,7 +614,9 @@ try:
 except HodoError as error:
     print(json.dumps(str(error)))
 """
-    assert alone(code, path, size) == f"cannot write {path}: file too large; finished cases are kept"
+    assert (
+        alone(code, path, size) == f"cannot write {path}: file too large; finished cases are kept"
+    )
     assert path.read_bytes() == before
     assert set(finished(path)) == ({"a"} if size == 1000 else {"a"} | {f"c{i}" for i in range(30)})
 
@@ -592,7 +640,12 @@ def test_update_twice_changes_nothing(path: Path) -> None:
     before = None
     for _ in range(3):
         with update(path, "classified") as changes:
-            changes.write("a", Group({"error": float("nan")}, {**labels(crossings=2).variables, "unknown": unknown}))
+            changes.write(
+                "a",
+                Group(
+                    {"error": float("nan")}, {**labels(crossings=2).variables, "unknown": unknown}
+                ),
+            )
             changes.write("b", labels(crossings=0))
             changes.write("_claims", labels())
         now = path.read_bytes(), path.stat().st_mtime_ns
@@ -609,12 +662,16 @@ def test_update_replaces_what_it_names_and_keeps_the_rest(path: Path) -> None:
     for crossings in (3, 1, 0, 2, 3):
         with update(path) as changes:
             changes.write("a", labels(crossings=crossings))
-            changes.write("_claims", Group({}, {f"v{crossings}": Variable(("claim",), np.arange(crossings))}))
+            changes.write(
+                "_claims", Group({}, {f"v{crossings}": Variable(("claim",), np.arange(crossings))})
+            )
         with open_run(path) as run:
             a = run.read("a")
             assert a.variables["crossing_time"].data.tolist() == [0.5, 1.5, 2.5][:crossings]
             assert a.attributes == {**group().attributes, "warnings": "one\ntwo"}
-            np.testing.assert_array_equal(a.variables["omega"].data, group().variables["omega"].data)
+            np.testing.assert_array_equal(
+                a.variables["omega"].data, group().variables["omega"].data
+            )
             assert_same(run.read("b"), group(seed=1))
             assert list(run.read("_claims").variables) == [f"v{crossings}"]
         if crossings == 3:
@@ -633,7 +690,11 @@ def test_update_of_a_result_replaced_meanwhile(path: Path) -> None:
         write(path, {"a": group(), "b": group(seed=7), "d": group()})
     with open_run(path) as run:
         assert run.cases() == ["a", "b", "d"]
-        assert ["enclosed_axis" in run.read(name).variables for name in "abd"] == [True, False, False]
+        assert ["enclosed_axis" in run.read(name).variables for name in "abd"] == [
+            True,
+            False,
+            False,
+        ]
 
 
 def test_a_failed_update_leaves_the_file(path: Path) -> None:
@@ -649,24 +710,35 @@ def test_a_failed_update_leaves_the_file(path: Path) -> None:
 
 
 def test_root_attributes_say_what_made_the_file() -> None:
-    made = provenance.root_attributes("title", "references", "text", provenance.stamp("hodo run x.yaml"))
+    made = provenance.root_attributes(
+        "title", "references", "text", provenance.stamp("hodo run x.yaml")
+    )
     assert made["history"][10:] == f"{made['history'][10:20]} hodo run x.yaml"
     assert made["h5py_version"] == h5py.__version__
     if (ROOT / ".git").exists() and shutil.which("git"):
-        head = subprocess.run(["git", "-C", ROOT, "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
+        head = subprocess.run(
+            ["git", "-C", ROOT, "rev-parse", "HEAD"], capture_output=True, text=True, check=True
+        )
         assert made["git_commit"] == head.stdout.strip()
         assert made["git_dirty"] in ("yes", "no")
 
 
-def test_a_package_outside_a_checkout_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "hodo_cli" / "results" / "provenance.py"))
+def test_a_package_outside_a_checkout_has_no_commit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        provenance, "__file__", str(tmp_path / "hodo_cli" / "results" / "provenance.py")
+    )
     assert "git_commit" not in provenance.versions()
 
 
 def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(provenance, "LIBRARIES", ("no-such-library", "numpy"))
     found = provenance.versions()
-    assert (found["no-such-library_version"], found["numpy_version"]) == ("not installed", np.__version__)
+    assert (found["no-such-library_version"], found["numpy_version"]) == (
+        "not installed",
+        np.__version__,
+    )
 
 
 def test_imports() -> None:

@@ -1,4 +1,5 @@
-"""Sweeps: members equal single cases, whatever the chunks; nothing is lost; what is drawn is what is stored."""
+"""Sweeps: members equal single cases, whatever the chunks; nothing is lost; what is drawn is what
+is stored."""
 
 import math
 import re
@@ -44,7 +45,9 @@ def one(text: str) -> Case:
 
 
 def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, np.ndarray]:
-    group = chunk.compute(chunk.Chunk(case, first, math.prod(columns.shape(case)) if last is None else last))
+    group = chunk.compute(
+        chunk.Chunk(case, first, math.prod(columns.shape(case)) if last is None else last)
+    )
     return {name: variable.data for name, variable in group.variables.items()}
 
 
@@ -54,23 +57,41 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
 @pytest.mark.parametrize(
     ("block", "message"),
     [
-        ("{damping.2: 3}", "cases.a.sweep.damping.2: wants one of linspace, logspace, values, zip, sphere, not 3"),
+        (
+            "{damping.2: 3}",
+            "cases.a.sweep.damping.2: wants one of linspace, logspace, values, zip, sphere, not 3",
+        ),
         ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
-        ("{damping.2: {linspace: [1, 2]}}", "wants [first, last, number of values], not a list of 2"),
-        ("{damping.2: {logspace: [0, 2, 5]}}", "sweep.damping.2.logspace.0: wants a number > 0, not 0"),
+        (
+            "{damping.2: {linspace: [1, 2]}}",
+            "wants [first, last, number of values], not a list of 2",
+        ),
+        (
+            "{damping.2: {logspace: [0, 2, 5]}}",
+            "sweep.damping.2.logspace.0: wants a number > 0, not 0",
+        ),
         ("{damping.3: {values: [1]}}", "cases.a.sweep.damping.3: unknown key 'damping.3'"),
         ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
         ("{inertia.0: {values: [1, -1]}}", "sweep.inertia.0.values.1: wants a number > 0, not -1"),
         ("{initial: {values: [1]}}", "sweep.initial: is not a number"),
         ("{time: {sphere: {count: 2}}}", "time is a dimension of every result"),
-        ("{d: {sphere: {count: 0}}}", "sweep.d.sphere.count: wants an integer >= 1, <= 1e+09, not 0"),
+        (
+            "{d: {sphere: {count: 0}}}",
+            "sweep.d.sphere.count: wants an integer >= 1, <= 1e+09, not 0",
+        ),
         ("{d: {sphere: {count: 2}}, e: {sphere: {count: 2}}}", "one axis may be a sphere"),
-        ("{d: {zip: {damping.0: {values: [1]}, damping.1: {values: [1, 2]}}}}", "1 and 2 values cannot be zipped"),
+        (
+            "{d: {zip: {damping.0: {values: [1]}, damping.1: {values: [1, 2]}}}}",
+            "1 and 2 values cannot be zipped",
+        ),
         (
             "{damping.2: {values: [1]}, d: {zip: {damping.2: {values: [1]}}}}",
             "damping.2 varies along damping.2 already",
         ),
-        ("{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}", "more than 1e+09 members"),
+        (
+            "{d: {sphere: {count: 1e6}}, damping.2: {linspace: [0, 1, 1e4]}}",
+            "more than 1e+09 members",
+        ),
     ],
 )
 def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) -> None:
@@ -100,7 +121,9 @@ def test_store_names_what_a_sweep_has() -> None:
 
 
 def test_the_values_of_a_range() -> None:
-    case = one(f"{FIG4}, {BALL}, sweep: {{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}")
+    case = one(
+        f"{FIG4}, {BALL}, sweep: {{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}"
+    )
     ratio, even = sweep_block.axes_of(case.sweep or {})
     assert ratio.values[0] == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
     assert even.values[0].tolist() == [0, 0.25, 0.5, 0.75, 1]
@@ -122,7 +145,8 @@ def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:
 
 
 def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
-    """The tolerance: both are right to about 1e-13 in the state and, by the conditioning of D = 0, 1e-11 in time."""
+    """The tolerance: both are right to about 1e-13 in the state and, by the conditioning of D = 0,
+    1e-11 in time."""
     values = computed(case)
     for number in numbers:
         single = replace(members.member(case, number), error="off")
@@ -131,12 +155,17 @@ def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
         omega = motion.variables["omega"][-1]
         assert np.linalg.norm(values["omega"][number] - omega) <= 3e-12 * np.linalg.norm(omega)
         assert values["crossings"][number] == len(found.crossings)
-        assert [values["start_axis"][number], values["end_axis"][number]] == found.labels[[0, -1]].tolist()
+        assert [values["start_axis"][number], values["end_axis"][number]] == found.labels[
+            [0, -1]
+        ].tolist()
         if found.crossings:
             first = found.crossings[0]
             assert values["crossing_time"][number] == pytest.approx(first.time, rel=1e-10)
             assert values["crossing_G"][number] == pytest.approx(first.momentum, rel=1e-10)
-            assert [values["crossing_from"][number], values["crossing_to"][number]] == [first.start, first.end]
+            assert [values["crossing_from"][number], values["crossing_to"][number]] == [
+                first.start,
+                first.end,
+            ]
         else:
             assert math.isnan(values["crossing_time"][number])
 
@@ -156,14 +185,19 @@ def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -
 
 @pytest.mark.heyoka
 def test_the_papers_crossings_are_found() -> None:
-    """The values of paper 1's figures to all digits known (tests/test_crossings.py has their source)."""
-    fig4 = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003, 0.002, 0.005]}}}}")
+    """The values of paper 1's figures to all digits known (tests/test_crossings.py has their
+    source)."""
+    fig4 = one(
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003, 0.002, 0.005]}}}}"
+    )
     values = computed(fig4)
     assert values["crossing_time"][:2] == pytest.approx(
         [305.3589551667110497647, 198.558730104], rel=1e-12, nan_ok=True
     )
     assert values["crossings"].tolist() == [1, 1, 0]
-    fig12 = one(f"{FIG12}, initial: {{p: 0.5, q: 0.25, r: 1.40435829552939}}, sweep: {{initial.q: {{values: [0.25]}}}}")
+    fig12 = one(
+        f"{FIG12}, initial: {{p: 0.5, q: 0.25, r: 1.40435829552939}}, sweep: {{initial.q: {{values: [0.25]}}}}"
+    )
     values = computed(fig12)
     assert values["crossing_time"][0] == pytest.approx(256.993064559, rel=1e-11)
     assert values["crossings"][0] == 3
@@ -174,7 +208,8 @@ def test_the_papers_crossings_are_found() -> None:
 
 @pytest.mark.heyoka
 def test_one_crossing_needs_no_watch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a theorem allows one crossing, the signs of D at the ends of the legs find all that watching does."""
+    """Where a theorem allows one crossing, the signs of D at the ends of the legs find all that
+    watching does."""
     case = one(
         f"{FIG4}, {BALL}, sweep: {{damping.2: {{linspace: [0, 0.01, 5]}}, d: {{sphere: {{count: 60, seed: 5}}}}}}"
     )
@@ -190,18 +225,23 @@ def test_one_crossing_needs_no_watch(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.heyoka
 @pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
 def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
-    case = one(f"{body}, {BALL}, sweep: {{inertia.1: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}")
+    case = one(
+        f"{body}, {BALL}, sweep: {{inertia.1: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}"
+    )
     whole = computed(case)
     cuts = [0, 1, 12, 41, 63, 74]
     parts = [computed(case, a, b) for a, b in pairwise(cuts)]
     for name, values in whole.items():
-        assert np.array_equal(values, np.concatenate([part[name] for part in parts]), equal_nan=True), name
+        assert np.array_equal(
+            values, np.concatenate([part[name] for part in parts]), equal_nan=True
+        ), name
 
 
 @pytest.mark.heyoka
 @pytest.mark.parametrize("size", [1e-150, 1e-3, 1.0, 1e150])
 def test_members_are_right_relative_to_their_size(size: float) -> None:
-    """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may not be a double."""
+    """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may
+    not be a double."""
     case = one(f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, error: off, time: {{end: {100 / size!r}}}, "
                f"initial: {{p: {0.8 * size!r}, q: {0.5 * size!r}, r: {0.74 * size!r}}}, "
                f"sweep: {{damping: {{values: [0, {0.01 * size!r}, {size!r}]}}}}")  # fmt: skip
@@ -210,7 +250,9 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
         member = members.member(case, number)
         (omega,) = exact.solve(member, np.array([case.time.end]))
         off = np.abs(values["omega"][number] - omega).max() / np.abs(omega).max()
-        assert off < 1e-12  # 100 radians: some 200 units in the last place, as one ulp in the data does
+        assert (
+            off < 1e-12
+        )  # 100 radians: some 200 units in the last place, as one ulp in the data does
         assert values["status"][number] == columns.OK
 
 
@@ -220,7 +262,9 @@ def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.Monkey
                "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
     alone: list[int] = []
     kept = chunk._alone
-    monkeypatch.setattr(chunk, "_alone", lambda case, number, row: (alone.append(number), kept(case, number, row)))
+    monkeypatch.setattr(
+        chunk, "_alone", lambda case, number, row: (alone.append(number), kept(case, number, row))
+    )
     values = computed(case)
     assert alone == [1]
     assert values["status"].tolist() == [columns.OK, columns.OK]
@@ -243,14 +287,18 @@ def test_starts_that_decide_nothing() -> None:
 
 
 def test_members_that_are_no_body_are_marked() -> None:
-    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}")
+    case = one(
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}"
+    )
     values = computed(case)
     assert values["status"].tolist() == [columns.INVALID, columns.OK, columns.INVALID]
     assert np.isnan(values["omega"][[0, 2]]).all()
 
 
 def test_the_limits_of_a_case_are_those_of_each_member() -> None:
-    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}")
+    case = one(
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}"
+    )
     assert computed(case)["status"].tolist() == [columns.TIMEOUT, columns.TIMEOUT]
 
 
@@ -267,12 +315,18 @@ def test_a_model_without_lanes_is_swept_too() -> None:
 @pytest.mark.heyoka
 def test_an_error_is_measured() -> None:
     """A probe sees an error that is put in, in the state and in the time."""
-    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003]}}}}")
+    case = one(
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003]}}}}"
+    )
     values = computed(case)
-    ((error, off, kind),) = summary.probe(summary.Probe(case, [0], values["omega"], values["crossing_time"]))
+    ((error, off, kind),) = summary.probe(
+        summary.Probe(case, [0], values["omega"], values["crossing_time"])
+    )
     assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
     wrong = values["omega"] * (1 + 1e-9)
-    ((error, off, _),) = summary.probe(summary.Probe(case, [0], wrong, values["crossing_time"] + 1e-6))
+    ((error, off, _),) = summary.probe(
+        summary.Probe(case, [0], wrong, values["crossing_time"] + 1e-6)
+    )
     assert error == pytest.approx(1e-9, rel=1e-3)
     assert off == pytest.approx(1e-6, rel=1e-3)
 
@@ -316,7 +370,9 @@ def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
     with h5py.File(results(tmp_path, SMALL, pool(1))) as file:
         ball, case = file["ball"], parse_case(file["ball"].attrs["case"])
         assert ball["crossing_time"].shape == (3, 400)
-        named = [next(name for name in ball if ball[name] == scale[0]) for scale in ball["omega"].dims]
+        named = [
+            next(name for name in ball if ball[name] == scale[0]) for scale in ball["omega"].dims
+        ]
         assert named == ["damping.2", "direction", "axis"]
         assert ball["damping.2"][:].tolist() == [0.001, 0.005, 0.009]
         values = computed(case)
@@ -338,11 +394,19 @@ def test_processes_and_repeats_change_nothing(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).mkdir()
     first = results(tmp_path / "a", SMALL, pool(1)).read_bytes()
-    with h5py.File(tmp_path / "a" / "a.h5") as one, h5py.File(results(tmp_path / "b", SMALL, pool(2))) as two:
+    with (
+        h5py.File(tmp_path / "a" / "a.h5") as one,
+        h5py.File(results(tmp_path / "b", SMALL, pool(2))) as two,
+    ):
         for name in one["ball"]:
             if one["ball"][name].dtype.kind in "if":
-                assert np.array_equal(one["ball"][name][:], two["ball"][name][:], equal_nan=True), name
-        assert one["ball"].attrs["error_quantiles"].tolist() == two["ball"].attrs["error_quantiles"].tolist()
+                assert np.array_equal(one["ball"][name][:], two["ball"][name][:], equal_nan=True), (
+                    name
+                )
+        assert (
+            one["ball"].attrs["error_quantiles"].tolist()
+            == two["ball"].attrs["error_quantiles"].tolist()
+        )
     assert results(tmp_path / "a", SMALL, pool(1)).read_bytes() == first
 
 
@@ -351,9 +415,14 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
     text = SMALL.replace("count: 400", "count: 6000").replace("end: 300", "end: 1000")
     (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
     script = Path(sysconfig.get_path("scripts")) / "hodo"
-    running = subprocess.Popen([script, "run", "a.yaml", "--case", "ball"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    running = subprocess.Popen(
+        [script, "run", "a.yaml", "--case", "ball"], cwd=tmp_path, stderr=subprocess.DEVNULL
+    )
     deadline = time.monotonic() + 60
-    while len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5"))) < 3 and time.monotonic() < deadline:
+    while (
+        len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5"))) < 3
+        and time.monotonic() < deadline
+    ):
         time.sleep(0.01)
     running.send_signal(signal.SIGKILL)
     running.wait()
@@ -366,7 +435,9 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
     assert not list(tmp_path.glob("runs/.a.h5.*"))
     with h5py.File(tmp_path / "runs" / "a.h5") as file:
         values = computed(parse_case(file["ball"].attrs["case"]), 0, 300)
-        assert np.array_equal(file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True)
+        assert np.array_equal(
+            file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True
+        )
         assert (file["ball"]["status"][:] == columns.OK).all()
 
 
@@ -390,7 +461,9 @@ def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
 
 
 @pytest.mark.heyoka
-def test_a_chunk_whose_worker_dies_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_chunk_whose_worker_dies_is_marked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = SMALL.replace("count: 400", "count: 100").replace("error: on", "error: off")
     as_before = chunk.compute
 
@@ -435,7 +508,11 @@ def test_averages_over_members() -> None:
         return averages.average(columns, ["a", "b"], variable, keep, at).tolist()
 
     assert average("end_axis.x1", "a") == [1 / 3, 1]
-    assert average("share.x2", "b", "a") == [[1, 10], [4, 13], [7, pytest.approx(math.nan, nan_ok=True)]]
+    assert average("share.x2", "b", "a") == [
+        [1, 10],
+        [4, 13],
+        [7, pytest.approx(math.nan, nan_ok=True)],
+    ]
     assert average("crossing_time", a=0) == 2
     assert average("crossing_time", "b") == [3, 7, 3]
     for wrong in (("nothing",), ("share",), ("end_axis.x2",)):
@@ -475,7 +552,8 @@ def test_the_map_of_the_sphere_keeps_areas_and_comes_back() -> None:
     directions = sweep_block.Axis("d", (), {"count": 4000, "seed": 1}).directions(np.arange(4000))
     points = swept.hammer(directions)
     assert swept.hammer_back(points) == pytest.approx(directions, abs=1e-9)
-    # A cap of one tenth of the sphere about each axis fills one tenth of the ellipse (to the pixels of the image).
+    # A cap of one tenth of the sphere about each axis fills one tenth of the ellipse (to the pixels
+    # of the image).
     for axis in range(3):
         image = swept.hammer_image(directions, directions[:, axis], 200)
         share = np.nanmean(np.where(np.isnan(image), np.nan, image > 0.8))
@@ -499,11 +577,16 @@ def test_every_sweep_that_ships_is_read() -> None:
     for path in sorted((ROOT / "configs").glob("sweep_*.yaml")):
         config = load(path)
         assert any(case.sweep for case in config.cases.values())
-    assert math.prod(columns.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"])) == 10**6
+    assert (
+        math.prod(columns.shape(load(ROOT / "configs" / "sweep_million.yaml").cases["million"]))
+        == 10**6
+    )
 
 
 def test_the_sweep_of_the_readme_is_one() -> None:
-    blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    blocks = re.findall(
+        r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL
+    )
     (text,) = (block for block in blocks if "sweep:" in block)
     config = parse(text, "README.md")
     assert columns.shape(config.cases["starts"]) == (17, 4000)

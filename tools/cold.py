@@ -1,7 +1,8 @@
-"""Whole processes, from the shell's point of view: what `hodo run` costs above its imports, and beside SciPy.
+"""Whole processes, from the shell's point of view: what `hodo run` costs above its imports, and
+beside SciPy.
 
-Prints a Markdown table of medians over a few rounds; in each round every command runs once, so that a machine whose
-speed drifts slows all of them alike. Run by `make bench`.
+Prints a Markdown table of medians over a few rounds; in each round every command runs once, so that
+a machine whose speed drifts slows all of them alike. Run by `make bench`.
 """
 
 import os
@@ -18,8 +19,8 @@ CONFIGS = [ROOT / "configs" / f"{name}.yaml" for name in ("paper1", "paper2", "p
 
 IMPORTS = "import numpy, h5py, heyoka"
 
-# DOP853 at the tightest tolerance that SciPy accepts: about as accurate as it can be, yet 10 to 100 times less so
-# than the Taylor series. It writes nothing.
+# DOP853 at the tightest tolerance that SciPy accepts: about as accurate as it can be, yet 10 to 100
+# times less so than the Taylor series. It writes nothing.
 SCIPY = """
 import sys, time
 import numpy as np
@@ -46,7 +47,11 @@ def clocked(command: list[str], cache: Path) -> tuple[float, str]:
     """Seconds that a command takes, and what it prints."""
     began = time.perf_counter()
     done = subprocess.run(
-        command, env={**os.environ, "XDG_CACHE_HOME": str(cache)}, capture_output=True, text=True, check=True
+        command,
+        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return time.perf_counter() - began, done.stdout
 
@@ -62,7 +67,9 @@ def measure(config: Path) -> dict[str, float]:
             imports, _ = clocked([python, "-c", IMPORTS], cache)
             empty, _ = clocked(command, cache)
             filled, rows = clocked(command, cache)
-            alone = subprocess.run([python, "-c", RUN_TIME], input=rows, capture_output=True, text=True, check=True)
+            alone = subprocess.run(
+                [python, "-c", RUN_TIME], input=rows, capture_output=True, text=True, check=True
+            )
             row = {"imports": imports, "empty": empty - imports, "filled": filled - imports}
             row["alone"] = float(alone.stdout)
             if config is CONFIGS[0]:
@@ -75,7 +82,9 @@ def measure(config: Path) -> dict[str, float]:
 
 def main() -> None:
     """Measure every config and print the table."""
-    print("| config | imports | above them, empty cache | above them, filled cache | integration alone |")
+    print(
+        "| config | imports | above them, empty cache | above them, filled cache | integration alone |"
+    )
     print("|---|---:|---:|---:|---:|")
     first = None
     for config in CONFIGS:

@@ -1,4 +1,5 @@
-"""Put a table from stdin into README.md, between `<!-- begin: NAME -->` and `<!-- end: NAME -->`."""
+"""Put a table from stdin into README.md, between `<!-- begin: NAME -->` and `<!-- end: NAME
+-->`."""
 
 import re
 import sys
@@ -9,7 +10,9 @@ README = Path(__file__).parents[1] / "README.md"
 
 def block(name: str) -> re.Pattern[str]:
     """The part of README between a name's markers, as group 2."""
-    return re.compile(rf"(<!-- begin: {re.escape(name)} -->\n)(.*?)(<!-- end: {re.escape(name)} -->)", re.DOTALL)
+    return re.compile(
+        rf"(<!-- begin: {re.escape(name)} -->\n)(.*?)(<!-- end: {re.escape(name)} -->)", re.DOTALL
+    )
 
 
 def main(name: str) -> None:
@@ -18,7 +21,9 @@ def main(name: str) -> None:
     text = README.read_text(encoding="utf-8")
     if not table or not block(name).search(text):
         sys.exit(f"nothing on stdin, or no markers for {name!r} in {README}")
-    README.write_text(block(name).sub(lambda found: f"{found[1]}\n{table}\n\n{found[3]}", text), encoding="utf-8")
+    README.write_text(
+        block(name).sub(lambda found: f"{found[1]}\n{table}\n\n{found[3]}", text), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Make the stored datasets, which `make compare` compares with, out of results computed in quadruple precision.
+"""Make the stored datasets, which `make compare` compares with, out of results computed in
+quadruple precision.
 
-`python tools/reference.py OUT RUN...` writes a thinned copy of each classified RUN to OUT, with the tolerance of each
-variable, and every event of every case to OUT/crossings.csv.
+`python tools/reference.py OUT RUN...` writes a thinned copy of each classified RUN to OUT, with the
+tolerance of each variable, and every event of every case to OUT/crossings.csv.
 """
 
 import csv
@@ -18,7 +19,8 @@ SAMPLES = 41
 """About how many samples of a motion are kept."""
 
 RTOL = {"averaged-u": 1e-11}
-"""The error that a result in double precision may have, relative to the largest value, by form; else 1e-12.
+"""The error that a result in double precision may have, relative to the largest value, by form;
+else 1e-12.
 
 The form averaged-u divides by u2 - u1, to which it loses digits.
 """
@@ -27,7 +29,8 @@ CONDITION = 10.0
 """The error of the time of an event, and of what is measured there, by the error of the state."""
 
 AXES = {1: "x1 (quadrant A)", 3: "x3 (quadrant B)"}
-"""What a body with A1 > A2 > A3 can go round, and the quadrant of paper 1 in which it is drawn then."""
+"""What a body with A1 > A2 > A3 can go round, and the quadrant of paper 1 in which it is drawn
+then."""
 
 DROPPED = ("hash", "method_reason", "classify_warnings")
 
@@ -40,7 +43,8 @@ HOW = (
 
 
 def thinned(group: Group) -> Group:
-    """A case with about SAMPLES samples, evenly spaced and with the last one, and the tolerance of each variable."""
+    """A case with about SAMPLES samples, evenly spaced and with the last one, and the tolerance of
+    each variable."""
     n, rtol = len(group.variables["time"].data), RTOL.get(str(group.attributes["form"]), 1e-12)
     rows = np.unique(np.r_[0 : n : max((n - 1) // (SAMPLES - 1), 1), n - 1])
     variables = {}
@@ -53,16 +57,26 @@ def thinned(group: Group) -> Group:
             tolerance = {}
         attributes = {key: value for key, value in variable.attributes.items() if key != "error"}
         variables[name] = Variable(variable.dims, data, attributes | tolerance)
-    return Group({key: value for key, value in group.attributes.items() if key not in DROPPED}, variables)
+    return Group(
+        {key: value for key, value in group.attributes.items() if key not in DROPPED}, variables
+    )
 
 
 def write(run: Run, path: Path) -> None:
-    """The thinned copy of a result. Exits if a case of it has not come out well, or not in quadruple precision."""
-    root = {key: value for key, value in run.attributes.items() if key not in ("config", "history", "format_version")}
+    """The thinned copy of a result. Exits if a case of it has not come out well, or not in
+    quadruple precision."""
+    root = {
+        key: value
+        for key, value in run.attributes.items()
+        if key not in ("config", "history", "format_version")
+    }
     with create(path, {**root, "history": stamp("make reference"), "reference": HOW}) as output:
         for name in run.cases():
             group = run.read(name)
-            if group.attributes["status"] != "ok" or "precision: quadruple" not in group.attributes["case"]:
+            if (
+                group.attributes["status"] != "ok"
+                or "precision: quadruple" not in group.attributes["case"]
+            ):
                 sys.exit(f"{run.path}: {name} is no reference: {group.attributes['message']}")
             output.write(name, thinned(group))
 
@@ -75,7 +89,14 @@ def events(run: Run) -> list[dict[str, Any]]:
         columns = [data.get(f"crossing_{key}", ()) for key in ("time", "from", "to", "G")]
         for time, before, after, G in zip(*columns, strict=True):
             words = f"separatrix, from {AXES[before]} to {AXES[after]}"
-            rows.append({"case": name, "time": repr(float(time)), "event": words, "value": f"|G| = {G:.12g}"})
+            rows.append(
+                {
+                    "case": name,
+                    "time": repr(float(time)),
+                    "event": words,
+                    "value": f"|G| = {G:.12g}",
+                }
+            )
         for kind, time in zip(data.get("event_kind", ()), data.get("event_time", ()), strict=True):
             value = f"x = {data['x'][-1]:.12g}" if time == data["time"][-1] else ""
             words = {"end_of_spin": "end of spin, y = 0"}.get(kind, kind)
@@ -87,7 +108,9 @@ def main(out: Path, runs: list[Path]) -> None:
     """Write the datasets and the table."""
     out.mkdir(parents=True, exist_ok=True)
     with open(out / "crossings.csv", "w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, ["paper", "case", "time", "event", "value"], lineterminator="\n")
+        table = csv.DictWriter(
+            file, ["paper", "case", "time", "event", "value"], lineterminator="\n"
+        )
         table.writeheader()
         for path in runs:
             with open_run(path) as run:

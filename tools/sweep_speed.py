@@ -1,8 +1,10 @@
-"""The speed of sweeps: whole processes, beside plain loops over heyoka's batch integrator and over SciPy.
+"""The speed of sweeps: whole processes, beside plain loops over heyoka's batch integrator and over
+SciPy.
 
-Random starts of the body of the first paper's Fig. 4, to tau = 1000, with the first crossing. Prints a Markdown table:
-medians over a few rounds, in each of which every command runs once, so that a machine whose speed drifts slows all of
-them alike; and of each the processor time, which other work on the machine changes less. Run by `make bench`.
+Random starts of the body of the first paper's Fig. 4, to tau = 1000, with the first crossing.
+Prints a Markdown table: medians over a few rounds, in each of which every command runs once, so
+that a machine whose speed drifts slows all of them alike; and of each the processor time, which
+other work on the machine changes less. Run by `make bench`.
 """
 
 import os
@@ -33,8 +35,9 @@ cases:
     sweep: {direction: {sphere: {count: %d, seed: 1}}}
 """
 
-# What a user of heyoka would write: batches of the recommended width, the separatrix as an event whose times are kept
-# in a list, two processes with half of the starts each. Nothing is stored, and no error is relative.
+# What a user of heyoka would write: batches of the recommended width, the separatrix as an event
+# whose times are kept in a list, two processes with half of the starts each. Nothing is stored, and
+# no error is relative.
 PLAIN = """
 import sys
 from multiprocessing import get_context
@@ -88,7 +91,8 @@ for start in (G / np.linalg.norm(G, axis=0) / np.array([[1], [0.8], [0.6]])).T:
 
 
 class Cost(NamedTuple):
-    """Seconds of a command, by the clock and of the processors, and its largest process in bytes."""
+    """Seconds of a command, by the clock and of the processors, and its largest process in
+    bytes."""
 
     wall: float
     cpu: float
@@ -98,7 +102,9 @@ class Cost(NamedTuple):
 def cost(command: list[str], folder: Path) -> Cost:
     """Run a command."""
     began = time.perf_counter()
-    running = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    running = subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
     assert running.stderr is not None
     said = running.stderr.read()
     _, status, used = os.wait4(running.pid, 0)
@@ -135,7 +141,9 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
             "`hodo run -j 1`, crossings, files": lambda: sweep(folder, members, 1),
             "`hodo run -j 2`, errors measured too": lambda: sweep(folder, members, 2, error="on"),
             "`hodo run -j 2`, tol 2.2e-16": lambda: sweep(folder, members, 2, tol=2.0**-52),
-            "plain loop in 2 processes, events, nothing stored": lambda: plain(folder, members, "events"),
+            "plain loop in 2 processes, events, nothing stored": lambda: plain(
+                folder, members, "events"
+            ),
             "plain loop in 2 processes, no events": lambda: plain(folder, members, "none"),
         }
         for command in commands.values():
@@ -146,16 +154,28 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
                 found[what].append(command())
         few = max(members // 5000, 4)
         slow = cost([sys.executable, "scipy_loop.py", str(few)], folder)
-        print("| first crossing of random starts | members/s | microseconds of processor each |\n|---|---|---|")
+        print(
+            "| first crossing of random starts | members/s | microseconds of processor each |\n|---|---|---|"
+        )
         for what, costs in found.items():
             each = middle(costs)
             print(f"| {what} | {members / each.wall:,.0f} | {each.cpu / members * 1e6:.1f} |")
-        print(f"| SciPy DOP853 at 1e-10, one process | {few / slow.wall:,.1f} | {slow.cpu / few * 1e6:,.0f} |\n")
-        print("| members | seconds | microseconds of processor each | largest process, MB |\n|---|---|---|---|")
+        print(
+            f"| SciPy DOP853 at 1e-10, one process | {few / slow.wall:,.1f} | {slow.cpu / few * 1e6:,.0f} |\n"
+        )
+        print(
+            "| members | seconds | microseconds of processor each | largest process, MB |\n|---|---|---|---|"
+        )
         for count in growing:
             each = sweep(folder, count, 2)
-            print(f"| {count:,} | {each.wall:.1f} | {each.cpu / count * 1e6:.1f} | {each.memory / 1e6:.0f} |")
+            print(
+                f"| {count:,} | {each.wall:.1f} | {each.cpu / count * 1e6:.1f} | {each.memory / 1e6:.0f} |"
+            )
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else MEMBERS, ROUNDS, [n for n in GROWING if len(sys.argv) < 2])
+    main(
+        int(sys.argv[1]) if len(sys.argv) > 1 else MEMBERS,
+        ROUNDS,
+        [n for n in GROWING if len(sys.argv) < 2],
+    )

@@ -11,13 +11,15 @@ from ..cases.case import Case
 from ..models import find
 
 BYTES = 50
-"""Peak of memory for each number of each sample (the state and the stored variables), rounded up from what cases of
-every model took: 10 to 30 when they were integrated, 47 when they were classified."""
+"""Peak of memory for each number of each sample (the state and the stored variables), rounded up
+from what cases of every model took: 10 to 30 when they were integrated, 47 when they were
+classified."""
 
 
 @cache
 def limit() -> int:
-    """The bytes that a process may have at most: the machine's memory, or a lower limit of its container or shell."""
+    """The bytes that a process may have at most: the machine's memory, or a lower limit of its
+    container or shell."""
     limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     if (address_space := resource.getrlimit(resource.RLIMIT_AS)[0]) != resource.RLIM_INFINITY:
         limits.append(address_space)
@@ -27,16 +29,20 @@ def limit() -> int:
 
 
 def need(case: Case) -> int:
-    """About how many bytes the samples of a case take at most while it is integrated or classified."""
+    """About how many bytes the samples of a case take at most while it is integrated or
+    classified."""
     if case.sweep and "trajectory" not in case.store:
         return 0
     model = find(case.model, case.form)
-    numbers = len(model.state) + sum(3 if "axis" in variable.dims else 1 for variable in model.variables.values())
+    numbers = len(model.state) + sum(
+        3 if "axis" in variable.dims else 1 for variable in model.variables.values()
+    )
     return case.time.samples * numbers * BYTES
 
 
 def afford(case: Case, processes: int = 1) -> None:
-    """Raise HodoError if the samples of a case do not fit into the memory of one of so many processes."""
+    """Raise HodoError if the samples of a case do not fit into the memory of one of so many
+    processes."""
     have = limit() // processes
     if need(case) > have:
         share = f" for each of {processes} processes" if processes > 1 else ""

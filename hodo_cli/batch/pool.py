@@ -1,4 +1,5 @@
-"""Independent tasks, done here, in other processes or on other machines: the one place that knows executors."""
+"""Independent tasks, done here, in other processes or on other machines: the one place that knows
+executors."""
 
 import os
 import signal
@@ -24,14 +25,18 @@ Result = TypeVar("Result")
 
 
 class Pool:
-    """Applies functions to tasks, in this process or through an executor. A context manager; may be used repeatedly.
+    """Applies functions to tasks, in this process or through an executor. A context manager; may be
+    used repeatedly.
 
-    `make` makes the executor (None: no executor); it is called when first needed, and again after a worker's death.
-    `ahead` is the number of tasks that are handed to it before the first of them has to be finished. With `early` it
-    is made on entering, so that it is known at once if there is none to be had.
+    `make` makes the executor (None: no executor); it is called when first needed, and again after a
+    worker's death. `ahead` is the number of tasks that are handed to it before the first of them
+    has to be finished. With `early` it is made on entering, so that it is known at once if there is
+    none to be had.
     """
 
-    def __init__(self, make: Callable[[], Executor] | None = None, ahead: int = 1, early: bool = False) -> None:
+    def __init__(
+        self, make: Callable[[], Executor] | None = None, ahead: int = 1, early: bool = False
+    ) -> None:
         self._make = make
         self._early = early
         self._ahead = ahead
@@ -52,17 +57,21 @@ class Pool:
     def map(
         self, function: Callable[[Task], Result], tasks: Iterable[Task]
     ) -> Iterator[tuple[Task, Result | Exception]]:
-        """Each task with what the function makes of it, or the exception that it raises, as they are finished.
+        """Each task with what the function makes of it, or the exception that it raises, as they
+        are finished.
 
-        Tasks are taken from their iterable when they are needed, at most `ahead` of the results. With an executor,
-        the function, the tasks and the results must be picklable. A task whose worker dies, and dies again when it
-        has no other task beside it, comes back with a HodoError; what else was lost is done again.
+        Tasks are taken from their iterable when they are needed, at most `ahead` of the results.
+        With an executor, the function, the tasks and the results must be picklable. A task whose
+        worker dies, and dies again when it has no other task beside it, comes back with a
+        HodoError; what else was lost is done again.
         """
         if self._make is None:
             return ((task, _attempt(function, task)) for task in tasks)
         return self._map(function, iter(tasks))
 
-    def _map(self, function: Callable[[Task], Result], tasks: Iterator[Task]) -> Iterator[tuple[Task, Any]]:
+    def _map(
+        self, function: Callable[[Task], Result], tasks: Iterator[Task]
+    ) -> Iterator[tuple[Task, Any]]:
         running: dict[Future[Any], Task] = {}
         while True:
             for task in islice(tasks, self._ahead - len(running)):
@@ -110,7 +119,8 @@ def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Excepti
 
 
 class Processes(ProcessPoolExecutor):
-    """Spawned processes that end when this executor is shut down, whatever they do, or when this process ends."""
+    """Spawned processes that end when this executor is shut down, whatever they do, or when this
+    process ends."""
 
     def __init__(self, workers: int) -> None:
         context = get_context("spawn")
@@ -118,7 +128,8 @@ class Processes(ProcessPoolExecutor):
         super().__init__(workers, context, _obey, (leash,))
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Schedule a call. A worker that is started for it never sees Ctrl-C, which is this process's affair."""
+        """Schedule a call. A worker that is started for it never sees Ctrl-C, which is this
+        process's affair."""
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return super().submit(function, *args, **kwargs)
@@ -132,7 +143,8 @@ class Processes(ProcessPoolExecutor):
 
 
 def _obey(leash: Connection) -> None:
-    """End this worker when the other end of `leash` is closed: by `shutdown`, or by the death of its owner."""
+    """End this worker when the other end of `leash` is closed: by `shutdown`, or by the death of
+    its owner."""
 
     def watch() -> None:
         leash.poll(None)
@@ -142,18 +154,26 @@ def _obey(leash: Connection) -> None:
 
 
 class Dask(Executor):
-    """The workers of a dask scheduler: those at tcp://HOST:PORT, or, for "dask", so many processes of this machine.
+    """The workers of a dask scheduler: those at tcp://HOST:PORT, or, for "dask", so many processes
+    of this machine.
 
-    A task whose worker is lost is done again by another one. Raises HodoError if dask is not installed, or no
-    scheduler answers.
+    A task whose worker is lost is done again by another one. Raises HodoError if dask is not
+    installed, or no scheduler answers.
     """
 
     def __init__(self, scheduler: str, workers: int) -> None:
         try:
             from distributed import Client
         except ImportError:
-            raise HodoError("--scheduler needs dask, which is not installed: pip install 'hodo[dask]'") from None
-        local = {"n_workers": workers, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
+            raise HodoError(
+                "--scheduler needs dask, which is not installed: pip install 'hodo[dask]'"
+            ) from None
+        local = {
+            "n_workers": workers,
+            "threads_per_worker": 1,
+            "host": "127.0.0.1",
+            "dashboard_address": None,
+        }
         try:
             client: Any = Client  # it is not typed
             self._client = client(**local) if scheduler == "dask" else client(scheduler, timeout=10)
@@ -173,11 +193,17 @@ class Dask(Executor):
 
 
 AHEAD = 256
-"""Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to have workers."""
+"""Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to
+have workers."""
 
 
 def pool(workers: int, scheduler: str | None = None) -> Pool:
-    """Tasks in this process, if `workers` is 1, in so many others, or on the workers of a dask scheduler."""
+    """Tasks in this process, if `workers` is 1, in so many others, or on the workers of a dask
+    scheduler."""
     if scheduler is not None:
-        return Pool(lambda: Dask(scheduler, workers), 2 * workers if scheduler == "dask" else AHEAD, early=True)
+        return Pool(
+            lambda: Dask(scheduler, workers),
+            2 * workers if scheduler == "dask" else AHEAD,
+            early=True,
+        )
     return Pool(lambda: Processes(workers), 2 * workers) if workers > 1 else Pool()

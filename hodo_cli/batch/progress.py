@@ -9,9 +9,11 @@ import click
 
 
 class Progress:
-    """Counts tasks: in one line that is written over on a terminal, else in a line for each. A context manager.
+    """Counts tasks: in one line that is written over on a terminal, else in a line for each. A
+    context manager.
 
-    Problems are said in any case; the rest unless `quiet`. NO_COLOR=1 takes the colour from a terminal.
+    Problems are said in any case; the rest unless `quiet`. NO_COLOR=1 takes the colour from a
+    terminal.
     """
 
     def __init__(self, total: int, quiet: bool = False) -> None:

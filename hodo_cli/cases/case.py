@@ -1,8 +1,9 @@
 """Case files: from YAML to frozen cases, checked, and back.
 
-The keys of a case are `model`, `form`, those of its model's form, and COMMON. A value is taken from the first of: an
-override (`--set`), the case, the file's `defaults:`, the key's own default. A mistake is reported with its file, line,
-column, key and nearest spelling; all mistakes of a file are raised together, as one HodoError with a line for each.
+The keys of a case are `model`, `form`, those of its model's form, and COMMON. A value is taken from
+the first of: an override (`--set`), the case, the file's `defaults:`, the key's own default. A
+mistake is reported with its file, line, column, key and nearest spelling; all mistakes of a file
+are raised together, as one HodoError with a line for each.
 """
 
 import re
@@ -21,7 +22,9 @@ from .keys import COMMON, all_keys, keys_in
 from .sweep_block import check_axes, storable
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-NAME_RULE = "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
+NAME_RULE = (
+    "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +38,8 @@ class Time:
 
 @dataclass(frozen=True)
 class Case:
-    """One experiment, complete: `data` holds the keys of its model's form, every default filled in."""
+    """One experiment, complete: `data` holds the keys of its model's form, every default filled
+    in."""
 
     name: str
     model: str
@@ -79,7 +83,9 @@ def read_mapping(text: str, mistakes: Mistakes) -> Block:
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document
-    raise mistakes.fatal(Place(1, 1), f"wants a mapping of keys to values, not {kinds.shown(document)}")
+    raise mistakes.fatal(
+        Place(1, 1), f"wants a mapping of keys to values, not {kinds.shown(document)}"
+    )
 
 
 def _without_none(data: Any) -> Any:
@@ -116,12 +122,17 @@ def checked_case(name: str, block: Block, report: Report) -> Case | None:
         sweep = values.get("sweep")
         if sweep and not wrong:
             check_axes(sweep, found.keys, data, not found.unclassifiable, note)
-        known = storable(found.variables, not found.unclassifiable) if sweep else list(found.variables)
+        known = (
+            storable(found.variables, not found.unclassifiable) if sweep else list(found.variables)
+        )
         for i, kept in enumerate(values.get("store", ())):
             if kept not in known:
                 note(("store", i), kinds.unknown(f"variable {kept!r}", kept, known))
     if "time" in values and not 0 <= values["time"]["end"] - values["time"]["start"] < float("inf"):
-        note(("time", "end"), f"the span from {values['time']['start']:g} to {values['time']['end']:g} is not possible")
+        note(
+            ("time", "end"),
+            f"the span from {values['time']['start']:g} to {values['time']['end']:g} is not possible",
+        )
     if wrong or not found:
         return None
     common = {key: values[key] for key in COMMON} | {"time": Time(**values["time"])}
@@ -137,11 +148,13 @@ def _cross_check(found: type[Model], data: Mapping[str, Any], report: Report) ->
             raise
 
 
-def _own(block: Block, found: type[Model] | None, taken: Mapping[str, Key], report: Report) -> dict[str, Any]:
+def _own(
+    block: Block, found: type[Model] | None, taken: Mapping[str, Key], report: Report
+) -> dict[str, Any]:
     """The entries of a case that are to be resolved.
 
-    Left out are defaults that its model does not take; keys of another form of the model, which are reported; and,
-    where the model is not known, the keys of every model.
+    Left out are defaults that its model does not take; keys of another form of the model, which are
+    reported; and, where the model is not known, the keys of every model.
     """
     own = {}
     for key, value in block.items():
@@ -152,7 +165,10 @@ def _own(block: Block, found: type[Model] | None, taken: Mapping[str, Key], repo
         elif key in block.inherited or (found is None and key in all_keys()):
             continue
         elif found and others:
-            report((Misnamed(key),), f"is a key of form {' or '.join(others)}, and this is form {found.form}")
+            report(
+                (Misnamed(key),),
+                f"is a key of form {' or '.join(others)}, and this is form {found.form}",
+            )
         else:
             own[key] = value
     return own

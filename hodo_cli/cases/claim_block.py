@@ -1,4 +1,5 @@
-"""What a case file's `claims:` block takes: the statements of a text, and how each of them is checked."""
+"""What a case file's `claims:` block takes: the statements of a text, and how each of them is
+checked."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -189,14 +190,26 @@ GIVEN = Either(Number(), Data())
 OVER = Table(
     {
         "grid": Key(
-            Each(Sequence(GIVEN), "keys (damping.2) to lists of values"), "every combination is a member", default=None
+            Each(Sequence(GIVEN), "keys (damping.2) to lists of values"),
+            "every combination is a member",
+            default=None,
         ),
-        "random": Key(Each(Vector(2), "keys (damping.2) to two limits"), "uniform random values", default=None),
-        "start": Key(Choice("x1", "x3", "any"), "random starts with |G| = 1 that enclose this axis", default=None),
+        "random": Key(
+            Each(Vector(2), "keys (damping.2) to two limits"), "uniform random values", default=None
+        ),
+        "start": Key(
+            Choice("x1", "x3", "any"),
+            "random starts with |G| = 1 that enclose this axis",
+            default=None,
+        ),
         "members": Key(Integer(least=1, most=100_000), "number of random members", default=100),
         "seed": Key(Integer(least=0), "seed of the random numbers", default=1),
-        "set": Key(Each(GIVEN, "keys (time.end) to values"), "values for all members", default=None),
-        "share": Key(Number(above=0, most=1), "share of the random members that must comply", default=1.0),
+        "set": Key(
+            Each(GIVEN, "keys (time.end) to values"), "values for all members", default=None
+        ),
+        "share": Key(
+            Number(above=0, most=1), "share of the random members that must comply", default=1.0
+        ),
     }
 )
 
@@ -218,8 +231,9 @@ CLAIM = {
 def cross_check(given: Any, cases: Mapping[str, Any], report: Report) -> None:
     """Report what joins several keys of the claims as they are given.
 
-    That is ids given twice, cases that are not there, quantities and their numbers, keys that a case does not have.
-    `cases` are the values of each case, nested; None for one with mistakes of its own.
+    That is ids given twice, cases that are not there, quantities and their numbers, keys that a
+    case does not have. `cases` are the values of each case, nested; None for one with mistakes of
+    its own.
     """
     seen: set[str] = set()
     for i, item in enumerate(given if isinstance(given, list) else ()):
@@ -234,13 +248,22 @@ def cross_check(given: Any, cases: Mapping[str, Any], report: Report) -> None:
                 report((*at, "cases", j), kinds.unknown(f"case {name!r}", name, cases))
         for name, values in claim.get("check", {}).get("values", {}).items():
             if name not in SERIES and name not in NUMBERS:
-                report((*at, "check", "values", Misnamed(name)), kinds.unknown("quantity", name, [*SERIES, *NUMBERS]))
+                report(
+                    (*at, "check", "values", Misnamed(name)),
+                    kinds.unknown("quantity", name, [*SERIES, *NUMBERS]),
+                )
             elif len(values) != len(named):
-                report((*at, "check", "values", name), f"wants {len(named)} numbers, one for each case")
+                report(
+                    (*at, "check", "values", name), f"wants {len(named)} numbers, one for each case"
+                )
         over = claim.get("over") or {}
         for part in ("grid", "random", "set"):
             for path in over.get(part) or ():
-                if lacking := [name for name in named if cases.get(name) and not reaches(cases[name], path.split("."))]:
+                if lacking := [
+                    name
+                    for name in named
+                    if cases.get(name) and not reaches(cases[name], path.split("."))
+                ]:
                     report((*at, "over", part, Misnamed(path)), f"is no key of case {lacking[0]}")
 
 

@@ -34,8 +34,9 @@ class Config:
 def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
     """The config in a file, with overrides such as "fig4.damping.2=0.001" applied to its cases.
 
-    An override is CASE.KEY.PATH=VALUE: a case's name or a glob, a key, further keys or zero-based positions within
-    its value, and a value in YAML. It may add a key. Raises HodoError, one line for each mistake.
+    An override is CASE.KEY.PATH=VALUE: a case's name or a glob, a key, further keys or zero-based
+    positions within its value, and a value in YAML. It may add a key. Raises HodoError, one line
+    for each mistake.
     """
     name = str(path)
     try:
@@ -49,13 +50,19 @@ def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line, column = raw.count(b"\n", 0, error.start) + 1, error.start - raw.rfind(b"\n", 0, error.start)
-        raise mistakes.fatal(Place(line, column), f"not UTF-8 text (byte {raw[error.start]:#04x})") from None
+        line, column = (
+            raw.count(b"\n", 0, error.start) + 1,
+            error.start - raw.rfind(b"\n", 0, error.start),
+        )
+        raise mistakes.fatal(
+            Place(line, column), f"not UTF-8 text (byte {raw[error.start]:#04x})"
+        ) from None
     return parse(text, name, overrides)
 
 
 def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
-    """The config in a text; `name` stands for the file in messages. Raises HodoError as `load` does."""
+    """The config in a text; `name` stands for the file in messages. Raises HodoError as `load`
+    does."""
     mistakes = Mistakes(name)
     document = read_mapping(text, mistakes)
     report = reporter(document, (), Place(1, 1), mistakes)
@@ -64,11 +71,17 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     cases, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
     if "cases" in sections and not cases:
         report(("cases",), "there is no case")
-    blocks = {case: _merge(defaults, block) for case, block in cases.items() if _is_entry("cases", case, block, report)}
+    blocks = {
+        case: _merge(defaults, block)
+        for case, block in cases.items()
+        if _is_entry("cases", case, block, report)
+    }
     for override in overrides:
         apply_override(override, blocks, mistakes)
     checked = [
-        checked_case(case, block, reporter(block, ("cases", case), cases.value_places[case], mistakes))
+        checked_case(
+            case, block, reporter(block, ("cases", case), cases.value_places[case], mistakes)
+        )
         for case, block in blocks.items()
     ]
     _check_defaults(defaults, blocks.values(), report)
@@ -104,7 +117,9 @@ def _merge(defaults: Block, given: Block) -> Block:
     merged = given.copy()
     for key, value in defaults.items():
         if key not in given:
-            merged.put(key, value, defaults.key_places[key], defaults.value_places[key], inherited=True)
+            merged.put(
+                key, value, defaults.key_places[key], defaults.value_places[key], inherited=True
+            )
     own, common = given.get("time"), defaults.get("time")
     if isinstance(own, Block) and isinstance(common, Block):
         merged["time"] = _merge(common, own)
@@ -114,15 +129,26 @@ def _merge(defaults: Block, given: Block) -> Block:
 def _check_defaults(defaults: Block, blocks: Iterable[Block], report: Report) -> None:
     """Report the defaults that no case takes."""
     found = [keys_in(block) for block in blocks]
-    taken = set(all_keys()) if any(form is None for form, _ in found) else {key for _, some in found for key in some}
+    taken = (
+        set(all_keys())
+        if any(form is None for form, _ in found)
+        else {key for _, some in found for key in some}
+    )
     for key in defaults:
         if key not in taken:
-            message = "no case here takes this key" if key in all_keys() else kinds.unknown("key", key, sorted(taken))
+            message = (
+                "no case here takes this key"
+                if key in all_keys()
+                else kinds.unknown("key", key, sorted(taken))
+            )
             report(("defaults", Misnamed(key)), message)
 
 
-def _figures(given: Mapping[str, Any], cases: Mapping[str, Any], report: Report) -> dict[str, dict[str, Any]]:
-    """The figures, each checked by the keys of its kind; the cases and figures that they name must exist."""
+def _figures(
+    given: Mapping[str, Any], cases: Mapping[str, Any], report: Report
+) -> dict[str, dict[str, Any]]:
+    """The figures, each checked by the keys of its kind; the cases and figures that they name must
+    exist."""
     figures = {}
     for name, block in given.items():
         if not _is_entry("figures", name, block, report):

@@ -1,22 +1,36 @@
-"""What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides `kind`."""
+"""What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
+`kind`."""
 
 from ..schema.kinds import Choice, Integer, Key, Names, Number, Sequence, Table, Text, Vector
 
 CASES = Key(Names(), "cases drawn, in this order")
-LABELS = Key(Names(), "what the figure calls its cases, in their order (default: their names)", default=())
-CAPTION = Key(Text(), "what the figure shows, and any assumption or misprint that its cases carry", default="")
+LABELS = Key(
+    Names(), "what the figure calls its cases, in their order (default: their names)", default=()
+)
+CAPTION = Key(
+    Text(), "what the figure shows, and any assumption or misprint that its cases carry", default=""
+)
 TIME = Key(Text(), "symbol of time, in TeX", default=r"\tau")
-VIEW = Key(Vector(2), "elevation above the x1 x2 plane and azimuth from x1 of the reader's eye", "degree", (24.0, 35.0))
+VIEW = Key(
+    Vector(2),
+    "elevation above the x1 x2 plane and azimuth from x1 of the reader's eye",
+    "degree",
+    (24.0, 35.0),
+)
 COMMON = {"cases": CASES, "labels": LABELS, "caption": CAPTION, "time": TIME}
 ZOOM_DOC = "draw a second panel, of the neighbourhood of the origin up to this size"
 
 INSET = Table(
     {
-        "panel": Key(Text(), "panel that holds the inset: a variable or, with `panels: case`, a case"),
+        "panel": Key(
+            Text(), "panel that holds the inset: a variable or, with `panels: case`, a case"
+        ),
         "case": Key(Text(), "case drawn in the inset"),
         "variables": Key(Names(), "variables drawn in the inset"),
         "box": Key(
-            Vector(4), "left, bottom, width, height within the panel, as fractions", default=(0.5, 0.5, 0.46, 0.38)
+            Vector(4),
+            "left, bottom, width, height within the panel, as fractions",
+            default=(0.5, 0.5, 0.46, 0.38),
         ),
     }
 )

@@ -16,11 +16,23 @@ from .keys import COMMON, SECTIONS, keys_of
 
 def _rows(path: str, key: Key) -> Iterator[tuple[str, str, str, str, str]]:
     """The rows of the key table, but for `where`, of a key and the keys within it."""
-    default = "required" if key.default is kinds.REQUIRED else "" if key.default is None else write(key.default)
+    default = (
+        "required"
+        if key.default is kinds.REQUIRED
+        else ""
+        if key.default is None
+        else write(key.default)
+    )
     yield path, key.kind.describe(), key.unit, default, key.doc
     inner_kinds = key.kind.kinds if isinstance(key.kind, Either) else (key.kind,)
     for kind in inner_kinds:
-        tables = [kind.keys] if isinstance(kind, Table) else kind.tables.values() if isinstance(kind, Variant) else []
+        tables = (
+            [kind.keys]
+            if isinstance(kind, Table)
+            else kind.tables.values()
+            if isinstance(kind, Variant)
+            else []
+        )
         for table in tables:
             for name, inner in table.items():
                 yield from _rows(f"{path}.{name}", inner)
@@ -44,7 +56,10 @@ def key_table() -> str:
     every = {model: list(forms) for model, forms in catalogue.items()} | {"figure": list(KINDS)}
     lines = ["| key | where | value | unit | default | meaning |", "|---|---|---|---|---|---|"]
     for (name, *rest), groups in where.items():
-        named = [g if list(some) in ([""], every.get(g)) else f"{g} ({', '.join(some)})" for g, some in groups.items()]
+        named = [
+            g if list(some) in ([""], every.get(g)) else f"{g} ({', '.join(some)})"
+            for g, some in groups.items()
+        ]
         cells = (f"`{name}`", ", ".join(named), *rest)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
@@ -57,14 +72,18 @@ def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, A
         if (rule := key.schema()) not in own.setdefault(name, []):
             own[name].append(rule)
     rules = {name: some[0] if len(some) == 1 else {"anyOf": some} for name, some in own.items()}
-    return {"properties": dict.fromkeys(("model", *COMMON), True) | form | rules, "additionalProperties": False}
+    return {
+        "properties": dict.fromkeys(("model", *COMMON), True) | form | rules,
+        "additionalProperties": False,
+    }
 
 
 def schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of the case files.
 
-    No key is required of a case, since `defaults:` may supply it; the keys of a model are closed only where the case
-    itself names the model. Conditions that join several keys (the triangle inequality, say) are beyond a schema.
+    No key is required of a case, since `defaults:` may supply it; the keys of a model are closed
+    only where the case itself names the model. Conditions that join several keys (the triangle
+    inequality, say) are beyond a schema.
     """
     catalogue = models.catalogue()
     head = {"model": {"enum": list(catalogue), "description": "equations of motion"}}
@@ -73,14 +92,22 @@ def schema() -> dict[str, Any]:
     rules = []
     for model, forms in catalogue.items():
         named = {"properties": {"model": {"const": model}}, "required": ["model"]}
-        rules.append({"if": named, "then": _closed({"form": {"enum": list(forms)}}, forms.values())})
+        rules.append(
+            {"if": named, "then": _closed({"form": {"enum": list(forms)}}, forms.values())}
+        )
         for form, found in forms.items():
             this = {"properties": {"form": {"const": form}}, "required": ["form"]}
             rules.append({"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [found])})
-    figures = [Table({"kind": Key(Choice(kind), "what is drawn")} | taken).schema() for kind, taken in KINDS.items()]
+    figures = [
+        Table({"kind": Key(Choice(kind), "what is drawn")} | taken).schema()
+        for kind, taken in KINDS.items()
+    ]
     sections = {name: key.schema() for name, key in SECTIONS.items()}
     names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}}
-    sections["cases"] |= names | {"additionalProperties": {"$ref": "#/$defs/case"}, "minProperties": 1}
+    sections["cases"] |= names | {
+        "additionalProperties": {"$ref": "#/$defs/case"},
+        "minProperties": 1,
+    }
     sections["figures"] |= names | {"additionalProperties": {"oneOf": figures}}
     sections["defaults"] |= {"properties": head | common}
     return {

@@ -28,20 +28,36 @@ TIME = Table(
 
 COMMON = {
     "time": Key(TIME, "span of the integration, and its samples"),
-    "method": Key(Choice(*METHODS), "method of integration; auto takes the fastest that is safe", default="auto"),
+    "method": Key(
+        Choice(*METHODS),
+        "method of integration; auto takes the fastest that is safe",
+        default="auto",
+    ),
     "tol": Key(
         Number(above=0, below=1),
         "tolerance relative to max|omega| "
         "(if left out: 1e-9 for RK45, LSODA, Radau, BDF, 1e-12 for DOP853, else the precision's limit)",
         default=None,
     ),
-    "precision": Key(Choice("double", "extended", "quadruple"), "working precision", default="double"),
-    "error": Key(Choice("on", "off"), "whether the error is measured, against a finer integration", default="on"),
+    "precision": Key(
+        Choice("double", "extended", "quadruple"), "working precision", default="double"
+    ),
+    "error": Key(
+        Choice("on", "off"),
+        "whether the error is measured, against a finer integration",
+        default="on",
+    ),
     "store": Key(Names(), "variables kept (if left out or empty: the state)", default=()),
     "max_seconds": Key(Number(above=0), "run time after which the case is given up", "s", None),
-    "max_steps": Key(Integer(least=1, most=10**15), "number of steps after which the case is given up", default=None),
+    "max_steps": Key(
+        Integer(least=1, most=10**15),
+        "number of steps after which the case is given up",
+        default=None,
+    ),
     "note": Key(Text(), "remark that goes with the results: an assumption, a misprint", default=""),
-    "sweep": Key(Ranges(), "ranges of numeric keys, which make the case a grid or an ensemble", default=None),
+    "sweep": Key(
+        Ranges(), "ranges of numeric keys, which make the case a grid or an ensemble", default=None
+    ),
 }
 """The keys that a case of any model takes besides `model` and `form`."""
 
@@ -63,7 +79,11 @@ class Section:
 BENCH = Table(
     {
         "methods": Key(kinds.Sequence(Choice(*METHODS)), "methods compared"),
-        "tols": Key(kinds.Sequence(Number(above=0, below=1)), "tolerances (default: each method's own)", default=()),
+        "tols": Key(
+            kinds.Sequence(Number(above=0, below=1)),
+            "tolerances (default: each method's own)",
+            default=(),
+        ),
         "repeats": Key(Integer(least=1, most=1000), "runs of which the median is timed", default=1),
         "max_seconds": Key(Number(above=0), "run time after which a method is given up", "s", 10.0),
     }
@@ -72,17 +92,24 @@ BENCH = Table(
 SECTIONS = {
     "title": Key(Text(), "title of the config", default=""),
     "references": Key(Text(), "where its cases come from", default=""),
-    "defaults": Key(Section(), "values for every case that takes the key; those of `time` one by one", default=None),
+    "defaults": Key(
+        Section(),
+        "values for every case that takes the key; those of `time` one by one",
+        default=None,
+    ),
     "cases": Key(Section(), "the experiments, by name"),
     "figures": Key(Section(), "what `hodo plot` draws, by name", default=None),
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
-    "claims": Key(kinds.Sequence(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()),
+    "claims": Key(
+        kinds.Sequence(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()
+    ),
 }
 
 
 @cache
 def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
-    """The class of a model's form (None: the first) and every key of its cases; no class if there is none such."""
+    """The class of a model's form (None: the first) and every key of its cases; no class if there
+    is none such."""
     catalogue = models.catalogue()
     forms = catalogue.get(model or "", {})
     head = {"model": Key(Choice(*catalogue), "equations of motion")}
@@ -95,7 +122,10 @@ def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, di
 def keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:
     """`keys_of` for the model and form that a case names, rightly or not."""
     model, form = block.get("model"), block.get("form")
-    return keys_of(model if isinstance(model, str) else None, form if form is None or isinstance(form, str) else "")
+    return keys_of(
+        model if isinstance(model, str) else None,
+        form if form is None or isinstance(form, str) else "",
+    )
 
 
 @cache

@@ -31,17 +31,22 @@ def apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> N
         return
     for name in names:
         try:
-            blocks[name] = _replaced(blocks[name], Table(keys_in(blocks[name])[1]), path, new, place)
+            blocks[name] = _replaced(
+                blocks[name], Table(keys_in(blocks[name])[1]), path, new, place
+            )
         except ValueError as error:
             mistakes.add(place, ("cases", name, *path), str(error.args[0]))
 
 
 def _matching(pattern: str, blocks: Mapping[str, Block]) -> list[str]:
-    return [pattern] if pattern in blocks else [name for name in blocks if fnmatchcase(name, pattern)]
+    return (
+        [pattern] if pattern in blocks else [name for name in blocks if fnmatchcase(name, pattern)]
+    )
 
 
 def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place: Place) -> Any:
-    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if there is no such path.
+    """A copy of a value with `new` at a path within it. Raises ValueError, with a sentence, if
+    there is no such path.
 
     A number that stands for a vector of equal ones is written out where the path names one of them.
     """
@@ -54,7 +59,9 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
         node = Items(list(node), [place] * len(node))
     if isinstance(node, Items):
         if not head.isdecimal() or int(head) >= len(node):
-            raise ValueError(f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}")
+            raise ValueError(
+                f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}"
+            )
         items, i = node.copy(), int(head)
         items[i], items.places[i] = _replaced(node[i], None, rest, new, place), place
         return items

@@ -1,13 +1,15 @@
-"""The `sweep:` block of a case: which keys vary, through which values, and the case data of each member.
+"""The `sweep:` block of a case: which keys vary, through which values, and the case data of each
+member.
 
     sweep:
       damping.2: {linspace: [0, 0.005, 51]}                       # first, last, number of values
       resistance.diagonal: {logspace: [1e-4, 1e-1, 31]}           # the same in even ratios
-      initial.p: {values: [0.5, 0.6, 0.8]}
-      body: {zip: {inertia.1: {values: [0.7, 0.8]}, inertia.2: {values: [0.6, 0.5]}}}      # vary together, as one axis
-      direction: {sphere: {count: 1000, seed: 1}}                 # of G at the start, uniform; |G| stays the case's
+      initial.p: {values: [0.5, 0.6, 0.8]} body: {zip: {inertia.1: {values: [0.7, 0.8]}, inertia.2:
+      {values: [0.6, 0.5]}}}      # vary together, as one axis direction: {sphere: {count: 1000,
+      seed: 1}}                 # of G at the start, uniform; |G| stays the case's
 
-Every entry is one dimension of the result, in the order given; the last varies fastest. Positions count from zero.
+Every entry is one dimension of the result, in the order given; the last varies fastest. Positions
+count from zero.
 """
 
 import math
@@ -39,7 +41,8 @@ MOST = 10**9
 """Members that one sweep may have."""
 
 BLOCK = 4096
-"""Directions that are drawn from one generator, so that any part of a sphere can be drawn by itself."""
+"""Directions that are drawn from one generator, so that any part of a sphere can be drawn by
+itself."""
 
 RESERVED = ("time", "axis", "member")
 
@@ -47,7 +50,8 @@ REDUCED = (
     "crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings", "start_axis", "end_axis", "share",
     "separation",
 )  # fmt: skip
-"""What a member of a sweep is reduced to, besides its final state, where a hodograph encloses an axis."""
+"""What a member of a sweep is reduced to, besides its final state, where a hodograph encloses an
+axis."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,11 @@ class Span:
         return "[first, last, number of values]" + (", first and last > 0" if self.positive else "")
 
 
-RANGES: dict[str, Kind] = {"linspace": Span(), "logspace": Span(positive=True), "values": ListOf(Number())}
+RANGES: dict[str, Kind] = {
+    "linspace": Span(),
+    "logspace": Span(positive=True),
+    "values": ListOf(Number()),
+}
 SPHERE = Table(
     {
         "count": Key(Integer(1, MOST), "number of directions"),
@@ -102,7 +110,12 @@ class Ranges:
 
 
 def _one(name: str, schema: Mapping[str, Any]) -> dict[str, Any]:
-    return {"type": "object", "properties": {name: schema}, "required": [name], "additionalProperties": False}
+    return {
+        "type": "object",
+        "properties": {name: schema},
+        "required": [name],
+        "additionalProperties": False,
+    }
 
 
 def _entry(entry: Any, at: Path, report: Report, inner: bool = False) -> dict[str, Any]:
@@ -121,13 +134,19 @@ def _entry(entry: Any, at: Path, report: Report, inner: bool = False) -> dict[st
     elif not isinstance(value, Mapping) or not value:
         report((*at, word), f"wants a mapping of keys to ranges, not {shown(value)}")
     else:
-        return {word: {key: _entry(each, (*at, word, key), report, inner=True) for key, each in value.items()}}
+        return {
+            word: {
+                key: _entry(each, (*at, word, key), report, inner=True)
+                for key, each in value.items()
+            }
+        }
     return {}
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One dimension of a sweep: the paths of the keys that vary along it with their ranges, or a sphere."""
+    """One dimension of a sweep: the paths of the keys that vary along it with their ranges, or a
+    sphere."""
 
     name: str
     ranges: tuple[tuple[tuple[str | int, ...], Mapping[str, Any]], ...]
@@ -150,7 +169,9 @@ class Axis:
         blocks = index // BLOCK
         for block in np.unique(blocks):
             here = blocks == block
-            vectors = np.random.default_rng([self.sphere["seed"], int(block)]).standard_normal((BLOCK, 3))
+            vectors = np.random.default_rng([self.sphere["seed"], int(block)]).standard_normal(
+                (BLOCK, 3)
+            )
             found[here] = vectors[index[here] % BLOCK]
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
@@ -165,12 +186,22 @@ def _values(given: Mapping[str, Any]) -> np.ndarray:
     if word == "values":
         return np.array(value, dtype=float)
     first, last, number = value
-    return np.geomspace(first, last, number) if word == "logspace" else np.linspace(first, last, number)
+    return (
+        np.geomspace(first, last, number)
+        if word == "logspace"
+        else np.linspace(first, last, number)
+    )
 
 
 def storable(variables: Iterable[str], classifiable: bool) -> list[str]:
     """What `store:` may name in a sweep of a model with these variables."""
-    return [*variables, *(REDUCED if classifiable else ("event_time",)), "steps", "status", "trajectory"]
+    return [
+        *variables,
+        *(REDUCED if classifiable else ("event_time",)),
+        "steps",
+        "status",
+        "trajectory",
+    ]
 
 
 def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
@@ -191,12 +222,17 @@ def _path(key: str) -> tuple[str | int, ...]:
 
 
 def check_axes(
-    sweep: Mapping[str, Any], keys: Mapping[str, Key], data: Mapping[str, Any], oriented: bool, report: Report
+    sweep: Mapping[str, Any],
+    keys: Mapping[str, Key],
+    data: Mapping[str, Any],
+    oriented: bool,
+    report: Report,
 ) -> None:
-    """Report what a checked `sweep:` block says against the case: keys that are not there or no numbers, values
-    that the keys do not take, zipped ranges of unequal lengths, too many members.
+    """Report what a checked `sweep:` block says against the case: keys that are not there or no
+    numbers, values that the keys do not take, zipped ranges of unequal lengths, too many members.
 
-    `keys` and `data` are the keys and values of the case's model, `oriented` says whether its start has a direction.
+    `keys` and `data` are the keys and values of the case's model, `oriented` says whether its start
+    has a direction.
     """
     swept: dict[tuple[str | int, ...], str] = {}
     spheres = 0
@@ -207,12 +243,19 @@ def check_axes(
         if axis.sphere is not None:
             spheres += 1
             if not oriented or spheres > 1:
-                why = "one axis may be a sphere" if oriented else "only the start of a body-frame model has a direction"
+                why = (
+                    "one axis may be a sphere"
+                    if oriented
+                    else "only the start of a body-frame model has a direction"
+                )
                 report((*at, "sphere"), why)
             continue
         lengths = {_length(given) for _, given in axis.ranges}
         if len(lengths) > 1:
-            report((*at, "zip"), f"ranges of {' and '.join(map(str, sorted(lengths)))} values cannot be zipped")
+            report(
+                (*at, "zip"),
+                f"ranges of {' and '.join(map(str, sorted(lengths)))} values cannot be zipped",
+            )
         for path, given in axis.ranges:
             key = ".".join(map(str, path))
             place: Path = at if "zip" not in sweep[axis.name] else (*at, "zip", key)
@@ -225,9 +268,15 @@ def check_axes(
 
 
 def _check_range(
-    given: Mapping[str, Any], path: tuple[str | int, ...], at: Path, kind: Kind, data: Any, report: Report
+    given: Mapping[str, Any],
+    path: tuple[str | int, ...],
+    at: Path,
+    kind: Kind,
+    data: Any,
+    report: Report,
 ) -> None:
-    """Report a key that is not there or takes no number, or the values of a range that it does not take."""
+    """Report a key that is not there or takes no number, or the values of a range that it does not
+    take."""
     inner = kind
     for i, part in enumerate(path):
         found, data = _within(inner, part, data)
@@ -248,7 +297,9 @@ def _check_range(
 def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
     """The kind and value of one part of a value; no kind where there is no such part."""
     if isinstance(kind, Either):
-        kind = next(each for each in kind.kinds if isinstance(each, Table) == isinstance(data, Mapping))
+        kind = next(
+            each for each in kind.kinds if isinstance(each, Table) == isinstance(data, Mapping)
+        )
     if isinstance(kind, Table) and part in kind.keys:
         key = kind.keys[str(part)]
         given = data.get(part) if isinstance(data, Mapping) else None
@@ -260,7 +311,8 @@ def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
 
 
 def put(value: Any, path: Sequence[str | int], new: float) -> Any:
-    """A copy of resolved case data with `new` at a path; where a vector stands, all of its components."""
+    """A copy of resolved case data with `new` at a path; where a vector stands, all of its
+    components."""
     if not path:
         return (new,) * len(value) if isinstance(value, tuple) else new
     head, *rest = path

@@ -1,9 +1,11 @@
-"""The statements of a text, checked against what was computed: for each a verdict, and the number that decides it.
+"""The statements of a text, checked against what was computed: for each a verdict, and the number
+that decides it.
 
-A check yields a deviation: 0 where the statement holds, else its violation relative to the range of the quantity (as
-an axis that shows it is drawn, zero included), infinite where it is not a matter of degree. Below PLOTTING_ACCURACY it
-cannot be seen in a figure. Where a text leaves a value out, the check is made over a grid of it, and a statement that
-holds on a part of the grid is under-determined; one that fails for a random member of its domain is contradicted.
+A check yields a deviation: 0 where the statement holds, else its violation relative to the range of
+the quantity (as an axis that shows it is drawn, zero included), infinite where it is not a matter
+of degree. Below PLOTTING_ACCURACY it cannot be seen in a figure. Where a text leaves a value out,
+the check is made over a grid of it, and a statement that holds on a part of the grid is
+under-determined; one that fails for a random member of its domain is contradicted.
 """
 
 import itertools
@@ -28,7 +30,10 @@ Keys = Mapping[str, Any]
 def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The axes enclosed at start and end; decided by the number of cases that comply."""
     ends = [[rigid_body.LABELS[int(label)] for label in m.enclosed[[0, -1]]] for m in motions]
-    right = [all(check[at] in (None, seen) for at, seen in zip(("start", "end"), pair, strict=True)) for pair in ends]
+    right = [
+        all(check[at] in (None, seen) for at, seen in zip(("start", "end"), pair, strict=True))
+        for pair in ends
+    ]
     words = ", ".join(f"{start} to {end}" if start != end else start for start, end in ends)
     return Finding(0.0 if all(right) else math.inf, float(sum(right)), words)
 
@@ -38,10 +43,20 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     right, counts, words = True, [], []
     for m in motions:
         counts.append(len(m.crossings))
-        right &= check["least"] <= len(m.crossings) <= (math.inf if check["most"] is None else check["most"])
+        right &= (
+            check["least"]
+            <= len(m.crossings)
+            <= (math.inf if check["most"] is None else check["most"])
+        )
         for _, start, end, _ in m.crossings:
-            right &= check["from"] in (None, rigid_body.LABELS[start]) and check["to"] in (None, rigid_body.LABELS[end])
-        passages = [f"{time:.12g} ({rigid_body.LABELS[a]} to {rigid_body.LABELS[b]})" for time, a, b, _ in m.crossings]
+            right &= check["from"] in (None, rigid_body.LABELS[start]) and check["to"] in (
+                None,
+                rigid_body.LABELS[end],
+            )
+        passages = [
+            f"{time:.12g} ({rigid_body.LABELS[a]} to {rigid_body.LABELS[b]})"
+            for time, a, b, _ in m.crossings
+        ]
         words.append(", ".join(passages) or "no crossing")
     return Finding(0.0 if right else math.inf, float(max(counts)), "; ".join(words))
 
@@ -55,7 +70,9 @@ def value(check: Keys, motions: Sequence[Motion]) -> Finding:
         for m, ours, theirs in zip(motions, found, given, strict=True):
             differences.append(abs(ours - theirs))
             scale = size(m, name)
-            worst = max(worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale))
+            worst = max(
+                worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
+            )
     return Finding(worst, float(np.max(differences)), "; ".join(words))
 
 
@@ -72,14 +89,26 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     found = [m[name] if everywhere else np.array([m.number(name, check["at"])]) for m in motions]
     low, high = float(np.min([f.min() for f in found])), float(np.max([f.max() for f in found]))
     number = high if most is not None else low
-    violation = float(np.max([-math.inf if most is None else high - most, -math.inf if least is None else least - low]))
+    violation = float(
+        np.max(
+            [
+                -math.inf if most is None else high - most,
+                -math.inf if least is None else least - low,
+            ]
+        )
+    )
     scale = max(max(size(m, name) for m in motions), abs(most or 0), abs(least or 0))
-    words = f"{name} from {low:.6g} to {high:.6g}" if everywhere else f"{name} = {listed([float(f[0]) for f in found])}"
+    words = (
+        f"{name} from {low:.6g} to {high:.6g}"
+        if everywhere
+        else f"{name} = {listed([float(f[0]) for f in found])}"
+    )
     return Finding(beyond(violation / scale, ROUNDING), number, words)
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Quantities that only fall or only rise; decided by the largest violation relative to the range."""
+    """Quantities that only fall or only rise; decided by the largest violation relative to the
+    range."""
     sign = 1 if check["sense"] == "falls" else -1
     worst, words = 0.0, []
     for m in motions:
@@ -88,12 +117,15 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
             back = values - np.minimum.accumulate(values)
             if violation := beyond(float(back.max()) / size(m, name), ROUNDING):
                 worst = max(worst, violation)
-                words.append(f"{name} goes back by {violation:.2g} of its range at {m.time[back.argmax()]:.4g}")
+                words.append(
+                    f"{name} goes back by {violation:.2g} of its range at {m.time[back.argmax()]:.4g}"
+                )
     return Finding(worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back")
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """How values follow each other; decided by the smallest step or, for equal ones, by how far they are apart."""
+    """How values follow each other; decided by the smallest step or, for equal ones, by how far
+    they are apart."""
     names = check["of"]
     if len(names) > 1:
         groups = [[m.number(name, check["at"]) for name in names] for m in motions]
@@ -111,16 +143,22 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
-    changes = [float(np.ptp(m[name]) / np.abs(m[name]).max()) for m in motions for name in check["of"]]
+    changes = [
+        float(np.ptp(m[name]) / np.abs(m[name]).max()) for m in motions for name in check["of"]
+    ]
     worst = float(np.max(changes))
     words = f"{', '.join(check['of'])}: relative change {listed(changes)}"
     return Finding(beyond(worst, check["within"]), worst, words)
 
 
 def closed_form(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """A formula beside the motion; decided by the largest difference relative to the largest value."""
+    """A formula beside the motion; decided by the largest difference relative to the largest
+    value."""
     pairs = [pair for m in motions for pair in m.formula(check["form"])]
-    apart = [float(np.max(np.abs(a - b), initial=0) / np.max(np.abs(a), initial=math.ulp(0))) for a, b in pairs]
+    apart = [
+        float(np.max(np.abs(a - b), initial=0) / np.max(np.abs(a), initial=math.ulp(0)))
+        for a, b in pairs
+    ]
     worst = float(np.max(apart))
     deviation = beyond(worst, check["within"])
     if check["differs"] == "yes":
@@ -130,33 +168,45 @@ def closed_form(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def event(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Whether an event happens in finite time; decided by the latest time."""
-    times = [next((time for kind, time in m.events if kind == check["event"]), math.inf) for m in motions]
+    times = [
+        next((time for kind, time in m.events if kind == check["event"]), math.inf) for m in motions
+    ]
     right = all((time < math.inf) == (check["happens"] == "yes") for time in times)
     return Finding(0.0 if right else math.inf, max(times), f"{check['event']} at {listed(times)}")
 
 
 def convergence(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Pairs of a limit and a case with epsilon: the power at which their difference falls; decided by the smallest."""
+    """Pairs of a limit and a case with epsilon: the power at which their difference falls; decided
+    by the smallest."""
     powers, words = [], []
     for limit, full in zip(motions[::2], motions[1::2], strict=True):
         time = {"time": asdict(limit.case.time)}
-        near = [motion(changed(full.case, time | {"epsilon": epsilon})) for epsilon in check["epsilon"]]
+        near = [
+            motion(changed(full.case, time | {"epsilon": epsilon})) for epsilon in check["epsilon"]
+        ]
         for name in check["of"]:
             errors = [float(np.abs(m[name] - limit[name]).max()) for m in near]
             logs = np.diff(np.log(errors)) / np.diff(np.log(check["epsilon"]))
             powers.append(float(logs.min()))
             words.append(f"{name} {', '.join(f'{error:.3g}' for error in errors)}")
     least = min(powers)
-    return Finding(0.0 if least >= 0.9 * check["order"] else math.inf, least, f"power {least:.3g}: {'; '.join(words)}")
+    return Finding(
+        0.0 if least >= 0.9 * check["order"] else math.inf,
+        least,
+        f"power {least:.3g}: {'; '.join(words)}",
+    )
 
 
 def effect(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """The mean effects of two factors on a quantity; decided by the ratio of the larger, as said, to the other."""
+    """The mean effects of two factors on a quantity; decided by the ratio of the larger, as said,
+    to the other."""
     low, first, second, both = (m.number(check["of"], check["at"]) for m in motions)
     effects = abs(first - low + both - second) / 2, abs(second - low + both - first) / 2
     larger, other = effects if check["larger"] == "first" else effects[::-1]
     words = f"{check['of']}: {listed([low, first, second, both])}, effects {listed(effects)}"
-    return Finding(0.0 if larger > other else math.inf, larger / other if other else math.inf, words)
+    return Finding(
+        0.0 if larger > other else math.inf, larger / other if other else math.inf, words
+    )
 
 
 KINDS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {

@@ -35,7 +35,13 @@ class Verdict:
 
 def degree(deviation: float) -> str:
     """The verdict on a single deviation."""
-    return REPRODUCED if deviation == 0 else PLOTTING if deviation <= PLOTTING_ACCURACY else CONTRADICTED
+    return (
+        REPRODUCED
+        if deviation == 0
+        else PLOTTING
+        if deviation <= PLOTTING_ACCURACY
+        else CONTRADICTED
+    )
 
 
 def beyond(violation: float, allowed: float) -> float:

@@ -1,4 +1,5 @@
-"""What claims measure on a motion: quantities over time, single numbers, closed forms beside what they stand for."""
+"""What claims measure on a motion: quantities over time, single numbers, closed forms beside what
+they stand for."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -26,10 +27,11 @@ from ..results.provenance import typed
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion as claims see it: its case, times (n,), stored variables, labels (n,), crossings and events.
+    """A motion as claims see it: its case, times (n,), stored variables, labels (n,), crossings and
+    events.
 
-    A passage of the separatrix is (time, axis before, axis after, |G|), an event (kind, time). There are no labels
-    where the enclosed axis does not apply, or the case has not been classified.
+    A passage of the separatrix is (time, axis before, axis after, |G|), an event (kind, time).
+    There are no labels where the enclosed axis does not apply, or the case has not been classified.
     """
 
     case: Case
@@ -40,12 +42,14 @@ class Motion:
     events: tuple[tuple[str, float], ...]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A quantity over time (n,), by its name in `SERIES`. Raises HodoError if the motion does not have it."""
+        """A quantity over time (n,), by its name in `SERIES`. Raises HodoError if the motion does
+        not have it."""
         with self._needed_for(name):
             return SERIES[name](self)
 
     def number(self, name: str, at: str = "end") -> float:
-        """A quantity that is one number; of one over time its first or last value. Raises as for a quantity."""
+        """A quantity that is one number; of one over time its first or last value. Raises as for a
+        quantity."""
         if name not in NUMBERS:
             return float(self[name][0 if at == "start" else -1])
         with self._needed_for(name):
@@ -67,7 +71,9 @@ class Motion:
     def enclosed(self) -> np.ndarray:
         """The labels (n,). Raises HodoError if there are none."""
         if self.labels is None:
-            raise HodoError(f"case {self.case.name} has no labels of the enclosed axis: run `hodo classify` first")
+            raise HodoError(
+                f"case {self.case.name} has no labels of the enclosed axis: run `hodo classify` first"
+            )
         return self.labels
 
     @property
@@ -84,7 +90,9 @@ class Motion:
     def inertia(self) -> np.ndarray:
         """Principal moments of inertia (3,)."""
         given = self.case.data["inertia"]
-        return np.array([given["A"], given["A"], given["C"]] if isinstance(given, Mapping) else given)
+        return np.array(
+            [given["A"], given["A"], given["C"]] if isinstance(given, Mapping) else given
+        )
 
     @property
     def order(self) -> tuple[int, int, int]:
@@ -100,12 +108,22 @@ def read(group: Group) -> Motion:
     """The motion in a stored case. Raises HodoError if it is damaged."""
     data = {name: variable.data for name, variable in group.variables.items()}
     case = parse_case(typed(group.attributes, {"case": str}, "a case")["case"])
-    wanted = ["time", *(name for name in LABELLED if "crossing_time" in data), *(["omega"] if "omega" in data else [])]
+    wanted = [
+        "time",
+        *(name for name in LABELLED if "crossing_time" in data),
+        *(["omega"] if "omega" in data else []),
+    ]
     if any(name not in data or data[name].dtype.kind not in "fi" for name in wanted):
         raise HodoError(f"{case.name} is damaged (it lacks one of {', '.join(wanted)})")
-    if data["time"].ndim != 1 or ("omega" in data and data["omega"].shape != (len(data["time"]), 3)):
+    if data["time"].ndim != 1 or (
+        "omega" in data and data["omega"].shape != (len(data["time"]), 3)
+    ):
         raise HodoError(f"{case.name} is damaged (its times and its omega do not fit together)")
-    crossings = [data[f"crossing_{name}"].tolist() for name in ("time", "from", "to", "G") if "crossing_time" in data]
+    crossings = [
+        data[f"crossing_{name}"].tolist()
+        for name in ("time", "from", "to", "G")
+        if "crossing_time" in data
+    ]
     if len({len(column) for column in crossings}) > 1:
         raise HodoError(f"{case.name} is damaged (its crossings are not complete)")
     events = [data[name].tolist() for name in ("event_kind", "event_time") if name in data]
@@ -131,11 +149,15 @@ def integrate(case: Case) -> Motion:
         solution = solve(case, method, case.precision, case.tol)
     else:
         solution, found = cross(case, method, case.precision, case.tol, 8 * EPS)
-        labels = rigid_body.enclosed_axis(np.array(case.data["inertia"]), extended(solution.path.state), 8 * EPS)
+        labels = rigid_body.enclosed_axis(
+            np.array(case.data["inertia"]), extended(solution.path.state), 8 * EPS
+        )
     if solution.stop:
         raise HodoError(f"a variation of case {case.name} {solution.stop}: {solution.message}")
     crossings = tuple((c.time, c.start, c.end, c.momentum) for c in found)
-    events = tuple((event.kind, event.time) for event in solution.path.events if event.kind != "separatrix")
+    events = tuple(
+        (event.kind, event.time) for event in solution.path.events if event.kind != "separatrix"
+    )
     return Motion(case, solution.path.time, stored(case, solution.path), labels, crossings, events)
 
 
@@ -172,7 +194,9 @@ SERIES: dict[str, Callable[[Motion], np.ndarray]] = {
     "Gz": lambda m: _integral(m, "Gz"),
     "H": lambda m: _integral(m, "H"),
     **{name: lambda m, name=name: m.variables[name] for name in ("u1", "u2", "u3")},  # type: ignore[misc]
-    "order_of_roots": lambda m: np.min([m["u1"] + 1, m["u2"] - m["u1"], 1 - m["u2"], m["u3"] - 1], axis=0),
+    "order_of_roots": lambda m: np.min(
+        [m["u1"] + 1, m["u2"] - m["u1"], 1 - m["u2"], m["u3"] - 1], axis=0
+    ),
 }
 """How the quantities of `statements.SERIES` are had."""
 
@@ -182,7 +206,8 @@ def _entry_momentum(m: Motion) -> float:
 
 
 def _turns(m: Motion) -> float:
-    """The angle that the two other components of G/|G| sweep about the axis enclosed at the start."""
+    """The angle that the two other components of G/|G| sweep about the axis enclosed at the
+    start."""
     about = int(m.enclosed[0]) - 1
     one, other = ((m.inertia * m.omega)[:, i] for i in range(3) if i != about)
     angle = np.unwrap(np.arctan2(other, one))
@@ -190,7 +215,8 @@ def _turns(m: Motion) -> float:
 
 
 def _reach(m: Motion, side: int) -> float:
-    """The largest w_i^2 while axis i is enclosed, in the quadrants' scale; `side` 0 is x_largest, 2 x_smallest."""
+    """The largest w_i^2 while axis i is enclosed, in the quadrants' scale; `side` 0 is x_largest, 2
+    x_smallest."""
     axis = m.order[side]
     scale = slope(m.inertia.tolist()) if side == 2 else 1.0
     return float(np.max(scale * m.omega[m.enclosed == axis + 1, axis] ** 2, initial=0))
@@ -213,7 +239,13 @@ def _first(times: np.ndarray) -> float:
 def _end_of_spin(m: Motion) -> float:
     """By the event, or by the first change of sign of r where the form has none."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
-    return by_event[0] if by_event else _first(_sign_changes(m, "r")) if "omega" in m.variables else math.inf
+    return (
+        by_event[0]
+        if by_event
+        else _first(_sign_changes(m, "r"))
+        if "omega" in m.variables
+        else math.inf
+    )
 
 
 def _rate_per_turn(m: Motion) -> float:
@@ -231,12 +263,17 @@ def _rebound(m: Motion) -> float:
 
 
 def _roughness(m: Motion) -> float:
-    """The second derivative in units of the range and of the time in which nine tenths of the way are made."""
+    """The second derivative in units of the range and of the time in which nine tenths of the way
+    are made."""
 
     def one(values: np.ndarray) -> float:
         way = np.abs(values - values[0])
         span = m.time[np.argmax(way >= 0.9 * np.ptp(values))] - m.time[0]
-        return float(np.abs(np.diff(values, 2)).max() * (span / (m.time[1] - m.time[0])) ** 2 / np.ptp(values))
+        return float(
+            np.abs(np.diff(values, 2)).max()
+            * (span / (m.time[1] - m.time[0])) ** 2
+            / np.ptp(values)
+        )
 
     return max(one(m[name]) for name in ("Gz", "H", "u1", "u2", "u3"))
 
@@ -265,7 +302,9 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 def _integrated(m: Motion) -> np.ndarray:
     """omega (n, 3) by numerical integration: a closed form shall not be compared with itself."""
-    solution = solve(m.case, "taylor" if have_taylor() else "DOP853", m.case.precision, times=m.time)
+    solution = solve(
+        m.case, "taylor" if have_taylor() else "DOP853", m.case.precision, times=m.time
+    )
     return stored(m.case, solution.path)["omega"]
 
 
@@ -274,7 +313,8 @@ def _free_rotation(m: Motion) -> list[Pair]:
 
 
 def _free_rotation_from_q0(m: Motion) -> list[Pair]:
-    """Free motion that passes q = 0 at a time t0 is the closed form for q0 = 0 with the time counted from t0."""
+    """Free motion that passes q = 0 at a time t0 is the closed form for q0 = 0 with the time
+    counted from t0."""
     A, start = m.inertia, m.omega[0]
     near = _first(_sign_changes(m, "q")) if m["q"][0] else float(m.time[0])
     for _ in range(60):
@@ -285,7 +325,8 @@ def _free_rotation_from_q0(m: Motion) -> list[Pair]:
 
 
 def _equation_6(m: Motion) -> list[Pair]:
-    """P1 eqs (5)-(6) as printed, for D < 0 or D > 0; p, q are given with two signs, of which the better is taken."""
+    """P1 eqs (5)-(6) as printed, for D < 0 or D > 0; p, q are given with two signs, of which the
+    better is taken."""
     A1, A2, A3 = A = m.inertia
     start = m.omega[0]
     lam = m.case.data["damping"][0]
@@ -300,14 +341,18 @@ def _equation_6(m: Motion) -> list[Pair]:
     size2 = math.sqrt(X / (A2 * (A2 - A3)) if about_x3 else Y / (A2 * (A1 - A2)))
     outer, inner = (cn, dn) if about_x3 else (dn, cn)
     signs = [(s, -s, 1) if about_x3 else (1, s, -s) for s in (1, -1)]
-    shapes = [np.stack([a * size1 * outer, b * size2 * sn, c * size3 * inner], axis=-1) for a, b, c in signs]
+    shapes = [
+        np.stack([a * size1 * outer, b * size2 * sn, c * size3 * inner], axis=-1)
+        for a, b, c in signs
+    ]
     motions = [decay[:, None] * shape for shape in shapes]
     omega = _integrated(m)
     return [(omega, min(motions, key=lambda motion: float(np.abs(motion - omega).max())))]
 
 
 def _turning_axis(m: Motion) -> list[Pair]:
-    """A free motion goes round the axis whose component of G never changes sign; the other two and the label."""
+    """A free motion goes round the axis whose component of G never changes sign; the other two and
+    the label."""
     largest, _, smallest = m.order
     keeps = [(m.omega[:, i] > 0).all() or (m.omega[:, i] < 0).all() for i in (largest, smallest)]
     seen = largest + 1 if keeps == [True, False] else smallest + 1 if keeps == [False, True] else 0
@@ -327,8 +372,8 @@ def _inequality_7(m: Motion) -> list[Pair]:
 def _from_roots(m: Motion, frozen: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gz, H and r from u1, u2, u3 by P3 eq (2.5).
 
-    The signs of R and delta are those at the start, or follow sign(Gz^2 - C^2 r^2) and sign(1 + u1u2 + u1u3 + u2u3).
-    chi has the sign of r.
+    The signs of R and delta are those at the start, or follow sign(Gz^2 - C^2 r^2) and sign(1 +
+    u1u2 + u1u3 + u2u3). chi has the sign of r.
     """
     u1, u2, u3 = m["u1"], m["u2"], m["u3"]
     A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]

@@ -22,9 +22,16 @@ def members(cases: Sequence[Case], over: Mapping[str, Any]) -> Iterator[tuple[st
         random = np.random.default_rng(over["seed"])
         for i in range(over["members"]):
             limits = over["random"] or {}
-            values = {path: float(random.uniform(low, high)) for path, (low, high) in limits.items()}
+            values = {
+                path: float(random.uniform(low, high)) for path, (low, high) in limits.items()
+            }
             varied = [changed(case, fixed | values) for case in cases]
-            yield f"{i}", [thrown(case, over["start"], random) for case in varied] if over["start"] else varied
+            yield (
+                f"{i}",
+                [thrown(case, over["start"], random) for case in varied]
+                if over["start"]
+                else varied,
+            )
         return
     for combination in itertools.product(*grid.values()):
         values = dict(zip(grid, combination, strict=True))
@@ -33,25 +40,34 @@ def members(cases: Sequence[Case], over: Mapping[str, Any]) -> Iterator[tuple[st
 
 
 def changed(case: Case, values: Mapping[str, Any]) -> Case:
-    """A case with other values at keys such as damping.2 or time.end, which it has; checked like any case.
+    """A case with other values at keys such as damping.2 or time.end, which it has; checked like
+    any case.
 
     Raises HodoError for a value that it cannot have.
     """
     data: Any = case.data | {"time": asdict(case.time)}
     for path, value in values.items():
-        data = put(data, [int(part) if part.isdecimal() else part for part in path.split(".")], value)
+        data = put(
+            data, [int(part) if part.isdecimal() else part for part in path.split(".")], value
+        )
     time = Time(**data.pop("time"))
     return parse_case(dump(replace(case, data=data, time=time)))
 
 
 def thrown(case: Case, axis: str, random: np.random.Generator) -> Case:
-    """A case with a random start: G uniform on the unit sphere, or on the part of it that encloses an axis."""
+    """A case with a random start: G uniform on the unit sphere, or on the part of it that encloses
+    an axis."""
     A = np.array(case.data["inertia"])
     while True:
         G = random.normal(size=3)
         omega = G / np.linalg.norm(G) / A
-        if axis == "any" or rigid_body.LABELS[int(rigid_body.enclosed_axis(A, omega, ROUNDING))] == axis:
-            initial = dict.fromkeys(case.data["initial"]) | dict(zip("pqr", omega.tolist(), strict=True))
+        if (
+            axis == "any"
+            or rigid_body.LABELS[int(rigid_body.enclosed_axis(A, omega, ROUNDING))] == axis
+        ):
+            initial = dict.fromkeys(case.data["initial"]) | dict(
+                zip("pqr", omega.tolist(), strict=True)
+            )
             return replace(case, data=case.data | {"initial": initial})
 
 

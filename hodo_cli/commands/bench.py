@@ -1,4 +1,5 @@
-"""Error against run time: every case of a config by every method at every tolerance, judged by a better computation."""
+"""Error against run time: every case of a config by every method at every tolerance, judged by a
+better computation."""
 
 import math
 import os
@@ -31,9 +32,17 @@ from ..results.hdf5 import Group, Variable, create
 from ..results.provenance import root_attributes, stamp
 from ..text import magnitude, seconds, table
 
-VERDICTS = ("accurate", "limited by the data", "inaccurate, said so", "failed with a message", "timeout", "SILENT")
+VERDICTS = (
+    "accurate",
+    "limited by the data",
+    "inaccurate, said so",
+    "failed with a message",
+    "timeout",
+    "SILENT",
+)
 SLACK, ULPS = 10, 30
-"""An error may be so many times what was asked for, or so many times what one ulp in the data does."""
+"""An error may be so many times what was asked for, or so many times what one ulp in the data
+does."""
 
 AFFORDABLE = 1e4
 """The most Taylor steps that are taken in quadruple precision."""
@@ -49,10 +58,11 @@ DIGITS = (3, 6, 9, 12)
 
 @dataclass(frozen=True)
 class Truth:
-    """The motion of a case, better than any method gives it in double precision, at samples of the case.
+    """The motion of a case, better than any method gives it in double precision, at samples of the
+    case.
 
-    `floor` is what one ulp in the data does to it; `kept` are the positions of the quantities, of T and |G|, that it
-    conserves.
+    `floor` is what one ulp in the data does to it; `kept` are the positions of the quantities, of T
+    and |G|, that it conserves.
     """
 
     path: Path
@@ -66,8 +76,9 @@ class Truth:
 class Trial:
     """A case by one method at one tolerance. Not a number stands for what does not apply.
 
-    `method` is the one that auto took; times in seconds, without imports; `compile_time` is what the first run in the
-    process took beyond its run time; `drift` is the largest relative change of what the motion conserves.
+    `method` is the one that auto took; times in seconds, without imports; `compile_time` is what
+    the first run in the process took beyond its run time; `drift` is the largest relative change of
+    what the motion conserves.
     """
 
     method: str = ""
@@ -84,11 +95,14 @@ class Trial:
 
 
 def truth(case: Case) -> Truth:
-    """The best that can be computed of a case: in quadruple precision unless that takes too long."""
+    """The best that can be computed of a case: in quadruple precision unless that takes too
+    long."""
     every = sample_times(case)
     times = every[thinned(every)]
     method, _ = best(case, "extended")
-    path, *moved = [solve(each, method, "extended", times=times).path for each in (case, *perturbed(case))]
+    path, *moved = [
+        solve(each, method, "extended", times=times).path for each in (case, *perturbed(case))
+    ]
     floor = max(worst(difference(case, other, path)) for other in moved)
     kind = f"{method}, extended"
     if method == "taylor" and taylor_steps(case) < AFFORDABLE:
@@ -101,7 +115,9 @@ def truth(case: Case) -> Truth:
 
 def worst(errors: Mapping[str, float]) -> float:
     """The largest of the errors; not a number counts as infinite."""
-    return max((math.inf if math.isnan(error) else error for error in errors.values()), default=math.nan)
+    return max(
+        (math.inf if math.isnan(error) else error for error in errors.values()), default=math.nan
+    )
 
 
 def classifiable(case: Case) -> bool:
@@ -111,7 +127,8 @@ def classifiable(case: Case) -> bool:
 
 
 def perturbed(case: Case) -> Iterator[Case]:
-    """The case with every number of its data moved by one ulp: all upwards, and every other one downwards.
+    """The case with every number of its data moved by one ulp: all upwards, and every other one
+    downwards.
 
     Numbers that are equal within a list stay so, and 0 stays 0.
     """
@@ -123,7 +140,11 @@ def perturbed(case: Case) -> Iterator[Case]:
             if isinstance(value, Mapping):
                 return {key: move(item) for key, item in value.items()}
             if isinstance(value, tuple):
-                return (move(value[0]),) * len(value) if len(set(value)) == 1 else tuple(move(item) for item in value)
+                return (
+                    (move(value[0]),) * len(value)
+                    if len(set(value)) == 1
+                    else tuple(move(item) for item in value)
+                )
             if not isinstance(value, float) or value == 0:
                 return value
             count += 1
@@ -133,7 +154,8 @@ def perturbed(case: Case) -> Iterator[Case]:
 
 
 def drifts(case: Case, path: Path) -> list[float]:
-    """The largest relative changes of T and |G|, for a motion whose state is the angular velocity."""
+    """The largest relative changes of T and |G|, for a motion whose state is the angular
+    velocity."""
     if not issubclass(find(case.model, case.form), BodyFrame) or not len(path.time):
         return []
     A, omega = np.array(case.data["inertia"], dtype=np.longdouble), extended(path.state)
@@ -144,7 +166,9 @@ def drifts(case: Case, path: Path) -> list[float]:
         return [float(np.max(np.abs(values / values[0] - 1))) for values in (energy, momentum)]
 
 
-def trial(case: Case, sure: Truth, method: str, tol: float | None, repeats: int, max_seconds: float) -> Trial:
+def trial(
+    case: Case, sure: Truth, method: str, tol: float | None, repeats: int, max_seconds: float
+) -> Trial:
     """One case by one method at one tolerance, timed and judged."""
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
@@ -164,7 +188,9 @@ def trial(case: Case, sure: Truth, method: str, tol: float | None, repeats: int,
         method=taken,
         status=verdict(case, taken, solution, error, sure.floor),
         error=error,
-        crossing_error=crossing_error(case, sure, taken, solution) if not solution.stop else math.nan,
+        crossing_error=crossing_error(case, sure, taken, solution)
+        if not solution.stop
+        else math.nan,
         run_time=median(times),
         compile_time=max(compile_time, 0.0),
         steps=solution.steps,
@@ -195,18 +221,22 @@ def verdict(case: Case, method: str, solution: Solution, error: float, floor: fl
 
 
 def crossing_error(case: Case, sure: Truth, method: str, solution: Solution) -> float:
-    """The largest relative error of a crossing's time; infinite if the crossings are not the true ones."""
+    """The largest relative error of a crossing's time; infinite if the crossings are not the true
+    ones."""
     if not sure.crossings:
         return math.nan
     found = cross(case, method, case.precision, solution.tol, 8 * EPS)[1]
     if [(c.start, c.end) for c in found] != [(c.start, c.end) for c in sure.crossings]:
         return math.inf
-    return max(abs(a.time - b.time) / abs(b.time) for a, b in zip(found, sure.crossings, strict=True))
+    return max(
+        abs(a.time - b.time) / abs(b.time) for a, b in zip(found, sure.crossings, strict=True)
+    )
 
 
 @dataclass(frozen=True)
 class Bench:
-    """The trials of a config, in the order case, method, tolerance; a tolerance of nan is the method's own."""
+    """The trials of a config, in the order case, method, tolerance; a tolerance of nan is the
+    method's own."""
 
     verdicts: ClassVar[tuple[str, ...]] = VERDICTS
     cases: tuple[str, ...]
@@ -222,18 +252,26 @@ class Bench:
         """One quantity of all trials, shape (case, method, tol)."""
         values = [getattr(trial, name) for trial in self.trials]
         shape = len(self.cases), len(self.methods), len(self.tols)
-        return np.array(values, dtype=object if isinstance(values[0], str) else float).reshape(shape)
+        return np.array(values, dtype=object if isinstance(values[0], str) else float).reshape(
+            shape
+        )
 
     def group(self) -> Group:
         """The trials as they are stored."""
         coordinates = {
             "case": Variable(("case",), np.array(self.cases, dtype=object), {"long_name": "case"}),
-            "method": Variable(("method",), np.array(self.methods, dtype=object), {"long_name": "method asked for"}),
-            "tol": Variable(("tol",), np.array(self.tols), {"long_name": "tolerance; nan: the method's own"}),
+            "method": Variable(
+                ("method",), np.array(self.methods, dtype=object), {"long_name": "method asked for"}
+            ),
+            "tol": Variable(
+                ("tol",), np.array(self.tols), {"long_name": "tolerance; nan: the method's own"}
+            ),
         }
         values = {
             name if name != "method" else "method_taken": Variable(
-                ("case", "method", "tol"), self.values(name), {"long_name": LABELS[name][0], "units": LABELS[name][1]}
+                ("case", "method", "tol"),
+                self.values(name),
+                {"long_name": LABELS[name][0], "units": LABELS[name][1]},
             )
             for name in LABELS
         }
@@ -256,21 +294,28 @@ LABELS = {
 
 
 def run(config: Config, globs: Sequence[str], jobs: int, say: Callable[[str], None]) -> Bench:
-    """Try the cases of a config, all or those that match, by its `bench:` section; `say` is told of each case.
+    """Try the cases of a config, all or those that match, by its `bench:` section; `say` is told of
+    each case.
 
     Raises HodoError if there is no such section, or no such case.
     """
-    names = tuple(name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs))
+    names = tuple(
+        name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs)
+    )
     if not names:
         raise HodoError(f"no case matches {' or '.join(globs)}")
     if config.bench is None:
-        raise HodoError(f"{config.path}: there is no bench: section, which names the methods to be compared")
+        raise HodoError(
+            f"{config.path}: there is no bench: section, which names the methods to be compared"
+        )
     trials: list[Trial] = []
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         work = pool.map(trials_of, [config.cases[name] for name in names], repeat(config.bench))
         for name, (found, spent) in zip(names, work, strict=True):
             trials += found
-            counts = ", ".join(f"{n} {word}" for word in VERDICTS if (n := sum(t.status == word for t in found)))
+            counts = ", ".join(
+                f"{n} {word}" for word in VERDICTS if (n := sum(t.status == word for t in found))
+            )
             say(f"{len(trials) // len(found)}/{len(names)} {name}: {counts} ({seconds(spent)})")
     tols = config.bench["tols"] or (math.nan,)
     return Bench(names, config.bench["methods"], tols, tuple(trials))
@@ -280,10 +325,19 @@ def trials_of(case: Case, given: Mapping[str, Any]) -> tuple[list[Trial], float]
     """The trials of one case by a `bench:` section, and the seconds they took."""
     began = perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # SciPy's solvers and overflows: the verdicts say what came of them
+        warnings.simplefilter(
+            "ignore"
+        )  # SciPy's solvers and overflows: the verdicts say what came of them
         sure = truth(case)
         found = [
-            trial(case, sure, method, tol, given["repeats"], PATIENCE if method == "auto" else given["max_seconds"])
+            trial(
+                case,
+                sure,
+                method,
+                tol,
+                given["repeats"],
+                PATIENCE if method == "auto" else given["max_seconds"],
+            )
             for method in given["methods"]
             for tol in given["tols"] or (None,)
         ]
@@ -292,7 +346,9 @@ def trials_of(case: Case, given: Mapping[str, Any]) -> tuple[list[Trial], float]
 
 def write(bench: Bench, config: Config, path: FilePath) -> None:
     """Store a bench as the only group, `bench`, of a result file."""
-    attributes = root_attributes(config.title, config.references, config.text, stamp(f"hodo bench {config.path}"))
+    attributes = root_attributes(
+        config.title, config.references, config.text, stamp(f"hodo bench {config.path}")
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_suffix(".partial")
     with create(draft, attributes) as output:
@@ -302,11 +358,14 @@ def write(bench: Bench, config: Config, path: FilePath) -> None:
 
 def let_down(bench: Bench) -> bool:
     """Whether auto was wrong without saying so, or was not done in time."""
-    return any(trial.status in ("SILENT", "timeout") for key, trial in bench.items() if key[1] == "auto")
+    return any(
+        trial.status in ("SILENT", "timeout") for key, trial in bench.items() if key[1] == "auto"
+    )
 
 
 def fastest(bench: Bench, case: int, digits: int) -> tuple[str, float, float] | None:
-    """Method, tolerance and run time of the fastest trial of a case whose error is below 10^-digits, if any is."""
+    """Method, tolerance and run time of the fastest trial of a case whose error is below
+    10^-digits, if any is."""
     error, time = bench.values("error")[case], bench.values("run_time")[case]
     time = np.where(error <= 10.0**-digits, time, np.inf)
     m, t = np.unravel_index(np.argmin(time), time.shape)
@@ -318,12 +377,15 @@ def speed_table(bench: Bench) -> list[list[str]]:
     rows = []
     for i, case in enumerate(bench.cases):
         found = [fastest(bench, i, digits) for digits in DIGITS]
-        rows.append([case, *("-" if one is None else f"{one[0]} {seconds(one[2])}" for one in found)])
+        rows.append(
+            [case, *("-" if one is None else f"{one[0]} {seconds(one[2])}" for one in found)]
+        )
     return [["case", *(f"{digits} digits" for digits in DIGITS)], *rows]
 
 
 def verdict_table(bench: Bench) -> list[list[str]]:
-    """A row per case: what auto took, its error, floor and run time, its verdict, and the methods by verdict."""
+    """A row per case: what auto took, its error, floor and run time, its verdict, and the methods
+    by verdict."""
     at = bench.methods.index("auto") if "auto" in bench.methods else 0
     rows = []
     for i, case in enumerate(bench.cases):
@@ -332,9 +394,19 @@ def verdict_table(bench: Bench) -> list[list[str]]:
         right = [t for t in others if t.error <= max(SLACK * ASKED, ULPS * t.floor)]
         good = sorted(right, key=lambda t: t.run_time)
         rival = f"{good[0].method} {seconds(good[0].run_time)}" if good else "-"
-        cells = mine.method, magnitude(mine.error), magnitude(mine.floor), seconds(mine.run_time), mine.status, rival
+        cells = (
+            mine.method,
+            magnitude(mine.error),
+            magnitude(mine.floor),
+            seconds(mine.run_time),
+            mine.status,
+            rival,
+        )
         rows.append([case, *cells])
-    return [["case", "auto takes", "error", "one ulp", "run time", "verdict", "fastest that is right"], *rows]
+    return [
+        ["case", "auto takes", "error", "one ulp", "run time", "verdict", "fastest that is right"],
+        *rows,
+    ]
 
 
 def report(bench: Bench) -> list[list[str]]:

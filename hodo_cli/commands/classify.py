@@ -18,7 +18,8 @@ RECORDED = {"case": str, "method": str, "tol": float, "error": float}
 
 
 def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
-    """What `classify` adds to a stored case (None if labels do not apply to it), and its line in the table.
+    """What `classify` adds to a stored case (None if labels do not apply to it), and its line in
+    the table.
 
     Raises HodoError as `classify` does.
     """
@@ -35,10 +36,22 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
     ends = [rigid_body.LABELS[int(label)] for label in found.labels[[0, -1]]]
     table = [
-        {"time": c.time, "error": c.error, "from": rigid_body.LABELS[c.start], "to": rigid_body.LABELS[c.end], "G": c.momentum}
+        {
+            "time": c.time,
+            "error": c.error,
+            "from": rigid_body.LABELS[c.start],
+            "to": rigid_body.LABELS[c.end],
+            "G": c.momentum,
+        }
         for c in found.crossings
     ]
-    row = {"case": name, "start": ends[0], "end": ends[1], "crossings": table, "warnings": list(found.warnings)}
+    row = {
+        "case": name,
+        "start": ends[0],
+        "end": ends[1],
+        "crossings": table,
+        "warnings": list(found.warnings),
+    }
     return labelled(found), row
 
 
@@ -60,7 +73,9 @@ def labelled(found: Classification) -> Group:
     crossings = found.crossings
     variables = {
         "enclosed_axis": Variable(
-            ("time",), found.labels, {"long_name": "axis that the hodograph of G encloses", "units": "1", **flags}
+            ("time",),
+            found.labels,
+            {"long_name": "axis that the hodograph of G encloses", "units": "1", **flags},
         ),
         "crossing_time": Variable(
             ("crossing",),
@@ -112,5 +127,11 @@ def tabulated(name: str, group: Group) -> dict[str, Any]:
 
 def _census(labels: np.ndarray) -> str:
     """How many of the labels are which, in percent."""
-    found = {rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)}
-    return ", ".join(f"{name} {100 * count / max(labels.size, 1):.3g} %" for name, count in found.items() if count)
+    found = {
+        rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)
+    }
+    return ", ".join(
+        f"{name} {100 * count / max(labels.size, 1):.3g} %"
+        for name, count in found.items()
+        if count
+    )

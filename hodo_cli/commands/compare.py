@@ -1,7 +1,8 @@
 """Two results, case by case and variable by variable: how far one is from the other, and where.
 
-The first result is judged by the second, the reference. Values are compared where the reference has them: it may be
-a thinned one. Its variables may carry tolerances of their own, as attributes `rtol` and `atol`.
+The first result is judged by the second, the reference. Values are compared where the reference has
+them: it may be a thinned one. Its variables may carry tolerances of their own, as attributes `rtol`
+and `atol`.
 """
 
 import math
@@ -18,7 +19,8 @@ RTOL = 1e-9
 """The relative tolerance of a variable that has none of its own."""
 
 CONDITION = 100.0
-"""By how much more the time of an event may be off than the state, and what is measured at that time."""
+"""By how much more the time of an event may be off than the state, and what is measured at that
+time."""
 
 LOCATED = ("event_time", "crossing_time", "crossing_G")
 """The variables to which `CONDITION` applies."""
@@ -32,14 +34,19 @@ EXACT = ("model", "form", "status")
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The difference that is allowed: atol + rtol max|b|. None: the variable's own, or the default."""
+    """The difference that is allowed: atol + rtol max|b|. None: the variable's own, or the
+    default."""
 
     rtol: float | None = None
     atol: float | None = None
 
     def of(self, name: str, variable: Variable) -> tuple[float, float]:
         """rtol and atol of a variable of the reference."""
-        own = {key: float(variable.attributes[key]) for key in ("rtol", "atol") if key in variable.attributes}
+        own = {
+            key: float(variable.attributes[key])
+            for key in ("rtol", "atol")
+            if key in variable.attributes
+        }
         condition = CONDITION if name in LOCATED else 1.0
         rtol = self.rtol * condition if self.rtol is not None else own.get("rtol", RTOL * condition)
         return rtol, own.get("atol", 0.0) if self.atol is None else self.atol
@@ -49,8 +56,9 @@ class Tolerance:
 class Line:
     """What the comparison found of one variable of one case.
 
-    `scaled` is max|a - b| / (atol + rtol max|b|): above 1 it is a difference, and infinite where there is no degree
-    (labels, counts, what is missing). `place` says where it is the largest, or what is wrong.
+    `scaled` is max|a - b| / (atol + rtol max|b|): above 1 it is a difference, and infinite where
+    there is no degree (labels, counts, what is missing). `place` says where it is the largest, or
+    what is wrong.
     """
 
     case: str
@@ -78,7 +86,9 @@ def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
             lines += one_case(name, a.read(name), b.read(name), tolerance)
         else:
             lines.append(Line(name, "", math.inf, f"missing in {a.path}"))
-    return lines + [Line(name, "", math.inf, f"missing in {b.path}") for name in ours if name not in theirs]
+    return lines + [
+        Line(name, "", math.inf, f"missing in {b.path}") for name in ours if name not in theirs
+    ]
 
 
 def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
@@ -87,7 +97,10 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
         said = [str(group.attributes.get(key)) for group in (a, b)]
         if said[0] != said[1]:
             yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
-    times = [group.variables["time"].data if "time" in group.variables else np.empty(0) for group in (a, b)]
+    times = [
+        group.variables["time"].data if "time" in group.variables else np.empty(0)
+        for group in (a, b)
+    ]
     if any(time.dtype.kind != "f" or time.ndim != 1 for time in times):
         raise HodoError(f"{name} is damaged (its times are no numbers)")
     rows = matching(*times)
@@ -105,17 +118,23 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
 
 
 def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """The position in `ours` (n,) of the time nearest to each of `theirs` (m,); none where `ours` has no times."""
+    """The position in `ours` (n,) of the time nearest to each of `theirs` (m,); none where `ours`
+    has no times."""
     if not len(ours):
         return np.empty(0, dtype=np.intp)
     after = np.clip(np.searchsorted(ours, theirs), 1, max(len(ours) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(ours) - 1)
-    return np.asarray(np.where(np.abs(ours[before] - theirs) <= np.abs(ours[after] - theirs), before, after))
+    return np.asarray(
+        np.where(np.abs(ours[before] - theirs) <= np.abs(ours[after] - theirs), before, after)
+    )
 
 
-def difference(a: np.ndarray, b: np.ndarray, rtol: float, atol: float) -> tuple[float, tuple[int, ...]]:
-    """The scaled difference and the position of the largest; infinite, without a position, for unequal shapes.
+def difference(
+    a: np.ndarray, b: np.ndarray, rtol: float, atol: float
+) -> tuple[float, tuple[int, ...]]:
+    """The scaled difference and the position of the largest; infinite, without a position, for
+    unequal shapes.
 
     Integers and texts are equal or not. A number that is not finite equals nothing but itself.
     """
@@ -129,15 +148,20 @@ def difference(a: np.ndarray, b: np.ndarray, rtol: float, atol: float) -> tuple[
             apart = np.where(same, 0.0, np.abs(a - b))
         finite = np.isfinite(a) & np.isfinite(b)
         allowed = atol + rtol * float(np.max(np.abs(b), initial=0, where=np.isfinite(b)))
-        scaled = np.divide(apart, allowed, out=np.where(same, 0.0, math.inf), where=finite & (allowed > 0))
+        scaled = np.divide(
+            apart, allowed, out=np.where(same, 0.0, math.inf), where=finite & (allowed > 0)
+        )
     else:
         scaled = np.where(a == b, 0.0, math.inf)
     at = np.unravel_index(int(np.argmax(scaled)), scaled.shape)
     return float(scaled[at]), tuple(int(i) for i in at)
 
 
-def place(name: str, at: tuple[int, ...], a: np.ndarray, b: Variable, coordinates: Mapping[str, Variable]) -> str:
-    """Where a difference is the largest, in the reference's coordinates, and the two values there."""
+def place(
+    name: str, at: tuple[int, ...], a: np.ndarray, b: Variable, coordinates: Mapping[str, Variable]
+) -> str:
+    """Where a difference is the largest, in the reference's coordinates, and the two values
+    there."""
     if a.ndim != b.data.ndim:
         return f"{a.ndim} dimensions, not {b.data.ndim}"
     if a.shape != b.data.shape:
@@ -146,7 +170,9 @@ def place(name: str, at: tuple[int, ...], a: np.ndarray, b: Variable, coordinate
     if not at:
         return ""
     where = [
-        f"{dim} = {coordinate(coordinates[dim].data[i])}" if dim in coordinates and dim != name else f"{dim} {i}"
+        f"{dim} = {coordinate(coordinates[dim].data[i])}"
+        if dim in coordinates and dim != name
+        else f"{dim} {i}"
         for dim, i in zip(b.dims, at, strict=True)
     ]
     return f"{', '.join(where)}: {shown(b, a[at])}, not {shown(b, b.data[at])}"

@@ -28,18 +28,36 @@ ENGINES = {
     "collocation": ("engines/collocation.py", "numpy"),
     "exact": ("models/closed_form.py", "numpy"),
 }
-SWEPT = ("cases/sweep_block.py", "sweeps/members.py", "sweeps/sweep.py", "sweeps/ensemble.py", "integration/classify.py", "engines/taylor_batch.py")
+SWEPT = (
+    "cases/sweep_block.py",
+    "sweeps/members.py",
+    "sweeps/sweep.py",
+    "sweeps/ensemble.py",
+    "integration/classify.py",
+    "engines/taylor_batch.py",
+)
 FORCED = "--force"
-REASONS = ("its case has changed", "the code of its model or engine has changed", "its engine is another version")
+REASONS = (
+    "its case has changed",
+    "the code of its model or engine has changed",
+    "its engine is another version",
+)
 
 
 def fingerprint(case: Case) -> str:
-    """What a result depends on, as three hashes: the resolved case, the code of model and engine, the engine."""
+    """What a result depends on, as three hashes: the resolved case, the code of model and engine,
+    the engine."""
     method = choose(case)[0]
     engine, library = ENGINES.get(method, ("engines/scipy_ivp.py", "scipy"))
     model = getfile(models.find(case.model, case.form))
-    code = "".join(_code(str(PACKAGE / name)) for name in (*SHARED, *(SWEPT if case.sweep else ()), engine, model))
-    return "-".join(hashlib.sha256(part.encode()).hexdigest()[:16] for part in (dump(case), code, _version(library)))
+    code = "".join(
+        _code(str(PACKAGE / name))
+        for name in (*SHARED, *(SWEPT if case.sweep else ()), engine, model)
+    )
+    return "-".join(
+        hashlib.sha256(part.encode()).hexdigest()[:16]
+        for part in (dump(case), code, _version(library))
+    )
 
 
 @cache

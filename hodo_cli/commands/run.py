@@ -1,4 +1,5 @@
-"""Which cases of a config are run, and why; their running, and what becomes of a case that fails."""
+"""Which cases of a config are run, and why; their running, and what becomes of a case that
+fails."""
 
 import traceback
 from collections.abc import Iterator, Sequence
@@ -27,7 +28,8 @@ from .resume import FORCED, fingerprint, why
 
 @dataclass(frozen=True)
 class Plan:
-    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is kept.
+    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is
+    kept.
 
     `old` holds what is stored of the cases that run: it stays should they not be reached.
     """
@@ -41,25 +43,36 @@ class Plan:
     dropped: tuple[str, ...]
 
     def lines(self) -> list[str]:
-        """For each case that is asked for, why it runs or not; and for each result that goes, why."""
-        does = {name: f"runs, {self.reasons[name]}" if name in self.reasons else "is kept" for name in self.asked}
+        """For each case that is asked for, why it runs or not; and for each result that goes,
+        why."""
+        does = {
+            name: f"runs, {self.reasons[name]}" if name in self.reasons else "is kept"
+            for name in self.asked
+        }
         does |= dict.fromkeys(self.dropped, "is dropped, it is not in the config any more")
         return [f"{name}: {what}" for name, what in does.items()]
 
-    def execute(self, pool: Pool, progress: Progress, fail_fast: bool = False) -> list[dict[str, Any]]:
-        """Run and store; the attributes of each case that was asked for and reached, in the order of the config.
+    def execute(
+        self, pool: Pool, progress: Progress, fail_fast: bool = False
+    ) -> list[dict[str, Any]]:
+        """Run and store; the attributes of each case that was asked for and reached, in the order
+        of the config.
 
-        A case that fails, for whatever reason, is stored as failed; `fail_fast` leaves out what would come after it.
-        Raises HodoError if the result cannot be written.
+        A case that fails, for whatever reason, is stored as failed; `fail_fast` leaves out what
+        would come after it. Raises HodoError if the result cannot be written.
         """
         for line in self.lines():
             progress.say(line)
         history = stamp(f"hodo run {self.config.path}")
-        attributes = root_attributes(self.config.title, self.config.references, self.config.text, history)
+        attributes = root_attributes(
+            self.config.title, self.config.references, self.config.text, history
+        )
         with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
             lost = [name for name, done in self.kept.items() if not writer.keep(done)]
             left = dict.fromkeys([*self.reasons, *lost])
-            for case, outcome in outcomes([self.config.cases[name] for name in left], pool, writer, self, progress):
+            for case, outcome in outcomes(
+                [self.config.cases[name] for name in left], pool, writer, self, progress
+            ):
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
                 writer.add(case.name, group)
                 del left[case.name]
@@ -70,19 +83,25 @@ class Plan:
                 if name in self.old:
                     writer.keep(self.old[name])
         with open_run(self.path) as result:
-            return [{"case": name, **result.row(name, SUMMARY)} for name in self.asked if name in result]
+            return [
+                {"case": name, **result.row(name, SUMMARY)} for name in self.asked if name in result
+            ]
 
 
-def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool, jobs: int = 1) -> list[Plan]:
+def plans(
+    configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool, jobs: int = 1
+) -> list[Plan]:
     """The plan of each config with a case that is asked for; its results go to `out`/NAME.h5.
 
-    Raises HodoError if two configs have one name, no case is asked for, a result that is there is not whole, or a
-    case does not fit into the memory that each of so many jobs can have.
+    Raises HodoError if two configs have one name, no case is asked for, a result that is there is
+    not whole, or a case does not fit into the memory that each of so many jobs can have.
     """
     paths = [out / f"{Path(config.path).stem}.h5" for config in configs]
     for path in paths:
         if paths.count(path) > 1:
-            raise HodoError(f"{path} would hold the results of {paths.count(path)} configs: rename one")
+            raise HodoError(
+                f"{path} would hold the results of {paths.count(path)} configs: rename one"
+            )
     made = [plan(config, path, globs, force) for config, path in zip(configs, paths, strict=True)]
     if not any(plan.asked for plan in made):
         raise HodoError(f"no case matches {' or '.join(globs)}")
@@ -93,9 +112,12 @@ def plans(configs: Sequence[Config], out: Path, globs: Sequence[str], force: boo
 
 
 def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
-    """Which cases of a config run, and why; those that `globs` leave out stay as they are stored."""
+    """Which cases of a config run, and why; those that `globs` leave out stay as they are
+    stored."""
     done = finished(path)
-    asked = tuple(name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs))
+    asked = tuple(
+        name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs)
+    )
     reasons: dict[str, str] = {}
     kept: dict[str, Finished] = {}
     for name, case in config.cases.items():
@@ -109,13 +131,22 @@ def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
         else:
             reasons[name] = found[0][1] if found else why(case, None, force)
     old = {name: done[name][0] for name in reasons if name in done}
-    return Plan(config, path, asked, reasons, kept, old, tuple(name for name in done if name not in config.cases))
+    return Plan(
+        config,
+        path,
+        asked,
+        reasons,
+        kept,
+        old,
+        tuple(name for name in done if name not in config.cases),
+    )
 
 
 def outcomes(
     cases: Sequence[Case], pool: Pool, writer: Writer, plan: Plan, progress: Progress
 ) -> Iterator[tuple[Case, Group | Exception]]:
-    """Each case with what is to be stored of it, or why there is nothing: single cases, then the sweeps."""
+    """Each case with what is to be stored of it, or why there is nothing: single cases, then the
+    sweeps."""
     yield from pool.map(finish, [case for case in cases if not case.sweep])
     for case in cases:
         if case.sweep:
@@ -130,7 +161,9 @@ def outcomes(
 
 def finish(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method cannot be had here."""
-    return group_of(integrate(case), models.find(case.model, case.form).variables, fingerprint(case))
+    return group_of(
+        integrate(case), models.find(case.model, case.form).variables, fingerprint(case)
+    )
 
 
 def failure(case: Case, error: Exception) -> Group:
@@ -141,7 +174,10 @@ def failure(case: Case, error: Exception) -> Group:
         time=np.empty(0),
         state=np.empty((0, len(model.state))),
         exponent=np.empty(0, dtype=np.int64),
-        variables={name: np.empty((0, *[3] * (len(variable.dims) - 1))) for name, variable in model.variables.items()},
+        variables={
+            name: np.empty((0, *[3] * (len(variable.dims) - 1)))
+            for name, variable in model.variables.items()
+        },
         method=case.method,
         method_reason="asked for",
         tol=case.tol or float("nan"),
@@ -154,7 +190,8 @@ def failure(case: Case, error: Exception) -> Group:
 
 
 def problem(group: Group, outcome: Group | Exception) -> str:
-    """What is to be said of a finished case that did not end well; a traceback of what is no mistake of the user's."""
+    """What is to be said of a finished case that did not end well; a traceback of what is no
+    mistake of the user's."""
     if isinstance(outcome, Exception) and not isinstance(outcome, HodoError):
         return "failed: " + "".join(traceback.format_exception(outcome)).rstrip()
     status = group.attributes["status"]

@@ -56,14 +56,16 @@ def passage(crossing: Mapping[str, Any]) -> str:
 
 
 def claims(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Statements with their verdicts and what decides them; a verdict that is not the one expected is marked."""
+    """Statements with their verdicts and what decides them; a verdict that is not the one expected
+    is marked."""
     return table(
         ("claim", "where", "verdict", "decided by"),
         [
             (
                 row["id"],
                 row["where"],
-                row["verdict"] + ("" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"),
+                row["verdict"]
+                + ("" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"),
                 row["evidence"],
             )
             for row in rows
@@ -72,7 +74,8 @@ def claims(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
-    """For each case the variable that is farthest from the reference, and every one that differs."""
+    """For each case the variable that is farthest from the reference, and every one that
+    differs."""
     worst = {row["case"]: row for row in sorted(rows, key=lambda row: row["scaled"])}
     shown = [row for row in rows if row["differs"] or row is worst[row["case"]]]
     return table(

@@ -1,11 +1,14 @@
-"""Radau IIA collocation with 16 stages (order 31) for stiff motions, in double and extended precision.
+"""Radau IIA collocation with 16 stages (order 31) for stiff motions, in double and extended
+precision.
 
-In each step the motion is a polynomial whose derivative meets the equations at the Radau points, the end among them.
-The method is L-stable: it passes over what has decayed without resolving it, as Radau of order 5 does, but to the
-last digits, in a tenth of the steps. Newton's method solves a step's equations. Its matrices are in double; its
-residuals are in the working precision, and so is what it converges to.
+In each step the motion is a polynomial whose derivative meets the equations at the Radau points,
+the end among them. The method is L-stable: it passes over what has decayed without resolving it, as
+Radau of order 5 does, but to the last digits, in a tenth of the steps. Newton's method solves a
+step's equations. Its matrices are in double; its residuals are in the working precision, and so is
+what it converges to.
 
-Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
+Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5
+and IV.8.
 """
 
 from collections.abc import Callable
@@ -28,7 +31,12 @@ class Collocation(Stepwise):
     """The method bound to one model; the state is scaled to about 1."""
 
     def __init__(
-        self, model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str
+        self,
+        model: type[Model],
+        structure: Structure,
+        events: tuple[Event, ...],
+        tol: float | None,
+        precision: str,
     ) -> None:
         super().__init__(structure, events)
         self.dtype, self.model = DTYPES[precision], model
@@ -43,7 +51,15 @@ class Collocation(Stepwise):
 class Steps:
     """One integration under way, as SciPy's OdeSolver. The type of `y` is the working precision."""
 
-    def __init__(self, model: type[Model], k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, tol: float) -> None:
+    def __init__(
+        self,
+        model: type[Model],
+        k: SimpleNamespace,
+        y: np.ndarray,
+        start: Any,
+        end: Any,
+        tol: float,
+    ) -> None:
         self.model, self.k, self.tol = model, k, tol
         self.t = self.t_old = start
         self.y, self.end, self.status, self.nfev = y, end, "running", 0
@@ -69,7 +85,11 @@ class Steps:
             if error <= self.tol:
                 break
         self._series, self._from = series, self.y
-        self.t_old, self.t, self.y = self.t, self.end if last else self.t + h, self.y + stages[:, -1]
+        self.t_old, self.t, self.y = (
+            self.t,
+            self.end if last else self.t + h,
+            self.y + stages[:, -1],
+        )
         self.status = "finished" if last else "running"
         return None
 
@@ -85,20 +105,23 @@ class Steps:
         return dense
 
     def _error(self, series: np.ndarray, end: np.ndarray) -> float:
-        """An estimate of the polynomial's error, relative to the state where it is smaller, start or end: its last
-        coefficients, and by how much it misses the start, where no point lies. A decay too fast for the step shows
-        there."""
+        """An estimate of the polynomial's error, relative to the state where it is smaller, start
+        or end: its last coefficients, and by how much it misses the start, where no point lies. A
+        decay too fast for the step shows there."""
         missed = series[:, ::2].sum(axis=1) - series[:, 1::2].sum(axis=1)
         worst = np.abs([series[:, -1], series[:, -2], missed]).max()
         return float(worst / (min(np.abs(self.y).max(), np.abs(end).max()) or 1))
 
     def _stages(self, h: Any) -> np.ndarray | None:
-        """The change of the state (m, STAGES) up to each collocation point, or None if Newton's method fails."""
+        """The change of the state (m, STAGES) up to each collocation point, or None if Newton's
+        method fails."""
         times, size, before = self.t + self.points * h, float(np.abs(self.y).max()) or 1.0, np.inf
         z = np.zeros((len(self.y), STAGES), dtype=self.y.dtype)
         for _ in range(ITERATIONS):
             y = self.y[:, None] + z
-            rates = np.array([np.broadcast_to(rate, STAGES) for rate in self.model.rhs(times, list(y), self.k)])
+            rates = np.array(
+                [np.broadcast_to(rate, STAGES) for rate in self.model.rhs(times, list(y), self.k)]
+            )
             self.nfev += STAGES
             slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
             coupling = np.einsum("ji,abj->aibj", float(h) * self.integrals.astype(float), slopes)
@@ -106,7 +129,9 @@ class Steps:
             if not (np.isfinite(coupling).all() and np.isfinite(residual).all()):
                 return None
             try:
-                change = np.linalg.solve(np.eye(z.size) - coupling.reshape(z.size, z.size), residual.ravel())
+                change = np.linalg.solve(
+                    np.eye(z.size) - coupling.reshape(z.size, z.size), residual.ravel()
+                )
             except np.linalg.LinAlgError:
                 return None
             z = z - change.reshape(z.shape)
@@ -118,7 +143,8 @@ class Steps:
 
 
 def legendre(x: np.ndarray, degree: int) -> np.ndarray:
-    """Legendre's polynomials 0 to `degree` at x (n,), shape (degree + 1, n), by their recurrence."""
+    """Legendre's polynomials 0 to `degree` at x (n,), shape (degree + 1, n), by their
+    recurrence."""
     P = [np.ones_like(x), x]
     for k in range(1, degree):
         P.append(((2 * k + 1) * x * P[k] - k * P[k - 1]) / (k + 1))
@@ -127,31 +153,43 @@ def legendre(x: np.ndarray, degree: int) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def tableau(fp: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Radau points (s,) in (0, 1], and two matrices (s, s) that act on values at these points from the right.
+    """The Radau points (s,) in (0, 1], and two matrices (s, s) that act on values at these points
+    from the right.
 
-    They give the integrals of the polynomial with these values from 0 to each point (that is A.T of Butcher's
-    tableau), and its coefficients in Legendre's polynomials of 2 t - 1.
+    They give the integrals of the polynomial with these values from 0 to each point (that is A.T of
+    Butcher's tableau), and its coefficients in Legendre's polynomials of 2 t - 1.
 
-    The points are the zeros of P_(s-1) - P_s; their weights, (1 + x)/(s P_(s-1))^2 and 2/s^2 at the end, make the
-    transform a sum. P_k is the derivative of (P_(k+1) - P_(k-1))/(2 k + 1). (Hairer and Wanner, section IV.5.)
+    The points are the zeros of P_(s-1) - P_s; their weights, (1 + x)/(s P_(s-1))^2 and 2/s^2 at the
+    end, make the transform a sum. P_k is the derivative of (P_(k+1) - P_(k-1))/(2 k + 1). (Hairer
+    and Wanner, section IV.5.)
     """
     s, k = STAGES, np.arange(STAGES)[:, None]
     x = np.sort(np.polynomial.legendre.legroots([0] * (s - 1) + [1, -1])).astype(np.longdouble)
     for _ in range(3):  # Newton's method, from double to extended precision
         P = legendre(x[:-1], s)
-        slope = ((s - 1) * (P[s - 2] - x[:-1] * P[s - 1]) - s * (P[s - 1] - x[:-1] * P[s])) / (1 - x[:-1] ** 2)
+        slope = ((s - 1) * (P[s - 2] - x[:-1] * P[s - 1]) - s * (P[s - 1] - x[:-1] * P[s])) / (
+            1 - x[:-1] ** 2
+        )
         x[:-1] -= (P[s - 1] - P[s]) / slope
     x[-1] = 1
     P = legendre(x, s)
     weights = np.append((1 + x[:-1]) / (s * P[s - 1, :-1]) ** 2, np.longdouble(2) / s**2)
     transform = (2 * k + 1) * P[:s] * weights / 2
     integrals = np.concatenate(([x + 1], (P[2:] - P[:-2]) / (2 * k[1:] + 1)))
-    return ((x + 1) / 2).astype(fp), (transform.T @ integrals / 2).astype(fp), transform.T.astype(fp)
+    return (
+        ((x + 1) / 2).astype(fp),
+        (transform.T @ integrals / 2).astype(fp),
+        transform.T.astype(fp),
+    )
 
 
 @lru_cache(maxsize=64)
 def build(
-    model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str
+    model: type[Model],
+    structure: Structure,
+    events: tuple[Event, ...],
+    tol: float | None,
+    precision: str,
 ) -> Collocation:
     """The method bound to one model, its structure, events, tolerance and precision."""
     return Collocation(model, structure, events, tol, precision)

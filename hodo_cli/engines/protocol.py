@@ -19,7 +19,8 @@ BAND = (1 / 64, 64.0)
 
 
 class Hit(NamedTuple):
-    """A zero of an event's function: its place in the list of events, time, direction (+1, -1), state."""
+    """A zero of an event's function: its place in the list of events, time, direction (+1, -1),
+    state."""
 
     event: int
     time: float
@@ -28,7 +29,8 @@ class Hit(NamedTuple):
 
 
 class Passages(NamedTuple):
-    """Zeros of an event's function in many motions: motion, time and direction of each (n,), and its state (m, n)."""
+    """Zeros of an event's function in many motions: motion, time and direction of each (n,), and
+    its state (m, n)."""
 
     motion: np.ndarray
     time: np.ndarray
@@ -37,9 +39,11 @@ class Passages(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """One stretch of integration in fixed units: the states at the grid points passed, and where it stopped.
+    """One stretch of integration in fixed units: the states at the grid points passed, and where it
+    stopped.
 
-    `time` is a pair whose sum is the time reached. `hit` is the terminal event, if one ended the leg.
+    `time` is a pair whose sum is the time reached. `hit` is the terminal event, if one ended the
+    leg.
     """
 
     rows: np.ndarray
@@ -49,7 +53,8 @@ class Leg(NamedTuple):
 
 
 Observer = Callable[[float, float, Callable[[float], np.ndarray], list[Hit]], None]
-"""Called after each step as observer(start, end, dense, hits), with dense(t) the state inside the step."""
+"""Called after each step as observer(start, end, dense, hits), with dense(t) the state inside the
+step."""
 
 
 class Engine(Protocol):
@@ -60,7 +65,8 @@ class Engine(Protocol):
     band: tuple[float, float]
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: "Watch") -> Leg:
-        """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `watch` says stop."""
+        """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `watch` says
+        stop."""
         ...
 
 
@@ -68,7 +74,8 @@ class Engine(Protocol):
 class Watch:
     """Decides after each step whether to go on, and remembers why it did not.
 
-    With `band` = (low, high) it asks for new units as soon as the squared norm of the state leaves the band.
+    With `band` = (low, high) it asks for new units as soon as the squared norm of the state leaves
+    the band.
     """
 
     max_steps: float = math.inf
@@ -119,17 +126,26 @@ def have_taylor() -> bool:
 
 
 def build(
-    method: str, model: type[Model], k: Constants, events: tuple[Event, ...], tol: float | None, precision: str
+    method: str,
+    model: type[Model],
+    k: Constants,
+    events: tuple[Event, ...],
+    tol: float | None,
+    precision: str,
 ) -> Engine:
-    """The engine of a method, bound to a model's equations; for taylor this compiles, once per process.
+    """The engine of a method, bound to a model's equations; for taylor this compiles, once per
+    process.
 
-    Raises HodoError if there is no such method, it needs what is not installed, or cannot work in that precision.
+    Raises HodoError if there is no such method, it needs what is not installed, or cannot work in
+    that precision.
     """
     if method not in METHODS:
         raise HodoError(f"there is no method {method!r}")
     if method == "taylor":
         if not have_taylor():
-            raise HodoError("method taylor needs heyoka, which is not installed: pip install heyoka, or method: auto")
+            raise HodoError(
+                "method taylor needs heyoka, which is not installed: pip install heyoka, or method: auto"
+            )
         from . import taylor
 
         return taylor.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]

@@ -22,7 +22,12 @@ class Ivp(Stepwise):
     """One of SciPy's solvers, with the state scaled to about 1."""
 
     def __init__(
-        self, method: str, model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None
+        self,
+        method: str,
+        model: type[Model],
+        structure: Structure,
+        events: tuple[Event, ...],
+        tol: float | None,
     ) -> None:
         super().__init__(structure, events)
         self.method, self.model = SOLVERS[method], model
@@ -38,7 +43,9 @@ class Ivp(Stepwise):
     def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> Solver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
-        solver: Solver = self.method(partial(self._rhs, k), start, y, end, rtol=self.tol, atol=self.tol, **options)
+        solver: Solver = self.method(
+            partial(self._rhs, k), start, y, end, rtol=self.tol, atol=self.tol, **options
+        )
         return solver
 
     def _rhs(self, k: Any, t: float, y: np.ndarray) -> np.ndarray:
@@ -46,6 +53,12 @@ class Ivp(Stepwise):
 
 
 @lru_cache(maxsize=64)
-def build(method: str, model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None) -> Ivp:
+def build(
+    method: str,
+    model: type[Model],
+    structure: Structure,
+    events: tuple[Event, ...],
+    tol: float | None,
+) -> Ivp:
     """A solver bound to one model, its structure, events and tolerance."""
     return Ivp(method, model, structure, events, tol)

@@ -1,4 +1,5 @@
-"""The loop that engines share which advance one step at a time and have a formula for the state inside it."""
+"""The loop that engines share which advance one step at a time and have a formula for the state
+inside it."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -11,8 +12,8 @@ from ..models.constants import Structure, flatten, namespace
 from .protocol import BAND, Hit, Leg, Watch
 
 SUBSTEPS = np.linspace(0, 1, 17)
-"""Where an event's sign is looked at inside a step: no step spans much more than a turn, and D changes sign at
-most four times in a turn."""
+"""Where an event's sign is looked at inside a step: no step spans much more than a turn, and D
+changes sign at most four times in a turn."""
 
 
 class Solver(Protocol):
@@ -78,14 +79,19 @@ class Stepwise:
         state, time = (solver.y, solver.t) if hit is None else (hit.state, hit.time)
         return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit)
 
-    def _hits(self, k: Any, start: Any, end: Any, dense: Callable[[Any], np.ndarray], before: np.ndarray) -> list[Hit]:
-        """The zeros of every event inside a step that starts from the state `before`, in order of time."""
+    def _hits(
+        self, k: Any, start: Any, end: Any, dense: Callable[[Any], np.ndarray], before: np.ndarray
+    ) -> list[Hit]:
+        """The zeros of every event inside a step that starts from the state `before`, in order of
+        time."""
         found: list[Hit] = []
         if not self.events:
             return found
         times = start + (end - start) * SUBSTEPS.astype(self.dtype)
         states = dense(times)
-        states[:, 0] = before  # where dense has rounding: a motion that starts at a zero does not pass through it
+        states[:, 0] = (
+            before  # where dense has rounding: a motion that starts at a zero does not pass through it
+        )
         for i, event in enumerate(self.events):
 
             def value(t: Any, event: Event = event) -> Any:
@@ -101,7 +107,8 @@ class Stepwise:
 
 
 def zero(f: Callable[[Any], Any], a: Any, b: Any) -> Any:
-    """A zero of f between a and b, where it differs in sign, to the last bit: bisection is never led astray."""
+    """A zero of f between a and b, where it differs in sign, to the last bit: bisection is never
+    led astray."""
     rising = f(b) > 0
     while a < (middle := a + (b - a) / 2) < b:
         if (f(middle) > 0) == rising:

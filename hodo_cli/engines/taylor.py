@@ -17,22 +17,29 @@ DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quad
 EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
 
 UNROLLED, OPTIMISED = 150, 10_000
-"""The sizes of a system, in nodes of its expressions, up to which it is unrolled, and optimised at all. Beyond the
-first, unrolling takes longer than the steps of most motions; beyond the second are averaged systems, which take tens
-of steps, and are compiled as they stand."""
+"""The sizes of a system, in nodes of its expressions, up to which it is unrolled, and optimised at
+all. Beyond the first, unrolling takes longer than the steps of most motions; beyond the second are
+averaged systems, which take tens of steps, and are compiled as they stand."""
 
 
 class Taylor:
-    """One compiled integrator; the constants are its runtime parameters, so that it serves every case."""
+    """One compiled integrator; the constants are its runtime parameters, so that it serves every
+    case."""
 
     band = BAND
 
     def __init__(
-        self, model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str
+        self,
+        model: type[Model],
+        structure: Structure,
+        events: tuple[Event, ...],
+        tol: float | None,
+        precision: str,
     ) -> None:
         self.dtype = fp = DTYPES[precision]
         eps = EPS[precision]
-        # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no cost.
+        # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no
+        # cost.
         self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
         self.hits: list[Hit] = []
         y = [hy.expression(name) for name in model.state]
@@ -87,14 +94,17 @@ class Taylor:
         def after_step(ta: Any) -> bool:
             nonlocal last
             if observe is not None:
-                observe(last, ta.time, self._dense, [hit for hit in self.hits if hit.time != grid[0]])
+                observe(
+                    last, ta.time, self._dense, [hit for hit in self.hits if hit.time != grid[0]]
+                )
                 self.hits.clear()
                 last = ta.time
             return watch.step(state)
 
         outcome, _, _, steps, *_, rows = ta.propagate_grid(grid, callback=after_step)
         if self._stopped_by(outcome) is not None and ta.time == grid[0]:
-            # A motion that starts at a zero does not pass through it; the event's cooldown keeps it from returning.
+            # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
+            # from returning.
             outcome, _, _, steps, *_, rows = ta.propagate_grid(grid, callback=after_step)
         watch.evaluations += steps * ta.order
         event, hit = self._stopped_by(outcome), None
@@ -110,12 +120,18 @@ def longdouble(values: np.ndarray) -> np.ndarray:
     if values.dtype != np.dtype(hy.real128):
         return values.astype(np.longdouble)
     high = values.astype(np.float64)
-    return np.asarray(high.astype(np.longdouble) + (values - high.astype(hy.real128)).astype(np.float64))
+    return np.asarray(
+        high.astype(np.longdouble) + (values - high.astype(hy.real128)).astype(np.float64)
+    )
 
 
 @lru_cache(maxsize=64)
 def build(
-    model: type[Model], structure: Structure, events: tuple[Event, ...], tol: float | None, precision: str
+    model: type[Model],
+    structure: Structure,
+    events: tuple[Event, ...],
+    tol: float | None,
+    precision: str,
 ) -> Taylor:
     """The compiled integrator for one model, its structure, events, tolerance and precision."""
     return Taylor(model, structure, events, tol, precision)

@@ -1,7 +1,8 @@
-"""Many motions at once: heyoka's batch integrator, in which each lane of a SIMD register carries one motion.
+"""Many motions at once: heyoka's batch integrator, in which each lane of a SIMD register carries
+one motion.
 
-The lanes have steps of their own and do not influence each other, bit for bit: what stands beside a motion, and how
-an ensemble is cut into parts, does not change it.
+The lanes have steps of their own and do not influence each other, bit for bit: what stands beside a
+motion, and how an ensemble is cut into parts, does not change it.
 """
 
 from collections.abc import Callable
@@ -21,14 +22,20 @@ hy.set_logger_level_error()
 class Lanes:
     """One compiled integrator in double precision, with or without an event."""
 
-    def __init__(self, model: type[Model], structure: Structure, event: Event | None, tol: float | None) -> None:
+    def __init__(
+        self, model: type[Model], structure: Structure, event: Event | None, tol: float | None
+    ) -> None:
         self.tol = 2.0**-52 if tol is None else max(tol, 2.0**-62)
         self.width = hy.recommended_simd_size()
         self._found: list[tuple[int, float, int, np.ndarray]] = []
         self._first = 0
         y = [hy.expression(name) for name in model.state]
         k = namespace(structure, [hy.par[i] for i in range(count(structure))])
-        watched = [] if event is None else [hy.nt_event_batch(event.function(hy.time, y, k), self._recorder())]
+        watched = (
+            []
+            if event is None
+            else [hy.nt_event_batch(event.function(hy.time, y, k), self._recorder())]
+        )
         self._ta = hy.taylor_adaptive_batch(
             list(zip(y, model.rhs(hy.time, y, k), strict=True)),
             np.zeros((len(y), self.width)),
@@ -38,7 +45,8 @@ class Lanes:
         )
 
     def _recorder(self) -> Callable[[Any, float, int, int], None]:
-        """What heyoka calls at a zero: a function, not a method, since it copies what a method is bound to."""
+        """What heyoka calls at a zero: a function, not a method, since it copies what a method is
+        bound to."""
 
         def record(ta: Any, time: float, direction: int, lane: int) -> None:
             ta.update_d_output(np.full(self.width, time))
@@ -49,13 +57,18 @@ class Lanes:
     def leg(
         self, k: np.ndarray, y: np.ndarray, spans: np.ndarray, most: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Passages]:
-        """Motions with the constants k (c, n) from the states y (m, n), each over its own span of time (n,).
+        """Motions with the constants k (c, n) from the states y (m, n), each over its own span of
+        time (n,).
 
-        Returns the states reached (m, n), the steps taken (n,), whether each has reached its end (n,) in at most
-        `most` steps, and the zeros of the event, in order of motion and time.
+        Returns the states reached (m, n), the steps taken (n,), whether each has reached its end
+        (n,) in at most `most` steps, and the zeros of the event, in order of motion and time.
         """
         n, width = y.shape[1], self.width
-        states, constants, ends = _lanes(y, width), _lanes(k, width), _lanes(spans[None], width)[:, 0]
+        states, constants, ends = (
+            _lanes(y, width),
+            _lanes(k, width),
+            _lanes(spans[None], width)[:, 0],
+        )
         self._found.clear()
         done: list[tuple[Any, ...]] = []
         ta = self._ta
@@ -85,12 +98,15 @@ class Lanes:
 
 
 def _lanes(values: np.ndarray, width: int) -> np.ndarray:
-    """Values (m, n) as batches (n / width, m, width), the last filled with copies of the last column."""
+    """Values (m, n) as batches (n / width, m, width), the last filled with copies of the last
+    column."""
     padded = np.pad(values, ((0, 0), (0, -values.shape[1] % width)), mode="edge")
     return np.ascontiguousarray(padded.reshape(len(values), -1, width).transpose(1, 0, 2))
 
 
 @lru_cache(maxsize=16)
-def build(model: type[Model], structure: Structure, event: Event | None, tol: float | None) -> Lanes:
+def build(
+    model: type[Model], structure: Structure, event: Event | None, tol: float | None
+) -> Lanes:
     """The compiled integrator for one model, its structure, event and tolerance."""
     return Lanes(model, structure, event, tol)

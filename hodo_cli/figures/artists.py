@@ -25,7 +25,8 @@ COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
-"""The palette of Okabe and Ito, legible to the colour-blind; blue and orange differ in grey print too."""
+"""The palette of Okabe and Ito, legible to the colour-blind; blue and orange differ in grey print
+too."""
 
 GREY = "#666666"
 AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#999999"}
@@ -51,7 +52,14 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
 
 def symbol(name: str) -> str:
     """A variable's name in TeX: Gz as G_z, u1 as u_1, G.x2 as G_2."""
-    special = {"G_norm": "|G|", "G2": "G^2", "omega.x1": "p", "omega.x2": "q", "omega.x3": "r", "gamma": r"\gamma"}
+    special = {
+        "G_norm": "|G|",
+        "G2": "G^2",
+        "omega.x1": "p",
+        "omega.x2": "q",
+        "omega.x3": "r",
+        "gamma": r"\gamma",
+    }
     if name in special:
         return special[name]
     base, _, axis = name.partition(".")
@@ -76,18 +84,23 @@ def styles(n: int) -> list[dict[str, Any]]:
 
 
 def palette(motion: Motion, colour: str, place: int) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (m, 3), and the position in them of each sample's colour (n,), by what the colour says."""
+    """Colours (m, 3), and the position in them of each sample's colour (n,), by what the colour
+    says."""
     if colour == "time":
         since = motion.time - motion.time[0]
         hues = matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 64))[:, :3]
         return hues, (since / (since[-1] or 1.0) * 63).astype(int)
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)
-        return np.array([to_rgb(AXIS_COLOUR[x]) for x in labels]), np.searchsorted(labels, motion.labels)
+        return np.array([to_rgb(AXIS_COLOUR[x]) for x in labels]), np.searchsorted(
+            labels, motion.labels
+        )
     return np.array([to_rgb(CYCLE[place % len(CYCLE)][0])]), np.zeros(len(motion.time), dtype=int)
 
 
-def mark(axes: Axes, ends: np.ndarray, crossings: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]) -> None:
+def mark(
+    axes: Axes, ends: np.ndarray, crossings: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]
+) -> None:
     """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they are inside."""
     for style, points in ((START, ends[:1]), (END, ends[1:]), (CROSSING, crossings)):
         shown = points[inside(points)]
@@ -97,16 +110,21 @@ def mark(axes: Axes, ends: np.ndarray, crossings: np.ndarray, inside: Callable[[
 
 def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> None:
     """A legend below the panels."""
-    sheet.figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, columnspacing=1.2)
+    sheet.figure.legend(
+        handles=list(handles), loc="outside lower center", ncols=columns, columnspacing=1.2
+    )
 
 
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
-    """Legend entries of start, end and crossings; times are given where there is one motion only."""
+    """Legend entries of start, end and crossings; times are given where there is one motion
+    only."""
     crossings = [f"{when:.6g}" for motion in motions for when in motion.crossing_time]
     end, crossing = "end", "$D = 0$"
     if len(motions) == 1:
         end += f", ${time} = {motions[0].time[-1]:.6g}$"
-        crossing = "\n".join(textwrap.wrap(f"{crossing} at ${time}$ = {', '.join(crossings)}", 80 if wide else 46))
+        crossing = "\n".join(
+            textwrap.wrap(f"{crossing} at ${time}$ = {', '.join(crossings)}", 80 if wide else 46)
+        )
     entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 
@@ -117,7 +135,10 @@ def axis_handles(motions: Sequence[Motion], both: bool = False) -> list[Line2D]:
     present |= {motions[0].order[0] + 1, motions[0].order[2] + 1} if both else set()
     words = {0: "separatrix", -1: "undetermined"}
     order = sorted(present, key=lambda label: (label < 1, label))
-    return [Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$")) for x in order]
+    return [
+        Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$"))
+        for x in order
+    ]
 
 
 def case_handles(names: Sequence[str], solid: bool = False) -> list[Line2D]:
@@ -135,12 +156,16 @@ def colour_handles(motions: Sequence[Motion], colour: str) -> list[Line2D]:
     return axis_handles(motions) if colour == "axis" else []
 
 
-def plane_curve(axes: Axes, points: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float) -> None:
+def plane_curve(
+    axes: Axes, points: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float
+) -> None:
     """A plane curve (n, 2) in colours[code]."""
     pieces = stretches(code)
     shades = [colours[code[piece.start]] for piece in pieces]
     axes.add_collection(
-        LineCollection([points[piece] for piece in pieces], colors=shades, linewidths=width, alpha=0.85)
+        LineCollection(
+            [points[piece] for piece in pieces], colors=shades, linewidths=width, alpha=0.85
+        )
     )
 
 
@@ -167,11 +192,18 @@ def pair(point: np.ndarray) -> tuple[float, float]:
 
 
 def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
-    """An arrow head that shows the direction of a curve (n, 2), where it is `size` away from its start."""
+    """An arrow head that shows the direction of a curve (n, 2), where it is `size` away from its
+    start."""
     far = np.flatnonzero(np.hypot(*(points - points[0]).T) > size)
     if far.size and far[0] + 1 < len(points):
         here, step = points[far[0]], points[far[0] + 1] - points[far[0]]
-        arrow(axes, here - step / max(float(np.hypot(*step)), math.ulp(0)) * 0.01 * size, here, colour, zorder=5)
+        arrow(
+            axes,
+            here - step / max(float(np.hypot(*step)), math.ulp(0)) * 0.01 * size,
+            here,
+            colour,
+            zorder=5,
+        )
 
 
 def everywhere(points: np.ndarray) -> np.ndarray:
@@ -183,5 +215,7 @@ def time_bar(sheet: Sheet, panels: list[Axes], motion: Motion, spec: Mapping[str
     """The colour bar of a curve that is coloured by time."""
     hues = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 256)))
     scale = ScalarMappable(Normalize(motion.time[0], motion.time[-1]), hues)
-    bar = sheet.figure.colorbar(scale, ax=panels, location="bottom", fraction=0.03, pad=0.02, shrink=0.6, aspect=50)
+    bar = sheet.figure.colorbar(
+        scale, ax=panels, location="bottom", fraction=0.03, pad=0.02, shrink=0.6, aspect=50
+    )
     bar.set_label(time_label(spec, motion))

@@ -15,7 +15,8 @@ VERDICT_COLOUR = (GREEN, SKY, "#F0E442", "#BBBBBB", "#666666", RED)
 
 
 def draw_bench(bench: Any) -> Sheet:
-    """The figure of a bench: work against precision where there are several tolerances, else the map of verdicts."""
+    """The figure of a bench: work against precision where there are several tolerances, else the
+    map of verdicts."""
     with matplotlib.style.context(["default", STYLE]):
         sheet = Sheet(Figure(layout="constrained"))
         (work_precision if len(bench.tols) > 1 else status_map)(sheet, bench)
@@ -30,7 +31,9 @@ def work_precision(sheet: Sheet, bench: Any) -> None:
     panels = sheet.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     error, time, status = (bench.values(name) for name in ("error", "run_time", "status"))
     for i, (axes, case) in enumerate(zip(panels, bench.cases, strict=False)):
-        for j, (method, style) in enumerate(zip(bench.methods, styles(len(bench.methods)), strict=True)):
+        for j, (method, style) in enumerate(
+            zip(bench.methods, styles(len(bench.methods)), strict=True)
+        ):
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
             x, y = time[i, j][done], np.maximum(error[i, j][done], 1e-17)
             axes.loglog(x, y, marker="o", ms=2, label=method, **style)
@@ -41,9 +44,13 @@ def work_precision(sheet: Sheet, bench: Any) -> None:
         axes.set_axis_off()
         panels[place - columns].tick_params(labelbottom=True)
     sheet.figure.supxlabel("run time, s", fontsize=8)
-    sheet.figure.supylabel("largest relative error (dashed: what one ulp in the data makes)", fontsize=8)
+    sheet.figure.supylabel(
+        "largest relative error (dashed: what one ulp in the data makes)", fontsize=8
+    )
     handles = [Line2D([], [], marker="o", ms=2, **style) for style in styles(len(bench.methods))]
-    sheet.figure.legend(handles, bench.methods, loc="outside upper center", ncols=len(bench.methods))
+    sheet.figure.legend(
+        handles, bench.methods, loc="outside upper center", ncols=len(bench.methods)
+    )
 
 
 def status_map(sheet: Sheet, bench: Any) -> None:
@@ -52,10 +59,18 @@ def status_map(sheet: Sheet, bench: Any) -> None:
     sheet.figure.set_size_inches(PAGE, 0.14 * len(bench.cases) + 1)
     axes = sheet.figure.subplots()
     code = np.vectorize(bench.verdicts.index)(status)
-    axes.imshow(code, cmap=ListedColormap(VERDICT_COLOUR), vmin=-0.5, vmax=len(VERDICT_COLOUR) - 0.5, aspect="auto")
+    axes.imshow(
+        code,
+        cmap=ListedColormap(VERDICT_COLOUR),
+        vmin=-0.5,
+        vmax=len(VERDICT_COLOUR) - 0.5,
+        aspect="auto",
+    )
     for (i, j), value in np.ndenumerate(error):
         if np.isfinite(value):
-            axes.text(j, i, f"{value:.0e}" if value else "0", ha="center", va="center", fontsize=4.5)
+            axes.text(
+                j, i, f"{value:.0e}" if value else "0", ha="center", va="center", fontsize=4.5
+            )
     axes.set_xticks(range(len(bench.methods)), bench.methods)
     axes.set_yticks(range(len(bench.cases)), bench.cases, fontsize=5.5)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)

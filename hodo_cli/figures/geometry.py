@@ -1,4 +1,5 @@
-"""What figures of curves in space and of the quadrants are made of: views, the sphere, regions. Numbers only."""
+"""What figures of curves in space and of the quadrants are made of: views, the sphere, regions.
+Numbers only."""
 
 import math
 from collections.abc import Sequence
@@ -35,7 +36,8 @@ class View:
 
 
 def stretches(*keys: np.ndarray) -> list[slice]:
-    """The stretches of a curve on which all keys (n,) are constant, each reaching to the next one's first sample."""
+    """The stretches of a curve on which all keys (n,) are constant, each reaching to the next one's
+    first sample."""
     table = np.stack(keys, axis=-1)
     cuts = (np.flatnonzero((table[1:] != table[:-1]).any(axis=-1)) + 1).tolist()
     return [slice(a, b + 1) for a, b in zip([0, *cuts], [*cuts, len(table)], strict=True)]
@@ -54,7 +56,8 @@ def round_step(size: float) -> float:
 
 
 def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """For each curve in view (n, 3) its point (2,), on the reader's side if it can be, farthest from the others."""
+    """For each curve in view (n, 3) its point (2,), on the reader's side if it can be, farthest
+    from the others."""
     thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
     places = []
     for i, curve in enumerate(thinned):
@@ -70,13 +73,17 @@ def graticule() -> list[np.ndarray]:
     turn = np.linspace(0, 2 * np.pi, 181)
     c, s = np.cos(turn), np.sin(turn)
     latitudes, longitudes = np.radians(np.arange(-60, 90, 30)), np.radians(np.arange(0, 180, 30))
-    parallels = [np.stack([math.cos(b) * c, math.cos(b) * s, math.sin(b) + 0 * c], axis=-1) for b in latitudes]
+    parallels = [
+        np.stack([math.cos(b) * c, math.cos(b) * s, math.sin(b) + 0 * c], axis=-1)
+        for b in latitudes
+    ]
     meridians = [np.stack([math.cos(a) * c, math.sin(a) * c, s], axis=-1) for a in longitudes]
     return parallels + meridians
 
 
 def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
-    """The two great circles of G/|G| (361, 3) on which D = 0, for moments A (3,); none if two are equal.
+    """The two great circles of G/|G| (361, 3) on which D = 0, for moments A (3,); none if two are
+    equal.
 
     There (1 - A_m/A_l) G_l^2 = (A_m/A_s - 1) G_s^2.
     """
@@ -89,12 +96,15 @@ def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
     for sign in (1, -1):
         across = np.zeros(3)
         across[largest], across[smallest] = 1, sign * slope
-        circles.append(np.cos(turn) * across / math.hypot(1, slope) + np.sin(turn) * np.eye(3)[middle])
+        circles.append(
+            np.cos(turn) * across / math.hypot(1, slope) + np.sin(turn) * np.eye(3)[middle]
+        )
     return circles
 
 
 def sectors(K: float) -> tuple[tuple[float, float], Outline, Outline]:
-    """Within the unit square of (w_s^2, w_l^2): the end of the line of slope K, and the regions above and below it."""
+    """Within the unit square of (w_s^2, w_l^2): the end of the line of slope K, and the regions
+    above and below it."""
     end = (1.0, K) if K <= 1 else (1 / K, 1.0)
     corner = [(1.0, 1.0)]
     above = [(0.0, 0.0), end, *(corner if K <= 1 else []), (0.0, 1.0)]

@@ -26,7 +26,8 @@ GAP = "#E4E4E4"
 
 @kind("map")
 def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
-    """A variable of sweeps over two axes, or over the directions of the start, a panel for each position asked for."""
+    """A variable of sweeps over two axes, or over the directions of the start, a panel for each
+    position asked for."""
     sweeps = [Swept.of(name, results.cases) for name in spec["cases"]]
     rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
     flat = spec["x"] is None or spec["y"] is None
@@ -63,12 +64,15 @@ def positions(swept: Swept, spec: Mapping[str, Any]) -> list[dict[str, int]]:
     n = len(swept.axis(spec["panels"]))
     for i in spec["at"]:
         if i >= n:
-            raise HodoError(f"axis {spec['panels']} of sweep {swept.case.name} has positions 0 to {n - 1}, not {i}")
+            raise HodoError(
+                f"axis {spec['panels']} of sweep {swept.case.name} has positions 0 to {n - 1}, not {i}"
+            )
     return [{spec["panels"]: i} for i in spec["at"] or range(n)]
 
 
 def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> np.ndarray:
-    """What one panel shows: (x, y), or (directions,). Raises HodoError if there is nothing but gaps."""
+    """What one panel shows: (x, y), or (directions,). Raises HodoError if there is nothing but
+    gaps."""
     if spec["x"] is None or spec["y"] is None:
         keep = [swept.sphere()]
         if not keep[0]:
@@ -82,14 +86,26 @@ def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> 
 
 
 def map_image(
-    sheet: Sheet, axes: Axes, swept: Swept, spec: Mapping[str, Any], values: np.ndarray, scale: Normalize, title: str
+    sheet: Sheet,
+    axes: Axes,
+    swept: Swept,
+    spec: Mapping[str, Any],
+    values: np.ndarray,
+    scale: Normalize,
+    title: str,
 ) -> None:
     """An image over two axes; white where there is no value."""
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
     across, up = (each.ravel() for each in np.meshgrid(x, y, indexing="ij"))
-    sheet.record(swept.case.name, title, **{spec["x"]: across, spec["y"]: up, spec["variable"]: values.ravel()})
+    sheet.record(
+        swept.case.name,
+        title,
+        **{spec["x"]: across, spec["y"]: up, spec["variable"]: values.ravel()},
+    )
     hues = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 256)))
-    axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, norm=scale, cmap=hues, rasterized=True)
+    axes.pcolormesh(
+        edges(x, even_x), edges(y, even_y), values.T, norm=scale, cmap=hues, rasterized=True
+    )
     if spec["level"] is not None and min(values.shape) > 1:
         axes.contour(x, y, values.T, [spec["level"]], colors="white", linewidths=0.9)
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
@@ -101,9 +117,16 @@ def map_image(
 
 
 def map_sphere(
-    sheet: Sheet, axes: Axes, swept: Swept, spec: Mapping[str, Any], values: np.ndarray, scale: Normalize, title: str
+    sheet: Sheet,
+    axes: Axes,
+    swept: Swept,
+    spec: Mapping[str, Any],
+    values: np.ndarray,
+    scale: Normalize,
+    title: str,
 ) -> None:
-    """An equal-area map of the directions of G at the start, with the separatrix; grey where there is no value."""
+    """An equal-area map of the directions of G at the start, with the separatrix; grey where there
+    is no value."""
     name = swept.sphere()
     directions = swept.axis(name).directions(np.arange(len(swept.axis(name))))
     g = dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
@@ -118,7 +141,13 @@ def map_sphere(
     for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
         for piece in hammer_curve(circle):
             axes.plot(*piece.T, **SEPARATRIX, zorder=3)
-    for i, direction in ((1, (1, 0, 0)), (2, (0, 1, 0)), (3, (0, 0, 1)), (2, (0, -1, 0)), (3, (0, 0, -1))):
+    for i, direction in (
+        (1, (1, 0, 0)),
+        (2, (0, 1, 0)),
+        (3, (0, 0, 1)),
+        (2, (0, -1, 0)),
+        (3, (0, 0, -1)),
+    ):
         (point,) = hammer(np.array([direction], dtype=float))
         sign = "" if sum(direction) > 0 else "-"
         axes.plot(*point, "k.", ms=2.5, zorder=4)
@@ -133,4 +162,10 @@ def map_label(swept: Swept, variable: str) -> str:
     name, _, part = variable.partition(".")
     said = str(swept.data[name].attrs.get("long_name", name))
     labels = str(swept.data[name].attrs.get("flag_meanings", "")).split()
-    return f"share of members: {said} is {part}" if part in labels else f"{said}: {part}" if part else said
+    return (
+        f"share of members: {said} is {part}"
+        if part in labels
+        else f"{said}: {part}"
+        if part
+        else said
+    )

@@ -1,4 +1,5 @@
-"""One page with every figure and the numbers behind it: self-contained HTML that opens from disk."""
+"""One page with every figure and the numbers behind it: self-contained HTML that opens from
+disk."""
 
 import base64
 import math
@@ -74,7 +75,9 @@ SHELL = """<!DOCTYPE html>
 MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 
 
-def write(path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]], title: str = "Figures") -> None:
+def write(
+    path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]], title: str = "Figures"
+) -> None:
     """Write the page of the figures drawn from these results; links are relative to it.
 
     A figure drawn as PNG or SVG is in the page itself. Raises HodoError for a damaged result file.
@@ -121,7 +124,11 @@ def _card(figure: Rendered, results: Results, motions: Mapping[str, Motion], bas
     shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
     files = " ".join(_link(file, base, file.suffix[1:].upper()) for file in figure.files)
     rows = [[_cell(motion.name), *_numbers(motion)] for motion in shown]
-    numbers = f"<details><summary>{_summary(shown)}</summary>{_table(CARD_HEADER, rows)}</details>" if shown else ""
+    numbers = (
+        f"<details><summary>{_summary(shown)}</summary>{_table(CARD_HEADER, rows)}</details>"
+        if shown
+        else ""
+    )
     picture, wide = _picture(figure, base, spec["caption"] or figure.name)
     return (
         f'<figure id="{_anchor(results)}-{escape(figure.name)}"{" class=wide" if wide else ""}>{picture}'
@@ -131,7 +138,8 @@ def _card(figure: Rendered, results: Results, motions: Mapping[str, Motion], bas
 
 
 def _picture(figure: Rendered, base: Path, alt: str) -> tuple[str, bool]:
-    """The image, in the page, and whether it is broad; in place of it the reason why there is none."""
+    """The image, in the page, and whether it is broad; in place of it the reason why there is
+    none."""
     if figure.problem:
         return f'<p class="problem">Not drawn: {escape(figure.problem)}</p>', False
     pictures = [file for file in figure.files if file.suffix in MEDIA]
@@ -147,14 +155,26 @@ def _picture(figure: Rendered, base: Path, alt: str) -> tuple[str, bool]:
 
 def _summary(motions: Sequence[Motion]) -> str:
     """The largest error and the sum of run times of some cases, in one line."""
-    error = max((e for motion in motions if not math.isnan(e := float(motion.data.attrs["error"]))), default=math.nan)
+    error = max(
+        (e for motion in motions if not math.isnan(e := float(motion.data.attrs["error"]))),
+        default=math.nan,
+    )
     total = sum(float(motion.data.attrs["run_time"]) for motion in motions)
     count = "1 case" if len(motions) == 1 else f"{len(motions)} cases"
     return f"{count}: error {magnitude(error)}, run time {seconds(total)}"
 
 
 CARD_HEADER = ("case", "parameters", "error", "run time")
-CASE_HEADER = ("case", "model", "method", "steps", "error", "run time", "parameters", "notes and warnings")
+CASE_HEADER = (
+    "case",
+    "model",
+    "method",
+    "steps",
+    "error",
+    "run time",
+    "parameters",
+    "notes and warnings",
+)
 CLAIM_HEADER = ("where", "statement", "verdict", "decided by", "measured, notes")
 CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|")
 
@@ -186,7 +206,8 @@ def _claims(results: Results) -> str:
         return ""
     claims = results.cases["_claims"]
     columns = [
-        map(str, claims[name].values) for name in ("where", "statement", "verdict", "evidence", "measured", "note")
+        map(str, claims[name].values)
+        for name in ("where", "statement", "verdict", "evidence", "measured", "note")
     ]
     rows = [
         [_cell(where, "n"), _cell(statement, "text"), _cell(verdict, "n"), _cell(evidence, "text"),
@@ -197,17 +218,24 @@ def _claims(results: Results) -> str:
 
 
 def _crossings(motions: Mapping[str, Motion]) -> str:
-    """The table of separatrix crossings, with the enclosed axis at start and end; none without classified cases."""
+    """The table of separatrix crossings, with the enclosed axis at start and end; none without
+    classified cases."""
     classified = [motion for motion in motions.values() if motion.classified and motion.labels.size]
     rows = [row for motion in classified for row in _crossing_rows(motion)]
-    return f"<h3>Enclosed axes and crossings of the separatrix</h3>{_table(CROSSING_HEADER, rows)}" if rows else ""
+    return (
+        f"<h3>Enclosed axes and crossings of the separatrix</h3>{_table(CROSSING_HEADER, rows)}"
+        if rows
+        else ""
+    )
 
 
 def _crossing_rows(motion: Motion) -> list[list[str]]:
     ends = [_cell(motion.name, "n"), *(_cell(LABELS[int(motion.labels[i])]) for i in (0, -1))]
     if not motion.crossing_time.size:
         return [[*ends, _cell("none"), *[_cell("")] * 4]]
-    columns = [motion.data[f"crossing_{name}"].values for name in ("time", "error", "from", "to", "G")]
+    columns = [
+        motion.data[f"crossing_{name}"].values for name in ("time", "error", "from", "to", "G")
+    ]
     return [
         [*ends, _cell(f"{time:.15g}", "n"), _cell(magnitude(float(error)), "n"), _cell(LABELS[int(start)]),
          _cell(LABELS[int(stop)]), _cell(f"{size:.6g}")]
@@ -218,13 +246,17 @@ def _crossing_rows(motion: Motion) -> list[list[str]]:
 def parameters(case: Case) -> str:
     """The data of a case in one line; what is not given is left out."""
     span = f"time {case.time.start:g} to {case.time.end:g}"
-    return "; ".join([*(f"{key} {_plain(value)}" for key, value in case.data.items() if value is not None), span])
+    return "; ".join(
+        [*(f"{key} {_plain(value)}" for key, value in case.data.items() if value is not None), span]
+    )
 
 
 def _plain(value: Any) -> str:
     """A value as text: numbers to 12 digits, lists in brackets, mappings as key = value."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} = {_plain(item)}" for key, item in value.items() if item is not None)
+        return ", ".join(
+            f"{key} = {_plain(item)}" for key, item in value.items() if item is not None
+        )
     if isinstance(value, list | tuple):
         return f"({', '.join(map(_plain, value))})"
     return f"{value:.12g}" if isinstance(value, float) else str(value)

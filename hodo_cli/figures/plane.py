@@ -1,4 +1,5 @@
-"""Figures from result files: each kind of figure is one function here. The only importer of matplotlib."""
+"""Figures from result files: each kind of figure is one function here. The only importer of
+matplotlib."""
 
 import math
 import re
@@ -47,10 +48,13 @@ from .sheet import Look, Sheet, kind
 
 
 def squares(motion: Motion) -> np.ndarray:
-    """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it. Raises HodoError where K is inf."""
+    """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it. Raises HodoError
+    where K is inf."""
     K = slope(motion.inertia)
     if math.isinf(K):
-        raise HodoError(f"case {motion.name} has no quadrants to draw: its two larger moments of inertia are equal")
+        raise HodoError(
+            f"case {motion.name} has no quadrants to draw: its two larger moments of inertia are equal"
+        )
     largest, _, smallest = motion.order
     return np.asarray(motion.data["omega"].values[:, [largest, smallest]] ** 2 * [1, K])
 
@@ -63,9 +67,17 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     for motion in motions:
         p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
         across, up = points[motion.name].T
-        sheet.record("quadrants", motion.label, time=motion.time, **{f"{p}^2": across, f"K {r}^2": up})
-    others = [results.motion(name) for figure in spec["scale_with"] for name in results.figure(figure)["cases"]]
-    limits = [1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)]) or 1.0]
+        sheet.record(
+            "quadrants", motion.label, time=motion.time, **{f"{p}^2": across, f"K {r}^2": up}
+        )
+    others = [
+        results.motion(name)
+        for figure in spec["scale_with"]
+        for name in results.figure(figure)["cases"]
+    ]
+    limits = [
+        1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)]) or 1.0
+    ]
     limits += [] if zoom is None else [zoom]
     sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.58 * PAGE)))
     panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
@@ -79,33 +91,49 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     if zoom is not None:
         panels[1].set(title="enlarged")
     wide = zoom is not None
-    legend(sheet, axis_handles(motions, both=True) + mark_handles(motions, spec["time"], wide), 5 if wide else 3)
+    legend(
+        sheet,
+        axis_handles(motions, both=True) + mark_handles(motions, spec["time"], wide),
+        5 if wide else 3,
+    )
 
 
 def regions(axes: Axes, motion: Motion, limit: float) -> None:
     """The regions A and B below and above the diagonal, shaded and named, up to a limit."""
     largest, _, smallest = motion.order
-    axes.add_patch(Polygon([(0, 0), (limit, limit), (limit, 0)], fc=AXIS_COLOUR[largest + 1], alpha=0.1, lw=0))
-    axes.add_patch(Polygon([(0, 0), (limit, limit), (0, limit)], fc=AXIS_COLOUR[smallest + 1], alpha=0.1, lw=0))
+    axes.add_patch(
+        Polygon([(0, 0), (limit, limit), (limit, 0)], fc=AXIS_COLOUR[largest + 1], alpha=0.1, lw=0)
+    )
+    axes.add_patch(
+        Polygon([(0, 0), (limit, limit), (0, limit)], fc=AXIS_COLOUR[smallest + 1], alpha=0.1, lw=0)
+    )
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
     place: Look = {"xycoords": "axes fraction", "size": 9, "path_effects": HALO, "zorder": 7}
     axes.annotate(f"A (about $x_{largest + 1}$)", (0.97, 0.04), ha="right", va="bottom", **place)
     axes.annotate(f"B (about $x_{smallest + 1}$)", (0.5, 0.96), ha="center", va="top", **place)
     p, r = "pqr"[largest], "pqr"[smallest]
-    axes.set(xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}")
+    axes.set(
+        xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
+    )
     axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
 
 
 @kind("quadrant-sketch")
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
-    """r^2 against p^2 for each body, with the line p^2 = K r^2, region A above it and B below, without scale."""
+    """r^2 against p^2 for each body, with the line p^2 = K r^2, region A above it and B below,
+    without scale."""
     bodies = spec["bodies"]
-    sheet.figure.set_size_inches(*((COLUMN, COLUMN) if len(bodies) == 1 else (PAGE, PAGE / len(bodies) + 0.35)))
+    sheet.figure.set_size_inches(
+        *((COLUMN, COLUMN) if len(bodies) == 1 else (PAGE, PAGE / len(bodies) + 0.35))
+    )
     panels = sheet.figure.subplots(1, len(bodies), squeeze=False)[0]
     for axes, body, label in zip_longest(panels, bodies, spec["labels"][: len(bodies)]):
         title = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body)
         sheet.record(
-            "sketch", title, **{f"A{i + 1}": np.array([A]) for i, A in enumerate(body)}, K=np.array([slope(body)])
+            "sketch",
+            title,
+            **{f"A{i + 1}": np.array([A]) for i, A in enumerate(body)},
+            K=np.array([slope(body)]),
         )
         sketch(axes, body)
         K = slope(body)
@@ -140,10 +168,18 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         groups = {name: [(motion, name) for motion in motions] for name in variables}
         names = [motion.label for motion in motions]
     if spec["inset"] and spec["inset"]["panel"] not in groups:
-        raise HodoError(f"the inset's panel {spec['inset']['panel']!r} is none of the panels ({', '.join(groups)})")
-    for axes, (group, curves) in zip(series_panels(sheet, spec, len(groups)), groups.items(), strict=True):
+        raise HodoError(
+            f"the inset's panel {spec['inset']['panel']!r} is none of the panels ({', '.join(groups)})"
+        )
+    for axes, (group, curves) in zip(
+        series_panels(sheet, spec, len(groups)), groups.items(), strict=True
+    ):
         for (motion, name), style in zip(curves, styles(len(curves)), strict=True):
-            part = slice(None) if spec["span"] is None else slice(*np.searchsorted(motion.time, spec["span"]))
+            part = (
+                slice(None)
+                if spec["span"] is None
+                else slice(*np.searchsorted(motion.time, spec["span"]))
+            )
             times, values = motion.time[part], motion[name][part]
             sheet.record(group, motion.label, time=times, **{name: values})
             axes.plot(times, values, **style)
@@ -151,13 +187,29 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         axes.margins(x=0, y=0.08)
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
-        axes.set(**({"title": curves[0][0].label} if by_case else {"ylabel": axis_label(group, motions[0])}))
+        axes.set(
+            **(
+                {"title": curves[0][0].label}
+                if by_case
+                else {"ylabel": axis_label(group, motions[0])}
+            )
+        )
         if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
             axes.set_xlabel(time_label(spec, motions[0]))
         if spec["inset"] and spec["inset"]["panel"] == group:
-            inset(sheet, axes, spec["inset"], results, dict(zip(variables, styles(len(variables)), strict=True)))
+            inset(
+                sheet,
+                axes,
+                spec["inset"],
+                results,
+                dict(zip(variables, styles(len(variables)), strict=True)),
+            )
     if len(names) > 1:
-        room = sheet.figure.get_figwidth() * 72 / (30 + 4 * max(len(re.sub(r"[${}\\]", "", name)) for name in names))
+        room = (
+            sheet.figure.get_figwidth()
+            * 72
+            / (30 + 4 * max(len(re.sub(r"[${}\\]", "", name)) for name in names))
+        )
         legend(sheet, case_handles(names), max(1, min(int(room), len(names))))
 
 
@@ -175,7 +227,8 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
 
 
 def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
-    """Mark the events of a motion on a curve: with the value there, or with the time where that is nearly zero."""
+    """Mark the events of a motion on a curve: with the value there, or with the time where that is
+    nearly zero."""
     values = motion[name]
     peak = np.abs(values).max()
     for when in motion.event_time:
@@ -189,7 +242,11 @@ def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
 
 
 def inset(
-    sheet: Sheet, panel: Axes, spec: Mapping[str, Any], results: Results, looks: Mapping[str, dict[str, Any]]
+    sheet: Sheet,
+    panel: Axes,
+    spec: Mapping[str, Any],
+    results: Results,
+    looks: Mapping[str, dict[str, Any]],
 ) -> None:
     """A smaller panel within a panel: some variables of one case."""
     motion = results.motion(spec["case"])
@@ -222,7 +279,8 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
 
 @kind("invariants")
 def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
-    """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping, those of G^2."""
+    """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping,
+    those of G^2."""
     motions = results.motions(spec)
     sheet.figure.set_size_inches(COLUMN, 1.75 * COLUMN)
     energy, square, ratio = sheet.figure.subplots(3, sharex=True)
@@ -233,8 +291,12 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             axes.plot(motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)
         middle = sorted(motion.inertia)[1]
-        ratio.axhspan(0, max(motion.inertia) - middle, fc=AXIS_COLOUR[motion.order[0] + 1], alpha=0.1, lw=0)
-        ratio.axhspan(min(motion.inertia) - middle, 0, fc=AXIS_COLOUR[motion.order[2] + 1], alpha=0.1, lw=0)
+        ratio.axhspan(
+            0, max(motion.inertia) - middle, fc=AXIS_COLOUR[motion.order[0] + 1], alpha=0.1, lw=0
+        )
+        ratio.axhspan(
+            min(motion.inertia) - middle, 0, fc=AXIS_COLOUR[motion.order[2] + 1], alpha=0.1, lw=0
+        )
         crossings = np.stack([motion.crossing_time, 0 * motion.crossing_time], axis=-1)
         ratio.plot(*crossings.T, **CROSSING, zorder=4)
     ratio.axhline(0, **SEPARATRIX)
@@ -243,7 +305,9 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         axes.margins(x=0)
     for axes in (energy, square):
         low, high = (f(float(f(line.get_ydata())) for line in axes.lines) for f in (min, max))
-        axes.set(**({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high or 1.0)}))
+        axes.set(
+            **({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high or 1.0)})
+        )
     ratio.set_xlabel(time_label(spec, motions[0]))
     handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
     bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
@@ -251,7 +315,8 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
 
 
 def energy_bounds(energy: Axes, square: Axes, motion: Motion) -> None:
-    """T between G^2/2A_largest and G^2/2A_smallest; G^2 between its exponentials where the damping is diagonal."""
+    """T between G^2/2A_largest and G^2/2A_smallest; G^2 between its exponentials where the damping
+    is diagonal."""
     G2 = motion["G2"]
     for A in (min(motion.inertia), max(motion.inertia)):
         energy.plot(motion.time, G2 / (2 * A), color=GREY, lw=0.5)

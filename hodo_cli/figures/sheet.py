@@ -55,18 +55,25 @@ class Sheet:
 
     def record(self, panel: str, curve: str, **values: np.ndarray) -> None:
         """Note the values of a curve."""
-        self.shown.append(Shown(panel, curve, {name: np.asarray(value) for name, value in values.items()}))
+        self.shown.append(
+            Shown(panel, curve, {name: np.asarray(value) for name, value in values.items()})
+        )
 
     def csv(self) -> str:
-        """What the figure shows, a row per sample; columns that a curve does not have stay empty."""
+        """What the figure shows, a row per sample; columns that a curve does not have stay
+        empty."""
         columns = list(dict.fromkeys(name for item in self.shown for name in item.values))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["panel", "curve", *columns])
         for item in self.shown:
-            present = [item.values[name].tolist() if name in item.values else None for name in columns]
+            present = [
+                item.values[name].tolist() if name in item.values else None for name in columns
+            ]
             for i in range(len(next(iter(item.values.values())))):
-                writer.writerow([item.panel, item.curve, *("" if one is None else one[i] for one in present)])
+                writer.writerow(
+                    [item.panel, item.curve, *("" if one is None else one[i] for one in present)]
+                )
         return text.getvalue()
 
 
@@ -75,7 +82,8 @@ DRAW: dict[str, Kind] = {}
 
 
 def kind(name: str) -> Callable[[Kind], Kind]:
-    """Make a function the one that draws figures of this kind; `figures.KINDS` declares its keys."""
+    """Make a function the one that draws figures of this kind; `figures.KINDS` declares its
+    keys."""
 
     def enter(function: Kind) -> Kind:
         DRAW[name] = function
@@ -87,8 +95,8 @@ def kind(name: str) -> Callable[[Kind], Kind]:
 def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     """The figure that one entry of a `figures:` block describes.
 
-    Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for it, or a text
-    is not TeX as matplotlib knows it.
+    Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for
+    it, or a text is not TeX as matplotlib knows it.
     """
     for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
         check_tex(text)
@@ -109,7 +117,8 @@ def check_tex(text: str) -> None:
 
 
 def save(sheet: Sheet, path: Path, about: str = "") -> None:
-    """Write a figure in the format of the path's suffix, the same bytes every time; `about` goes into its metadata."""
+    """Write a figure in the format of the path's suffix, the same bytes every time; `about` goes
+    into its metadata."""
     suffix = path.suffix[1:]
     if suffix == "csv":
         path.write_text(sheet.csv(), encoding="utf-8", newline="")

@@ -41,16 +41,25 @@ from .sheet import Sheet, kind
 
 @kind("hodograph")
 def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
-    """The curve of G in body axes; beside it, if wanted, its neighbourhood of the origin and its projections."""
+    """The curve of G in body axes; beside it, if wanted, its neighbourhood of the origin and its
+    projections."""
     motions, view = results.motions(spec), View.toward(spec["view"])
     planes, zoom = spec["projections"], spec["zoom"]
     for motion in motions:
         G1, G2, G3 = motion.G.T
-        sheet.record("hodograph", motion.label, time=motion.time, **{"G.x1": G1, "G.x2": G2, "G.x3": G3})
-    up, down = (np.max([(sign * motion.G).max(axis=0) for motion in motions], axis=0) for sign in (1, -1))
+        sheet.record(
+            "hodograph", motion.label, time=motion.time, **{"G.x1": G1, "G.x2": G2, "G.x3": G3}
+        )
+    up, down = (
+        np.max([(sign * motion.G).max(axis=0) for motion in motions], axis=0) for sign in (1, -1)
+    )
     size = float(np.maximum(up, down).max()) or 1.0
     reach = np.stack([np.maximum(1.15 * up, 0.45 * size), np.maximum(1.05 * down, 0.12 * size)])
-    frame = extent(np.concatenate([view(motion.G) for motion in motions] + [view(arms) for arms in tips(reach)]))
+    frame = extent(
+        np.concatenate(
+            [view(motion.G) for motion in motions] + [view(arms) for arms in tips(reach)]
+        )
+    )
     main, *others = hodograph_panels(sheet, frame, 1 + (zoom is not None) + len(planes))
     space(main, motions, spec, view, reach, frame)
     if zoom is not None:
@@ -99,14 +108,20 @@ def space(
     axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], view: View, reach: np.ndarray, frame: np.ndarray,
     cut: bool = False,
 ) -> None:  # fmt: skip
-    """Hodographs in a view, with body axes of lengths `reach` (2, 3), within a frame (2, 2) of the page."""
+    """Hodographs in a view, with body axes of lengths `reach` (2, 3), within a frame (2, 2) of the
+    page."""
     body_axes(axes, view, reach)
     near = float(np.ptp(frame)) / 2
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
         colours, code = palette(motion, spec["colour"], place)
         seen = view(motion.G)
         space_curve(axes, seen, colours, code, line_width(motion), near)
-        mark(axes, seen[[0, -1], :2], view(motion.at_crossings(motion.G))[:, :2], lambda points: within(points, frame))
+        mark(
+            axes,
+            seen[[0, -1], :2],
+            view(motion.at_crossings(motion.G))[:, :2],
+            lambda points: within(points, frame),
+        )
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
@@ -118,19 +133,32 @@ def within(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
     return np.asarray(((points >= frame[:, 0]) & (points <= frame[:, 1])).all(axis=-1))
 
 
-def space_curve(axes: Axes, seen: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float, near: float) -> None:
-    """A curve in view (n, 3), in colours[code]; what is farther from the reader is paler, and behind."""
+def space_curve(
+    axes: Axes, seen: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float, near: float
+) -> None:
+    """A curve in view (n, 3), in colours[code]; what is farther from the reader is paler, and
+    behind."""
     layer = np.clip((seen[:, 2] / near * 6).round(), -6, 6).astype(int)
-    pieces = [piece for piece in stretches(code, layer) if np.abs(seen[piece, :2]).min(axis=0).max() < 3 * near]
+    pieces = [
+        piece
+        for piece in stretches(code, layer)
+        if np.abs(seen[piece, :2]).min(axis=0).max() < 3 * near
+    ]
     pieces.sort(key=lambda piece: int(layer[piece.start]))
     pale = [0.5 * (6 - layer[piece.start]) / 12 for piece in pieces]
-    shades = [colours[code[piece.start]] * (1 - white) + white for piece, white in zip(pieces, pale, strict=True)]
-    lines = LineCollection([seen[piece, :2] for piece in pieces], colors=shades, linewidths=width, capstyle="round")
+    shades = [
+        colours[code[piece.start]] * (1 - white) + white
+        for piece, white in zip(pieces, pale, strict=True)
+    ]
+    lines = LineCollection(
+        [seen[piece, :2] for piece in pieces], colors=shades, linewidths=width, capstyle="round"
+    )
     axes.add_collection(lines, autolim=False)
 
 
 def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
-    """The axes x1, x2, x3 through the origin, of lengths `reach` (2, 3), named, with round values marked."""
+    """The axes x1, x2, x3 through the origin, of lengths `reach` (2, 3), named, with round values
+    marked."""
     step = round_step(float(reach.max()))
     for i, (tip, tail) in enumerate(zip(*(view(arms)[:, :2] for arms in tips(reach)), strict=True)):
         arm(axes, tail, tip, i)
@@ -158,7 +186,11 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
         plane_curve(axes, points, *palette(motion, spec["colour"], place), 0.8 * line_width(motion))
         mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
     axes.autoscale_view()
-    axes.set(xlabel=axis_label(f"G.x{i + 1}", motions[0]), ylabel=axis_label(f"G.x{j + 1}", motions[0]), aspect="equal")
+    axes.set(
+        xlabel=axis_label(f"G.x{i + 1}", motions[0]),
+        ylabel=axis_label(f"G.x{j + 1}", motions[0]),
+        aspect="equal",
+    )
 
 
 @kind("sphere")
@@ -177,18 +209,28 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     directions = [unit_vectors(motion) for motion in motions]
     for place, (motion, direction) in enumerate(zip(motions, directions, strict=True)):
         g1, g2, g3 = direction.T
-        sheet.record("sphere", motion.label, time=motion.time, **{"G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3})
+        sheet.record(
+            "sphere",
+            motion.label,
+            time=motion.time,
+            **{"G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3},
+        )
         seen, (colours, code) = view(direction), palette(motion, spec["colour"], place)
         for piece in stretches(code):
             on_sphere(axes, seen[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, seen[:, :2], colours[code[0]], 0.15)
         axes.plot(*seen[0, :2], **START, alpha=1 if seen[0, 2] > 0 else 0.4, zorder=6)
-    for motion, free in zip(motions, freest([view(direction) for direction in directions]), strict=True):
+    for motion, free in zip(
+        motions, freest([view(direction) for direction in directions]), strict=True
+    ):
         axes.text(*pair(free), motion.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
     handles = axis_handles(motions) if spec["colour"] == "axis" else []
-    handles += [Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"), Line2D([], [], **START, label="start")]
+    handles += [
+        Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"),
+        Line2D([], [], **START, label="start"),
+    ]
     if spec["colour"] == "time":
         time_bar(sheet, [axes], motions[0], spec)
     legend(sheet, handles, 2)
@@ -204,4 +246,10 @@ def on_sphere(axes: Axes, seen: np.ndarray, **style: Any) -> None:
     """A curve in view (n, 3) on the sphere, faint on the far side."""
     for piece in stretches(seen[:, 2] >= 0):
         front = seen[piece.start, 2] >= 0
-        axes.plot(seen[piece, 0], seen[piece, 1], **style, alpha=1 if front else 0.35, zorder=3 if front else 2)
+        axes.plot(
+            seen[piece, 0],
+            seen[piece, 1],
+            **style,
+            alpha=1 if front else 0.35,
+            zorder=3 if front else 2,
+        )

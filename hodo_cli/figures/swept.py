@@ -28,7 +28,8 @@ class Swept:
 
     @classmethod
     def of(cls, name: str, cases: "Mapping[str, xr.Dataset]") -> "Swept":
-        """A sweep of a result file. Raises HodoError if there is no such case, or it is no sweep."""
+        """A sweep of a result file. Raises HodoError if there is no such case, or it is no
+        sweep."""
         if name not in cases:
             raise HodoError(f"there is no case {name!r}{nearest(name, cases)}")
         data = cases[name]
@@ -45,20 +46,27 @@ class Swept:
     def axis(self, name: str) -> Axis:
         """One axis. Raises HodoError if the sweep has none of this name."""
         if name not in self.axes:
-            raise HodoError(f"sweep {self.case.name} has no axis {name!r} (it has: {', '.join(self.axes)})")
+            raise HodoError(
+                f"sweep {self.case.name} has no axis {name!r} (it has: {', '.join(self.axes)})"
+            )
         return self.axes[name]
 
     def body(self) -> np.ndarray | None:
         """A1, A2, A3 if all members have the same body."""
         varies = any(path[0] == "inertia" for axis in self.axes.values() for path, _ in axis.ranges)
-        return None if varies or "inertia" not in self.case.data else np.array(self.case.data["inertia"], dtype=float)
+        return (
+            None
+            if varies or "inertia" not in self.case.data
+            else np.array(self.case.data["inertia"], dtype=float)
+        )
 
     def sphere(self) -> str:
         """The name of the axis that is a sphere; empty if none is."""
         return next((name for name, axis in self.axes.items() if axis.sphere is not None), "")
 
     def values(self, variable: str, keep: Sequence[str], at: Mapping[str, int]) -> np.ndarray:
-        """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed; `census.average`."""
+        """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed;
+        `census.average`."""
         columns = {
             str(name): Labelled(tuple(map(str, column.dims)), column.values, column.attrs)
             for name, column in self.data.data_vars.items()
@@ -66,7 +74,8 @@ class Swept:
         return average(columns, list(self.axes), variable, keep, at)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
-        """The values (n,) along an axis, of the first of its keys, and whether they go in even ratios."""
+        """The values (n,) along an axis, of the first of its keys, and whether they go in even
+        ratios."""
         axis = self.axis(name)
         if axis.sphere is not None:
             raise HodoError(f"axis {name} is a sphere: it has no values along a line")
@@ -90,7 +99,10 @@ def symbol(key: str) -> str:
     head, _, last = key.rpartition(".")
     if head in vectors and last.isdecimal():
         return f"{vectors[head]}_{int(last) + 1}"
-    return words.get(key, last if re.fullmatch(r"[A-Za-z]\w?", last) else rf"\mathrm{{{last}}}".replace("_", r"\_"))
+    return words.get(
+        key,
+        last if re.fullmatch(r"[A-Za-z]\w?", last) else rf"\mathrm{{{last}}}".replace("_", r"\_"),
+    )
 
 
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
@@ -104,9 +116,11 @@ def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
 
 
 def hammer(directions: np.ndarray) -> np.ndarray:
-    """Hammer's equal-area map (n, 2) of directions (n, 3): x1 in the middle, x2 to the right of it, x3 on top.
+    """Hammer's equal-area map (n, 2) of directions (n, 3): x1 in the middle, x2 to the right of it,
+    x3 on top.
 
-    The sphere fills an ellipse with the half axes 2 sqrt(2) and sqrt(2). Source: E. Hammer, Petermanns Mitt. 38 (1892).
+    The sphere fills an ellipse with the half axes 2 sqrt(2) and sqrt(2). Source: E. Hammer,
+    Petermanns Mitt. 38 (1892).
     """
     x, y, z = directions.T
     longitude = np.arctan2(y, x)
@@ -126,7 +140,8 @@ def hammer_back(points: np.ndarray) -> np.ndarray:
 
 
 def hammer_image(directions: np.ndarray, values: np.ndarray, height: int) -> np.ndarray:
-    """Values (n,) at directions (n, 3) as an image (height, 2 height), each pixel that of the nearest direction."""
+    """Values (n,) at directions (n, 3) as an image (height, 2 height), each pixel that of the
+    nearest direction."""
     x = (np.arange(2 * height) + 0.5) / height - 1
     y = (np.arange(height) + 0.5) / height * 2 - 1
     grid = np.stack(np.meshgrid(math.sqrt(8) * x, math.sqrt(2) * y), axis=-1).reshape(-1, 2)

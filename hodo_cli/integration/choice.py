@@ -19,7 +19,8 @@ MANY_STEPS = 1e4
 """Beyond this many Taylor steps, some 10 ms, collocation is the faster one."""
 
 RATIO, MOST_TRIED, ROUGH = 200, 5000, 1e-4
-"""The cost of a step of collocation in Taylor steps; the most steps, and the tolerance, of a trial of it."""
+"""The cost of a step of collocation in Taylor steps; the most steps, and the tolerance, of a trial
+of it."""
 
 
 def choose(case: Case) -> tuple[str, str]:
@@ -44,21 +45,30 @@ def best(case: Case, precision: str) -> tuple[str, str]:
             times = np.linspace(case.time.start, case.time.end, 17)[1:]
             most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)), max_seconds=None)
             trial = solve(most, "collocation", tol=ROUGH, times=times)
-            if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(MANY_STEPS, RATIO * trial.steps):
+            if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(
+                MANY_STEPS, RATIO * trial.steps
+            ):
                 why = f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some {steps:.0e}"
                 return "collocation", why
     return "taylor", "not stiff"
 
 
 def taylor_steps(case: Case, path: Path | None = None) -> float:
-    """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as on a path."""
+    """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as
+    on a path."""
     model = find(case.model, case.form)
     k, rates = model.constants(case.data), []
     if path is None:
-        path = Path(np.array([case.time.end]), np.array([model.start(case.data)]), np.array([0]), ())
-    for t, state, exponent in zip(path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True):
+        path = Path(
+            np.array([case.time.end]), np.array([model.start(case.data)]), np.array([0]), ()
+        )
+    for t, state, exponent in zip(
+        path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
+    ):
         units = Units.fit(model, k, state, exponent)
         constants = namespace(structure(k), flatten(units.constants(model, k)))
         slopes = jacobian(model, constants, t, np.ldexp(state, exponent - units.size))
-        rates.append(math.ldexp(float(np.abs(slopes).sum(axis=1).max()), units.rate) if state.any() else 0.0)
+        rates.append(
+            math.ldexp(float(np.abs(slopes).sum(axis=1).max()), units.rate) if state.any() else 0.0
+        )
     return float(np.mean(rates) * (path.time[-1] - case.time.start)) / 8

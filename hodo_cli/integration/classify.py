@@ -31,7 +31,8 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Classification:
-    """Labels (n,) of a motion's samples, as in `rigid.LABELS`, its crossings, and what is to be said about them."""
+    """Labels (n,) of a motion's samples, as in `rigid.LABELS`, its crossings, and what is to be
+    said about them."""
 
     labels: np.ndarray
     crossings: tuple[Crossing, ...] = ()
@@ -42,10 +43,11 @@ class Classification:
 class Sides:
     """Watches a motion step by step and keeps the crossings of D = 0 that are beyond doubt.
 
-    The motion has changed sides when |D| has stood first with one sign, then with the other, above what an error of
-    `band` relative to |omega| makes of its two terms, which near the middle axis is much. So neither a start on
-    D = 0, nor a touch, nor a stretch in which D is nothing but rounding makes a crossing, and no root that an engine
-    reports twice or loses between two steps changes the list. At the start itself |omega| has no error.
+    The motion has changed sides when |D| has stood first with one sign, then with the other, above
+    what an error of `band` relative to |omega| makes of its two terms, which near the middle axis
+    is much. So neither a start on D = 0, nor a touch, nor a stretch in which D is nothing but
+    rounding makes a crossing, and no root that an engine reports twice or loses between two steps
+    changes the list. At the start itself |omega| has no error.
     """
 
     A: np.ndarray
@@ -74,7 +76,8 @@ class Sides:
         return {self.order[0] + 1: 1, self.order[2] + 1: -1}.get(axis, 0)
 
     def look(self, step: Step, time: float) -> None:
-        """Note the side on which the motion stands at a time inside the step, if it is beyond doubt."""
+        """Note the side on which the motion stands at a time inside the step, if it is beyond
+        doubt."""
         state = step.dense(time)
         omega = state.astype(float)
         outer, inner = rigid_body.separatrix_terms(self.A, omega, self.order)
@@ -93,12 +96,14 @@ class Sides:
         self.roots.clear()
 
 
-def classify(case: Case, method: str, tol: float, error: float, omega: np.ndarray) -> Classification:
+def classify(
+    case: Case, method: str, tol: float, error: float, omega: np.ndarray
+) -> Classification:
     """Label the stored samples of a case and find its crossings.
 
-    `method`, `tol` and `error` are those recorded with the stored omega (n, 3). The case is integrated again,
-    with events: the labels come from its scaled state, which has them even where omega is below the smallest
-    double.
+    `method`, `tol` and `error` are those recorded with the stored omega (n, 3). The case is
+    integrated again, with events: the labels come from its scaled state, which has them even where
+    omega is below the smallest double.
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
@@ -114,18 +119,26 @@ def classify(case: Case, method: str, tol: float, error: float, omega: np.ndarra
             "run it again with --force"
         )
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    labels[: len(again)] = rigid_body.enclosed_axis(A, extended(solution.path.state[: len(omega)]), band)
+    labels[: len(again)] = rigid_body.enclosed_axis(
+        A, extended(solution.path.state[: len(omega)]), band
+    )
     found, warnings = checked(case, method, solution, crossings, band)
     if len(again) < len(omega):
         warnings += (f"no labels after {len(again)} samples: {solution.message}",)
     return Classification(labels, found, warnings)
 
 
-def cross(case: Case, method: str, precision: str, tol: float | None, band: float) -> tuple[Solution, list[Crossing]]:
+def cross(
+    case: Case, method: str, precision: str, tol: float | None, band: float
+) -> tuple[Solution, list[Crossing]]:
     """Integrate a case with a watch on the separatrix."""
     model = find(case.model, case.form)
-    sides = Sides(np.array(case.data["inertia"]), rigid_body.inertia_order(case.data["inertia"]), band)
-    solution = solve(case, method, precision, tol, events=model.class_events(case.data), witness=sides)
+    sides = Sides(
+        np.array(case.data["inertia"]), rigid_body.inertia_order(case.data["inertia"]), band
+    )
+    solution = solve(
+        case, method, precision, tol, events=model.class_events(case.data), witness=sides
+    )
     return solution, sides.crossings
 
 
@@ -137,12 +150,16 @@ def checked(
         return tuple(crossings), ()
     for precision, reference_method, tol in references(case, method, solution.tol):
         reference, theirs = cross(case, reference_method, precision, tol, band)
-        if (reference.stop and not solution.stop) or (tol is not None and reference.tol == solution.tol):
+        if (reference.stop and not solution.stop) or (
+            tol is not None and reference.tol == solution.tol
+        ):
             continue
         if [(c.start, c.end) for c in crossings] == [(c.start, c.end) for c in theirs]:
             pairs = zip(crossings, theirs, strict=True)
             # No error is called smaller than the rounding of the time itself.
-            return tuple(replace(a, error=max(abs(a.time - b.time), math.ulp(a.time) / 2)) for a, b in pairs), ()
+            return tuple(
+                replace(a, error=max(abs(a.time - b.time), math.ulp(a.time) / 2)) for a, b in pairs
+            ), ()
         finer = f"{reference_method} in {precision} precision"
         lists = f"{len(crossings)} by {method}, {len(theirs)} by {finer}, which are stored"
         return tuple(theirs), (f"the crossings hang on the last digits of the data: {lists}",)

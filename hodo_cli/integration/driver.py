@@ -1,4 +1,5 @@
-"""The driver of the engines: from a start through the sample times, in units that fit the motion at every moment."""
+"""The driver of the engines: from a start through the sample times, in units that fit the motion at
+every moment."""
 
 import math
 from collections.abc import Callable
@@ -15,14 +16,16 @@ BLOCK = 1 << 16
 """Samples handed to an engine at once."""
 
 LIMIT = 2**12
-"""Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the smallest double."""
+"""Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the
+smallest double."""
 
 LARGEST, OUTGROWN = 1024, "the motion has outgrown the largest number"
 """The binary order of magnitude of the largest double, and what is said of a motion beyond it."""
 
 
 class Path(NamedTuple):
-    """A motion at the times passed: state (n, m) in units of 2**exponent (n,), and the events met."""
+    """A motion at the times passed: state (n, m) in units of 2**exponent (n,), and the events
+    met."""
 
     time: np.ndarray
     state: np.ndarray
@@ -52,9 +55,11 @@ def propagate(
     witness: Callable[[Step], None] | None = None,
     events: tuple[Event, ...] = (),
 ) -> Path:
-    """Integrate from `y0` at `start` through `times`, changing units whenever the motion has outgrown them.
+    """Integrate from `y0` at `start` through `times`, changing units whenever the motion has
+    outgrown them.
 
-    Ends early at a terminal event, whose time and state are then the last ones, or when `watch` says so.
+    Ends early at a terminal event, whose time and state are then the last ones, or when `watch`
+    says so.
     """
     fp = engine.dtype
     units = Units.fit(model, k, np.array(y0))
@@ -74,7 +79,9 @@ def propagate(
 
     def occurrence(hit: Hit) -> Occurrence:
         state = tuple(float(value) for value in hit.state)
-        return Occurrence(events[hit.event].kind, clock.true(hit.time), hit.direction, state, units.size)
+        return Occurrence(
+            events[hit.event].kind, clock.true(hit.time), hit.direction, state, units.size
+        )
 
     watch.observer = observe if events else None
     while done < len(times) and watch.stop in ("", "units"):

@@ -36,7 +36,13 @@ def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, floa
         if tol is not None and reference.tol == solution.tol:
             continue
         if not reference.stop or solution.stop:
-            kind = "refined" if tol is not None else "exact" if reference_method == "exact" else precision
+            kind = (
+                "refined"
+                if tol is not None
+                else "exact"
+                if reference_method == "exact"
+                else precision
+            )
             rows = thinned(path.time)
             thin = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
             return difference(case, thin, reference.path), kind
@@ -45,16 +51,22 @@ def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, floa
 
 def thinned(times: np.ndarray) -> np.ndarray:
     """The positions of evenly spaced samples, and of the last one."""
-    return np.unique(np.r_[0 : len(times) : -(-len(times) // COMPARED) or 1, max(len(times) - 1, 0) : len(times)])
+    return np.unique(
+        np.r_[0 : len(times) : -(-len(times) // COMPARED) or 1, max(len(times) - 1, 0) : len(times)]
+    )
 
 
 def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, float | None]]:
-    """Precision, method and tolerance of the computations against which an error can be measured, best first.
+    """Precision, method and tolerance of the computations against which an error can be measured,
+    best first.
 
-    That is what `auto` takes, in the next precision; where that cannot be had or gives up, the same method at a
-    hundredth of the tolerance, or where it is at its limit already, so that nothing changes, at a hundred times it.
+    That is what `auto` takes, in the next precision; where that cannot be had or gives up, the same
+    method at a hundredth of the tolerance, or where it is at its limit already, so that nothing
+    changes, at a hundred times it.
     """
-    finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(case.precision)
+    finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(
+        case.precision
+    )
     if finer:
         better, _ = best(case, finer)
         if better != "taylor" or protocol.have_taylor():
@@ -67,9 +79,10 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
 def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
-    A vector is judged sample by sample, relative to its length; a scalar relative to its largest value; the
-    time of a terminal event relative to the time since the start. A motion at rest (LIMIT) has no error. Quadruple
-    motions are compared in long double, and no error of theirs is called smaller than that resolves.
+    A vector is judged sample by sample, relative to its length; a scalar relative to its largest
+    value; the time of a terminal event relative to the time since the start. A motion at rest
+    (LIMIT) has no error. Quadruple motions are compared in long double, and no error of theirs is
+    called smaller than that resolves.
     """
     model = find(case.model, case.form)
     n = min(len(path.time), len(reference.time))

@@ -1,4 +1,5 @@
-"""Case -> Trajectory: the motion by the method of the case, its measured error, and what is to be said about it."""
+"""Case -> Trajectory: the motion by the method of the case, its measured error, and what is to be
+said about it."""
 
 import math
 from collections.abc import Iterator
@@ -19,8 +20,8 @@ ASKED = 1e-12
 def integrate(case: Case) -> Trajectory:
     """Integrate a case by its method and measure its error.
 
-    Raises HodoError if its method cannot be had here. A case that stops early comes back with status
-    `timeout` or `failed` and the samples it reached.
+    Raises HodoError if its method cannot be had here. A case that stops early comes back with
+    status `timeout` or `failed` and the samples it reached.
     """
     method, reason, solution = tried(case)
     errors, kind = measure(case, method, solution) if case.error == "on" else ({}, "none")
@@ -50,7 +51,8 @@ def integrate(case: Case) -> Trajectory:
 def remarks(
     case: Case, solution: Solution, variables: dict[str, np.ndarray], errors: dict[str, float]
 ) -> Iterator[str]:
-    """What a result does not show by itself: an error larger than was asked for, or unknown, and infinite values."""
+    """What a result does not show by itself: an error larger than was asked for, or unknown, and
+    infinite values."""
     asked, worst = max(solution.tol, ASKED), max(errors.values(), default=math.nan)
     if worst > 10 * asked:
         yield f"the measured error {worst:.1e} exceeds ten times the {asked:.0e} asked for"
@@ -62,10 +64,16 @@ def remarks(
 
 
 def tried(case: Case) -> tuple[str, str, Solution]:
-    """Method, reason and solution of a case: by collocation where `auto` has taken the series and that fails."""
+    """Method, reason and solution of a case: by collocation where `auto` has taken the series and
+    that fails."""
     method, reason = choose(case)
     solution = solve(case, method, case.precision, case.tol)
-    if case.method == "auto" and method == "taylor" and solution.stop == "failed" and case.precision != "quadruple":
+    if (
+        case.method == "auto"
+        and method == "taylor"
+        and solution.stop == "failed"
+        and case.precision != "quadruple"
+    ):
         other = solve(case, "collocation", case.precision, case.tol)
         if not other.stop:
             return "collocation", f"the Taylor series failed: {solution.message}", other

@@ -20,12 +20,17 @@ from .driver import BLOCK, LARGEST, OUTGROWN, Path, Step, propagate
 def sample_times(case: Case) -> np.ndarray:
     """The times (n,) at which a case is stored; a single sample is the end."""
     time = case.time
-    return np.array([time.end]) if time.samples == 1 else np.linspace(time.start, time.end, time.samples)
+    return (
+        np.array([time.end])
+        if time.samples == 1
+        else np.linspace(time.start, time.end, time.samples)
+    )
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A motion with what its integration cost; `stop` is "" or the reason why it ended before its time.
+    """A motion with what its integration cost; `stop` is "" or the reason why it ended before its
+    time.
 
     `evaluations` of the equations: for a series, one for each order of each step.
     """
@@ -57,16 +62,23 @@ def solve(
     times = sample_times(case) if times is None else times
     if method == "exact":
         return closed_form(case, times, precision)
-    k, events = model.constants(case.data), model.run_events(case.data) if events is None else events
+    k, events = (
+        model.constants(case.data),
+        model.run_events(case.data) if events is None else events,
+    )
     engine = protocol.build(method, model, k, events, tol, precision)
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
     began = perf_counter()
     try:
-        path = propagate(engine, model, k, model.start(case.data), case.time.start, times, watch, witness, events)
+        path = propagate(
+            engine, model, k, model.start(case.data), case.time.start, times, watch, witness, events
+        )
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers lead beyond the range of doubles") from error
     spent = perf_counter() - began
-    return Solution(path, engine.tol, watch.steps, spent, watch.outcome, watch.message, watch.evaluations)
+    return Solution(
+        path, engine.tol, watch.steps, spent, watch.outcome, watch.message, watch.evaluations
+    )
 
 
 def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Solution:
@@ -75,7 +87,9 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
     Raises HodoError if the case has none, or for another precision.
     """
     if not exact.applies(case):
-        raise HodoError(f"{case.name}: method exact needs linear-diag with three equal coefficients of damping")
+        raise HodoError(
+            f"{case.name}: method exact needs linear-diag with three equal coefficients of damping"
+        )
     if precision == "quadruple":
         raise HodoError(f"{case.name}: method exact works in double and extended precision only")
     began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64

@@ -9,7 +9,8 @@ from ..cases.case import Case
 
 @dataclass(frozen=True)
 class Occurrence:
-    """One event of a motion: what, when, and whether its function rises (+1) or falls (-1) through zero."""
+    """One event of a motion: what, when, and whether its function rises (+1) or falls (-1) through
+    zero."""
 
     kind: str
     time: float
@@ -22,10 +23,10 @@ class Occurrence:
 class Trajectory:
     """A case, integrated.
 
-    `time` (n,) in the case's units; `state` (n, m) in the working precision, scaled: a state of a model with
-    units of its own is state * 2**exponent, with `exponent` (n,). `variables` are what is stored, in double
-    precision and true size. `errors` holds the measured error of each variable, `error` the largest of them,
-    or nan where none was measured.
+    `time` (n,) in the case's units; `state` (n, m) in the working precision, scaled: a state of a
+    model with units of its own is state * 2**exponent, with `exponent` (n,). `variables` are what
+    is stored, in double precision and true size. `errors` holds the measured error of each
+    variable, `error` the largest of them, or nan where none was measured.
     """
 
     case: Case

@@ -14,9 +14,9 @@ from ..models.constants import flatten, namespace, structure
 class Units:
     """omega = 2**size W and s = 2**rate (t - origin).
 
-    The series of an engine controls its error against max(1, |y|), so a motion far below 1 would be right
-    only absolutely. With W near 1, and a unit of time in which nothing is faster than 1, it is right
-    relatively at every scale. Powers of two make the change of units exact.
+    The series of an engine controls its error against max(1, |y|), so a motion far below 1 would be
+    right only absolutely. With W near 1, and a unit of time in which nothing is faster than 1, it
+    is right relatively at every scale. Powers of two make the change of units exact.
     """
 
     size: int = 0
@@ -31,17 +31,26 @@ class Units:
         lightest = math.log2(min(number(k, name) for name in ("A1", "A2", "A3")))
         largest = float(np.max(np.abs(y)))
         sizes = [size + math.frexp(largest)[1]] if largest else []
-        sizes += [math.ceil((log - lightest) / 2) for name, log in logs.items() if model.degree[name] == 0]
+        sizes += [
+            math.ceil((log - lightest) / 2) for name, log in logs.items() if model.degree[name] == 0
+        ]
         new = max(sizes, default=0)
-        rates = [log - lightest + (model.degree[name] - 1) * new for name, log in logs.items() if name != "g"]
+        rates = [
+            log - lightest + (model.degree[name] - 1) * new
+            for name, log in logs.items()
+            if name != "g"
+        ]
         most = cls(new, math.ceil(max([float(new), *rates])))
-        return cls(new, most.rate + max(-1000, math.frexp(most.pace(model, k, np.ldexp(y, size - new)))[1]))
+        return cls(
+            new, most.rate + max(-1000, math.frexp(most.pace(model, k, np.ldexp(y, size - new)))[1])
+        )
 
     def pace(self, model: type[Model], k: Constants, y: np.ndarray) -> float:
-        """How fast the motion at a state y in these units, and its derivative, change; 0 where they do not.
+        """How fast the motion at a state y in these units, and its derivative, change; 0 where they
+        do not.
 
-        A steady rotation about an axis is not fast however large it is. A series in a unit of time that is 1e15 times
-        too short has coefficients of 0.
+        A steady rotation about an axis is not fast however large it is. A series in a unit of time
+        that is 1e15 times too short has coefficients of 0.
         """
         scaled = namespace(structure(k), flatten(self.constants(model, k)))
         rate = np.array(model.rhs(0.0, [*y], scaled))
@@ -79,7 +88,9 @@ class Clock:
 
     def grid(self, times: np.ndarray) -> np.ndarray:
         """The present, then `times`, in the leg's units."""
-        return np.concatenate(([self.high * 0], ((times - self.high) - self.low) * type(self.high)(self.factor)))
+        return np.concatenate(
+            ([self.high * 0], ((times - self.high) - self.low) * type(self.high)(self.factor))
+        )
 
     def true(self, s: Any) -> float:
         """The true time of a moment of the leg."""
@@ -96,7 +107,8 @@ class Clock:
 
 
 class Calendar(Clock):
-    """The clock of a model without units of its own, whose equations may contain the time itself."""
+    """The clock of a model without units of its own, whose equations may contain the time
+    itself."""
 
     def grid(self, times: np.ndarray) -> np.ndarray:
         return np.concatenate(([self.high], times))

@@ -35,15 +35,17 @@ class Event(NamedTuple):
 class Model:
     """One form of a model: its equations, stated once, and how case data become numbers.
 
-    `rhs(t, y, k)` and the events are written with + - * / and ** only, so that numbers, arrays and the
-    symbols of an engine all pass through the same lines. `k` has the names of `constants` as attributes.
+    `rhs(t, y, k)` and the events are written with + - * / and ** only, so that numbers, arrays and
+    the symbols of an engine all pass through the same lines. `k` has the names of `constants` as
+    attributes.
 
-    `degree` maps a constant to the degree in the angular velocity of the terms that it multiplies. It makes
-    a change of units possible: with omega = sigma W and s = rho t, every such constant becomes
-    value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its own units.
+    `degree` maps a constant to the degree in the angular velocity of the terms that it multiplies.
+    It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
+    becomes value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its
+    own units.
 
-    `unclassifiable` says why the enclosed axis does not apply; it is empty where it does. `crosses_once` is set
-    where a theorem says that D changes sign at most once.
+    `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
+    `crosses_once` is set where a theorem says that D changes sign at most once.
     """
 
     name: ClassVar[str]
@@ -53,7 +55,9 @@ class Model:
     variables: ClassVar[dict[str, Variable]]
     degree: ClassVar[dict[str, int]] = {}
     crosses_once: ClassVar[bool] = False
-    unclassifiable: ClassVar[str] = "the state has no angular velocity in body axes, so no axis is enclosed"
+    unclassifiable: ClassVar[str] = (
+        "the state has no angular velocity in body axes, so no axis is enclosed"
+    )
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:

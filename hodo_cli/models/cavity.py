@@ -17,10 +17,24 @@ LARGE = 0.1
 CAVITY = Key(
     Table(
         {
-            "density": Key(Number(above=0), "density rho of the fluid", unit="mass/length^3", default=None),
-            "viscosity": Key(Number(above=0), "kinematic viscosity nu", unit="length^2/time", default=None),
-            "P0": Key(Number(above=0), "shape factor P0 of the cavity", unit="length^5 * length^2", default=None),
-            "radius": Key(Number(above=0), "radius b of a sphere: P0 = 8 pi b^7/525", unit="length", default=None),
+            "density": Key(
+                Number(above=0), "density rho of the fluid", unit="mass/length^3", default=None
+            ),
+            "viscosity": Key(
+                Number(above=0), "kinematic viscosity nu", unit="length^2/time", default=None
+            ),
+            "P0": Key(
+                Number(above=0),
+                "shape factor P0 of the cavity",
+                unit="length^5 * length^2",
+                default=None,
+            ),
+            "radius": Key(
+                Number(above=0),
+                "radius b of a sphere: P0 = 8 pi b^7/525",
+                unit="length",
+                default=None,
+            ),
             "kappa": Key(Number(least=0), "rho P0/nu, in place of all others", default=None),
         }
     ),
@@ -32,7 +46,12 @@ START = Key(
     Table(
         {
             **cast(Table, INITIAL.kind).keys,
-            "x": Key(Number(least=0), "p^2 + q^2, with y in place of p, q, r", unit="1/time^2", default=None),
+            "x": Key(
+                Number(least=0),
+                "p^2 + q^2, with y in place of p, q, r",
+                unit="1/time^2",
+                default=None,
+            ),
             "y": Key(Number(least=0), "r^2 (then r >= 0)", unit="1/time^2", default=None),
         }
     ),
@@ -50,7 +69,9 @@ def shape_factor(cavity: Mapping[str, float | None]) -> float:
 
 def coefficient(data: Mapping[str, Any]) -> float | str:
     """kappa = rho P0/nu from whichever way it is given; a sentence unless that is exactly one."""
-    cavity: dict[str, float] = {name: value for name, value in (data["cavity"] or {}).items() if value is not None}
+    cavity: dict[str, float] = {
+        name: value for name, value in (data["cavity"] or {}).items() if value is not None
+    }
     alone: float | None = data["kappa"]
     if alone is not None and cavity:
         return "kappa is given, so leave out the cavity"
@@ -89,10 +110,16 @@ class Cavity(Model):
         "inertia": INERTIA,
         "cavity": CAVITY,
         "kappa": Key(
-            Number(least=0), "rho P0/nu, in place of the cavity", unit="moment of inertia * time", default=None
+            Number(least=0),
+            "rho P0/nu, in place of the cavity",
+            unit="moment of inertia * time",
+            default=None,
         ),
         "torque": Key(
-            Vector(3), "constant torque M1, M2, M3", unit="moment of inertia / time^2", default=(0.0, 0.0, 0.0)
+            Vector(3),
+            "constant torque M1, M2, M3",
+            unit="moment of inertia / time^2",
+            default=(0.0, 0.0, 0.0),
         ),
         "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
         "initial": START,
@@ -116,18 +143,26 @@ class Cavity(Model):
     def constants(cls, data: Mapping[str, Any]) -> Constants:
         kappa = coefficient(data)
         assert not isinstance(kappa, str), kappa
-        return BodyFrame.inertia(data) | {"kappa": kappa} | dict(zip(("N1", "N2", "N3"), applied(data), strict=True))
+        return (
+            BodyFrame.inertia(data)
+            | {"kappa": kappa}
+            | dict(zip(("N1", "N2", "N3"), applied(data), strict=True))
+        )
 
     @classmethod
     def warnings(cls, data: Mapping[str, Any]) -> list[str]:
         A, omega = np.array(data["inertia"]), np.array(velocity(data))
-        return [*slow_flow(data["cavity"], omega), *weak(A, omega, coefficient(data), applied(data))]
+        return [
+            *slow_flow(data["cavity"], omega),
+            *weak(A, omega, coefficient(data), applied(data)),
+        ]
 
 
 def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:
     """A warning if the Reynolds number b^2 |omega|/nu is not small, as the fluid's torque assumes.
 
-    b is the radius of the sphere with the cavity's P0. With kappa alone the Reynolds number is unknown.
+    b is the radius of the sphere with the cavity's P0. With kappa alone the Reynolds number is
+    unknown.
     """
     if cavity is None or cavity["viscosity"] is None:
         return []
@@ -141,7 +176,8 @@ def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> l
 
 
 def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) -> list[str]:
-    """Warnings for torques that turn G at a rate not small beside |omega|; none for a body at rest."""
+    """Warnings for torques that turn G at a rate not small beside |omega|; none for a body at
+    rest."""
     peak, heaviest = float(np.abs(omega).max()), float(A.max())
     if not peak:
         return []
@@ -159,12 +195,14 @@ def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) 
 
 
 def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> tuple[Any, Any, Any]:
-    """The torque of a highly viscous fluid: kappa (omega'' + omega x omega'), with the omega' of free motion.
+    """The torque of a highly viscous fluid: kappa (omega'' + omega x omega'), with the omega' of
+    free motion.
 
-    It is orthogonal to G = (Ap, Bq, Cr), and turns the body's energy into heat. For A = B it is that of
-    Leshchenko and Kozachenko, eq. (2).
+    It is orthogonal to G = (Ap, Bq, Cr), and turns the body's energy into heat. For A = B it is
+    that of Leshchenko and Kozachenko, eq. (2).
 
-    Source: F. L. Chernousko, The movement of a rigid body with cavities containing a viscous fluid, 1972.
+    Source: F. L. Chernousko, The movement of a rigid body with cavities containing a viscous fluid,
+    1972.
     """
     A, B, C = inertia
     p, q, r = omega
@@ -177,19 +215,23 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> tu
 
 
 class Full(Cavity, BodyFrame):
-    """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body axes.
+    """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
+    axes.
 
-    A1 p' + (A3 - A2) q r = kappa/(A1 A2 A3) p [A3 (A1 - A3)(A1 + A3 - A2) r^2 + A2 (A1 - A2)(A1 + A2 - A3) q^2]
-                            + epsilon M1                                                      and cyclically
+    A1 p' + (A3 - A2) q r = kappa/(A1 A2 A3) p [A3 (A1 - A3)(A1 + A3 - A2) r^2 + A2 (A1 - A2)(A1 +
+    A2 - A3) q^2]
+                            + epsilon M1                                                      and
+                            cyclically
 
-    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of inertia of
-    body and fluid together (`inertia`); kappa = rho P0/nu, moment of inertia * time (`cavity`, or `kappa`);
-    M1, M2, M3: constant torque (`torque`) with its factor epsilon (`epsilon`). Assumed: small Reynolds number,
-    torques small beside |omega| |G|. The fluid's torque is internal: without M, |G| is constant and the
-    energy falls.
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
+    inertia of body and fluid together (`inertia`); kappa = rho P0/nu, moment of inertia * time
+    (`cavity`, or `kappa`); M1, M2, M3: constant torque (`torque`) with its factor epsilon
+    (`epsilon`). Assumed: small Reynolds number, torques small beside |omega| |G|. The fluid's
+    torque is internal: without M, |G| is constant and the energy falls.
 
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eq. (2), where
-    A1 = A2; F. L. Chernousko 1972 for the triaxial body. Their eq. (1) has epsilon^2, (2) epsilon.
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eq.
+    (2), where A1 = A2; F. L. Chernousko 1972 for the triaxial body. Their eq. (1) has epsilon^2,
+    (2) epsilon.
     """
 
     form = "full"
@@ -212,24 +254,29 @@ def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 class Averaged(Cavity):
-    """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q) about x3.
+    """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q)
+    about x3.
 
     a' = -kappa C (C - A) a r^2 / A^3
     r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
 
-    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2; the other symbols are those of the full
-    form. Without M1 and M2 this is no approximation but an identity of the full equations. With them it is
-    right to first order in epsilon, until r, and with it the frequency |(C - A) r/A|, has become small.
-    r reaches 0 in finite time where M3 opposes it: the end of spin, an event that ends the motion or is passed
-    (`spin_reversal`). In y the equations are not Lipschitz there, and solvers stop or go astray.
+    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2; the other symbols are those
+    of the full form. Without M1 and M2 this is no approximation but an identity of the full
+    equations. With them it is right to first order in epsilon, until r, and with it the frequency
+    |(C - A) r/A|, has become small. r reaches 0 in finite time where M3 opposes it: the end of
+    spin, an event that ends the motion or is passed (`spin_reversal`). In y the equations are not
+    Lipschitz there, and solvers stop or go astray.
 
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs (5), (6),
-    with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6), not - as in (5).
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
+    (5), (6), with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6),
+    not - as in (5).
     """
 
     form = "averaged"
     keys = Cavity.keys | {
-        "spin_reversal": Key(Choice("stop", "continue"), "what to do where r reaches 0", default="stop"),
+        "spin_reversal": Key(
+            Choice("stop", "continue"), "what to do where r reaches 0", default="stop"
+        ),
     }
     state = ("a", "r")
     variables = {
@@ -251,7 +298,10 @@ class Averaged(Cavity):
         super().check(data, report)
         A = data.get("inertia")
         if A is not None and A[0] != A[1]:
-            report(("inertia",), f"form {cls.form} wants A1 = A2, not {A[0]:.17g} and {A[1]:.17g}; form full does not")
+            report(
+                ("inertia",),
+                f"form {cls.form} wants A1 = A2, not {A[0]:.17g} and {A[1]:.17g}; form full does not",
+            )
 
     @classmethod
     def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
@@ -273,7 +323,10 @@ class Averaged(Cavity):
         found = super().warnings(data)
         A, _, C = data["inertia"]
         a, r = cls.start(data)
-        dropped, turning = abs(data["epsilon"]) * math.hypot(*data["torque"][:2]), abs((C - A) * r) * a
+        dropped, turning = (
+            abs(data["epsilon"]) * math.hypot(*data["torque"][:2]),
+            abs((C - A) * r) * a,
+        )
         if dropped:
             ratio = f"{dropped / turning:.3g}" if turning else "infinite"
             found.append(
@@ -285,18 +338,25 @@ class Averaged(Cavity):
     @classmethod
     def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
         spins = cls.start(data)[1] or cls.constants(data)["N3"]
-        return (Event("end_of_spin", axial_spin, terminal=data["spin_reversal"] == "stop"),) if spins else ()
+        return (
+            (Event("end_of_spin", axial_spin, terminal=data["spin_reversal"] == "stop"),)
+            if spins
+            else ()
+        )
 
 
 class AveragedAsPrinted(Averaged):
-    """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the paper's figures.
+    """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the
+    paper's figures.
 
     a' = +kappa C (C - A) a r^2 / A^3
 
-    With this sign the fluid's torque, though internal, changes |G|: without M, x - C^2 y/A^2 is constant, where
-    it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form averaged.
+    With this sign the fluid's torque, though internal, changes |G|: without M, x - C^2 y/A^2 is
+    constant, where it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form
+    averaged.
 
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs (5), (6).
+    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
+    (5), (6).
     """
 
     form = "averaged-as-printed"

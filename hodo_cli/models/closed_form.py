@@ -1,27 +1,29 @@
 """Closed forms: the free rotation of a rigid body, and its rotation under equal damping.
 
-Free motion (Euler, Poinsot, Jacobi). Let e be the enclosed axis (that of the largest moment of inertia where
-D = G^2 - 2 T A_m is positive, else that of the smallest), m the axis of the middle moment and o the remaining one. With
+Free motion (Euler, Poinsot, Jacobi). Let e be the enclosed axis (that of the largest moment of
+inertia where D = G^2 - 2 T A_m is positive, else that of the smallest), m the axis of the middle
+moment and o the remaining one. With
 
     Y  = A_m |A_o - A_m| w_m^2 + A_e |A_o - A_e| w_e^2          (= |2 T A_o - G^2|)
     n^2 = |A_m - A_e| Y / (A1 A2 A3)        1 - k^2 = |A_o - A_e| |D| / (|A_m - A_e| Y)
 
-w_o, w_m, w_e are proportional to cn, sn, dn of n t + u0 (Landau and Lifshitz, Mechanics, section 37). The addition
-theorems (DLMF 22.8) turn that into the start itself and its derivative w' given by Euler's equations. All of
-w, w' are taken at t = 0, and sn, cn, dn are those of n t:
+w_o, w_m, w_e are proportional to cn, sn, dn of n t + u0 (Landau and Lifshitz, Mechanics, section
+37). The addition theorems (DLMF 22.8) turn that into the start itself and its derivative w' given
+by Euler's equations. All of w, w' are taken at t = 0, and sn, cn, dn are those of n t:
 
     w_o(t) = (w_o cn + w_o' sn dn / n) / h^2        h^2 = cn^2 + (d sn)^2
     w_m(t) = (w_m cn dn + w_m' sn / n) / h^2        d^2 = dn(u0)^2 = A_e |A_o - A_e| w_e^2 / Y
     w_e(t) = (w_e dn + w_e' sn cn / n) / h^2
 
-No initial phase, no sign by cases, no parity of the order of the axes; each term is at most as large as the amplitude
-of its component, so nothing cancels, on the separatrix (k = 1: tanh and sech) and at the unstable axis as little as
-elsewhere.
+No initial phase, no sign by cases, no parity of the order of the axes; each term is at most as
+large as the amplitude of its component, so nothing cancels, on the separatrix (k = 1: tanh and
+sech) and at the unstable axis as little as elsewhere.
 
-Conditioning. A float is a rational number: D, Y and what follows from them are computed exactly and rounded once, so
-a start at a relative distance of 1e-15 from the separatrix costs no digits of the data AS GIVEN. What remains is the
-phase: relative to |omega(t)|, errors stay below 1e-15 (1 + |omega0| |t|), which is about what one ulp in omega0 or in
-t does too. Where |omega0| t = 1e8, seven digits of the phase are left; T and G keep all of theirs.
+Conditioning. A float is a rational number: D, Y and what follows from them are computed exactly and
+rounded once, so a start at a relative distance of 1e-15 from the separatrix costs no digits of the
+data AS GIVEN. What remains is the phase: relative to |omega(t)|, errors stay below 1e-15 (1 +
+|omega0| |t|), which is about what one ulp in omega0 or in t does too. Where |omega0| t = 1e8, seven
+digits of the phase are left; T and G keep all of theirs.
 """
 
 import math
@@ -33,37 +35,47 @@ import numpy as np
 from . import rigid_body
 
 LN2_HEAD, LN2_TAIL = float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33")
-"""ln 2 in two parts; the first has so few bits that its product with a whole number below 2**21 is exact."""
+"""ln 2 in two parts; the first has so few bits that its product with a whole number below 2**21 is
+exact."""
 
 
 def free_motion(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """The angular velocity (n, 3) at the times t (n,) of a free body that starts with omega0 (3,) at t = 0.
+    """The angular velocity (n, 3) at the times t (n,) of a free body that starts with omega0 (3,)
+    at t = 0.
 
-    A (3,): principal moments of inertia in any order, equal ones included; |omega0| of any size; t may be negative.
-    Components of omega0 below 1e-300 |omega0| lose digits. The formulas, their source and their limits stand above.
+    A (3,): principal moments of inertia in any order, equal ones included; |omega0| of any size; t
+    may be negative. Components of omega0 below 1e-300 |omega0| lose digits. The formulas, their
+    source and their limits stand above.
     """
     return equal_damping(A, omega0, 0.0, t)
 
 
 def equal_damping(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) -> np.ndarray:
-    """The angular velocity (n, 3) at the times t (n,) where lambda1 = lambda2 = lambda3 = lam, from omega0 (3,).
+    """The angular velocity (n, 3) at the times t (n,) where lambda1 = lambda2 = lambda3 = lam, from
+    omega0 (3,).
 
-    omega(t) = exp(-lam t) Omega(s), s = (1 - exp(-lam t)) / lam, with Omega the free motion: put into
-    A w' + w x A w = -lam A w, the factors exp(-2 lam t) = (ds/dt) exp(-lam t) cancel. Any start, any sign of t
-    and lam; lam = 0 is the free motion, and what has decayed below the smallest double is 0.
+    omega(t) = exp(-lam t) Omega(s), s = (1 - exp(-lam t)) / lam, with Omega the free motion: put
+    into A w' + w x A w = -lam A w, the factors exp(-2 lam t) = (ds/dt) exp(-lam t) cancel. Any
+    start, any sign of t and lam; lam = 0 is the free motion, and what has decayed below the
+    smallest double is 0.
 
-    Source: Rachinskaya, eqs (5)-(6). Departs from (6) as printed, which has the argument n exp(-lam t) / lam: it runs
-    backwards in time, and without an initial phase it does not meet the data at t = 0.
+    Source: Rachinskaya, eqs (5)-(6). Departs from (6) as printed, which has the argument n exp(-lam
+    t) / lam: it runs backwards in time, and without an initial phase it does not meet the data at t
+    = 0.
     """
     state, exponent = scaled_motion(A, omega0, lam, t)
     return np.asarray(np.ldexp(state, exponent[:, np.newaxis]))
 
 
-def scaled_motion(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`equal_damping` as a state (n, 3) of size about 1 and an exponent (n,): omega = state * 2**exponent.
+def scaled_motion(
+    A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`equal_damping` as a state (n, 3) of size about 1 and an exponent (n,): omega = state *
+    2**exponent.
 
-    It has its digits where omega itself is far below the smallest double; the exponent ends at -1e9. Times in long
-    double give a state in long double. Where a growing motion has turned through an infinite angle the state is nan.
+    It has its digits where omega itself is far below the smallest double; the exponent ends at
+    -1e9. Times in long double give a state in long double. Where a growing motion has turned
+    through an infinite angle the state is nan.
     """
     t = np.asarray(t, dtype=np.result_type(t, float))
     size, unit = _units(omega0)
@@ -72,24 +84,30 @@ def scaled_motion(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) 
     z = np.clip(z, -7e8, 7e8)
     halvings = np.rint(z / math.log(2))
     decay = np.exp(halvings * LN2_HEAD - z + halvings * LN2_TAIL)
-    return decay[:, np.newaxis] * _free(A, unit, np.ldexp(t * slowing, size)), size - halvings.astype(np.int64)
+    return decay[:, np.newaxis] * _free(
+        A, unit, np.ldexp(t * slowing, size)
+    ), size - halvings.astype(np.int64)
 
 
 def final_direction(A: np.ndarray, omega0: np.ndarray, lam: float) -> np.ndarray:
-    """The unit vector (3,) that omega(t) / |omega(t)| tends to for lambda1 = lambda2 = lambda3 = lam > 0.
-
-    It is the direction of the free motion at the finite time 1/lam; zero for a body at rest. Raises ValueError unless
+    """The unit vector (3,) that omega(t) / |omega(t)| tends to for lambda1 = lambda2 = lambda3 =
     lam > 0.
+
+    It is the direction of the free motion at the finite time 1/lam; zero for a body at rest. Raises
+    ValueError unless lam > 0.
     """
     if not lam > 0:
-        raise ValueError(f"a rotation has a final direction only if it is damped, not with lam = {lam}")
+        raise ValueError(
+            f"a rotation has a final direction only if it is damped, not with lam = {lam}"
+        )
     size, unit = _units(omega0)
     omega = _free(A, unit, np.ldexp([1 / lam], size))[0]
     return np.asarray(omega / (np.linalg.norm(omega) or 1.0))
 
 
 def _units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
-    """The exponent of a power of two near |omega0|, and omega0 in its units, where no product under- or overflows."""
+    """The exponent of a power of two near |omega0|, and omega0 in its units, where no product
+    under- or overflows."""
     size = int(np.frexp(np.max(np.abs(omega0)))[1])
     return size, np.ldexp(omega0, -size)
 
@@ -124,7 +142,8 @@ def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def _sqrt(x: Fraction, fp: Any) -> Any:
-    """The square root, to 63 bits and then as `fp`, of a rational that may itself be below the smallest double."""
+    """The square root, to 63 bits and then as `fp`, of a rational that may itself be below the
+    smallest double."""
     half = 63 - (x.numerator.bit_length() - x.denominator.bit_length()) // 2
     return np.ldexp(fp(np.uint64(math.isqrt(math.floor(x * Fraction(4) ** half)))), -half)
 
@@ -132,12 +151,13 @@ def _sqrt(x: Fraction, fp: Any) -> Any:
 def _sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Jacobi's sn, cn, dn of u for the complementary modulus k' = sqrt(1 - k^2), 0 <= k' <= 1.
 
-    Landen's transformation down the arithmetic-geometric mean, in ratios of sums of positive terms: where cn and dn
-    are small they keep their relative precision however small k' is (`scipy.special.ellipj`, which has only k^2,
-    fails there). The period drops out in the sine and cosine of the last level, which reduce their argument exactly.
+    Landen's transformation down the arithmetic-geometric mean, in ratios of sums of positive terms:
+    where cn and dn are small they keep their relative precision however small k' is
+    (`scipy.special.ellipj`, which has only k^2, fails there). The period drops out in the sine and
+    cosine of the last level, which reduce their argument exactly.
 
-    Source: R. Bulirsch, Numer. Math. 7 (1965) 78, with the ratio cn/sn kept as its two terms, so that u = 0 and the
-    half periods need no exception.
+    Source: R. Bulirsch, Numer. Math. 7 (1965) 78, with the ratio cn/sn kept as its two terms, so
+    that u = 0 and the half periods need no exception.
     """
     if complementary == 0:
         decay = np.exp(-np.abs(u))

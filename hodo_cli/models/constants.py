@@ -9,11 +9,13 @@ import numpy as np
 from .base import Constants, Model
 
 Structure = tuple[tuple[str, int | str], ...]
-"""What of the constants is structure: each name with its length (0 for a plain number), or its string."""
+"""What of the constants is structure: each name with its length (0 for a plain number), or its
+string."""
 
 
 def structure(k: Constants) -> Structure:
-    """The structure of a model's constants; integrators compiled for one structure serve all its numbers."""
+    """The structure of a model's constants; integrators compiled for one structure serve all its
+    numbers."""
     return tuple(
         (name, value if isinstance(value, str) else len(value) if isinstance(value, tuple) else 0)
         for name, value in k.items()
@@ -49,8 +51,8 @@ def namespace(of: Structure, numbers: Sequence[Any]) -> SimpleNamespace:
 
 
 def jacobian(model: type[Model], k: SimpleNamespace, t: Any, y: np.ndarray) -> np.ndarray:
-    """d rhs / d y at y (m,) or (m, n), shape (m, m) or (m, m, n), exact to rounding: the imaginary part of the rhs at
-    a complex step.
+    """d rhs / d y at y (m,) or (m, n), shape (m, m) or (m, m, n), exact to rounding: the imaginary
+    part of the rhs at a complex step.
 
     Source: W. Squire and G. Trapp, SIAM Review 40 (1998) 110.
     """

@@ -34,7 +34,8 @@ LAW = Either(
         },
     ),
 )
-"""A function of tau: the coefficients of 1, tau, tau^2, ..., or a law of LAWS with its parameters."""
+"""A function of tau: the coefficients of 1, tau, tau^2, ..., or a law of LAWS with its
+parameters."""
 
 
 def polynomial(c: Sequence[Any], tau: Any) -> Any:
@@ -86,18 +87,21 @@ PERTURBATIONS: dict[str, Perturbation] = {
     "linear-dissipation": linear_dissipation,
     "cubic-dissipation": cubic_dissipation,
 }
-"""Torques epsilon (p f, q f, M3), eq. (2.3): each returns (f, M3), both functions of tau, Gz, H, r and u = cos theta.
+"""Torques epsilon (p f, q f, M3), eq. (2.3): each returns (f, M3), both functions of tau, Gz, H, r
+and u = cos theta.
 
-To add one, write it with + - * / and ** and name it here; the forms averaged-quadrature and full take it.
+To add one, write it with + - * / and ** and name it here; the forms averaged-quadrature and full
+take it.
 """
 
 
 def mean_cosine(e: Any, w: Any) -> Any:
-    """-<cos phi>/e over one nutation, u = s - e cos phi and dt ~ dphi/sqrt(w + e cos phi): <u> is s + e^2 times it.
+    """-<cos phi>/e over one nutation, u = s - e cos phi and dt ~ dphi/sqrt(w + e cos phi): <u> is s
+    + e^2 times it.
 
-    By the arithmetic-geometric mean: analytic in e^2, also at e = 0 (regular precession), where the elliptic
-    integrals of v = u3 - (u3 - u1) E/K, eq. (3.5), cancel. Its six terms reach 1e-17 down to
-    1 - k^2 = (w - e)/(w + e) = 1e-12.
+    By the arithmetic-geometric mean: analytic in e^2, also at e = 0 (regular precession), where the
+    elliptic integrals of v = u3 - (u3 - u1) E/K, eq. (3.5), cancel. Its six terms reach 1e-17 down
+    to 1 - k^2 = (w - e)/(w + e) = 1e-12.
 
     Source: M. Abramowitz and I. A. Stegun, 17.6, with c_{n+1} = c_n^2/(4 a_{n+1}).
     """
@@ -115,8 +119,9 @@ def mean_cosine(e: Any, w: Any) -> Any:
 def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     """X and w of the state: u1, u2, u3 = 1 - X - e, 1 - X + e, 1 - X + w.
 
-    T1 = x1 + x2 + x3 and T2 = x1 x2 + x1 x3 + x2 x3 are eqs (1.5) for x_i = 1 - u_i. With e known, the cubic
-    for the roots is a quadratic; X is written so that nothing cancels for a fast or for an upright top.
+    T1 = x1 + x2 + x3 and T2 = x1 x2 + x1 x3 + x2 x3 are eqs (1.5) for x_i = 1 - u_i. With e known,
+    the cubic for the roots is a quadratic; X is written so that nothing cancels for a fast or for
+    an upright top.
     """
     U, Z, r, e = y
     c = k.C * r
@@ -126,12 +131,15 @@ def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     return (T1 + w - T2 - e * e) / (3 - T1 + w), w
 
 
-def drift(y: Sequence[Any], k: Any, means: Sequence[Any], shape: tuple[Any, Any]) -> tuple[Any, ...]:
-    """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over one nutation.
+def drift(
+    y: Sequence[Any], k: Any, means: Sequence[Any], shape: tuple[Any, Any]
+) -> tuple[Any, ...]:
+    """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over
+    one nutation.
 
-    The symbols are those of `Averaged`. U, Z and r follow from eqs (2.4). e follows from the roots' own derivatives,
-    with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e by hand, so that regular precession, e = 0, is as regular
-    as any other motion.
+    The symbols are those of `Averaged`. U, Z and r follow from eqs (2.4). e follows from the roots'
+    own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e by hand, so that
+    regular precession, e = 0, is as regular as any other motion.
     """
     U, Z, r, e = y
     X, w = shape
@@ -149,7 +157,8 @@ def drift(y: Sequence[Any], k: Any, means: Sequence[Any], shape: tuple[Any, Any]
 
 
 def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any]:
-    """Gz and H, eqs (1.2), from the components of omega and of the vertical in body axes; k has A, C and mu."""
+    """Gz and H, eqs (1.2), from the components of omega and of the vertical in body axes; k has A,
+    C and mu."""
     p, q, r = omega
     Gz = k.A * (p * gamma[0] + q * gamma[1]) + k.C * r * gamma[2]
     return Gz, (k.A * (p * p + q * q) + k.C * r * r) / 2 + k.mu * gamma[2]
@@ -162,7 +171,9 @@ def slow_state(data: Mapping[str, Any]) -> tuple[float, float, float, float] | s
         return "give theta and r, or Gz, H and r"
     e: float | None
     with np.errstate(all="ignore"):
-        A, C, mu = (np.float64(value) for value in (data["inertia"]["A"], data["inertia"]["C"], data["mu"]))
+        A, C, mu = (
+            np.float64(value) for value in (data["inertia"]["A"], data["inertia"]["C"], data["mu"])
+        )
         c, scale = C * r, 2 * A * mu
         excess = c * c / scale - 2
         if theta is not None:
@@ -192,17 +203,23 @@ def released(theta: float, excess: float) -> tuple[float, float]:
 def spread(T1: float, T2: float, T3: float) -> float | None:
     """e = (u2 - u1)/2 from the coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
 
-    None if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What the rounding of the data
-    does to a double root is forgiven.
+    None if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What the rounding
+    of the data does to a double root is forgiven.
     """
     y = 1 + max(abs(T1), abs(T2), T3)
-    while (slope := (3 * y + 2 * T1) * y + T2) > 0 and (lower := y - (((y + T1) * y + T2) * y - T3) / slope) < y:
+    while (slope := (3 * y + 2 * T1) * y + T2) > 0 and (
+        lower := y - (((y + T1) * y + T2) * y - T3) / slope
+    ) < y:
         y = lower
     product = T3 / y if y > 1 else T2 + (T1 + y) * y
     X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
     d = X * X - product
     e = math.sqrt(max(d, 0.0))
-    return e if d >= -ROUNDING and -math.sqrt(ROUNDING) <= X - e and X + e <= 2 + math.sqrt(ROUNDING) else None
+    return (
+        e
+        if d >= -ROUNDING and -math.sqrt(ROUNDING) <= X - e and X + e <= 2 + math.sqrt(ROUNDING)
+        else None
+    )
 
 
 INTEGRALS = {
@@ -227,7 +244,11 @@ class Top(Model):
             ),
             "moments of inertia about the fixed point",
         ),
-        "mu": Key(Number(above=0), "largest restoring moment (heavy top: m g l)", "moment of inertia / time^2"),
+        "mu": Key(
+            Number(above=0),
+            "largest restoring moment (heavy top: m g l)",
+            "moment of inertia / time^2",
+        ),
         "a": Key(LAW, "equatorial coefficient of resistance a(tau)", "moment of inertia / time"),
         "b": Key(LAW, "axial coefficient of resistance b(tau)", "moment of inertia / time"),
         "initial": Key(
@@ -235,21 +256,30 @@ class Top(Model):
                 {
                     "theta": Key(Angle(), "angle of nutation, with p = q = 0", "rad", None),
                     "r": Key(Number(), "angular velocity about the axis of symmetry", "1/time"),
-                    "Gz": Key(Number(), "vertical angular momentum", "moment of inertia / time", None),
+                    "Gz": Key(
+                        Number(), "vertical angular momentum", "moment of inertia / time", None
+                    ),
                     "H": Key(Number(), "energy", "moment of inertia / time^2", None),
                 }
             ),
             "initial theta and r (p = q = 0), or Gz, H and r",
         ),
     }
-    perturbation = Key(Choice(*PERTURBATIONS), "the torque M = (p f, q f, M3)", default="linear-dissipation")
-    unclassifiable = "gravity turns G in space, so no separatrix of free motion divides its hodographs"
+    perturbation = Key(
+        Choice(*PERTURBATIONS), "the torque M = (p f, q f, M3)", default="linear-dissipation"
+    )
+    unclassifiable = (
+        "gravity turns G in space, so no separatrix of free motion divides its hodographs"
+    )
 
     @classmethod
     def check(cls, data: Mapping[str, Any], report: Report) -> None:
         inertia = data.get("inertia")
         if inertia and inertia["C"] > 2 * inertia["A"]:
-            report(("inertia", "C"), f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}")
+            report(
+                ("inertia", "C"),
+                f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}",
+            )
         if {"inertia", "mu", "initial"} <= set(data) and (problem := cls.obstacle(data)):
             report(("initial",), problem)
 
@@ -263,15 +293,26 @@ class Top(Model):
     def constants(cls, data: Mapping[str, Any]) -> Constants:
         a_law, a = law(data["a"])
         b_law, b = law(data["b"])
-        return dict(data["inertia"]) | {"mu": data["mu"], "a": a, "b": b, "a_law": a_law, "b_law": b_law}
+        return dict(data["inertia"]) | {
+            "mu": data["mu"],
+            "a": a,
+            "b": b,
+            "a_law": a_law,
+            "b_law": b_law,
+        }
 
     @classmethod
-    def slow_start(cls, data: Mapping[str, Any]) -> tuple[tuple[float, float, float, float], float, float]:
-        """The start as (U, Z, r, e), with its X and w; w is not a number where no digit of it is left."""
+    def slow_start(
+        cls, data: Mapping[str, Any]
+    ) -> tuple[tuple[float, float, float, float], float, float]:
+        """The start as (U, Z, r, e), with its X and w; w is not a number where no digit of it is
+        left."""
         start = slow_state(data)
         assert not isinstance(start, str), start
         with np.errstate(all="ignore"):
-            X, w = nutation([np.float64(value) for value in start], SimpleNamespace(**Top.constants(data)))
+            X, w = nutation(
+                [np.float64(value) for value in start], SimpleNamespace(**Top.constants(data))
+            )
         return start, float(X), float(w)
 
     @classmethod
@@ -318,25 +359,29 @@ def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 class Averaged(Nutating):
-    """The Lagrange top under linear resistance that changes slowly with time, averaged over its nutation.
+    """The Lagrange top under linear resistance that changes slowly with time, averaged over its
+    nutation.
 
-    dGz/dtau = -[a (Gz - C r v)/A + b r v],  dH/dtau = -[a (2 H - C r^2 - 2 mu v)/A + b r^2],  dr/dtau = -b r/C,
-    v = <cos theta> = u3 - (u3 - u1) E(k)/K(k)
+    dGz/dtau = -[a (Gz - C r v)/A + b r v],  dH/dtau = -[a (2 H - C r^2 - 2 mu v)/A + b r^2],
+    dr/dtau = -b r/C, v = <cos theta> = u3 - (u3 - u1) E(k)/K(k)
 
-    Gz, H, r: vertical angular momentum, energy, angular velocity about the axis of symmetry (`initial`);
-    u1 <= u2 <= 1 <= u3: roots of the cubic Q(cos theta), cos theta running from u1 to u2, and
-    k^2 = (u2 - u1)/(u3 - u1); A, C: equatorial and axial moments of inertia about the fixed point (`inertia`);
-    mu: largest restoring moment (`mu`); a, b: coefficients of resistance, functions of tau (`a`, `b`);
-    tau = epsilon t is the time. Assumed: epsilon small; right to O(epsilon) on an interval of order 1/epsilon,
-    while u2 < u3. A = C is allowed: no formula divides by A - C.
+    Gz, H, r: vertical angular momentum, energy, angular velocity about the axis of symmetry
+    (`initial`); u1 <= u2 <= 1 <= u3: roots of the cubic Q(cos theta), cos theta running from u1 to
+    u2, and k^2 = (u2 - u1)/(u3 - u1); A, C: equatorial and axial moments of inertia about the fixed
+    point (`inertia`); mu: largest restoring moment (`mu`); a, b: coefficients of resistance,
+    functions of tau (`a`, `b`); tau = epsilon t is the time. Assumed: epsilon small; right to
+    O(epsilon) on an interval of order 1/epsilon, while u2 < u3. A = C is allowed: no formula
+    divides by A - C.
 
-    The state is U = Gz - C r and Z = 1 - (2 H - C r^2)/(2 mu), both 0 for an upright top, r, and
-    e = (u2 - u1)/2, which obeys e' = e F with F regular: so regular precession (u1 = u2, where every motion
-    ends and (3.5) divides by zero) is no singularity, and u1, u2 lose no digits. With x = 1 - cos theta =
-    X + e cos phi, X = 1 - (u1 + u2)/2 and w = u3 - (u1 + u2)/2 the time is dt ~ dphi/sqrt(w + e cos phi).
+    The state is U = Gz - C r and Z = 1 - (2 H - C r^2)/(2 mu), both 0 for an upright top, r, and e
+    = (u2 - u1)/2, which obeys e' = e F with F regular: so regular precession (u1 = u2, where every
+    motion ends and (3.5) divides by zero) is no singularity, and u1, u2 lose no digits. With x = 1
+    - cos theta = X + e cos phi, X = 1 - (u1 + u2)/2 and w = u3 - (u1 + u2)/2 the time is dt ~
+    dphi/sqrt(w + e cos phi).
 
-    Source: L. D. Akulenko, Ya. S. Zinkevich, T. A. Kozachenko, D. D. Leshchenko, evolution of motions of a rigid
-    body close to the Lagrange case under a non-stationary torque (2017), eqs (1.2)-(1.5), (2.4), (3.1).
+    Source: L. D. Akulenko, Ya. S. Zinkevich, T. A. Kozachenko, D. D. Leshchenko, evolution of
+    motions of a rigid body close to the Lagrange case under a non-stationary torque (2017), eqs
+    (1.2)-(1.5), (2.4), (3.1).
     """
 
     form = "averaged"
@@ -360,11 +405,19 @@ class Averaged(Nutating):
         # w is 0 where an upright top becomes unstable, and rounding may bring w^2 below.
         X, w = (value.real for value in nutation([*(y.T + 0j)], k))
         H = k.mu * (1 - Z) + k.C * r * r / 2
-        return {"Gz": U + k.C * r, "H": H, "r": r, "u1": 1 - X - e, "u2": 1 - X + e, "u3": 1 - X + w}
+        return {
+            "Gz": U + k.C * r,
+            "H": H,
+            "r": r,
+            "u1": 1 - X - e,
+            "u2": 1 - X + e,
+            "u3": 1 - X + w,
+        }
 
     @classmethod
     def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
-        """For a top that starts upright: it stays so, and the averages end where it becomes unstable."""
+        """For a top that starts upright: it stays so, and the averages end where it becomes
+        unstable."""
         (_, x, _, e), _, _ = cls.slow_start(data)
         return (Event("upright_unstable", upright_stability, terminal=True),) if x == e == 0 else ()
 
@@ -373,11 +426,13 @@ class AveragedU(Nutating):
     """The averaged equations for the roots u1, u2, u3, eq. (3.5) as printed; for comparison.
 
     du1/dtau = -1/(A Delta) {a [(Gz - C r u1)(Gz - C r v)/A + (u1^2 - 1)(2 H - C r^2 - 2 mu v)]
-                             + b r (Gz - C r u1)(v - u1)},   Delta = mu (u1 - u2)(u1 - u3),   and cyclically
+                             + b r (Gz - C r u1)(v - u1)},   Delta = mu (u1 - u2)(u1 - u3),   and
+                             cyclically
 
-    The symbols are those of the form averaged. Delta vanishes at regular precession, u1 = u2, to which every
-    motion tends, and the solution loses its digits on the way. Gz and H follow from eqs (1.5), with r from (3.3),
-    and not from the inverse (2.5), whose signs of R and delta change in mid-motion. It needs r != 0.
+    The symbols are those of the form averaged. Delta vanishes at regular precession, u1 = u2, to
+    which every motion tends, and the solution loses its digits on the way. Gz and H follow from eqs
+    (1.5), with r from (3.3), and not from the inverse (2.5), whose signs of R and delta change in
+    mid-motion. It needs r != 0.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.5), (3.3), (3.5).
     """
@@ -395,7 +450,9 @@ class AveragedU(Nutating):
         v = s + e * e * mean_cosine(e, u3 - s)
 
         def rate(u: Any, delta: Any) -> Any:
-            equatorial = (Gz - c * u) * (Gz - c * v) / A + (u * u - 1) * (2 * H - c * r - 2 * mu * v)
+            equatorial = (Gz - c * u) * (Gz - c * v) / A + (u * u - 1) * (
+                2 * H - c * r - 2 * mu * v
+            )
             return -(a * equatorial + b * r * (Gz - c * u) * (v - u)) / (A * mu * delta)
 
         return (
@@ -410,7 +467,11 @@ class AveragedU(Nutating):
         if problem := super().obstacle(data):
             return problem
         _, _, r, e = cls.slow_start(data)[0]
-        return "" if r and e else f"form {cls.form} divides by r and by u2 - u1, and one is 0; form averaged does not"
+        return (
+            ""
+            if r and e
+            else f"form {cls.form} divides by r and by u2 - u1, and one is 0; form averaged does not"
+        )
 
     @classmethod
     def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
@@ -420,7 +481,9 @@ class AveragedU(Nutating):
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         Gz, H = inverse([*y.T], k)
-        return dict(zip(("Gz", "H", "r", "u1", "u2", "u3"), (Gz, H, y[:, 3], *y[:, :3].T), strict=True))
+        return dict(
+            zip(("Gz", "H", "r", "u1", "u2", "u3"), (Gz, H, y[:, 3], *y[:, :3].T), strict=True)
+        )
 
 
 def inverse(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
@@ -437,11 +500,12 @@ class Full(Top):
     A p' + (C - A) q r = mu gamma2 + epsilon M1,   A q' + (A - C) p r = -mu gamma1 + epsilon M2,
     C r' = epsilon M3,   gamma' = gamma x omega
 
-    p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin phi,
-    sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta = 0 and pi;
-    M = (p f, q f, M3) (`perturbation`); the derivative is by t = tau/epsilon (`epsilon`), the stored time is
-    tau. The other symbols are those of the form averaged. Of the motions with the initial Gz, H and r, which
-    differ in phase, that is taken which starts at phi = 0 and cos theta = (u1 + u2)/2, where theta grows.
+    p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin
+    phi, sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta =
+    0 and pi; M = (p f, q f, M3) (`perturbation`); the derivative is by t = tau/epsilon (`epsilon`),
+    the stored time is tau. The other symbols are those of the form averaged. Of the motions with
+    the initial Gz, H and r, which differ in phase, that is taken which starts at phi = 0 and cos
+    theta = (u1 + u2)/2, where theta grows.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.1).
     """
@@ -473,7 +537,11 @@ class Full(Top):
 
     @classmethod
     def constants(cls, data: Mapping[str, Any]) -> Constants:
-        return {**super().constants(data), "epsilon": data["epsilon"], "perturbation": data["perturbation"]}
+        return {
+            **super().constants(data),
+            "epsilon": data["epsilon"],
+            "perturbation": data["perturbation"],
+        }
 
     @classmethod
     def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
@@ -494,14 +562,16 @@ class Full(Top):
 
 
 class AveragedQuadrature(Averaged):
-    """The averaged top under any torque M = (p f, q f, M3), f and M3 functions of tau, Gz, H, r and theta.
+    """The averaged top under any torque M = (p f, q f, M3), f and M3 functions of tau, Gz, H, r and
+    theta.
 
-    dGz/dtau = <f (Gz - C r u)/A + M3 u>,  dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>,  dr/dtau = <M3>/C
+    dGz/dtau = <f (Gz - C r u)/A + M3 u>,  dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>,  dr/dtau =
+    <M3>/C
 
     <.> is the mean over one nutation, u = cos theta. The torque is a function of PERTURBATIONS
-    (`perturbation`); the state and the other symbols are those of the form averaged. The integrand is
-    periodic in phi and analytic, so that the sum over `nodes` points of a half turn is right to about
-    [(w + sqrt(w^2 - e^2))/e]^(-2 nodes).
+    (`perturbation`); the state and the other symbols are those of the form averaged. The integrand
+    is periodic in phi and analytic, so that the sum over `nodes` points of a half turn is right to
+    about [(w + sqrt(w^2 - e^2))/e]^(-2 nodes).
 
     Source: L. D. Akulenko et al. 2017, eqs (2.3), (2.4), (2.8).
     """
@@ -509,7 +579,9 @@ class AveragedQuadrature(Averaged):
     form = "averaged-quadrature"
     keys = Top.keys | {
         "perturbation": Top.perturbation,
-        "nodes": Key(Integer(least=2, most=1000), "nodes of the quadrature over half a nutation", default=32),
+        "nodes": Key(
+            Integer(least=2, most=1000), "nodes of the quadrature over half a nutation", default=32
+        ),
     }
 
     @staticmethod
@@ -518,10 +590,15 @@ class AveragedQuadrature(Averaged):
         X, w = nutation(y, k)
         Gz, H = U + k.C * r, k.mu * (1 - Z) + k.C * r * r / 2
         weights = [1 / (w + e * cos) ** 0.5 for cos in k.cosines]
-        torques = [PERTURBATIONS[k.perturbation](t, Gz, H, r, 1 - X - e * cos, k) for cos in k.cosines]
+        torques = [
+            PERTURBATIONS[k.perturbation](t, Gz, H, r, 1 - X - e * cos, k) for cos in k.cosines
+        ]
         period = sum(weights)
         means = [
-            sum(weight * values[i] * factor for weight, values, factor in zip(weights, torques, factors, strict=True))
+            sum(
+                weight * values[i] * factor
+                for weight, values, factor in zip(weights, torques, factors, strict=True)
+            )
             for i in (0, 1)
             for factors in ([1] * len(weights), k.cosines)
         ]
@@ -539,5 +616,7 @@ class AveragedQuadrature(Averaged):
         remainder = math.exp(-2 * data["nodes"] * math.acosh(w / e)) if e else 0.0
         found = super().warnings(data)
         if remainder > 1e-12:
-            found.append(f"the quadrature is right to {remainder:.0e} only at the start: give it more nodes")
+            found.append(
+                f"the quadrature is right to {remainder:.0e} only at the start: give it more nodes"
+            )
         return found

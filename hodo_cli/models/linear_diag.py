@@ -15,9 +15,9 @@ class LinearDiag(BodyFrame):
     A2 q' + (A1 - A3) p r = -lambda2 A2 q
     A3 r' + (A2 - A1) p q = -lambda3 A3 r
 
-    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of inertia
-    (`inertia`); lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`), all zero for free
-    motion. Assumed: constant coefficients, about the same axes as the inertia.
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
+    inertia (`inertia`); lambda1, lambda2, lambda3: coefficients of resistance, 1/time (`damping`),
+    all zero for free motion. Assumed: constant coefficients, about the same axes as the inertia.
 
     D changes sign at most once: with l and s the axes of largest and smallest inertia, where D = 0
     dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign.
@@ -30,8 +30,10 @@ class LinearDiag(BodyFrame):
     keys = {
         "inertia": INERTIA,
         "damping": Key(
-            Vector(3, scalar=True), "coefficients of resistance lambda_i; a scalar means all three equal",
-            unit="1/time", default=(0.0, 0.0, 0.0),
+            Vector(3, scalar=True),
+            "coefficients of resistance lambda_i; a scalar means all three equal",
+            unit="1/time",
+            default=(0.0, 0.0, 0.0),
         ),
         "initial": INITIAL,
     }

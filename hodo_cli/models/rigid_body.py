@@ -28,7 +28,8 @@ def kinetic_energy(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
 
 
 def inertia_order(A: Any) -> tuple[int, int, int]:
-    """The positions of the largest, middle and smallest moment of inertia; ties keep the order given."""
+    """The positions of the largest, middle and smallest moment of inertia; ties keep the order
+    given."""
     largest, middle, smallest = sorted(range(3), key=lambda i: -A[i])
     return largest, middle, smallest
 
@@ -36,9 +37,10 @@ def inertia_order(A: Any) -> tuple[int, int, int]:
 def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
     """The two non-negative terms whose difference is D = G^2 - 2 T A_middle.
 
-    D = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2, with l, m, s the axes of largest, middle and smallest
-    inertia. The hodograph of G encloses axis l where D > 0 and axis s where D < 0. Subtracting G^2 - 2TA_m
-    itself loses every digit near the separatrix; this form costs only what the data's own conditioning costs.
+    D = A_l (A_l - A_m) w_l^2 - A_s (A_m - A_s) w_s^2, with l, m, s the axes of largest, middle and
+    smallest inertia. The hodograph of G encloses axis l where D > 0 and axis s where D < 0.
+    Subtracting G^2 - 2TA_m itself loses every digit near the separatrix; this form costs only what
+    the data's own conditioning costs.
 
     Source: Rachinskaya, eqs (7)-(8), solved for D.
     """
@@ -47,21 +49,25 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
 
 
 def near_middle_axis(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
-    """How the terms of D compare with what they could be: (outer + inner) / (sum of their weights * |omega|^2).
+    """How the terms of D compare with what they could be: (outer + inner) / (sum of their weights *
+    |omega|^2).
 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
     l, m, s = order
     weight = A[l] * (A[l] - A[m]) + A[s] * (A[m] - A[s])
-    return sum(separatrix_terms(A, omega, order)) / (weight * (omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2))
+    return sum(separatrix_terms(A, omega, order)) / (
+        weight * (omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2)
+    )
 
 
 def enclosed_axis(A: Any, omega: np.ndarray, band: float) -> np.ndarray:
     """The axis that the hodograph of G encloses, for omega (..., 3) at any scale, as int8.
 
-    1, 2, 3 name the body axes; 0 is the separatrix, where |D| is at most `band` times the sum of its two terms,
-    or the rotation is within `band` of the middle axis, so that its error may exceed the components which decide;
-    -1 is undetermined: no rotation, or no axis to go round (steady rotation of a symmetric or spherical body).
+    1, 2, 3 name the body axes; 0 is the separatrix, where |D| is at most `band` times the sum of
+    its two terms, or the rotation is within `band` of the middle axis, so that its error may exceed
+    the components which decide; -1 is undetermined: no rotation, or no axis to go round (steady
+    rotation of a symmetric or spherical body).
     """
     order, w = inertia_order(A), np.moveaxis(omega, -1, 0)
     largest, middle, smallest = order
@@ -78,7 +84,8 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: float) -> np.ndarray:
 
 
 def slope(A: Sequence[float] | np.ndarray) -> float:
-    """K = A_s (A_m - A_s) / (A_l (A_l - A_m)): zero where the smaller two moments are equal, inf where the larger two.
+    """K = A_s (A_m - A_s) / (A_l (A_l - A_m)): zero where the smaller two moments are equal, inf
+    where the larger two.
 
     The separatrix is w_l^2 = K w_s^2. Raises HodoError for a spherical body, which has none.
     Source: Rachinskaya, eqs (7)-(8).
@@ -86,14 +93,21 @@ def slope(A: Sequence[float] | np.ndarray) -> float:
     largest, middle, smallest = (A[i] for i in inertia_order(A))
     if largest == smallest:
         raise HodoError("a body with three equal moments of inertia has no quadrants")
-    return math.inf if largest == middle else smallest * (middle - smallest) / (largest * (largest - middle))
+    return (
+        math.inf
+        if largest == middle
+        else smallest * (middle - smallest) / (largest * (largest - middle))
+    )
 
 
 SMALLEST = 1e-100
 """The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
 
-INERTIA = Key(Vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia")
-"""Three moments in any order; `BodyFrame.check` wants the triangle inequality and the range of SMALLEST besides."""
+INERTIA = Key(
+    Vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia"
+)
+"""Three moments in any order; `BodyFrame.check` wants the triangle inequality and the range of
+SMALLEST besides."""
 
 INITIAL = Key(
     Table(
@@ -113,8 +127,11 @@ INITIAL = Key(
 )
 
 
-def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...] | str:
-    """(p, q, r) from initial data in which |G| may stand for one of them; a sentence if that cannot be done."""
+def complete(
+    inertia: Sequence[float], initial: Mapping[str, float | None]
+) -> tuple[float, ...] | str:
+    """(p, q, r) from initial data in which |G| may stand for one of them; a sentence if that cannot
+    be done."""
     omega = [initial.get(axis) for axis in "pqr"]
     missing = [axis for axis, value in zip("pqr", omega, strict=True) if value is None]
     momentum = initial.get("G")
@@ -125,7 +142,9 @@ def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> t
     if len(missing) != 1:
         return "G stands for exactly one of p, q, r: leave that one out and give the other two"
     with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
-        parts = (Decimal(A) * Decimal(w) for A, w in zip(inertia, omega, strict=True) if w is not None)
+        parts = (
+            Decimal(A) * Decimal(w) for A, w in zip(inertia, omega, strict=True) if w is not None
+        )
         known = sum((part * part for part in parts), Decimal(0))
         rest = Decimal(momentum) ** 2 - known
         if rest < 0:
@@ -185,7 +204,8 @@ class BodyFrame(Model):
 
 @dataclass(frozen=True)
 class Separatrix:
-    """D as an event; its order of axes is part of its identity, so that one compilation serves one order."""
+    """D as an event; its order of axes is part of its identity, so that one compilation serves one
+    order."""
 
     order: tuple[int, int, int]
 

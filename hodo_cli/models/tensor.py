@@ -15,10 +15,10 @@ class Tensor(BodyFrame):
 
     A1 p' + (A3 - A2) q r = -(I11 p + I12 q + I13 r)      and cyclically
 
-    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of inertia
-    (`inertia`); I: tensor of resistance, moment of inertia / time (`resistance`). Assumed: I is constant. It
-    takes energy out of every motion only if its symmetric part is positive semi-definite; a tensor that
-    feeds energy in runs too, with a warning.
+    p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
+    inertia (`inertia`); I: tensor of resistance, moment of inertia / time (`resistance`). Assumed:
+    I is constant. It takes energy out of every motion only if its symmetric part is positive
+    semi-definite; a tensor that feeds energy in runs too, with a warning.
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (9)-(11).
     """
@@ -33,7 +33,9 @@ class Tensor(BodyFrame):
                 Table(
                     {
                         "diagonal": Key(Number(), "every I_ii", unit="moment of inertia / time"),
-                        "off_diagonal": Key(Number(), "every I_ij, i != j", unit="moment of inertia / time"),
+                        "off_diagonal": Key(
+                            Number(), "every I_ij, i != j", unit="moment of inertia / time"
+                        ),
                     }
                 ),
             ),
@@ -66,7 +68,9 @@ class Tensor(BodyFrame):
 
     @classmethod
     def constants(cls, data: Mapping[str, Any]) -> Constants:
-        return cls.inertia(data) | dict(zip(cls.entries, cls.tensor(data).ravel().tolist(), strict=True))
+        return cls.inertia(data) | dict(
+            zip(cls.entries, cls.tensor(data).ravel().tolist(), strict=True)
+        )
 
     @classmethod
     def warnings(cls, data: Mapping[str, Any]) -> list[str]:

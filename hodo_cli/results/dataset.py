@@ -1,7 +1,7 @@
 """Result files as xarray datasets, read through netCDF4: for figures, comparisons and notebooks.
 
-netCDF4 and h5py each bring an HDF5 library of their own, and some pairs of these break each other: a process that
-imports this module should not import `hdf5`, nor the reverse.
+netCDF4 and h5py each bring an HDF5 library of their own, and some pairs of these break each other:
+a process that imports this module should not import `hdf5`, nor the reverse.
 """
 
 import os
@@ -22,7 +22,8 @@ from .provenance import FORMAT_VERSION
 
 
 class Cases(Mapping[str, xr.Dataset]):
-    """The cases of an open result file by name, each read when it is asked for, and the file's `attributes`."""
+    """The cases of an open result file by name, each read when it is asked for, and the file's
+    `attributes`."""
 
     def __init__(self, path: Path, file: netCDF4.Dataset) -> None:
         self.path = path
@@ -30,13 +31,16 @@ class Cases(Mapping[str, xr.Dataset]):
         self._file = file
 
     def __getitem__(self, name: str) -> xr.Dataset:
-        """A case, in memory. Raises KeyError if it is not there, HodoError if it is damaged or too large."""
+        """A case, in memory. Raises KeyError if it is not there, HodoError if it is damaged or too
+        large."""
         group = self._file.groups[name]
         try:
             source = xr.backends.NetCDF4DataStore(group)  # type: ignore[no-untyped-call]
             found = xr.open_dataset(source, decode_cf=False)
             if found.nbytes > memory.limit():
-                raise HodoError(f"{self.path}: {name} does not fit into memory: {memory.size(found.nbytes)}")
+                raise HodoError(
+                    f"{self.path}: {name} does not fit into memory: {memory.size(found.nbytes)}"
+                )
             return found.load()
         except (OSError, RuntimeError, LookupError, ValueError) as error:
             raise HodoError(f"{self.path}: {name} is damaged ({error})") from error
@@ -53,9 +57,11 @@ class Cases(Mapping[str, xr.Dataset]):
 
 @contextmanager
 def open_cases(path: Path | str) -> Iterator[Cases]:
-    """The cases of a result file, which is opened once: netCDF takes 0.7 ms for every group that a file has.
+    """The cases of a result file, which is opened once: netCDF takes 0.7 ms for every group that a
+    file has.
 
-    Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a newer format.
+    Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a
+    newer format.
     """
     path = Path(path)
     try:
@@ -68,9 +74,13 @@ def open_cases(path: Path | str) -> Iterator[Cases]:
         cases = Cases(path, file)
         version = cases.attributes.get("format_version")
         if not isinstance(version, int | np.integer):
-            raise HodoError(f"{path} is netCDF, but not a result of hodo (it has no format_version)")
+            raise HodoError(
+                f"{path} is netCDF, but not a result of hodo (it has no format_version)"
+            )
         if version > FORMAT_VERSION:
-            raise HodoError(f"{path} has format version {version}, newer than {FORMAT_VERSION}: update hodo to read it")
+            raise HodoError(
+                f"{path} has format version {version}, newer than {FORMAT_VERSION}: update hodo to read it"
+            )
         yield cases
 
 
@@ -92,7 +102,8 @@ def open_case(path: Path | str, name: str) -> xr.Dataset:
 
 
 def open_root(path: Path | str) -> xr.Dataset:
-    """The attributes of a result file, as those of an empty dataset. Raises HodoError as `open_cases` does."""
+    """The attributes of a result file, as those of an empty dataset. Raises HodoError as
+    `open_cases` does."""
     with open_cases(path) as cases:
         return xr.Dataset(attrs=cases.attributes)
 
@@ -106,10 +117,12 @@ def case_of(dataset: xr.Dataset) -> Case:
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """A case with what its angular velocity and its three moments of inertia determine; any other as it is.
+    """A case with what its angular velocity and its three moments of inertia determine; any other
+    as it is.
 
-    Added: `G` (..., axis), the angular momentum in body axes, `G_norm` = |G|, `G2` = G^2, the kinetic energy `T` and
-    the separatrix function `D` = G^2 - 2 T A_middle. |G| is right also where G^2 underflows.
+    Added: `G` (..., axis), the angular momentum in body axes, `G_norm` = |G|, `G2` = G^2, the
+    kinetic energy `T` and the separatrix function `D` = G^2 - 2 T A_middle. |G| is right also where
+    G^2 underflows.
     """
     inertia = case_of(dataset).data.get("inertia") if "omega" in dataset else None
     if not isinstance(inertia, tuple | list):
@@ -120,7 +133,9 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     omega = omega.transpose(..., "axis")
     A, w = np.array(inertia, dtype=float), omega.values
     G = rigid_body.angular_momentum(A, w)
-    outer, inner = rigid_body.separatrix_terms(A, np.moveaxis(w, -1, 0), rigid_body.inertia_order(A))
+    outer, inner = rigid_body.separatrix_terms(
+        A, np.moveaxis(w, -1, 0), rigid_body.inertia_order(A)
+    )
     return dataset.assign(
         G=(omega.dims, G, {"long_name": "angular momentum in body axes"}),
         G_norm=(omega.dims[:-1], np.hypot.reduce(G, axis=-1), {"long_name": "angular momentum"}),

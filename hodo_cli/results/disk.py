@@ -6,9 +6,11 @@ from typing import Any
 
 
 class Disk(io.FileIO):
-    """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process down over one.
+    """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process
+    down over one.
 
-    What could not be written is kept in memory and read back from there, for HDF5 crashes over missing bytes too.
+    What could not be written is kept in memory and read back from there, for HDF5 crashes over
+    missing bytes too.
     """
 
     error: OSError | None = None

@@ -28,7 +28,9 @@ def group_of(trajectory: Trajectory, labels: Labels, hash: str) -> Group:
         times = np.array([event.time for event in trajectory.events])
         kinds = np.array([event.kind for event in trajectory.events], dtype=object)
         units = labels["time"][2]
-        variables["event_time"] = Variable(("event",), times, {"long_name": "time of the event", "units": units})
+        variables["event_time"] = Variable(
+            ("event",), times, {"long_name": "time of the event", "units": units}
+        )
         variables["event_kind"] = Variable(("event",), kinds, {"long_name": "kind of the event"})
     attributes: dict[str, Attribute] = {
         "model": case.model,

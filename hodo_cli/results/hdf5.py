@@ -1,4 +1,5 @@
-"""Labelled arrays in HDF5 that netCDF-4 readers understand, group by group. The only importer of h5py."""
+"""Labelled arrays in HDF5 that netCDF-4 readers understand, group by group. The only importer of
+h5py."""
 
 import os
 import re
@@ -19,7 +20,14 @@ from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
-HIDDEN = ("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates")
+HIDDEN = (
+    "CLASS",
+    "NAME",
+    "REFERENCE_LIST",
+    "DIMENSION_LIST",
+    "_Netcdf4Dimid",
+    "_Netcdf4Coordinates",
+)
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
 
@@ -37,8 +45,9 @@ class Variable:
 
 @dataclass(frozen=True)
 class Late:
-    """Variables whose values are too many to be held at once: of their arrays only the shape and type count, and
-    `blocks()` gives the values as (name, where, block) when the group is written."""
+    """Variables whose values are too many to be held at once: of their arrays only the shape and
+    type count, and `blocks()` gives the values as (name, where, block) when the group is
+    written."""
 
     names: frozenset[str]
     blocks: Callable[[], Iterator[tuple[str, Any, np.ndarray]]]
@@ -46,7 +55,8 @@ class Late:
 
 @dataclass(frozen=True)
 class Group:
-    """What a group holds. A variable that is named as its only dimension is that dimension's coordinate."""
+    """What a group holds. A variable that is named as its only dimension is that dimension's
+    coordinate."""
 
     attributes: Mapping[str, Attribute]
     variables: Mapping[str, Variable]
@@ -71,7 +81,8 @@ class Run:
         return list(self._file)
 
     def cases(self) -> list[str]:
-        """The names of the cases, in the order of the case file: the groups that do not begin with `_`."""
+        """The names of the cases, in the order of the case file: the groups that do not begin with
+        `_`."""
         return [name for name in self._file if not name.startswith("_")]
 
     def __contains__(self, name: str) -> bool:
@@ -90,7 +101,8 @@ class Run:
         return typed(self.summary(name, kinds), kinds, f"{self.path}: {name}")
 
     def read(self, name: str) -> Group:
-        """A group whole. Raises HodoError if there is no such group, or it is damaged or too large."""
+        """A group whole. Raises HodoError if there is no such group, or it is damaged or too
+        large."""
         with self._group(name) as group:
             items = dict(group.items())
             named, variables = _by_address(items), {}
@@ -98,9 +110,13 @@ class Run:
                 if h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE):
                     continue
                 if item.nbytes > memory.limit():
-                    raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {memory.size(item.nbytes)}")
+                    raise HodoError(
+                        f"{self.path}: {name}/{key} does not fit into memory: {memory.size(item.nbytes)}"
+                    )
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
-                variables[key] = Variable(_dims(item, named) or (key,) * data.ndim, data, _attributes(item))
+                variables[key] = Variable(
+                    _dims(item, named) or (key,) * data.ndim, data, _attributes(item)
+                )
             return Group(_attributes(group), variables)
 
     def array(self, name: str, key: str) -> np.ndarray:
@@ -126,7 +142,8 @@ class Run:
 def open_run(path: Path | str) -> Iterator[Run]:
     """A result file, open for reading.
 
-    Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a newer format.
+    Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a
+    newer format.
     """
     path = Path(path)
     try:
@@ -142,7 +159,9 @@ def open_run(path: Path | str) -> Iterator[Run]:
         if not isinstance(version, int):
             raise HodoError(f"{path} is HDF5, but not a result of hodo (it has no format_version)")
         if version > FORMAT_VERSION:
-            raise HodoError(f"{path} has format version {version}, newer than {FORMAT_VERSION}: update hodo to read it")
+            raise HodoError(
+                f"{path} has format version {version}, newer than {FORMAT_VERSION}: update hodo to read it"
+            )
         yield run
 
 
@@ -164,7 +183,8 @@ def _why_closed(path: Path, error: Exception) -> str:
 
 
 def refusal(error: BaseException) -> str:
-    """What the operating system said (no space, no permission), which HDF5 hides in its own errors; or nothing."""
+    """What the operating system said (no space, no permission), which HDF5 hides in its own errors;
+    or nothing."""
     told = re.search(r"error message = '([^']*)'", str(error))
     number = getattr(error, "errno", None)
     return told[1].lower() if told else os.strerror(number).lower() if number else ""
@@ -194,7 +214,9 @@ def _by_address(items: Mapping[str, h5py.HLObject]) -> dict[int, str]:
 def _dims(dataset: h5py.Dataset, named: Mapping[int, str]) -> tuple[str, ...]:
     """The dimensions of a dataset by the names of their scales; none for a scale itself."""
     scales = dataset.attrs.get("DIMENSION_LIST", ())
-    return tuple(named[h5o.get_info(h5r.dereference(scale[0], dataset.id)).addr] for scale in scales)
+    return tuple(
+        named[h5o.get_info(h5r.dereference(scale[0], dataset.id)).addr] for scale in scales
+    )
 
 
 class Output:
@@ -205,7 +227,8 @@ class Output:
         self._disk = disk
 
     def write(self, name: str, group: Group) -> None:
-        """Add a group. The order of creation is tracked throughout: without it netCDF-4 cannot append."""
+        """Add a group. The order of creation is tracked throughout: without it netCDF-4 cannot
+        append."""
         self._disk.check()
         target = self._file.create_group(name, track_order=True)
         _set_attributes(target, group.attributes)
@@ -214,9 +237,14 @@ class Output:
         for key, variable in group.variables.items():
             for dim, size in zip(variable.dims, variable.data.shape, strict=True):
                 if sizes.setdefault(dim, size) != size:
-                    raise ValueError(f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}")
+                    raise ValueError(
+                        f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}"
+                    )
             dtype = _file_type(key, variable.data)
-            shape, data = variable.data.shape, None if group.late and key in group.late.names else variable.data
+            shape, data = (
+                variable.data.shape,
+                None if group.late and key in group.late.names else variable.data,
+            )
             items[key] = target.create_dataset(key, shape, dtype, data, track_order=True)
             _set_attributes(items[key], variable.attributes)
         for dim, size in sizes.items():
@@ -271,7 +299,8 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
 
 
 def _file_type(name: str, data: np.ndarray) -> Any:
-    """The type of an array in the file. Old netCDF readers lose bool, and crash on half and long double."""
+    """The type of an array in the file. Old netCDF readers lose bool, and crash on half and long
+    double."""
     if data.dtype.kind in "OU":
         return STRING
     if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8 or data.dtype == np.float16:
@@ -286,4 +315,6 @@ def _set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) ->
             value = value.encode("utf-8", "replace").decode().replace("\0", "\ufffd")
         data = np.asarray(value, dtype=STRING if isinstance(value, str) else None)
         space = h5s.create_simple(data.shape) if data.shape else h5s.create(h5s.SCALAR)
-        h5a.create(item.id, name.encode(), h5t.py_create(_file_type(name, data), logical=True), space).write(data)
+        h5a.create(
+            item.id, name.encode(), h5t.py_create(_file_type(name, data), logical=True), space
+        ).write(data)

@@ -1,6 +1,5 @@
 """The names in a result file."""
 
-
 SUMMARY = {
     "model": str,
     "form": str,

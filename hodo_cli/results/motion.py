@@ -1,4 +1,5 @@
-"""A result file as figures and pages read it: its cases as motions, its figures, what was drawn of them."""
+"""A result file as figures and pages read it: its cases as motions, its figures, what was drawn of
+them."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -22,13 +23,16 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-LABELS = {"enclosed_axis": "time"} | {f"crossing_{name}": "crossing" for name in ("time", "error", "from", "to", "G")}
+LABELS = {"enclosed_axis": "time"} | {
+    f"crossing_{name}": "crossing" for name in ("time", "error", "from", "to", "G")
+}
 """What `classify` adds to a motion, each over its dimension."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """One case: its dataset with what follows from it (`dataset.derive`), and what a figure calls it."""
+    """One case: its dataset with what follows from it (`dataset.derive`), and what a figure calls
+    it."""
 
     case: Case
     label: str
@@ -53,7 +57,11 @@ class Motion:
                 return np.asarray(self.data[name].values)
             if axis in ("x1", "x2", "x3"):
                 return np.asarray(self.data[name].values[:, int(axis[1]) - 1])
-        known = ", ".join(str(each) for each, values in self.data.data_vars.items() if values.dims[:1] == ("time",))
+        known = ", ".join(
+            str(each)
+            for each, values in self.data.data_vars.items()
+            if values.dims[:1] == ("time",)
+        )
         raise HodoError(f"case {self.name} has no variable {variable!r} (it has: {known})")
 
     def columns(self, *variables: str) -> dict[str, np.ndarray]:
@@ -98,22 +106,32 @@ class Motion:
     def labels(self) -> np.ndarray:
         """The enclosed axis (n,) as `classify` stored it. Raises HodoError if it has not."""
         if not self.classified:
-            raise HodoError(f"case {self.name} has no labels of the enclosed axis (`hodo classify` stores them)")
+            raise HodoError(
+                f"case {self.name} has no labels of the enclosed axis (`hodo classify` stores them)"
+            )
         return np.asarray(self.data["enclosed_axis"].values)
 
     @cached_property
     def crossing_time(self) -> np.ndarray:
         """Times (m,) of the separatrix crossings; none in a case that is not classified."""
-        return np.asarray(self.data["crossing_time"].values) if "crossing_time" in self.data else np.empty(0)
+        return (
+            np.asarray(self.data["crossing_time"].values)
+            if "crossing_time" in self.data
+            else np.empty(0)
+        )
 
     @cached_property
     def event_time(self) -> np.ndarray:
         """Times (m,) of the events of the motion itself, such as the end of spin."""
-        return np.asarray(self.data["event_time"].values) if "event_time" in self.data else np.empty(0)
+        return (
+            np.asarray(self.data["event_time"].values) if "event_time" in self.data else np.empty(0)
+        )
 
     def at_crossings(self, values: np.ndarray) -> np.ndarray:
         """Values over time (n, k) at the crossings (m, k), interpolated between samples."""
-        return np.stack([np.interp(self.crossing_time, self.time, column) for column in values.T], axis=-1)
+        return np.stack(
+            [np.interp(self.crossing_time, self.time, column) for column in values.T], axis=-1
+        )
 
 
 @dataclass
@@ -138,9 +156,12 @@ class Results:
             data = derive(self.cases[name])
             typed(data.attrs, SUMMARY | {"case": str, "error_kind": str}, f"{self.path}: {name}")
             if "enclosed_axis" in data and not all(
-                key in data and data[key].dims == (dim,) and data[key].dtype.kind in "fi" for key, dim in LABELS.items()
+                key in data and data[key].dims == (dim,) and data[key].dtype.kind in "fi"
+                for key, dim in LABELS.items()
             ):
-                raise HodoError(f"{self.path}: {name} is damaged (its labels and crossings do not fit together)")
+                raise HodoError(
+                    f"{self.path}: {name} is damaged (its labels and crossings do not fit together)"
+                )
             self._motions[name] = Motion(case_of(data), name, data)
         found = self._motions[name]
         return Motion(found.case, label or name, found.data)
@@ -151,10 +172,14 @@ class Results:
         Raises HodoError if the file does not hold one of them, or has no samples of it.
         """
         labels = [*spec["labels"], *[""] * len(spec["cases"])]
-        motions = [self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)]
+        motions = [
+            self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)
+        ]
         for motion in motions:
             if not motion.data.sizes.get("time"):
-                raise HodoError(f"case {motion.name} has no samples (it {motion.data.attrs.get('status')})")
+                raise HodoError(
+                    f"case {motion.name} has no samples (it {motion.data.attrs.get('status')})"
+                )
         return motions
 
     def figure(self, name: str) -> Mapping[str, Any]:

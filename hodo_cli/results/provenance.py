@@ -13,7 +13,8 @@ from typing import Any
 from .. import HodoError, __version__
 
 FORMAT_VERSION = 1
-"""The version of the result files' format, which is raised when older readers would misread newer files."""
+"""The version of the result files' format, which is raised when older readers would misread newer
+files."""
 
 KINDS = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
 
@@ -21,7 +22,8 @@ LIBRARIES = ("numpy", "scipy", "heyoka", "h5py")
 
 
 def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) -> dict[str, Any]:
-    """The attributes of these names. Raises HodoError if one is missing or not of its kind: str, int or float."""
+    """The attributes of these names. Raises HodoError if one is missing or not of its kind: str,
+    int or float."""
     for name, kind in kinds.items():
         words, wanted = KINDS[kind]
         if not isinstance(attributes.get(name), wanted):
@@ -35,7 +37,8 @@ def stamp(command: str) -> str:
 
 
 def root_attributes(title: str, references: str, config: str, history: str) -> dict[str, str | int]:
-    """The root attributes of a result; `config` is the case file's text, `history` a line made by `stamp`."""
+    """The root attributes of a result; `config` is the case file's text, `history` a line made by
+    `stamp`."""
     return {
         "Conventions": "CF-1.11",
         "title": title,
@@ -49,7 +52,8 @@ def root_attributes(title: str, references: str, config: str, history: str) -> d
 
 
 def versions() -> dict[str, str]:
-    """The versions of Python and the libraries that count, and the commit of hodo where it is a git checkout."""
+    """The versions of Python and the libraries that count, and the commit of hodo where it is a git
+    checkout."""
     git = _git_status()
     found = {"python_version": sys.version.split()[0]}
     found |= {f"{library}_version": _version(library) for library in LIBRARIES}
@@ -62,18 +66,32 @@ def versions() -> dict[str, str]:
 
 
 def _git_status() -> "subprocess.Popen[str] | None":
-    """A process that prints the commit and the changes of the package's own checkout; None if it is not in one."""
+    """A process that prints the commit and the changes of the package's own checkout; None if it is
+    not in one."""
     package = Path(__file__).parents[1]
     if not (package.parent / ".git").exists():
         return None
-    command = ["git", "--no-optional-locks", "-C", str(package), "status", "--porcelain=v2", "--branch", "--", "."]
+    command = [
+        "git",
+        "--no-optional-locks",
+        "-C",
+        str(package),
+        "status",
+        "--porcelain=v2",
+        "--branch",
+        "--",
+        ".",
+    ]
     with suppress(OSError):
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        return subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
     return None
 
 
 def _version(library: str) -> str:
-    """The version of a library: from itself if it is loaded, since looking up what is installed takes 10 ms."""
+    """The version of a library: from itself if it is loaded, since looking up what is installed
+    takes 10 ms."""
     if (module := sys.modules.get(library)) is not None:
         return str(getattr(module, "__version__", "unknown"))
     from importlib.metadata import PackageNotFoundError, version

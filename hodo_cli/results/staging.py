@@ -1,7 +1,8 @@
 """The hidden folder beside a result in which one process writes it anew, to replace it in one step.
 
-A name that exists is complete, and stays so: nothing is ever changed in place. There are no lock files and no marks
-to go stale: a folder belongs to the process that holds its `flock`, which ends with the process.
+A name that exists is complete, and stays so: nothing is ever changed in place. There are no lock
+files and no marks to go stale: a folder belongs to the process that holds its `flock`, which ends
+with the process.
 """
 
 import fcntl
@@ -26,7 +27,9 @@ class Workshop:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             folder = self.path.parent / f".{self.path.name}.{os.urandom(4).hex()}.partial"
             folder.mkdir()
-            with suppress(FileNotFoundError):  # another took it for a dead process's before it was locked
+            with suppress(
+                FileNotFoundError
+            ):  # another took it for a dead process's before it was locked
                 self._hold(_lock(folder, wait=True))
                 self.folder = folder if folder.exists() else None
         return self.folder / name
@@ -76,7 +79,11 @@ def workshops(path: Path) -> list[Path]:
     """The hidden folders of all processes, living or dead, that write the file `path`."""
     with suppress(OSError):  # no such folder: nor can a result be written there
         names = sorted(os.listdir(path.parent))
-        return [path.parent / x for x in names if x.startswith(f".{path.name}.") and x.endswith(".partial")]
+        return [
+            path.parent / x
+            for x in names
+            if x.startswith(f".{path.name}.") and x.endswith(".partial")
+        ]
     return []
 
 
@@ -90,7 +97,8 @@ def identity(path: Path) -> tuple[int, int] | None:
 
 
 def _lock(folder: Path, wait: bool = False) -> int | None:
-    """A descriptor that locks a folder while it is open, or None: another has it, or locks do not work there."""
+    """A descriptor that locks a folder while it is open, or None: another has it, or locks do not
+    work there."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -21,8 +21,11 @@ class Update:
         self.parts: dict[str, Group] = {}
 
     def write(self, name: str, part: Group) -> None:
-        """Add attributes and variables to a case, or replace them; a group that begins with `_` is made anew."""
-        if name not in self.run or not _holds(self.run.read(name), part, whole=name.startswith("_")):
+        """Add attributes and variables to a case, or replace them; a group that begins with `_` is
+        made anew."""
+        if name not in self.run or not _holds(
+            self.run.read(name), part, whole=name.startswith("_")
+        ):
             self.parts[name] = part
 
 
@@ -30,8 +33,8 @@ class Update:
 def update(path: Path | str, history: str = "") -> Iterator[Update]:
     """Change a result. It is replaced at the end, or left alone if the changes change nothing.
 
-    If another process has replaced it meanwhile, the changes apply to the cases that are still the same.
-    Raises HodoError as `open_run` does, or if the result cannot be written.
+    If another process has replaced it meanwhile, the changes apply to the cases that are still the
+    same. Raises HodoError as `open_run` does, or if the result cannot be written.
     """
     path = Path(path)
     with open_run(path) as run:
@@ -54,7 +57,9 @@ def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
     def applies(name: str) -> bool:
-        return name.startswith("_") or (name in now and resume_attributes(now, name) == resume_attributes(changes.run, name))
+        return name.startswith("_") or (
+            name in now and resume_attributes(now, name) == resume_attributes(changes.run, name)
+        )
 
     parts = {name: part for name, part in changes.parts.items() if applies(name)}
     with create(whole, {**now.attributes, "history": longer(now, history)}) as output:
@@ -65,12 +70,19 @@ def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
                 output.write(name, parts[name])
             else:
                 old, part = now.read(name), parts[name]
-                output.write(name, Group({**old.attributes, **part.attributes}, {**old.variables, **part.variables}))
+                output.write(
+                    name,
+                    Group(
+                        {**old.attributes, **part.attributes}, {**old.variables, **part.variables}
+                    ),
+                )
 
 
 def _holds(old: Group, part: Group, whole: bool) -> bool:
     """Whether a group has what a part says already and, if `whole`, nothing else."""
-    if whole and (set(old.attributes) != set(part.attributes) or set(old.variables) != set(part.variables)):
+    if whole and (
+        set(old.attributes) != set(part.attributes) or set(old.variables) != set(part.variables)
+    ):
         return False
     return _same(old.attributes, part.attributes) and all(
         name in old.variables

@@ -1,9 +1,10 @@
-"""Result files: how they are made of finished cases, resumed, and changed, so that nothing finished is ever lost.
+"""Result files: how they are made of finished cases, resumed, and changed, so that nothing finished
+is ever lost.
 
-A run puts each finished case into a small file of its own, a *piece*, in its workshop, and joins them at the end. (A
-single HDF5 file that grows is unreadable, all of it, after one in five of its writes; a kill there would cost every
-case.) A piece is whole or absent; the next run takes the pieces of a dead one over. A sweep comes in *parts*, small
-files too, of which its piece is made.
+A run puts each finished case into a small file of its own, a *piece*, in its workshop, and joins
+them at the end. (A single HDF5 file that grows is unreadable, all of it, after one in five of its
+writes; a kill there would cost every case.) A piece is whole or absent; the next run takes the
+pieces of a dead one over. A sweep comes in *parts*, small files too, of which its piece is made.
 """
 
 import os
@@ -23,7 +24,8 @@ RESUME = ("hash", "status", "message", "case")
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished case: its name, the file that holds it, and the attributes that tell whether it is still right."""
+    """A finished case: its name, the file that holds it, and the attributes that tell whether it is
+    still right."""
 
     name: str
     file: Path
@@ -31,7 +33,8 @@ class Finished:
 
 
 def finished(path: Path | str) -> dict[str, list[Finished]]:
-    """The finished cases of a result, and of runs that have not ended, by name; those of the result itself first.
+    """The finished cases of a result, and of runs that have not ended, by name; those of the result
+    itself first.
 
     Raises HodoError if the result exists but cannot be read, as `open_run` does.
     """
@@ -80,13 +83,16 @@ def refusals(path: Path) -> Iterator[None]:
 class Writer:
     """Makes a result out of new cases and finished ones. A context manager.
 
-    On entering, `finished` is filled as by the function of that name. On leaving, the cases that were added or kept,
-    and no others, are joined in the given order under the result's name; if nothing is new, the file is left alone.
-    After an exception the old file stays as it is, and what was added stays where the next Writer finds it. Another
-    process may replace the result meanwhile: what it has added is taken in, and so are its labels of equal cases.
+    On entering, `finished` is filled as by the function of that name. On leaving, the cases that
+    were added or kept, and no others, are joined in the given order under the result's name; if
+    nothing is new, the file is left alone. After an exception the old file stays as it is, and what
+    was added stays where the next Writer finds it. Another process may replace the result
+    meanwhile: what it has added is taken in, and so are its labels of equal cases.
     """
 
-    def __init__(self, path: Path | str, attributes: Mapping[str, Attribute], order: Sequence[str] = ()) -> None:
+    def __init__(
+        self, path: Path | str, attributes: Mapping[str, Attribute], order: Sequence[str] = ()
+    ) -> None:
         self.path = Path(path)
         self.finished: dict[str, list[Finished]] = {}
         self._attributes = attributes
@@ -139,16 +145,27 @@ class Writer:
             failed.pop_all()
 
     def parts(self, stamp: str) -> set[int]:
-        """The numbers of the parts with this stamp that this run and dead ones have finished; all are now its own."""
+        """The numbers of the parts with this stamp that this run and dead ones have finished; all
+        are now its own."""
         for folder in self._abandoned:
             for part in folder.glob(f"part-{stamp}-*.h5"):
-                with refusals(self.path), suppress(FileExistsError), suppress(HodoError), open_run(part):
+                with (
+                    refusals(self.path),
+                    suppress(FileExistsError),
+                    suppress(HodoError),
+                    open_run(part),
+                ):
                     os.link(part, self._workshop / part.name)
         own = self._workshop.folder
-        return {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{stamp}-*.h5")} if own else set()
+        return (
+            {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{stamp}-*.h5")}
+            if own
+            else set()
+        )
 
     def add_part(self, stamp: str, number: int, group: Group) -> None:
-        """Write one finished part of a case that comes in many; it survives the death of this process.
+        """Write one finished part of a case that comes in many; it survives the death of this
+        process.
 
         `stamp` tells what the part belongs to. Raises HodoError if it cannot be written.
         """
@@ -188,7 +205,12 @@ class Writer:
             if (seen := identity(self.path)) != self._seen:
                 now = stack.enter_context(open_run(self.path)) if seen else None
             sources = self._sources(now)
-            if self._new or not now or list(sources) != now.cases() or now.text != self._attributes.get("config"):
+            if (
+                self._new
+                or not now
+                or list(sources) != now.cases()
+                or now.text != self._attributes.get("config")
+            ):
                 whole = self._workshop / "whole.h5"
                 self._join(whole, sources, longer(now, self._attributes.get("history")))
                 self._workshop.publish(whole)
@@ -197,16 +219,24 @@ class Writer:
         self._workshop.remove()
 
     def _sources(self, now: Run | None) -> dict[str, Run | Path]:
-        """Where each case comes from, in the order of the new file; `now` is the result as it stands."""
-        found: dict[str, Run | Path] = {**self._kept, **{name: case.file for name, case in self._new.items()}}
+        """Where each case comes from, in the order of the new file; `now` is the result as it
+        stands."""
+        found: dict[str, Run | Path] = {
+            **self._kept,
+            **{name: case.file for name, case in self._new.items()},
+        }
         if now and now is not self._old:
             known = set(self._old.cases()) if self._old else set()
             for name in now.cases():
                 ours = self._new.get(name)
-                equal = ours and resume_attributes(now, name).get("hash") == ours.attributes.get("hash")
+                equal = ours and resume_attributes(now, name).get("hash") == ours.attributes.get(
+                    "hash"
+                )
                 if equal or (not ours and (name in self._kept or name not in known)):
                     found[name] = now
-        return {name: found[name] for name in dict.fromkeys([*self._order, *found]) if name in found}
+        return {
+            name: found[name] for name in dict.fromkeys([*self._order, *found]) if name in found
+        }
 
     def _join(self, whole: Path, sources: Mapping[str, Run | Path], history: str) -> None:
         with create(whole, {**self._attributes, "history": history}) as output:

@@ -1,9 +1,10 @@
 """YAML 1.2 text as plain values that know their place, and back: the only importer of PyYAML.
 
-PyYAML's own constructor is not used: it follows YAML 1.1 (`1e-3` text, `no` a bool, `12:30:00` a number, the last of
-two equal keys wins), recurses, and expands aliases without a bound. Here the parser's events are read in one loop.
-Scalars follow the core schema of YAML 1.2, in which `010` is the integer ten. Documents may come from strangers:
-their size, depth and number of values are limited, and tags beyond the core schema are refused.
+PyYAML's own constructor is not used: it follows YAML 1.1 (`1e-3` text, `no` a bool, `12:30:00` a
+number, the last of two equal keys wins), recurses, and expands aliases without a bound. Here the
+parser's events are read in one loop. Scalars follow the core schema of YAML 1.2, in which `010` is
+the integer ten. Documents may come from strangers: their size, depth and number of values are
+limited, and tags beyond the core schema are refused.
 
 Source: YAML 1.2.2, section 10.3 (core schema).
 """
@@ -27,7 +28,8 @@ _UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U000100
 
 
 class Block(dict[str, Any]):
-    """A mapping that knows the places of its keys and values, and which keys it inherited from `defaults`.
+    """A mapping that knows the places of its keys and values, and which keys it inherited from
+    `defaults`.
 
     The place of a value that is itself a mapping or list in block style is that of its key.
     """
@@ -37,7 +39,9 @@ class Block(dict[str, Any]):
         self.value_places: dict[str, Place] = {}
         self.inherited: set[str] = set()
 
-    def put(self, key: str, value: Any, key_place: Place, value_place: Place, inherited: bool = False) -> None:
+    def put(
+        self, key: str, value: Any, key_place: Place, value_place: Place, inherited: bool = False
+    ) -> None:
         """Set one entry."""
         self[key] = value
         self.key_places[key] = key_place
@@ -65,7 +69,8 @@ class Items(list[Any]):
 
 
 def locate(root: Any, at: Path, place: Place) -> tuple[Place, bool]:
-    """The place of what stands at a path, or of its nearest ancestor, and whether it is inherited."""
+    """The place of what stands at a path, or of its nearest ancestor, and whether it is
+    inherited."""
     node, inherited = root, False
     for part in at:
         if isinstance(node, Block) and isinstance(part, str) and part in node:
@@ -82,20 +87,27 @@ def locate(root: Any, at: Path, place: Place) -> tuple[Place, bool]:
 def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
     """The one document of a text, as nested Block, Items and scalars.
 
-    Duplicate keys are noted in `mistakes`. Raises HodoError, with all that was noted, for text that is not YAML or
-    exceeds a limit.
+    Duplicate keys are noted in `mistakes`. Raises HodoError, with all that was noted, for text that
+    is not YAML or exceeds a limit.
     """
     reader = _Reader(mistakes, override)
     if bad := _UNPRINTABLE.search(text):
-        line, column = text.count("\n", 0, bad.start()) + 1, bad.start() - text.rfind("\n", 0, bad.start())
-        reader.fail(Place(line, column, override), f"the character U+{ord(bad[0]):04X} is not allowed")
+        line, column = (
+            text.count("\n", 0, bad.start()) + 1,
+            bad.start() - text.rfind("\n", 0, bad.start()),
+        )
+        reader.fail(
+            Place(line, column, override), f"the character U+{ord(bad[0]):04X} is not allowed"
+        )
     try:
         for event in yaml.parse(text, Loader=_LOADER):
             reader.take(event)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         said = ", ".join(part for part in (error.context, error.problem) if part)
-        raise mistakes.fatal(reader.place(mark) if mark else Place(1, 1, override), f"not YAML: {said}") from None
+        raise mistakes.fatal(
+            reader.place(mark) if mark else Place(1, 1, override), f"not YAML: {said}"
+        ) from None
     except yaml.YAMLError as error:
         raise mistakes.fatal(Place(1, 1, override), f"not YAML: {error}") from None
     return reader.root
@@ -145,7 +157,10 @@ class _Reader:
             case yaml.DocumentStartEvent():
                 self.documents += 1
                 if self.documents > 1:
-                    self.fail(self.place(event.start_mark), "a second document starts here; one is allowed")
+                    self.fail(
+                        self.place(event.start_mark),
+                        "a second document starts here; one is allowed",
+                    )
 
     def take_scalar(self, event: Any) -> None:
         place = self.place(event.start_mark)
@@ -155,7 +170,11 @@ class _Reader:
             return
         if _UNPRINTABLE.search(event.value):
             self.mistakes.add(place, self.path(), "control characters are not allowed in text")
-        plain = event.implicit[0] if event.tag is None else event.tag not in ("!", "tag:yaml.org,2002:str")
+        plain = (
+            event.implicit[0]
+            if event.tag is None
+            else event.tag not in ("!", "tag:yaml.org,2002:str")
+        )
         value = resolve_scalar(event.value) if plain else event.value
         if event.tag and not _agrees(event.tag, value):
             self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
@@ -169,13 +188,18 @@ class _Reader:
         if len(key) > MAX_KEY or _UNPRINTABLE.search(key):
             self.fail(place, f"a key is printable text of at most {MAX_KEY} characters")
         if key == "<<" and event.implicit[0]:
-            self.fail(place, "merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:")
+            self.fail(
+                place,
+                "merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:",
+            )
         if event.anchor or event.tag not in (None, "tag:yaml.org,2002:str"):
             self.fail(place, "a key takes no anchor and no tag")
         first = top.node.key_places.get(key) if isinstance(top.node, Block) else None
         top.key, top.key_place = key, place
         if first:
-            self.mistakes.add(place, self.path(), f"duplicate key; the first is in line {first.line}")
+            self.mistakes.add(
+                place, self.path(), f"duplicate key; the first is in line {first.line}"
+            )
 
     def start(self, event: Any) -> None:
         place = self.place(event.start_mark)
@@ -207,7 +231,11 @@ class _Reader:
         anchored = self.anchors.get(event.anchor)
         if anchored is None:
             known = event.anchor in self.anchors
-            self.fail(place, f"*{event.anchor} " + ("stands inside itself" if known else "has no anchor before it"))
+            self.fail(
+                place,
+                f"*{event.anchor} "
+                + ("stands inside itself" if known else "has no anchor before it"),
+            )
         value, size = anchored
         self.aliased += size
         if self.aliased > MAX_ALIASED:
@@ -237,7 +265,11 @@ _WORDS: dict[str, Any] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
     **dict.fromkeys(("true", "True", "TRUE"), True),
     **dict.fromkeys(("false", "False", "FALSE"), False),
-    **{sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in (".inf", ".Inf", ".INF")},
+    **{
+        sign + word: float(sign + "inf")
+        for sign in ("", "+", "-")
+        for word in (".inf", ".Inf", ".INF")
+    },
     **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
 }
 _INTEGER = re.compile(r"[-+]?[0-9]{1,300}|0o[0-7]{1,300}|0x[0-9a-fA-F]{1,200}")

@@ -1,8 +1,9 @@
 """The vocabulary in which models, figures and cases declare the keys that they take.
 
-A kind checks plain values (None, bool, int, float, str, list, dict). Its `check(value, at, report)` never raises:
-it calls `report(at, message)` for every mistake and returns the resolved value, or something to go on with.
-`schema()` is the same rule as JSON Schema, `describe()` the same in a few words.
+A kind checks plain values (None, bool, int, float, str, list, dict). Its `check(value, at, report)`
+never raises: it calls `report(at, message)` for every mistake and returns the resolved value, or
+something to go on with. `schema()` is the same rule as JSON Schema, `describe()` the same in a few
+words.
 """
 
 import math
@@ -46,7 +47,8 @@ class Kind(Protocol):
 
 @dataclass(frozen=True)
 class Key:
-    """One key: the kind of its value, its meaning, its unit, and its default (None: may be left out)."""
+    """One key: the kind of its value, its meaning, its unit, and its default (None: may be left
+    out)."""
 
     kind: Kind
     doc: str
@@ -55,12 +57,17 @@ class Key:
 
     def schema(self) -> dict[str, Any]:
         """The kind's schema with the key's meaning and default."""
-        default = {} if self.default is REQUIRED or self.default is None else {"default": self.default}
+        default = (
+            {} if self.default is REQUIRED or self.default is None else {"default": self.default}
+        )
         return self.kind.schema() | {"description": self.doc} | default
 
 
-def resolve(keys: Mapping[str, Key], given: Mapping[str, Any], at: Path, report: Report) -> dict[str, Any]:
-    """The values of `keys`, checked, with defaults filled in; keys that are missing or wrong are left out."""
+def resolve(
+    keys: Mapping[str, Key], given: Mapping[str, Any], at: Path, report: Report
+) -> dict[str, Any]:
+    """The values of `keys`, checked, with defaults filled in; keys that are missing or wrong are
+    left out."""
     for name in given:
         if name not in keys:
             report((*at, Misnamed(name)), unknown("key", name, keys))
@@ -175,7 +182,9 @@ class Number:
         return {"type": "number"} | {word: bound for _, word, bound in _bounds(self)}
 
     def describe(self) -> str:
-        return " ".join(["number", ", ".join(f"{sign} {bound:g}" for sign, _, bound in _bounds(self))]).rstrip()
+        return " ".join(
+            ["number", ", ".join(f"{sign} {bound:g}" for sign, _, bound in _bounds(self))]
+        ).rstrip()
 
 
 @dataclass(frozen=True)
@@ -198,7 +207,9 @@ class Integer:
         return {"type": "integer"} | {word: bound for _, word, bound in _bounds(self)}
 
     def describe(self) -> str:
-        return " ".join(["integer", ", ".join(f"{sign} {bound:g}" for sign, _, bound in _bounds(self))]).rstrip()
+        return " ".join(
+            ["integer", ", ".join(f"{sign} {bound:g}" for sign, _, bound in _bounds(self))]
+        ).rstrip()
 
 
 @dataclass(frozen=True, init=False)
@@ -231,7 +242,11 @@ class Text:
 
     def check(self, value: Any, at: Path, report: Report) -> str:
         if not isinstance(value, str):
-            report(at, f"wants text, not {shown(value)}" + ("; put it in quotes" if _real(value) is not None else ""))
+            report(
+                at,
+                f"wants text, not {shown(value)}"
+                + ("; put it in quotes" if _real(value) is not None else ""),
+            )
             return ""
         return str(value)
 
@@ -244,10 +259,13 @@ class Text:
 
 @dataclass(frozen=True)
 class Angle:
-    """An angle in radians, or text such as "60 deg"; resolved to radians, degrees by `math.radians`."""
+    """An angle in radians, or text such as "60 deg"; resolved to radians, degrees by
+    `math.radians`."""
 
     def check(self, value: Any, at: Path, report: Report) -> float:
-        if isinstance(value, str) and (match := re.fullmatch(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?(deg|rad)", value)):
+        if isinstance(value, str) and (
+            match := re.fullmatch(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?(deg|rad)", value)
+        ):
             try:
                 number = _real(float(match[1]))
             except ValueError:
@@ -269,7 +287,8 @@ class Angle:
 
 @dataclass(frozen=True)
 class Vector:
-    """A list of n numbers, resolved to a tuple; with `scalar` one number means that all are equal."""
+    """A list of n numbers, resolved to a tuple; with `scalar` one number means that all are
+    equal."""
 
     n: int
     above: float | None = None
@@ -281,7 +300,9 @@ class Vector:
         if not _is_list(value) or len(value) != self.n:
             report(at, f"wants {self.describe()}, not {shown(value)}")
             return (math.nan,) * self.n
-        return tuple(Number(self.above).check(item, (*at, i), report) for i, item in enumerate(value))
+        return tuple(
+            Number(self.above).check(item, (*at, i), report) for i, item in enumerate(value)
+        )
 
     def schema(self) -> dict[str, Any]:
         one = Number(self.above).schema()
@@ -306,7 +327,12 @@ class Matrix:
         return tuple(Vector(self.n).check(row, (*at, i), report) for i, row in enumerate(value))
 
     def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": Vector(self.n).schema(), "minItems": self.n, "maxItems": self.n}
+        return {
+            "type": "array",
+            "items": Vector(self.n).schema(),
+            "minItems": self.n,
+            "maxItems": self.n,
+        }
 
     def describe(self) -> str:
         return f"{self.n} rows of {self.n} numbers"
@@ -350,12 +376,22 @@ class Variant:
         choice = Choice(*self.tables)
         name = value.get(self.tag)
         if self.tag not in value or not isinstance(name, str) or name not in self.tables:
-            return resolve({self.tag: Key(choice, "")}, {k: v for k, v in value.items() if k == self.tag}, at, report)
+            return resolve(
+                {self.tag: Key(choice, "")},
+                {k: v for k, v in value.items() if k == self.tag},
+                at,
+                report,
+            )
         return resolve({self.tag: Key(choice, ""), **self.tables[name]}, value, at, report)
 
     def schema(self) -> dict[str, Any]:
         tables = self.tables.items()
-        return {"oneOf": [Table({self.tag: Key(Choice(name), "which law"), **keys}).schema() for name, keys in tables]}
+        return {
+            "oneOf": [
+                Table({self.tag: Key(Choice(name), "which law"), **keys}).schema()
+                for name, keys in tables
+            ]
+        }
 
     def describe(self) -> str:
         return f"a mapping with {self.tag}: {Choice(*self.tables).describe()}"
@@ -401,10 +437,12 @@ class Names:
 
 @dataclass(frozen=True, init=False)
 class Either:
-    """One of several kinds, chosen by the shape of the value (mapping, list, scalar), so that errors stay precise.
+    """One of several kinds, chosen by the shape of the value (mapping, list, scalar), so that
+    errors stay precise.
 
-    Where several kinds take the shape, the first without a mistake counts; a Variant or Table takes mappings,
-    a Vector, Matrix or Sequence lists, Names and a Vector with `scalar` both lists and scalars.
+    Where several kinds take the shape, the first without a mistake counts; a Variant or Table takes
+    mappings, a Vector, Matrix or Sequence lists, Names and a Vector with `scalar` both lists and
+    scalars.
     """
 
     kinds: tuple[Kind, ...]

@@ -31,13 +31,16 @@ class Mistakes:
             raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
 
     def fatal(self, place: Place, message: str, path: Path = ()) -> HodoError:
-        """The error to raise for a mistake after which reading cannot go on, with all mistakes so far."""
+        """The error to raise for a mistake after which reading cannot go on, with all mistakes so
+        far."""
         self.add(place, path, message)
         return self.error()
 
     def error(self, end: str = "") -> HodoError:
         """One line for each mistake, by line and column; those of overrides last."""
-        return HodoError("\n".join(self._line(place, text) for _, place, text in sorted(self.found)) + end)
+        return HodoError(
+            "\n".join(self._line(place, text) for _, place, text in sorted(self.found)) + end
+        )
 
     def raise_any(self) -> None:
         """Raise what was noted, if anything was."""
@@ -45,9 +48,17 @@ class Mistakes:
             raise self.error()
 
     def _line(self, place: Place, text: str) -> str:
-        start = f"--set {place.override}" if place.override else f"{self.name}:{place.line}:{place.column}"
+        start = (
+            f"--set {place.override}"
+            if place.override
+            else f"{self.name}:{place.line}:{place.column}"
+        )
         return _one_line(f"{start}: {text}")
 
 
 def _one_line(text: str) -> str:
-    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    return (
+        text
+        if text.isprintable()
+        else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    )

@@ -9,10 +9,15 @@ from .kinds import shown
 
 
 def write(value: Any) -> str:
-    """A plain value as YAML in one line (flow style); numbers keep every bit. Tuples are written as lists."""
+    """A plain value as YAML in one line (flow style); numbers keep every bit. Tuples are written as
+    lists."""
     match value:
         case dict():
-            return "{" + ", ".join(f"{write(str(key))}: {write(item)}" for key, item in value.items()) + "}"
+            return (
+                "{"
+                + ", ".join(f"{write(str(key))}: {write(item)}" for key, item in value.items())
+                + "}"
+            )
         case list() | tuple():
             return "[" + ", ".join(map(write, value)) + "]"
         case None | bool() | int():
@@ -20,12 +25,18 @@ def write(value: Any) -> str:
         case float():
             return repr(value)
         case str():
-            return value if _PLAIN.fullmatch(value) and isinstance(resolve_scalar(value), str) else _quoted(value)
+            return (
+                value
+                if _PLAIN.fullmatch(value) and isinstance(resolve_scalar(value), str)
+                else _quoted(value)
+            )
     raise TypeError(f"no plain value: {shown(value)}")
 
 
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.+-]*")
-_ESCAPED = re.compile("[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+_ESCAPED = re.compile(
+    "[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
+)
 
 
 def _quoted(text: str) -> str:

@@ -17,13 +17,18 @@ class Labelled(NamedTuple):
 
 
 def average(
-    variables: Mapping[str, Labelled], axes: Sequence[str], variable: str, keep: Sequence[str], at: Mapping[str, int]
+    variables: Mapping[str, Labelled],
+    axes: Sequence[str],
+    variable: str,
+    keep: Sequence[str],
+    at: Mapping[str, int],
 ) -> np.ndarray:
-    """A variable over the axes to `keep`, at positions `at` on others, averaged over the rest; nan where there is none.
+    """A variable over the axes to `keep`, at positions `at` on others, averaged over the rest; nan
+    where there is none.
 
-    `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is another, so that its average
-    is a share of members. Members whose status is not ok do not count. Raises HodoError if there is no such variable,
-    axis or position.
+    `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is another,
+    so that its average is a share of members. Members whose status is not ok do not count. Raises
+    HodoError if there is no such variable, axis or position.
     """
     name, _, part = variable.partition(".")
     if name not in variables or not set(axes) <= set(variables[name].dims):
@@ -39,11 +44,17 @@ def average(
         raise HodoError(f"the sweep has no {variable!r}: name a component of a vector, or a label")
     for axis, i in at.items():
         if axis not in axes or not i < data.shape[axes.index(axis)]:
-            raise HodoError(f"the sweep has no position {i} on an axis {axis!r} (its axes: {', '.join(axes)})")
-    data = np.where(variables["status"].data == 0, data, np.nan)[tuple(at.get(axis, slice(None)) for axis in axes)]
+            raise HodoError(
+                f"the sweep has no position {i} on an axis {axis!r} (its axes: {', '.join(axes)})"
+            )
+    data = np.where(variables["status"].data == 0, data, np.nan)[
+        tuple(at.get(axis, slice(None)) for axis in axes)
+    ]
     left = [axis for axis in axes if axis not in at]
     rest = tuple(i for i, axis in enumerate(left) if axis not in keep)
     counted = np.isfinite(data).sum(axis=rest)
     total = np.nansum(data, axis=rest)
     means = np.divide(total, counted, out=np.full(np.shape(total), np.nan), where=counted > 0)
-    return np.asarray(np.transpose(means, np.argsort(np.argsort([left.index(axis) for axis in keep]))))
+    return np.asarray(
+        np.transpose(means, np.argsort(np.argsort([left.index(axis) for axis in keep])))
+    )

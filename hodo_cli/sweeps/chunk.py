@@ -26,7 +26,8 @@ CHUNK = 16384
 
 @dataclass(frozen=True)
 class Chunk:
-    """The members `first` to `last` - 1 of a sweep, in the order in which the last axis varies fastest."""
+    """The members `first` to `last` - 1 of a sweep, in the order in which the last axis varies
+    fastest."""
 
     case: Case
     first: int
@@ -44,11 +45,14 @@ def chunks(case: Case) -> Iterator[Chunk]:
 
 
 def carried(case: Case) -> bool:
-    """Whether lanes can carry the members: the method is theirs, and the model has units and a separatrix."""
+    """Whether lanes can carry the members: the method is theirs, and the model has units and a
+    separatrix."""
     model = find(case.model, case.form)
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
     fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
-    return fit and bool(model.degree) and not model.unclassifiable and not model.run_events(case.data)
+    return (
+        fit and bool(model.degree) and not model.unclassifiable and not model.run_events(case.data)
+    )
 
 
 def compute(chunk: Chunk) -> Group:
@@ -56,13 +60,21 @@ def compute(chunk: Chunk) -> Group:
     began = perf_counter()
     case, n = chunk.case, chunk.last - chunk.first
     values = {
-        name: np.full((n, *(3 for _ in column.dims)), 0 if column.dtype[0] == "i" else np.nan, dtype=column.dtype)
+        name: np.full(
+            (n, *(3 for _ in column.dims)),
+            0 if column.dtype[0] == "i" else np.nan,
+            dtype=column.dtype,
+        )
         for name, column in columns(case).items()
     }
     left = _in_lanes(chunk, values) if carried(case) else np.arange(n)
     for i in left:
         if values["status"][i] != INVALID:
-            _alone(case, chunk.first + int(i), {name: column[i : i + 1] for name, column in values.items()})
+            _alone(
+                case,
+                chunk.first + int(i),
+                {name: column[i : i + 1] for name, column in values.items()},
+            )
     dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
     if "trajectory" in case.store:
         values |= (paths := _trajectories(chunk, values["status"]))
@@ -75,7 +87,9 @@ def _in_lanes(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
     """Fill in the members that lanes settle; returns the places of the others."""
     case, model = chunk.case, find(chunk.case.model, chunk.case.form)
     found, place, direction = member_inputs(case, np.arange(chunk.first, chunk.last))
-    values["status"][:] = np.array([INVALID if given.start is None else OK for given in found])[place]
+    values["status"][:] = np.array([INVALID if given.start is None else OK for given in found])[
+        place
+    ]
     left = values["status"] == OK
     kinds: dict[tuple[Structure, tuple[int, int, int]], list[int]] = {}
     for i, given in enumerate(found):
@@ -85,10 +99,14 @@ def _in_lanes(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
         here = np.flatnonzero(np.isin(place, alike))
         among = np.searchsorted(alike, place[here])
         constants = np.array([found[i].constants for i in alike]).T[:, among]
-        start = starts([found[i] for i in alike], among, None if direction is None else direction[here])
+        start = starts(
+            [found[i] for i in alike], among, None if direction is None else direction[here]
+        )
         (event,) = model.class_events(found[alike[0]].data)
         span = (case.time.start, case.time.end)
-        outcome = ensemble.advance(Ensemble(model, form, constants, start, span, order, event), case.tol)
+        outcome = ensemble.advance(
+            Ensemble(model, form, constants, start, span, order, event), case.tol
+        )
         _enter(case, form, constants, order, outcome, here, values)
         left[here[outcome.settled]] = False
     return np.flatnonzero(left)
@@ -125,7 +143,8 @@ def _enter(
 
 
 def _shares(time: Time, order: tuple[int, int, int], outcome: Outcome) -> np.ndarray:
-    """The part of the span (n, 3) for which D > 0, for the axis of largest inertia, and D < 0, for the smallest."""
+    """The part of the span (n, 3) for which D > 0, for the axis of largest inertia, and D < 0, for
+    the smallest."""
     span = time.end - time.start
     above = np.where(outcome.last > 0, time.end, 0) - np.where(outcome.first > 0, time.start, 0)
     turns = np.where(outcome.crossings.rises, -1, 1) * outcome.crossings.time
@@ -159,13 +178,17 @@ def _alone(case: Case, number: int, values: dict[str, np.ndarray]) -> None:
         if motion.events and model.unclassifiable:
             values["event_time"][0] = motion.events[-1].time
         if not model.unclassifiable:
-            found = classify(one, motion.method, motion.tol, motion.error, motion.variables["omega"])
+            found = classify(
+                one, motion.method, motion.tol, motion.error, motion.variables["omega"]
+            )
             _enter_one(one, found.labels, found.crossings, values)
     except HodoError:
         values["status"][0] = FAILED
 
 
-def _enter_one(case: Case, labels: np.ndarray, crossings: Any, values: dict[str, np.ndarray]) -> None:
+def _enter_one(
+    case: Case, labels: np.ndarray, crossings: Any, values: dict[str, np.ndarray]
+) -> None:
     """Enter what `classify` says of a single case."""
     values["start_axis"][0], values["end_axis"][0] = labels[0], labels[-1]
     values["crossings"][0] = len(crossings)
@@ -177,7 +200,9 @@ def _enter_one(case: Case, labels: np.ndarray, crossings: Any, values: dict[str,
             values["share"][0, axis - 1] += (end - start) / (case.time.end - case.time.start)
     A = np.array(case.data["inertia"])[:, None]
     omega = np.stack([find(case.model, case.form).start(case.data), values["omega"][0]], axis=-1)
-    values["separation"][0] = ensemble.sides(A + 0 * omega, omega, rigid_body.inertia_order(A[:, 0]))[1].min()
+    values["separation"][0] = ensemble.sides(
+        A + 0 * omega, omega, rigid_body.inertia_order(A[:, 0])
+    )[1].min()
     if crossings:
         first = crossings[0]
         values["crossing_time"][0], values["crossing_G"][0] = first.time, first.momentum
@@ -192,5 +217,7 @@ def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
         motion = integrate(member(case, chunk.first + int(i), case.time.samples))
         for name, values in motion.variables.items():
             size = (len(status), case.time.samples, *values.shape[1:])
-            found.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[: case.time.samples]
+            found.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[
+                : case.time.samples
+            ]
     return found

@@ -17,7 +17,10 @@ LABEL: dict[str, Attribute] = {
     "flag_values": np.array(list(rigid_body.LABELS), dtype=np.int8),
     "flag_meanings": " ".join(rigid_body.LABELS.values()),
 }
-FLAG: dict[str, Attribute] = {"flag_values": np.arange(len(STATUS), dtype=np.int8), "flag_meanings": " ".join(STATUS)}
+FLAG: dict[str, Attribute] = {
+    "flag_values": np.arange(len(STATUS), dtype=np.int8),
+    "flag_meanings": " ".join(STATUS),
+}
 
 
 class Column(NamedTuple):
@@ -39,7 +42,9 @@ CLASSIFIED = {
     "crossings": Column("number of passages", "i4"),
     "start_axis": Column("axis that the hodograph encloses at the start", "i1", attributes=LABEL),
     "end_axis": Column("axis that the hodograph encloses at the end", "i1", attributes=LABEL),
-    "share": Column("part of the span in which the hodograph encloses an axis", dims=("axis",), default=False),
+    "share": Column(
+        "part of the span in which the hodograph encloses an axis", dims=("axis",), default=False
+    ),
     "separation": Column("least |D| seen, as a part of the sum of its two terms", default=False),
 }
 ALWAYS = {"status": Column("how the member ended", "i1", attributes=FLAG)}
@@ -51,7 +56,9 @@ def columns(case: Case) -> dict[str, Column]:
     """Everything that a member of this sweep is reduced to."""
     model = find(case.model, case.form)
     final = {
-        name: Column(f"{variable.long_name}, at the end", dims=variable.dims[1:], units=variable.units)
+        name: Column(
+            f"{variable.long_name}, at the end", dims=variable.dims[1:], units=variable.units
+        )
         for name, variable in model.variables.items()
     }
     own = EVENT if model.unclassifiable else CLASSIFIED

@@ -1,8 +1,9 @@
-"""Many motions of one model side by side: their ends, the sides of the separatrix they stand on, their crossings.
+"""Many motions of one model side by side: their ends, the sides of the separatrix they stand on,
+their crossings.
 
-What `integrate` and `classify` do for one case is done here for arrays of them. A motion about which anything is in
-doubt (too near the separatrix, too stiff, at rest, hits that do not alternate) is left unsettled, for these two to
-decide by themselves.
+What `integrate` and `classify` do for one case is done here for arrays of them. A motion about
+which anything is in doubt (too near the separatrix, too stiff, at rest, hits that do not alternate)
+is left unsettled, for these two to decide by themselves.
 """
 
 import math
@@ -30,18 +31,21 @@ MOST_STEPS = int(4 * MANY_STEPS)
 """Steps after which a motion is left to that driver too."""
 
 ROUNDS, TANGENT = 60, 1e-8
-"""Of Newton's method: the most steps, and the size of a step whose square is nothing where all rates are at most 1."""
+"""Of Newton's method: the most steps, and the size of a step whose square is nothing where all
+rates are at most 1."""
 
 DOUBT = 1e-9
 """Where |D| is a smaller part of the sum of its two terms, its sign may be that of an error."""
 
 APART = 1e-4
-"""Zeros of D that are nearer to each other, in units of the fastest time, may be one touch without a crossing."""
+"""Zeros of D that are nearer to each other, in units of the fastest time, may be one touch without
+a crossing."""
 
 
 @dataclass(frozen=True)
 class Ensemble:
-    """n motions: the constants of their equations (c, n), flat as `structure` says, states at the start (m, n), span.
+    """n motions: the constants of their equations (c, n), flat as `structure` says, states at the
+    start (m, n), span.
 
     All have one `order` of the axes by inertia, and the separatrix as their `event`.
     """
@@ -57,18 +61,26 @@ class Ensemble:
     @property
     def inertia(self) -> np.ndarray:
         """A1, A2, A3 of each motion (3, n)."""
-        rows = [name for name, size in self.structure if not isinstance(size, str) for _ in range(max(size, 1))]
+        rows = [
+            name
+            for name, size in self.structure
+            if not isinstance(size, str)
+            for _ in range(max(size, 1))
+        ]
         return self.constants[[rows.index(name) for name in ("A1", "A2", "A3")]]
 
     def degrees(self) -> np.ndarray:
-        """The degree in omega of the terms that each row of the constants multiplies; nan for the other rows."""
+        """The degree in omega of the terms that each row of the constants multiplies; nan for the
+        other rows."""
         found: list[float] = []
         for name, size in self.structure:
             if not isinstance(size, str):
                 found += [self.model.degree.get(name, math.nan)] * max(size, 1)
         return np.array(found)
 
-    def units(self, k: np.ndarray, largest: np.ndarray, lightest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def units(
+        self, k: np.ndarray, largest: np.ndarray, lightest: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """`Units.fit` for many: size and rate (n,) for the largest component of omega (n,)."""
         degree = self.degrees()
         with np.errstate(divide="ignore"):
@@ -78,31 +90,43 @@ class Ensemble:
             size = np.maximum(size, np.ceil(forcing / 2))
         size = np.where(size > -(10**6), size, 0)
         rate = size
-        names = [name for name, width in self.structure if not isinstance(width, str) for _ in range(max(width, 1))]
+        names = [
+            name
+            for name, width in self.structure
+            if not isinstance(width, str)
+            for _ in range(max(width, 1))
+        ]
         for row, power, name in zip(logs, degree, names, strict=True):
             if not math.isnan(power) and name != "g":
                 rate = np.maximum(rate, row + (power - 1) * size)
         return size.astype(np.int64), np.ceil(rate).astype(np.int64)
 
     def decay(self) -> np.ndarray:
-        """A bound (n,) on the relative rate at which the linear terms change the energy's square root.
+        """A bound (n,) on the relative rate at which the linear terms change the energy's square
+        root.
 
-        In the coordinates sqrt(A) omega the energy is half the squared length, and its rate of change lies between
-        the extreme eigenvalues of the symmetric part of the linear terms: within Gershgorin's discs.
+        In the coordinates sqrt(A) omega the energy is half the squared length, and its rate of
+        change lies between the extreme eigenvalues of the symmetric part of the linear terms:
+        within Gershgorin's discs.
         """
         m = len(self.start)
-        linear = np.where((self.degrees() == 1)[:, None] | np.isnan(self.degrees())[:, None], self.constants, 0.0)
+        linear = np.where(
+            (self.degrees() == 1)[:, None] | np.isnan(self.degrees())[:, None], self.constants, 0.0
+        )
         k = namespace(self.structure, list(linear))
         zero = np.zeros(self.start.shape[1])
         columns = [self.model.rhs(0.0, [zero + (i == j) for i in range(m)], k) for j in range(m)]
-        matrix = np.array([[np.broadcast_to(entry, zero.shape) for entry in column] for column in columns])
+        matrix = np.array(
+            [[np.broadcast_to(entry, zero.shape) for entry in column] for column in columns]
+        )
         root = np.sqrt(self.inertia)
         weighted = matrix * root[None, :] / root[:, None]
         return np.asarray(np.abs(weighted + weighted.swapaxes(0, 1)).sum(axis=1).max(axis=0) / 2)
 
 
 class Crossings(NamedTuple):
-    """Passages through the separatrix, in order of motion and time, (k,) each: `rises` where D > 0 from then on."""
+    """Passages through the separatrix, in order of motion and time, (k,) each: `rises` where D > 0
+    from then on."""
 
     motion: np.ndarray
     time: np.ndarray
@@ -112,10 +136,12 @@ class Crossings(NamedTuple):
 
 @dataclass
 class Outcome:
-    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), and their crossings.
+    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), and their
+    crossings.
 
-    `first` and `last` are the sign of D at both ends (0: a spherical body), `separation` the least part of its two
-    terms that |D| was at the start, the end and the changes of units. Where `settled` is False nothing here counts.
+    `first` and `last` are the sign of D at both ends (0: a spherical body), `separation` the least
+    part of its two terms that |D| was at the start, the end and the changes of units. Where
+    `settled` is False nothing here counts.
     """
 
     state: np.ndarray
@@ -128,8 +154,11 @@ class Outcome:
     crossings: Crossings
 
 
-def sides(A: np.ndarray, omega: np.ndarray, order: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """The sign of D (n,), and |D| as a part of the sum of its two terms (infinite for a spherical body)."""
+def sides(
+    A: np.ndarray, omega: np.ndarray, order: tuple[int, int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The sign of D (n,), and |D| as a part of the sum of its two terms (infinite for a spherical
+    body)."""
     outer, inner = rigid_body.separatrix_terms(A, omega, order)
     total = outer + inner
     part = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
@@ -140,9 +169,9 @@ def sides(A: np.ndarray, omega: np.ndarray, order: tuple[int, int, int]) -> tupl
 def advance(e: Ensemble, tol: float | None) -> Outcome:
     """All motions of an ensemble through their span.
 
-    Each motion goes in legs of its own, at whose ends its units are renewed, so that it is right relative to its
-    size however far it decays. For a model that crosses the separatrix at most once, D is looked for only in the
-    legs at whose ends its signs differ.
+    Each motion goes in legs of its own, at whose ends its units are renewed, so that it is right
+    relative to its size however far it decays. For a model that crosses the separatrix at most
+    once, D is looked for only in the legs at whose ends its signs differ.
     """
     begin, end = e.span
     A, n = e.inertia, e.start.shape[1]
@@ -156,8 +185,19 @@ def advance(e: Ensemble, tol: float | None) -> Outcome:
     found: list[Crossings] = []
     while (active := np.flatnonzero(settled & (t < end))).size:
         target = np.minimum(t[active] + leg[active], end)
-        passed = _Leg(e, active, size[active], rate[active], target - t[active], y[:, active], side[active], tol)
-        well = passed.well & (forced | (np.abs(np.log2(np.abs(passed.end).max(axis=0) + 1e-300)) < 6))
+        passed = _Leg(
+            e,
+            active,
+            size[active],
+            rate[active],
+            target - t[active],
+            y[:, active],
+            side[active],
+            tol,
+        )
+        well = passed.well & (
+            forced | (np.abs(np.log2(np.abs(passed.end).max(axis=0) + 1e-300)) < 6)
+        )
         settled[active] = well
         found.append(passed.crossings(t[active]))
         side[active], t[active], y[:, active] = passed.side, target, passed.end
@@ -171,7 +211,8 @@ def advance(e: Ensemble, tol: float | None) -> Outcome:
 
 
 def _legs(e: Ensemble, rate: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
-    """The length of each motion's legs (n,), and whether they are few and short enough to be taken here."""
+    """The length of each motion's legs (n,), and whether they are few and short enough to be taken
+    here."""
     decay = e.decay()
     with np.errstate(divide="ignore"):
         leg = np.minimum(_rounded(math.log(FOLD) / decay), max(span, 1e-300))
@@ -195,10 +236,12 @@ def _root(
     e: Ensemble, A: np.ndarray, k: np.ndarray, y: np.ndarray, spans: np.ndarray, guess: np.ndarray, side: np.ndarray,
     tol: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """When D = 0 (n,) in motions that leave their `side` once within their spans, and the states there (m, n).
+    """When D = 0 (n,) in motions that leave their `side` once within their spans, and the states
+    there (m, n).
 
-    Newton's method from a guess, kept within the bracket that the signs of D leave; nan where it does not converge.
-    The last of its steps, whose square does not count, is taken along the tangent.
+    Newton's method from a guess, kept within the bracket that the signs of D leave; nan where it
+    does not converge. The last of its steps, whose square does not count, is taken along the
+    tangent.
     """
     engine, left = _lanes(e, False, tol), np.arange(len(spans))
     at, there = np.full(len(spans), np.nan), y.copy()
@@ -207,7 +250,8 @@ def _root(
     for _ in range(ROUNDS):
         rate = np.array(e.model.rhs(0.0, list(state), namespace(e.structure, list(k[:, left]))))
         value, faster, slower = (
-            np.subtract(*rigid_body.separatrix_terms(A[:, left], w, e.order)) for w in (state, state + rate, state - rate)
+            np.subtract(*rigid_body.separatrix_terms(A[:, left], w, e.order))
+            for w in (state, state + rate, state - rate)
         )
         before = value * side[left] > 0
         low[left], high[left] = np.where(before, t, low[left]), np.where(before, high[left], t)
@@ -234,7 +278,9 @@ class _Leg:
         self.active, self.size, self.rate = active, size, rate
         self.A = e.inertia[:, active]
         degree = e.degrees()[:, None]
-        shift = np.where(np.isnan(degree), 0, np.nan_to_num(degree - 1) * size - rate).astype(np.int64)
+        shift = np.where(np.isnan(degree), 0, np.nan_to_num(degree - 1) * size - rate).astype(
+            np.int64
+        )
         k, spans = np.ldexp(e.constants[:, active], shift), np.ldexp(time, rate)
         plain = _lanes(e, not e.model.crosses_once, tol)
         self.end, self.steps, self.well, self.found = plain.leg(k, y, spans, MOST_STEPS)
@@ -243,13 +289,23 @@ class _Leg:
         if e.model.crosses_once and (turned := np.flatnonzero(self.side * side < 0)).size:
             before = sides(self.A, y, e.order)[1]
             guess = (spans * before / (before + self.separation))[turned]
-            at, state = _root(e, self.A[:, turned], k[:, turned], y[:, turned], spans[turned], guess, side[turned], tol)
+            at, state = _root(
+                e,
+                self.A[:, turned],
+                k[:, turned],
+                y[:, turned],
+                spans[turned],
+                guess,
+                side[turned],
+                tol,
+            )
             self.found = Passages(turned, at, self.side[turned].astype(np.int64), state)
             self.well[turned] &= np.isfinite(at)
         self.well &= ~self._doubtful(side)
 
     def _doubtful(self, side: np.ndarray) -> np.ndarray:
-        """The motions whose passages do not lead, in turns, from the side before the leg to the side after it."""
+        """The motions whose passages do not lead, in turns, from the side before the leg to the
+        side after it."""
         motion, time, direction, _ = self.found
         wrong = np.zeros(len(side), dtype=bool)
         new = np.diff(motion, prepend=-1) != 0
@@ -263,7 +319,9 @@ class _Leg:
     def crossings(self, start: np.ndarray) -> Crossings:
         """The passages in true units; `start` is the time at which the leg began (n,)."""
         motion, time, direction, state = self.found
-        momentum = np.ldexp(np.sqrt(np.square(self.A[:, motion] * state).sum(axis=0)), self.size[motion])
+        momentum = np.ldexp(
+            np.sqrt(np.square(self.A[:, motion] * state).sum(axis=0)), self.size[motion]
+        )
         at = start[motion] + np.ldexp(time, -self.rate[motion])
         return Crossings(self.active[motion], at, direction > 0, momentum)
 
@@ -271,7 +329,9 @@ class _Leg:
 def _joined(found: list[Crossings], settled: np.ndarray) -> Crossings:
     """The crossings of all legs, of the settled motions only, in order."""
     if not found:
-        return Crossings(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0, dtype=bool), np.empty(0))
+        return Crossings(
+            np.empty(0, dtype=np.int64), np.empty(0), np.empty(0, dtype=bool), np.empty(0)
+        )
     motion, time, rises, momentum = (np.concatenate(each) for each in zip(*found, strict=True))
     order = np.lexsort((time, motion))
     order = order[settled[motion[order]]]

@@ -23,7 +23,11 @@ def group_of_columns(
     ok, failed, timeout, invalid = summary.status.tolist()
     total = tasks[-1].last
     words = [f"{count} of {total} members: {message}" for message, count in problems.items()]
-    words += [f"{n} of {total} members {what}" for n, what in ((failed, "failed"), (timeout, "ran out of time")) if n]
+    words += [
+        f"{n} of {total} members {what}"
+        for n, what in ((failed, "failed"), (timeout, "ran out of time"))
+        if n
+    ]
     lanes = carried(case)
     attributes: dict[str, Attribute] = {
         "model": case.model,
@@ -31,7 +35,9 @@ def group_of_columns(
         "case": dump(case),
         "hash": mark,
         "method": "taylor" if lanes else case.method,
-        "method_reason": f"in lanes, {summary.alone} of {total} members by themselves" if lanes else "each by itself",
+        "method_reason": f"in lanes, {summary.alone} of {total} members by themselves"
+        if lanes
+        else "each by itself",
         "members": total,
         "tol": case.tol or 2.0**-52,
         "steps": summary.steps,
@@ -64,7 +70,11 @@ def group_of_columns(
                 for name in kept(case):
                     data = part.variable(name)
                     for where, rows in boxes:
-                        yield name, where, data[rows].reshape(*(s.stop - s.start for s in where), *data.shape[1:])
+                        yield (
+                            name,
+                            where,
+                            data[rows].reshape(*(s.stop - s.start for s in where), *data.shape[1:]),
+                        )
 
     return Group({**attributes, **errors}, variables, Late(frozenset(kept(case)), fill))
 
@@ -76,22 +86,33 @@ def coordinates(case: Case) -> dict[str, Variable]:
         numbers = np.arange(len(axis))
         if axis.sphere is not None:
             label = {"long_name": "direction of G at the start", "units": "1"}
-            found[f"{axis.name}_vector"] = Variable((axis.name, "axis"), axis.directions(numbers), label)
+            found[f"{axis.name}_vector"] = Variable(
+                (axis.name, "axis"), axis.directions(numbers), label
+            )
         elif len(axis.ranges) == 1 and axis.name == ".".join(map(str, axis.ranges[0][0])):
-            found[axis.name] = Variable((axis.name,), axis.values[0], {"long_name": axis.name, "units": "1"})
+            found[axis.name] = Variable(
+                (axis.name,), axis.values[0], {"long_name": axis.name, "units": "1"}
+            )
         else:
             for (path, _), values in zip(axis.ranges, axis.values, strict=True):
                 key = ".".join(map(str, path))
                 found[key] = Variable((axis.name,), values, {"long_name": key, "units": "1"})
     if "trajectory" in case.store:
         time = case.time
-        times = np.linspace(time.start, time.end, time.samples) if time.samples > 1 else np.array([time.end])
+        times = (
+            np.linspace(time.start, time.end, time.samples)
+            if time.samples > 1
+            else np.array([time.end])
+        )
         found["time"] = Variable(("time",), times, {"long_name": "time", "units": "1"})
     return found
 
 
-def slabs(sizes: tuple[int, ...], first: int, last: int) -> Iterator[tuple[tuple[slice, ...], slice]]:
-    """Members `first` to `last` - 1 as boxes of an array of these sizes, each with its part of the members."""
+def slabs(
+    sizes: tuple[int, ...], first: int, last: int
+) -> Iterator[tuple[tuple[slice, ...], slice]]:
+    """Members `first` to `last` - 1 as boxes of an array of these sizes, each with its part of the
+    members."""
 
     def cut(sizes: tuple[int, ...], a: int, b: int) -> Iterator[tuple[tuple[slice, ...], int, int]]:
         if len(sizes) == 1:
@@ -102,7 +123,11 @@ def slabs(sizes: tuple[int, ...], first: int, last: int) -> Iterator[tuple[tuple
             i, inside = divmod(a, row)
             if inside == 0 and b - a >= row:
                 rows = (b - a) // row
-                yield (slice(i, i + rows), *(slice(0, size) for size in sizes[1:])), a, a + rows * row
+                yield (
+                    (slice(i, i + rows), *(slice(0, size) for size in sizes[1:])),
+                    a,
+                    a + rows * row,
+                )
                 a += rows * row
             else:
                 stop = min(b, (i + 1) * row)

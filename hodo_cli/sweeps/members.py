@@ -1,7 +1,8 @@
-"""The members of a sweep: their data, and how a chunk of them is carried through and reduced to a few numbers each.
+"""The members of a sweep: their data, and how a chunk of them is carried through and reduced to a
+few numbers each.
 
-The members that heyoka's lanes can carry go there (`ensemble`); the others, and those about which anything is in
-doubt, are integrated and classified one by one, as any single case.
+The members that heyoka's lanes can carry go there (`ensemble`); the others, and those about which
+anything is in doubt, are integrated and classified one by one, as any single case.
 """
 
 from dataclasses import replace
@@ -17,7 +18,8 @@ from .columns import shape
 
 
 class Inputs(NamedTuple):
-    """One combination of the values that vary otherwise than over a sphere: the data, and what they amount to.
+    """One combination of the values that vary otherwise than over a sphere: the data, and what they
+    amount to.
 
     `start` is None, and so is all but the data, where they describe no body or no start.
     """
@@ -45,8 +47,11 @@ def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
     return Inputs(data, structure(k), tuple(flatten(k)), model.start(data), order)
 
 
-def member_inputs(case: Case, members: np.ndarray) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
-    """The combinations that occur among members (n,), the place of each member's, and its direction (n, 3), if any."""
+def member_inputs(
+    case: Case, members: np.ndarray
+) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
+    """The combinations that occur among members (n,), the place of each member's, and its direction
+    (n, 3), if any."""
     assert case.sweep is not None
     axes = axes_of(case.sweep)
     index = np.unravel_index(members, shape(case))
@@ -56,13 +61,15 @@ def member_inputs(case: Case, members: np.ndarray) -> tuple[list[Inputs], np.nda
     which, place = np.unique(flat, return_inverse=True)
     positions = np.stack(np.unravel_index(which, sizes), axis=-1).tolist()
     found = [inputs(case, [axis for axis, _ in plain], at if plain else []) for at in positions]
-    sphere = next(((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None)
+    sphere = next(
+        ((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None
+    )
     return found, place, sphere[0].directions(sphere[1]) if sphere else None
 
 
 def starts(given: list[Inputs], place: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
-    """The states at the start (m, n), from the combination at each place (n,); with a direction (n, 3) of G, its |G|
-    is that of the data."""
+    """The states at the start (m, n), from the combination at each place (n,); with a direction (n,
+    3) of G, its |G| is that of the data."""
     start = np.array([one.start for one in given]).T
     if direction is None:
         return np.asarray(start[:, place])
@@ -76,6 +83,11 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
     data = given.data
     if direction is not None and given.start is not None:
         omega = starts([given], np.zeros(1, dtype=int), direction)[:, 0].tolist()
-        data = {**data, "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True))}
+        data = {
+            **data,
+            "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True)),
+        }
     time = Time(start=case.time.start, end=case.time.end, samples=samples)
-    return replace(case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off")
+    return replace(
+        case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off"
+    )

@@ -37,12 +37,14 @@ class Probe(NamedTuple):
 
 
 def probe(task: Probe) -> list[tuple[float, float, str]]:
-    """The error of the final state and of the first crossing of each member, and against what they are measured."""
+    """The error of the final state and of the first crossing of each member, and against what they
+    are measured."""
     return [_probe(task.case, *each) for each in zip(*task[1:], strict=True)]
 
 
 def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple[float, float, str]:
-    """The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of Newton's method."""
+    """The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
+    Newton's method."""
     one = member(case, number)
     end = np.array([case.time.end])
     times = np.append(crossing, end) if crossing < case.time.end else end
@@ -52,7 +54,9 @@ def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple
             continue
         path = reference.path
         theirs = Path(end, path.state[-1:], path.exponent[-1:], ())
-        error = difference(one, Path(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs)["omega"]
+        error = difference(one, Path(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs)[
+            "omega"
+        ]
         off = math.nan if len(times) == 1 else _newton(one, path.state[0], int(path.exponent[0]))
         return error, off, precision if tol is None else "refined"
     return math.nan, math.nan, "none"
@@ -64,11 +68,16 @@ def _newton(case: Case, state: np.ndarray, exponent: int) -> float:
     A = np.array(case.data["inertia"])
     constants = model.constants(case.data)
     order = rigid_body.inertia_order(A)
-    (outer, inner), k = rigid_body.separatrix_terms(A, state, order), namespace(structure(constants), flatten(constants))
+    (outer, inner), k = (
+        rigid_body.separatrix_terms(A, state, order),
+        namespace(structure(constants), flatten(constants)),
+    )
     omega = np.ldexp(state.astype(float), exponent)
     rate = np.ldexp(np.array(model.rhs(0.0, list(omega), k)), -exponent)
     w = state.astype(float)
-    faster, slower = (np.subtract(*rigid_body.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1))
+    faster, slower = (
+        np.subtract(*rigid_body.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1)
+    )
     return abs(float(outer - inner) / (float(faster - slower) / 2))
 
 
@@ -87,7 +96,9 @@ def lost_part(chunk: Chunk) -> Group:
     found = {}
     for name, column in columns(chunk.case).items():
         fill = FAILED if name == "status" else 0 if column.dtype[0] == "i" else np.nan
-        data = np.full((chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype)
+        data = np.full(
+            (chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype
+        )
         found[name] = Variable(("member", *column.dims), data)
     return Group({"run_time": 0.0, "alone": 0}, found)
 
@@ -125,7 +136,10 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
             separation = np.where(status == OK, part.variable("separation"), np.inf)
         omega = omega[:, -1] if omega.ndim == 3 else omega
         nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]
-        near += [(float(separation[i]), task.first + int(i), omega[i], float(crossing[i])) for i in nearest]
+        near += [
+            (float(separation[i]), task.first + int(i), omega[i], float(crossing[i]))
+            for i in nearest
+        ]
         near = sorted(near, key=lambda one: one[:2])[:NEAREST]
         for i in drawn[(drawn >= task.first) & (drawn < task.last)] - task.first:
             if status[i] == OK:

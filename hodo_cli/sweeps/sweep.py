@@ -1,7 +1,9 @@
-"""Sweeps: a case with a `sweep:` block, as an ensemble of single cases that are reduced to a few numbers each.
+"""Sweeps: a case with a `sweep:` block, as an ensemble of single cases that are reduced to a few
+numbers each.
 
-The members go in chunks, which are the tasks of a pool. Each finished chunk is stored by itself, so that a run that
-is killed goes on from there, and no more than a few of them are in memory at a time.
+The members go in chunks, which are the tasks of a pool. Each finished chunk is stored by itself, so
+that a run that is killed goes on from there, and no more than a few of them are in memory at a
+time.
 """
 
 import hashlib
@@ -21,7 +23,8 @@ Say = Callable[[str], None]
 
 
 def run(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Say) -> Group:
-    """All members of a sweep; the chunks of an earlier run with the same `mark` are taken over if `resume`.
+    """All members of a sweep; the chunks of an earlier run with the same `mark` are taken over if
+    `resume`.
 
     Raises HodoError if no member came to anything.
     """
