@@ -1,0 +1,188 @@
+"""The free motion of a rigid body by its slow variables and its phase.
+
+Axes are sorted, a >= b >= c, and omega = (p, q, r) goes with them. With h = 2T the slow variables
+are
+
+    X = G^2 - h c = a(a - c) p^2 + b(b - c) q^2        Y = h a - G^2 = b(a - b) q^2 + c(a - c) r^2
+    u = |ln[(a - b) X / ((b - c) Y)]|                  m = k^2 = exp(-u)
+
+Side +1 (D > 0): the hodograph goes round axis a. Side -1: round axis c. The separatrix is u = 0. On
+side +1
+
+    p, q, r = s sqrt(X/(a(a-c))) dn, -s sqrt(Y/(b(a-b))) sn, sqrt(Y/(c(a-c))) cn     of n t,     n^2
+    = (a-b) X/(abc)
+
+and on side -1
+
+    p, q, r = sqrt(X/(a(a-c))) cn, -s sqrt(X/(b(b-c))) sn, s sqrt(Y/(c(a-c))) dn     of n t,     n^2
+    = (b-c) Y/(abc)
+
+with the sense of rotation s = +1 or -1. The phase is phi = pi n t/(2K): 0 where q = 0, and 2 pi
+more after a turn. The two sides are one formula in E = X, O = Y (side +1) and E = Y, O = X (side
+-1): e is the enclosed axis, o the other.
+
+Source: L. D. Landau and E. M. Lifshitz, Mechanics, section 37.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from ..rigid_body import inertia_order
+
+LANDEN = 12
+"""Steps of the arithmetic-geometric mean that bring 1 - m = 1e-300 to the last digit of a
+double."""
+
+SMALLEST_GAP = 1e-300
+"""The smallest 1 - m: at 0 the period is infinite, and Landen's transformation divides by 0."""
+
+
+class Body(NamedTuple):
+    """Principal moments in falling order, the axes (from 0) that they belong to, and whether that
+    order is even."""
+
+    a: float
+    b: float
+    c: float
+    order: tuple[int, int, int]
+    parity: int
+
+    @classmethod
+    def of(cls, inertia: Sequence[float]) -> Self:
+        """The body with these moments. Raises ValueError for a sphere, which has no fast motion."""
+        order = inertia_order(inertia)
+        a, b, c = (inertia[i] for i in order)
+        if a == c:
+            raise ValueError(
+                "with three equal moments of inertia nothing turns: nothing to average over"
+            )
+        return cls(a, b, c, order, 1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1)
+
+    def weight(self, side: Any) -> tuple[Any, Any]:
+        """(w_e, w_o) with m = w_o O/(w_e E): a - b and b - c on side +1, exchanged on side -1; side
+        of any shape."""
+        above = np.asarray(side) > 0
+        outer, inner = self.a - self.b, self.b - self.c
+        return np.where(above, outer, inner), np.where(above, inner, outer)
+
+    def sort(self, vector: Any) -> np.ndarray:
+        """A pseudovector (..., 3), omega or a torque, along the sorted axes: an odd order turns it
+        round."""
+        return np.asarray(self.parity * np.asarray(vector)[..., list(self.order)])
+
+    def unsort(self, vector: np.ndarray) -> np.ndarray:
+        """The inverse of `sort`."""
+        given = np.empty_like(vector)
+        given[..., list(self.order)] = self.parity * vector
+        return given
+
+
+class Slow(NamedTuple):
+    """A motion at one moment or at many (n,): X, Y, side, 1 - m, sense of rotation s, phase phi."""
+
+    X: Any
+    Y: Any
+    side: Any
+    gap: Any
+    sense: Any
+    phase: Any
+
+    @property
+    def pair(self) -> tuple[Any, Any]:
+        """E and O."""
+        above = np.asarray(self.side) > 0
+        return np.where(above, self.X, self.Y), np.where(above, self.Y, self.X)
+
+
+def slow_variables(body: Body, omega: Sequence[float]) -> Slow:
+    """The slow variables and the phase of an angular velocity (3,), along the body axes as given.
+
+    1 - m comes from D, as a sum of terms none of which cancels: 1 - m as a difference is noise near
+    the separatrix.
+    """
+    a, b, c = body[:3]
+    p, q, r = (float(x) for x in body.sort(omega))
+    X = a * (a - c) * p * p + b * (b - c) * q * q
+    Y = b * (a - b) * q * q + c * (a - c) * r * r
+    D = a * (a - b) * p * p - c * (b - c) * r * r
+    side = 1 if D > 0 else -1
+    about, across = (p, r) if side > 0 else (r, p)
+    scale = float(body.weight(side)[0]) * (X if side > 0 else Y)
+    gap = (a - c) * abs(D) / scale if scale else 1.0
+    sense = -1 if about < 0 else 1
+    opposite, inner = (c, a - b) if side > 0 else (a, b - c)
+    am = math.atan2(-sense * math.sqrt(b * inner) * q, math.sqrt(opposite * (a - c)) * across)
+    return Slow(X, Y, side, gap, sense, float(phase_of(am, gap)))
+
+
+def frequency(body: Body, E: Any, side: Any) -> Any:
+    """n = sqrt(w_e E/(a b c)), the factor of t in sn, cn, dn; a turn takes 4 K/n. E and side of any
+    shape."""
+    return np.sqrt(body.weight(side)[0] * E / (body.a * body.b * body.c))
+
+
+def landen(gap: Any) -> list[tuple[Any, Any, Any]]:
+    """(a_n, b_n, c_n/m) of the arithmetic-geometric mean from (1, k', k) for 1 - m = gap (...), n =
+    0 ... LANDEN.
+
+    c_{n+1}/m = m (c_n/m)^2/(2(a_n + b_n)): no difference of near numbers, and no division by a
+    small m.
+    """
+    gap = np.maximum(gap, SMALLEST_GAP)
+    a, b, m = np.ones_like(gap), np.sqrt(gap), 1 - gap
+    levels = [(a, b, np.zeros_like(gap))]
+    c = 1 / (2 * (1 + b))
+    for _ in range(LANDEN):
+        a, b = (a + b) / 2, np.sqrt(a * b)
+        levels.append((a, b, c))
+        c = m * c * c / (4 * ((a + b) / 2))
+    return levels
+
+
+def phase_of(am: Any, gap: Any) -> Any:
+    """phi = pi F(am)/(2K) of an amplitude am (...); on the whole real line, for 1 - m = gap
+    (...)."""
+    levels = landen(gap)
+    for a, b, _ in levels[:-1]:
+        more = np.arctan2(b * np.sin(am), a * np.cos(am))
+        # More and am are in the same quadrant; the arc tangent forgets whole turns.
+        am = am + more + 2 * np.pi * np.round((am - more) / (2 * np.pi))
+    return am / 2**LANDEN
+
+
+def amplitude(phase: Any, gap: Any) -> tuple[Any, Any]:
+    """am and Z/m, Z = E(am) - F(am) E/K, at a phase (...) for 1 - m = gap (...).
+
+    Z/m = sum of (c_n/m) sin phi_n, over Landen's amplitudes, is as good at m = 0 as anywhere.
+
+    Source: M. Abramowitz and I. A. Stegun, 16.4 and 17.6.9.
+    """
+    levels = landen(gap)
+    m = 1 - np.maximum(gap, SMALLEST_GAP)
+    phi, zeta = 2**LANDEN * phase, 0.0
+    for a, _, c in levels[:0:-1]:
+        sine = np.sin(phi)
+        zeta = zeta + c * sine
+        phi = (phi + np.arcsin(m * c / a * sine)) / 2
+    return phi, zeta
+
+
+def free_motion_by_phase(body: Body, slow: Slow, phase: Any) -> np.ndarray:
+    """omega (..., 3) along the sorted axes, at a phase (...) of the free motion with these slow
+    variables (...)."""
+    a, b, c = body[:3]
+    am, _ = amplitude(phase, slow.gap)
+    sn, cn = np.sin(am), np.cos(am)
+    dn = np.sqrt(cn * cn + slow.gap * sn * sn)
+    above, (E, O) = np.asarray(slow.side) > 0, slow.pair
+    outer, inner = np.where(above, a, c), np.where(above, c, a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # For two equal moments the other side, with its division by 0, is not there.
+        across = np.sqrt(O / (b * body.weight(slow.side)[0]))
+    w_e = slow.sense * np.sqrt(E / (outer * (a - c))) * dn
+    w_m = -slow.sense * across * sn
+    w_o = np.sqrt(O / (inner * (a - c))) * cn
+    return np.stack((np.where(above, w_e, w_o), w_m, np.where(above, w_o, w_e)), axis=-1)

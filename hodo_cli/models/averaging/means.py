@@ -1,0 +1,101 @@
+"""Means over a turn of the free motion, and the averaged rates of linear resistance and of a
+fluid-filled cavity.
+
+Everything is written with + - * / and **, for numbers, arrays and the symbols of an engine. The
+elliptic integrals come by the arithmetic-geometric mean as sums of positive terms: (K - E)/(m K)
+loses its digits as m -> 0.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+AGM = 8
+"""Steps of the mean: they bring 1 - m = 1e-16 to the last digit of a double."""
+
+
+class Means(NamedTuple):
+    """<sn^2>, <sn^4>, C = <cn^2>, Dn = <dn^2> = E/K, and <dn> = pi/(2K), the pace of the phase."""
+
+    ss: Any
+    ssss: Any
+    cc: Any
+    dd: Any
+    pace: Any
+
+
+def turn_means(m: Any, gap: Any, steps: int = AGM) -> Means:
+    """The means of a turn for the modulus m = k^2 and gap = 1 - m.
+
+    <sn^2> = 1/2 + m S with S = sum of 2^(n-1) c_n^2/m^2, and c_{n+1} = c_n^2/(4 a_{n+1}). Then
+    <sn^4> = (2(1 + m) <sn^2> - 1)/(3m) is (1 + 2(1 + m) S)/3, without its division.
+
+    Source: M. Abramowitz and I. A. Stegun, 17.6.
+    """
+    root = gap**0.5
+    a, b = (1 + root) / 2, root**0.5
+    square, factor = 1 / (4 * (1 + root) * (1 + root)), 1  # c_n^2/m^2 and 2^(n-1)
+    total = square
+    for _ in range(steps - 1):
+        a, b = (a + b) / 2, (a * b) ** 0.5
+        square, factor = m * m * square * square / (16 * a * a), 2 * factor
+        total = total + factor * square
+    ss = 0.5 + m * total
+    return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, a)
+
+
+def linear_rates(lam: Sequence[Any], mean: Means) -> tuple[Any, Any]:
+    """(ln E)' and (ln O)' under linear resistance lam = (lambda_e, lambda_m, lambda_o). No moment
+    of inertia occurs."""
+    l_e, l_m, l_o = lam
+    return -2 * (l_m + (l_e - l_m) * mean.dd), -2 * (l_m + (l_o - l_m) * mean.cc)
+
+
+def shape_rate(lam: Sequence[Any], mean: Means) -> Any:
+    """u' of u = |u| under linear resistance: a function of u alone, the same on both sides.
+
+    Its terms stay apart: with <sn^2> in it, as (ln E)' - (ln O)' has by way of C, it cancels to 0
+    at u = 0, where it tends to -2 (lambda_e - lambda_o)/K.
+
+    Source: Akulenko, Leshchenko and Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5: their k^2 equation,
+    on both sides.
+    """
+    l_e, l_m, l_o = lam
+    return -2 * ((l_e - l_m) * mean.dd + (l_m - l_o) * mean.cc)
+
+
+def fluid_loss(weights: Sequence[Any], m: Any, mean: Means, E: Any, O: Any) -> Any:
+    """-h'/O of the fluid's torque, h = 2T, with `weights` = those of E cn^2 dn^2, E sn^2 dn^2 and O
+    sn^2 cn^2.
+
+    O is a factor of h': a steady rotation about the enclosed axis loses nothing. G is kept: X' = -c
+    h', Y' = a h'.
+    """
+    cd, sd, sc = weights
+    ss_cc, ss_dd = mean.ss - mean.ssss, mean.ss - m * mean.ssss
+    return (cd * (mean.cc - m * ss_cc) + sd * ss_dd) * E + sc * ss_cc * O
+
+
+def fluid_weights(
+    a: float, b: float, c: float, kappa: float, side: int
+) -> tuple[float, float, float]:
+    """The weights of `fluid_loss` on one side, for moments a >= b >= c; zeros on a side that is not
+    there.
+
+    -h' = (2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2> + (b-c)^2 (b+c-a)
+    <q^2 r^2>]
+
+    Source: the power N.omega of Chernousko's torque, an identity in p, q, r.
+    """
+    if side < 0:
+        # Exchanging a and c exchanges the sides; the three products of the identity keep their
+        # signs.
+        a, c = c, a
+    if a == b:
+        return 0.0, 0.0, 0.0
+    unit = 2 * kappa / (a * b * c)
+    pr = (a + c - b) / (a * c)
+    pq, qr = (
+        (a - b) * (a + b - c) / (a * b * (a - c)),
+        (b - c) ** 2 * (b + c - a) / (b * c * (a - b) * (a - c)),
+    )
+    return unit * pr, unit * pq, unit * qr

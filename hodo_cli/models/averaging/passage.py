@@ -1,0 +1,240 @@
+"""The way of an averaged motion through the separatrix, and what is known of the true motion's.
+
+Under linear resistance u' depends on u alone, so the time t* at which u reaches 0 is a quadrature.
+It is finite, as 1/K ~ 2/ln(16/u) stops the motion no more than a logarithm can. The true motion
+crosses in one of the half turns about t*. With u' = -pull/K near u = 0 (pull = 2 |l1 - l3|), each
+of them lowers u by 2 pull/n. With s in (0, 1) the place where D = 0 falls in that sequence,
+
+    n (t - t*) = F(s) + O(epsilon)
+    F(s) = (1/2 - s) ln(8 n/pull) + ln Gamma(s) - ln(2 pi)/2 + ln(s/(1 - s))/2
+
+whose mean over s is 0 (Raabe). s follows from the phase at t*, if the motion starts from mean
+elements: s = frac(phi/pi - 1/2), and the number of the half turn says in which sense it rotates
+afterwards. Reversed in time, the same holds with 1 - s: so afterwards the motion lags behind by
+F(s) + F(1 - s) = -ln(2 sin pi s), over n, and its phase goes on from pi(s + 1/2), up to half turns.
+It lingers near the middle axis meanwhile, where linear resistance takes it down by exp(-l2 lag).
+
+Source: derived here by summing the half turns with Stirling's formula, and checked against full
+motions; of the kind of A. I. Neishtadt 1986 and J. R. Cary and R. T. Skodje, Physica D 36 (1989)
+287, for Hamiltonian systems.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .free_turn import LANDEN, SMALLEST_GAP, Body, Slow, frequency
+from .means import linear_rates, shape_rate, turn_means
+
+HALF, REACH = 100, 4.4
+"""Nodes of the quadrature on either side of its middle, for 15 digits, and its end, where the
+weights are below 1e-53."""
+
+FARTHEST = 700.0
+"""The largest u: beyond it m is below the smallest double, and the motion a rotation about its
+axis."""
+
+
+def tanh_sinh() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (n,) as fractions of an interval, exact near 0, and weights (n,).
+
+    The integrands end in ln u at u = 0, which no rule of Gauss resolves; this one does not see it.
+
+    Source: H. Takahasi and M. Mori, Publ. RIMS 9 (1974) 721.
+    """
+    x = REACH / HALF * np.arange(-HALF, HALF + 1)
+    argument = np.pi * np.sinh(x)
+    nodes = 1 / (1 + np.exp(-argument))
+    return nodes, REACH / HALF * np.pi * np.cosh(x) * nodes / (1 + np.exp(argument))
+
+
+FRACTIONS, WEIGHTS = tanh_sinh()
+
+
+def on_side(lam: Sequence[float], side: int) -> tuple[float, float, float]:
+    """(l_e, l_m, l_o) on a side, from lam = (l1, l2, l3) as sorted."""
+    l1, l2, l3 = lam
+    return (l1, l2, l3) if side > 0 else (l3, l2, l1)
+
+
+def resting_shape(lam: Sequence[float]) -> tuple[int, float] | None:
+    """The side and the m of the shape that keeps itself, u' = 0 off the separatrix, or None; lam as
+    sorted.
+
+    C/Dn falls from 1 at m = 1 to 1/2 at m = 0, so rho = (l1 - l2)/(l3 - l2) has a root on side +1
+    where it is between 1/2 and 1, and 1/rho on side -1 where rho is between 1 and 2. It repels
+    where l2 is the largest of the three: a threshold; else it attracts.
+    """
+    l1, l2, l3 = lam
+    if l3 == l2 or not 0.5 < (rho := (l1 - l2) / (l3 - l2)) < 2 or rho == 1:
+        return None
+    side, target = (1, rho) if rho < 1 else (-1, 1 / rho)
+    low, high = 0.0, -math.log(SMALLEST_GAP)  # of -ln(1 - m)
+    while low < (middle := (low + high) / 2) < high:
+        mean = turn_means(-math.expm1(-middle), math.exp(-middle), LANDEN)
+        low, high = (middle, high) if mean.cc / mean.dd < target else (low, middle)
+    return side, -math.expm1(-low)
+
+
+def farthest_that_crosses(lam: Sequence[float], side: int) -> float:
+    """The u below which a motion on this side comes to the separatrix in the end: 0 for none, inf
+    for all."""
+    if (lam[0] - lam[2]) * side <= 0:
+        return 0.0
+    rest = resting_shape(lam)
+    # Without a root of u', every shape goes the way of those near the separatrix.
+    return -math.log(rest[1]) if rest and rest[0] == side else math.inf
+
+
+class Way(NamedTuple):
+    """From |u| = u (...) to the separatrix: the time it takes, and by how much ln E and ln O
+    fall."""
+
+    time: Any
+    E: Any
+    O: Any
+
+
+def way_to_separatrix(lam: Sequence[float], side: int, u: Any) -> Way:
+    """The quadratures from u (...); meaningless, without a warning, beyond `farthest_that_crosses`.
+    lam as sorted."""
+    at = np.asarray(u, dtype=float)[..., None] * FRACTIONS
+    mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
+    local = on_side(lam, side)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        seconds = np.asarray(u, dtype=float)[..., None] * WEIGHTS / np.abs(shape_rate(local, mean))
+    E, O = linear_rates(local, mean)
+    return Way(seconds.sum(-1), (-E * seconds).sum(-1), (-O * seconds).sum(-1))
+
+
+def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
+    """t* (...) of motions at u (...) on a side; inf where they never cross. It knows neither
+    |omega| nor the body."""
+    with np.errstate(invalid="ignore"):
+        return np.where(
+            np.asarray(u) < farthest_that_crosses(lam, side),
+            way_to_separatrix(lam, side, u).time,
+            np.inf,
+        )
+
+
+def shape_distance(gap: Any) -> Any:
+    """u = -ln m from 1 - m = gap (...)."""
+    return -np.log1p(-np.minimum(gap, 1 - SMALLEST_GAP))
+
+
+def time_in_band(u: float, pull: float) -> float:
+    """The time from u to the separatrix where u' = -pull/K, K = ln(16/u)/2: right to O(u^2)."""
+    return u * (math.log(16 / u) + 1) / (2 * pull)
+
+
+class Passage(NamedTuple):
+    """A crossing as averaging sees it, and what it predicts of the true one. Times count from the
+    start.
+
+    `time` is t*; E, O and `n` are taken there, with `phase` phi; `place` is s; `sense` is that of
+    the rotation about the new axis, 0 where it is undetermined; `scatter`: the rms over all phases
+    of predicted - time; `lag`: of the motion afterwards.
+    """
+
+    time: float
+    E: float
+    O: float
+    n: float
+    phase: float
+    place: float
+    sense: int
+    predicted: float
+    scatter: float
+    lag: float
+
+
+def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Passage | None:
+    """The crossing of a motion that starts with these mean elements, or None if it never crosses;
+    lam as sorted."""
+    u = float(shape_distance(slow.gap))
+    if not u < farthest_that_crosses(lam, slow.side):
+        return None
+    way = way_to_separatrix(lam, slow.side, u)
+    E, O = (
+        float(value) * math.exp(-float(fall))
+        for value, fall in zip(slow.pair, way[1:], strict=True)
+    )
+    phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
+    n = float(frequency(body, E, slow.side))
+    pull, small = 2 * abs(lam[0] - lam[2]), max(map(abs, lam))
+    return Passage(
+        float(way.time), E, O, n, phase, *outcome(pull, n, phase, float(way.time), small)
+    )
+
+
+def outcome(
+    pull: float, n: float, phase: float, time: float, small: float
+) -> tuple[float, int, float, float, float]:
+    """place, sense, predicted, scatter and lag of a crossing at `time` t* with frequency n and
+    phase there; `small`: the rate of the perturbation, whose ratio to n is the parameter of
+    averaging."""
+    place = (phase / math.pi - 0.5) % 1.0
+    reach = math.log(8 * n / pull)
+    scatter = reach / math.sqrt(12) / n
+    # The measured error of s is a fifth of this; nearer to 0 or 1 the motion may cross a half turn
+    # sooner or later.
+    if not min(place, 1 - place) > small / n:
+        return place, 0, time, scatter, 0.0
+    shift = (0.5 - place) * reach + math.lgamma(place) - math.log(2 * math.pi) / 2
+    shift += math.log(place / (1 - place)) / 2
+    half_turns = round(phase / math.pi - place + 0.5)
+    lag = -math.log(2 * math.sin(math.pi * place)) / n
+    return place, (-1) ** half_turns, time + shift / n, scatter, lag
+
+
+def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float) -> float:
+    """By how much the phase grows from u to the separatrix: the integral of phi' = n <dn> along the
+    motion."""
+    at = u * FRACTIONS
+    mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
+    fallen = way_to_separatrix(lam, slow.side, u).E - way_to_separatrix(lam, slow.side, at).E
+    turning = frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
+    return float((u * WEIGHTS * turning / np.abs(shape_rate(on_side(lam, slow.side), mean))).sum())
+
+
+def share_that_crosses(body: Body, lam: Sequence[float], by: float) -> float:
+    """The share of starts, with directions of G uniform on the sphere, that cross by a time; lam as
+    sorted."""
+    side = 1 if lam[0] > lam[2] else -1
+    if lam[0] == lam[2]:
+        return 0.0
+    return share_beyond(body, side, 0.0) - share_beyond(body, side, shape_that_takes(lam, side, by))
+
+
+def shape_that_takes(lam: Sequence[float], side: int, time: float) -> float:
+    """The u from which a motion takes this time to the separatrix; inf if all that come there take
+    less."""
+    low, high = 0.0, min(farthest_that_crosses(lam, side), FARTHEST)
+    if crossing_time(lam, side, math.nextafter(high, 0)) < time:
+        return farthest_that_crosses(lam, side)
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (middle, high) if crossing_time(lam, side, middle) < time else (low, middle)
+    return low
+
+
+def share_beyond(body: Body, side: int, u: float) -> float:
+    """The share of directions of G, uniform on the sphere, that lie on this side and farther than
+    u.
+
+    1 - (1/2 pi) times the integral of sqrt(B/(alpha + B)) over psi, the longitude about the
+    enclosed axis.
+    """
+    a, b, c = body[:3] if side > 0 else body[2::-1]
+    alpha = (a - b) * (a - c) / a
+    if u > FARTHEST or not alpha:
+        return 0.0
+    # Near u = 0 the integrand has a corner at psi = 0, which is an end of the quarter turn that
+    # stands for all four.
+    psi, more = np.pi / 2 * FRACTIONS, math.exp(u)
+    B = (a - b) * (b - c) * (more - 1) / b * np.cos(psi) ** 2 + more * (b - c) * (
+        a - c
+    ) / c * np.sin(psi) ** 2
+    return float(1 - (WEIGHTS * np.sqrt(B / (alpha + B))).sum())

@@ -1,0 +1,86 @@
+"""Averages of any torque over a turn of the exact free motion, by the trapezoid, and the periodic
+parts of X and Y."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from .free_turn import LANDEN, SMALLEST_GAP, Body, Slow, amplitude, free_motion_by_phase, frequency
+from .means import turn_means
+
+NODES = 128
+"""Nodes over a turn. So little time is spent nearer the separatrix than they resolve that a
+crossing time is right to 2e-13; `nodes_for` says how many a single rate takes."""
+
+Torque = Callable[[np.ndarray], np.ndarray]
+"""The perturbing torque (..., 3) of an angular velocity (..., 3), both along the sorted axes."""
+
+
+def exact_rates(body: Body, omega: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """X' and Y' (...) before any averaging; omega and torque (..., 3) along the sorted axes."""
+    a, b, c = body[:3]
+    p, q, r = np.moveaxis(omega, -1, 0)
+    N1, N2, N3 = np.moveaxis(torque, -1, 0)
+    return 2 * ((a - c) * p * N1 + (b - c) * q * N2), 2 * ((a - b) * q * N2 + (a - c) * r * N3)
+
+
+def nodes_for(gap: float) -> int:
+    """The nodes that bring the mean over a turn to 1e-16 for 1 - m = gap: its error is exp(-pi N
+    K'/(2 K))."""
+    gap = min(max(gap, SMALLEST_GAP), 1 - SMALLEST_GAP)
+    K, other = (
+        math.pi / 2 / turn_means(1 - x, x, LANDEN).pace for x in (gap, max(1 - gap, SMALLEST_GAP))
+    )
+    return max(24, 4 * math.ceil(float(23.4 * K / other) / 4))
+
+
+def rates_over_turn(
+    body: Body, torque: Torque, slow: Slow, nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """X' and Y' (..., nodes) at the phases 2 pi j/nodes of the free motion with these slow
+    variables (...)."""
+    wide = Slow(*(np.asarray(value)[..., None] for value in slow))
+    omega = free_motion_by_phase(body, wide, 2 * np.pi * np.arange(nodes) / nodes)
+    return exact_rates(body, omega, torque(omega))
+
+
+def mean_rates(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) -> tuple[Any, Any]:
+    """<X'> and <Y'> (...) of any torque."""
+    X, Y = rates_over_turn(body, torque, slow, nodes)
+    return X.mean(-1), Y.mean(-1)
+
+
+def periodic_part(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) -> tuple[Any, Any]:
+    """X and Y (...) less their mean elements, at the phase of the slow variables, for any torque.
+
+    They are the integrals, of zero mean, of the rates less their means: a Fourier coefficient of
+    the rates, divided by i times its frequency, each.
+    """
+    pace = turn_means(1 - slow.gap, np.maximum(slow.gap, SMALLEST_GAP), LANDEN).pace
+    turning = frequency(body, slow.pair[0], slow.side) * pace
+    k = np.arange(1, nodes // 2)
+    wave = np.exp(1j * k * np.asarray(slow.phase)[..., None]) / (
+        1j * k * np.asarray(turning)[..., None]
+    )
+    X, Y = (
+        2 / nodes * (np.fft.fft(rate)[..., 1 : nodes // 2] * wave).sum(-1).real
+        for rate in rates_over_turn(body, torque, slow, nodes)
+    )
+    return X, Y
+
+
+def damped_part(body: Body, lam: Sequence[float], slow: Slow) -> tuple[Any, Any]:
+    """`periodic_part` relative to E and O (not X and Y) for linear resistance lam = (l1, l2, l3) as
+    sorted, closed.
+
+    (E - mean E)/E = -2 (l_e - l_m) Z/n,  (O - mean O)/O = -2 (l_o - l_m) Z/(m n), Z Jacobi's zeta
+    at the phase.
+    """
+    l1, l2, l3 = lam
+    above = np.asarray(slow.side) > 0
+    n = frequency(body, slow.pair[0], slow.side)
+    _, zeta = amplitude(slow.phase, slow.gap)
+    e, o = np.where(above, l1, l3) - l2, np.where(above, l3, l1) - l2
+    return -2 * e * (1 - slow.gap) * zeta / n, -2 * o * zeta / n
