@@ -1,6 +1,5 @@
 """Which method `auto` takes for a case."""
 
-import math
 from contextlib import suppress
 from dataclasses import replace
 
@@ -69,6 +68,6 @@ def taylor_steps(case: Case, path: Path | None = None) -> float:
         constants = namespace(structure(k), flatten(units.constants(model, k)))
         slopes = jacobian(model, constants, t, np.ldexp(state, exponent - units.size))
         rates.append(
-            math.ldexp(float(np.abs(slopes).sum(axis=1).max()), units.rate) if state.any() else 0.0
+            float(np.ldexp(np.abs(slopes).sum(axis=1).max(), units.rate)) if state.any() else 0.0
         )
     return float(np.mean(rates) * (path.time[-1] - case.time.start)) / 8

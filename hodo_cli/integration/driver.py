@@ -63,7 +63,7 @@ def propagate(
     """
     fp = engine.dtype
     units = Units.fit(model, k, np.array(y0))
-    y = np.array([math.ldexp(value, -units.size) for value in y0]).astype(fp)
+    y = np.ldexp(np.array(y0), -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
     rows, exponent = np.empty((len(times), len(y0)), dtype=fp), np.full(len(times), units.size)
     done = int(np.searchsorted(times, start, side="right"))
@@ -86,7 +86,7 @@ def propagate(
     watch.observer = observe if events else None
     while done < len(times) and watch.stop in ("", "units"):
         watch.stop = ""
-        clock.factor = math.ldexp(1.0, units.rate)
+        clock.factor = float(np.ldexp(1.0, units.rate))
         grid = clock.grid(times[done : done + BLOCK].astype(fp))
         if not math.isfinite(float(grid[-1])):
             raise OverflowError

@@ -1,78 +1,74 @@
 """Units that fit a motion at every moment, and the clock that runs in them."""
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from ..models.base import Constants, Model
-from ..models.constants import flatten, namespace, structure
+from ..models.base import Model
+
+SLOWEST = -1000
+"""The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the motion's
+own would leave the range of doubles."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """omega = 2**size W and s = 2**rate (t - origin).
+    """omega = 2**size W and s = 2**rate (t - origin), for one motion or for arrays of them (n,).
 
     The series of an engine controls its error against max(1, |y|), so a motion far below 1 would be
     right only absolutely. With W near 1, and a unit of time in which nothing is faster than 1, it
     is right relatively at every scale. Powers of two make the change of units exact.
     """
 
-    size: int = 0
-    rate: int = 0
+    size: Any = 0
+    rate: Any = 0
 
     @classmethod
-    def fit(cls, model: type[Model], k: Constants, y: np.ndarray, size: int = 0) -> "Units":
-        """The units for a model at the state `y`, itself in units of 2**size."""
+    def fit(cls, model: type[Model], k: Mapping[str, Any], y: np.ndarray, size: Any = 0) -> "Units":
+        """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size."""
         if not model.degree:
             return cls()
-        logs = {name: math.log2(abs(number(k, name))) for name in model.degree if k[name]}
-        lightest = math.log2(min(number(k, name) for name in ("A1", "A2", "A3")))
-        largest = float(np.max(np.abs(y)))
-        sizes = [size + math.frexp(largest)[1]] if largest else []
-        sizes += [
-            math.ceil((log - lightest) / 2) for name, log in logs.items() if model.degree[name] == 0
-        ]
-        new = max(sizes, default=0)
-        rates = [
-            log - lightest + (model.degree[name] - 1) * new
-            for name, log in logs.items()
-            if name != "g"
-        ]
-        most = cls(new, math.ceil(max([float(new), *rates])))
-        return cls(
-            new, most.rate + max(-1000, math.frexp(most.pace(model, k, np.ldexp(y, size - new)))[1])
-        )
+        largest = np.abs(y).max(axis=0)
+        with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
+            lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
+            logs = {name: np.log2(np.abs(k[name])) - lightest for name in model.degree}
+        new = np.where(largest > 0, np.frexp(largest)[1] + size, -np.inf)
+        for name, degree in model.degree.items():
+            if degree == 0:  # a torque N spins the body up to about sqrt(N/A) in 1/sqrt(N/A)
+                new = np.maximum(new, np.ceil(logs[name] / 2))
+        new = np.where(np.isfinite(new), new, 0)  # neither motion nor torque: any unit serves
+        rate = new
+        for name, degree in model.degree.items():
+            if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**new
+                rate = np.maximum(rate, logs[name] + (degree - 1) * new)
+        most = cls(new.astype(np.int64)[()], np.ceil(rate).astype(np.int64)[()])
+        pace = most.pace(model, k, np.ldexp(y, size - most.size))
+        return cls(most.size, most.rate + np.maximum(np.frexp(pace)[1], SLOWEST))
 
-    def pace(self, model: type[Model], k: Constants, y: np.ndarray) -> float:
-        """How fast the motion at a state y in these units, and its derivative, change; 0 where they
+    def pace(self, model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
+        """How fast motions at a state y in these units, and their derivatives, change; 0 where they
         do not.
 
         A steady rotation about an axis is not fast however large it is. A series in a unit of time
         that is 1e15 times too short has coefficients of 0.
         """
-        scaled = namespace(structure(k), flatten(self.constants(model, k)))
-        rate = np.array(model.rhs(0.0, [*y], scaled))
-        speed = float(np.abs(rate).max())
-        if not speed:
-            return 0.0
-        turn = np.array(model.rhs(0.0, [*(y + 1e-100j * (rate / speed))], scaled)).imag / 1e-100
-        return max(speed, float(np.abs(turn).max()))
+        scaled = SimpleNamespace(**self.constants(model, k))
+        rate = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], scaled)))
+        speed = np.abs(rate).max(axis=0)
+        along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
+        turned = np.array(np.broadcast_arrays(*model.rhs(0.0, [*(y + 1e-100j * along)], scaled)))
+        turn = np.abs(turned.imag / 1e-100).max(axis=0)
+        return np.where(speed > 0, np.maximum(speed, turn), 0.0)
 
-    def constants(self, model: type[Model], k: Constants) -> Constants:
+    def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""
         return {**k} | {
-            name: math.ldexp(number(k, name), (degree - 1) * self.size - self.rate)
+            name: np.ldexp(k[name], (degree - 1) * self.size - self.rate)
             for name, degree in model.degree.items()
         }
-
-
-def number(k: Constants, name: str) -> float:
-    """A constant that is a plain number."""
-    value = k[name]
-    assert isinstance(value, float), f"{name} must be a number to have a degree"
-    return value
 
 
 @dataclass

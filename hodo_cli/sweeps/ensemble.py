@@ -8,12 +8,13 @@ is left unsettled, for these two to decide by themselves.
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..engines.protocol import Passages
 from ..integration.choice import MANY_STEPS
+from ..integration.units import Units
 from ..models import rigid_body
 from ..models.base import Event, Model
 from ..models.constants import Structure, namespace
@@ -78,28 +79,10 @@ class Ensemble:
                 found += [self.model.degree.get(name, math.nan)] * max(size, 1)
         return np.array(found)
 
-    def units(
-        self, k: np.ndarray, largest: np.ndarray, lightest: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """`Units.fit` for many: size and rate (n,) for the largest component of omega (n,)."""
-        degree = self.degrees()
-        with np.errstate(divide="ignore"):
-            logs = np.log2(np.abs(k)) - np.log2(lightest)
-        size = np.where(largest > 0, np.frexp(largest)[1], -(10**6)).astype(float)
-        for forcing in logs[degree == 0]:
-            size = np.maximum(size, np.ceil(forcing / 2))
-        size = np.where(size > -(10**6), size, 0)
-        rate = size
-        names = [
-            name
-            for name, width in self.structure
-            if not isinstance(width, str)
-            for _ in range(max(width, 1))
-        ]
-        for row, power, name in zip(logs, degree, names, strict=True):
-            if not math.isnan(power) and name != "g":
-                rate = np.maximum(rate, row + (power - 1) * size)
-        return size.astype(np.int64), np.ceil(rate).astype(np.int64)
+    def units(self, at: Any, y: np.ndarray, size: Any = 0) -> Units:
+        """The units for the motions `at`, in states y (m, n) in units of 2**size."""
+        k = namespace(self.structure, list(self.constants[:, at]))
+        return Units.fit(self.model, vars(k), y, size)
 
     def decay(self) -> np.ndarray:
         """A bound (n,) on the relative rate at which the linear terms change the energy's square
@@ -175,7 +158,8 @@ def advance(e: Ensemble, tol: float | None) -> Outcome:
     """
     begin, end = e.span
     A, n = e.inertia, e.start.shape[1]
-    size, rate = e.units(e.constants, np.abs(e.start).max(axis=0), A.min(axis=0))
+    units = e.units(slice(None), e.start)
+    size, rate = units.size, units.rate
     y = np.ldexp(e.start, -size)
     first, separation = sides(A, y, e.order)
     leg, settled = _legs(e, rate, (end - begin))
@@ -203,10 +187,9 @@ def advance(e: Ensemble, tol: float | None) -> Outcome:
         side[active], t[active], y[:, active] = passed.side, target, passed.end
         separation[active] = np.minimum(separation[active], passed.separation)
         steps[active] += passed.steps
-        largest = np.ldexp(np.abs(passed.end).max(axis=0), size[active])
-        fresh, rate[active] = e.units(e.constants[:, active], largest, A[:, active].min(axis=0))
-        y[:, active] = np.ldexp(passed.end, size[active] - fresh)
-        size[active] = fresh
+        units = e.units(active, passed.end, size[active])
+        y[:, active] = np.ldexp(passed.end, size[active] - units.size)
+        size[active], rate[active] = units.size, units.rate
     return Outcome(y, size, steps, first, side, separation, settled, _joined(found, settled))
 
 
