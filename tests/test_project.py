@@ -26,7 +26,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 IMPORTERS = {
     "dask": "batch/pool.py",
     "distributed": "batch/pool.py",
-    "h5py": "hdf5.py",
+    "h5py": "results/hdf5.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/artists.py figures/bench.py figures/maps.py figures/plane.py figures/sheet.py figures/space.py",
     "netCDF4": "results/dataset.py",
