@@ -154,7 +154,7 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     done = run(config)
     assert done.exit_code == 1
     lines = done.stderr.splitlines()
-    assert lines[:4] == [f"{name}: runs, it has no result yet" for name in "abcd"]
+    assert lines[:4] == [f"{name}: will run: it has no result yet" for name in "abcd"]
     assert lines[4] == "[1/4] a: ok"
     assert lines[5].startswith("[2/4] b: failed: b: method exact needs")
     assert lines[6] == "[3/4] c: timeout: max_steps: stopped after 2 steps"
@@ -162,8 +162,8 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     assert lines[8] == "2 of 4 cases did not end well: b (failed), c (timeout)"
     again = run(config)
     assert [line for line in again.stderr.splitlines()[:4] if "kept" not in line] == [
-        "b: runs, its status is failed",
-        "c: runs, its status is timeout",
+        "b: will run: its status is failed",
+        "c: will run: its status is timeout",
     ]
     assert [line[:8] for line in run(config, "--quiet").stderr.splitlines()] == [
         "[1/2] b:",
@@ -194,16 +194,16 @@ def test_fail_fast_leaves_what_it_does_not_reach(config: Path, jobs: str) -> Non
     run(config)
     with h5py.File(config.with_suffix(".h5")) as file:
         before = file["d/omega"][()]
-    config.write_text(FAILING.replace("d: {", "d: {note: changed, "))
+    config.write_text(FAILING.replace("d: {", "d: {tol: 1e-14, "))
     done = run(config, "--fail-fast", "-j", jobs)
     assert done.exit_code == 1
     assert "1 of" in done.stderr
     with h5py.File(config.with_suffix(".h5")) as file:
         assert list(file) == ["a", "b", "c", "d"]
         assert np.array_equal(file["d/omega"], before)
-    assert "c: runs" in run(config, "--dry-run").stdout
+    assert "c: will run" in run(config, "--dry-run").stdout
     if jobs == "1":
-        assert "d: runs, its case has changed" in run(config, "--dry-run").stdout
+        assert "d: will run: its case has changed" in run(config, "--dry-run").stdout
 
 
 def test_white_space_and_comments_change_nothing(config: Path) -> None:

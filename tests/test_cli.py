@@ -67,7 +67,7 @@ def test_finished_cases_are_kept(hodo: Hodo, config: Path, tmp_path: Path) -> No
     config.write_text(CONFIG.replace("[0.003, 0.004, 0.005]", "[0.003, 0.004, 0.006]"))
     plan = hodo("run", config, "--dry-run").stdout
     assert "turns: is kept" in plan
-    assert "stays: runs, its case has changed" in plan
+    assert "stays: will run: its case has changed" in plan
     hodo("run", config)
     crossing = json.loads(hodo("classify", "runs/two.h5", "--json").stdout)[0]["crossings"]
     assert len(crossing) == 1

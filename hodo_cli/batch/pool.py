@@ -19,6 +19,7 @@ from threading import Thread
 from typing import Any, Self, TypeVar
 
 from .. import HodoError
+from .mark import check_late_imports, mark
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -72,7 +73,7 @@ class Pool:
     def _map(
         self, function: Callable[[Task], Result], tasks: Iterator[Task]
     ) -> Iterator[tuple[Task, Any]]:
-        running: dict[Future[Any], Task] = {}
+        running: dict[Future[tuple[str, Any]], Task] = {}
         while True:
             for task in islice(tasks, self._ahead - len(running)):
                 running[self._submit(function, task)] = task
@@ -86,25 +87,23 @@ class Pool:
                 if _is_lost(future):
                     yield task, self._alone(function, task)
                 else:
-                    yield task, future.exception() or future.result()
+                    yield task, _outcome(future)
 
-    def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[Result]:
+    def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[tuple[str, Result]]:
         assert self._make is not None
         try:
             self._executor = self._executor or self._make()
-            return self._executor.submit(function, task)
+            return self._executor.submit(_marked, function, task)
         except BrokenExecutor:
             self.__exit__()
             self._executor = self._make()
-            return self._executor.submit(function, task)
+            return self._executor.submit(_marked, function, task)
 
     def _alone(self, function: Callable[[Task], Result], task: Task) -> Result | Exception:
-        try:
-            return self._submit(function, task).result()
-        except BrokenExecutor:
+        wait([future := self._submit(function, task)])
+        if _is_lost(future):
             return HodoError("its process died: killed, or out of memory")
-        except Exception as error:
-            return error
+        return _outcome(future)
 
 
 def _is_lost(future: Future[Any]) -> bool:
@@ -113,9 +112,34 @@ def _is_lost(future: Future[Any]) -> bool:
 
 def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
-        return function(task)
+        return _marked(function, task)[1]
     except Exception as error:
         return error
+
+
+def _marked(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
+    """What a worker does: the result, with the mark of what has computed it.
+
+    The mark is taken before the work: a source that changes meanwhile has not computed it.
+    """
+    taken = mark()
+    result = function(task)
+    check_late_imports()
+    return taken, result
+
+
+def _outcome(future: Future[tuple[str, Result]]) -> Result | Exception:
+    """The result of a finished task, or its exception. Raises HodoError if another version made
+    it."""
+    if isinstance(error := future.exception(), Exception):
+        return error
+    theirs, result = future.result()
+    if theirs != mark():
+        raise HodoError(
+            "a worker computes with other code or libraries (hodo, heyoka, numpy, scipy) than this "
+            "process: start both anew"
+        )
+    return result
 
 
 class Processes(ProcessPoolExecutor):

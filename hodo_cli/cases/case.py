@@ -18,7 +18,7 @@ from ..schema.document import Block, locate, read
 from ..schema.kinds import Key, Misnamed, Path, Report
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
-from .keys import COMMON, all_keys, keys_in
+from .keys import COMMON, REMARKS, all_keys, keys_in
 from .sweep_block import check_axes, storable
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -57,10 +57,14 @@ class Case:
     sweep: dict[str, Any] | None = None
 
 
-def dump(case: Case) -> str:
-    """The case as YAML, complete, one key a line; `parse_case` returns an equal case."""
+def dump(case: Case, remarks: bool = True) -> str:
+    """The case as YAML, complete, one key a line; `parse_case` returns an equal case.
+
+    Without `remarks`, what is left is what decides its numbers.
+    """
     entries = {"name": case.name, "model": case.model, "form": case.form} | _without_none(case.data)
-    common = {key: getattr(case, key) for key in COMMON} | {"time": asdict(case.time)}
+    common = {key: getattr(case, key) for key in COMMON if remarks or key not in REMARKS}
+    common["time"] = asdict(case.time)
     entries |= {key: value for key, value in common.items() if value is not None}
     return "".join(f"{key}: {write(value)}\n" for key, value in entries.items())
 

@@ -26,6 +26,9 @@ TIME = Table(
     }
 )
 
+REMARKS = ("note", "assumes")
+"""The keys of a case that say something about it and change none of its numbers."""
+
 COMMON = {
     "time": Key(TIME, "span of the integration, and its samples"),
     "method": Key(

@@ -1,76 +1,26 @@
 """Whether a stored case is still right, or has to run again, and why."""
 
-import hashlib
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
-from inspect import getfile
-from pathlib import Path
-
-from .. import models
+from ..batch.mark import code, digest, libraries
 from ..cases.case import Case, dump
-from ..integration.choice import choose
 from ..results.writer import Finished
 
-PACKAGE = Path(__file__).parents[1]
-SHARED = (
-    "models/rigid_body.py",
-    "integration/driver.py",
-    "integration/solve.py",
-    "integration/error.py",
-    "integration/integrate.py",
-    "integration/trajectory.py",
-    "models/base.py",
-    "engines/protocol.py",
-    "engines/stepwise.py",
-)
-ENGINES = {
-    "taylor": ("engines/taylor.py", "heyoka"),
-    "collocation": ("engines/collocation.py", "numpy"),
-    "exact": ("models/closed_form.py", "numpy"),
-}
-SWEPT = (
-    "cases/sweep_block.py",
-    "sweeps/members.py",
-    "sweeps/sweep.py",
-    "sweeps/ensemble.py",
-    "integration/classify.py",
-    "engines/taylor_batch.py",
-)
 FORCED = "--force"
+
+# In this order, because another version of hodo may write the same case in other words.
 REASONS = (
+    "the code that computes it has changed",
+    "heyoka, numpy or scipy is another version",
     "its case has changed",
-    "the code of its model or engine has changed",
-    "its engine is another version",
 )
 
 
 def fingerprint(case: Case) -> str:
-    """What a result depends on, as three hashes: the resolved case, the code of model and engine,
-    the engine."""
-    method = choose(case)[0]
-    engine, library = ENGINES.get(method, ("engines/scipy_ivp.py", "scipy"))
-    model = getfile(models.find(case.model, case.form))
-    code = "".join(
-        _code(str(PACKAGE / name))
-        for name in (*SHARED, *(SWEPT if case.sweep else ()), engine, model)
-    )
-    return "-".join(
-        hashlib.sha256(part.encode()).hexdigest()[:16]
-        for part in (dump(case), code, _version(library))
-    )
+    """What a result depends on, as three hashes: the code of models, engines and integration (of
+    sweeps too, where the case is one), the libraries, and the case without its remarks.
 
-
-@cache
-def _code(path: str) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-@cache
-def _version(library: str) -> str:
-    try:
-        return f"{library} {version(library)}"
-    except PackageNotFoundError:
-        return library
+    Nothing is integrated for it: the method that `auto` takes follows from the three.
+    """
+    return "-".join((code(bool(case.sweep)), libraries(), digest(dump(case, remarks=False))))
 
 
 def why(case: Case, done: Finished | None, force: bool) -> str:

@@ -46,7 +46,7 @@ class Plan:
         """For each case that is asked for, why it runs or not; and for each result that goes,
         why."""
         does = {
-            name: f"runs, {self.reasons[name]}" if name in self.reasons else "is kept"
+            name: f"will run: {self.reasons[name]}" if name in self.reasons else "is kept"
             for name in self.asked
         }
         does |= dict.fromkeys(self.dropped, "is dropped, it is not in the config any more")

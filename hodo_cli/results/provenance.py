@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError, __version__
+from ..batch.mark import library_version
 
 FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer
@@ -56,7 +57,7 @@ def versions() -> dict[str, str]:
     checkout."""
     git = _git_status()
     found = {"python_version": sys.version.split()[0]}
-    found |= {f"{library}_version": _version(library) for library in LIBRARIES}
+    found |= {f"{library}_version": library_version(library) for library in LIBRARIES}
     status = git.communicate()[0] if git else ""
     commit = re.search(r"^# branch.oid ([0-9a-f]+)$", status, re.MULTILINE)
     if commit:
@@ -87,16 +88,3 @@ def _git_status() -> "subprocess.Popen[str] | None":
             command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
     return None
-
-
-def _version(library: str) -> str:
-    """The version of a library: from itself if it is loaded, since looking up what is installed
-    takes 10 ms."""
-    if (module := sys.modules.get(library)) is not None:
-        return str(getattr(module, "__version__", "unknown"))
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version(library)
-    except PackageNotFoundError:
-        return "not installed"

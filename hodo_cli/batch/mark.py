@@ -1,0 +1,88 @@
+"""What a process computes with: the sources of hodo that decide numbers, and the versions of the
+libraries, all as they were when the process began."""
+
+import hashlib
+import sys
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from .. import HodoError
+from ..engines.protocol import have_taylor
+
+PACKAGE = Path(__file__).parents[1]
+
+SINGLE = ("models", "engines", "integration")
+"""The folders that decide the numbers of a single case."""
+
+SWEPT = (*SINGLE, "sweeps", "cases/sweep_block.py")
+"""What decides the numbers of a sweep: the members' motions, and how members are made and
+reduced."""
+
+LIBRARIES = ("heyoka", "numpy", "scipy")
+"""The libraries whose arithmetic ends up in results."""
+
+
+def _sources() -> dict[str, str]:
+    """The hash of each source file that decides numbers, by its path within the package."""
+    files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).glob("*.py")]]
+    return {
+        str(file.relative_to(PACKAGE)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(files)
+        if file.suffix == ".py"
+    }
+
+
+# Read while the modules themselves are being imported: a source that is edited later, during a run,
+# is not what this process computes with.
+_BEGUN = _sources()
+_known = set(sys.modules)
+
+
+@cache
+def code(swept: bool) -> str:
+    """The hash of the code that computes single cases, or members of sweeps too."""
+    parts = SWEPT if swept else SINGLE
+    lines = [f"{name} {hash}\n" for name, hash in _BEGUN.items() if name.startswith(parts)]
+    return digest("".join(lines))
+
+
+@cache
+def libraries() -> str:
+    """The hash of the versions of the libraries that compute."""
+    found = [f"{name} {library_version(name)}\n" for name in LIBRARIES]
+    # `auto` takes other methods where heyoka is hidden or its wheel does not load.
+    return digest("".join(found) + ("" if have_taylor() else "without heyoka"))
+
+
+def mark() -> str:
+    """What this process computes with, in one word; it travels with every result."""
+    return f"{code(swept=True)}-{libraries()}"
+
+
+def check_late_imports() -> None:
+    """Raise HodoError if a module was imported after its source had changed.
+
+    Engines are imported when they are first needed, which may be long after the mark was taken.
+    """
+    if len(sys.modules) == len(_known):
+        return
+    for name in sys.modules.keys() - _known:
+        _known.add(name)
+        source = name.removeprefix(__package__.partition(".")[0] + ".").replace(".", "/") + ".py"
+        if source in _BEGUN and _BEGUN[source] != _sources().get(source):
+            raise HodoError(f"{source} of hodo has changed during the run: run again")
+
+
+@cache
+def library_version(library: str) -> str:
+    """The version of a library that is installed, loaded or not; looking it up takes 10 ms."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def digest(text: str) -> str:
+    """A hash, short enough to be read and long enough that no two texts share it by chance."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

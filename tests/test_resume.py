@@ -1,0 +1,170 @@
+"""What makes a stored result stale: a line changed anywhere in what computes it, and nothing else."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT
+
+from hodo_cli import HodoError
+from hodo_cli.batch import mark, pool
+from hodo_cli.cases.config import parse
+from hodo_cli.commands.resume import fingerprint
+from hodo_cli.integration import choice
+
+CONFIG = """\
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
+           initial: {p: 0.8, q: 0.5, r: 0.74}, damping: [0.005, 0.004, 0.003]}
+cases:
+  single: {method: collocation}
+  swept: {method: collocation, error: off, sweep: {damping.0: {values: [0.005, 0.006]}}}
+"""
+CODE = "will run: the code that computes it has changed"
+
+
+class Copy:
+    """A copy of the package, with a result that it has computed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        shutil.copytree(
+            ROOT / "hodo_cli", folder / "hodo_cli", ignore=shutil.ignore_patterns("__pycache__")
+        )
+        (folder / "a.yaml").write_text(CONFIG)
+        done = self.hodo("run", "a.yaml")
+        assert done.returncode == 0, done.stderr
+
+    def hodo(self, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+        # -P: not the folder of the script, which is that of this suite, but the copy comes first.
+        command = [sys.executable, "-P", "-m", "hodo_cli.cli", *arguments]
+        environment = {**os.environ, "PYTHONPATH": str(self.folder)}
+        return subprocess.run(
+            command, cwd=self.folder, env=environment, capture_output=True, text=True, check=False
+        )
+
+    def plan(self) -> list[str]:
+        done = self.hodo("run", "a.yaml", "--dry-run")
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
+    return Copy(tmp_path_factory.mktemp("copy"))
+
+
+@pytest.mark.parametrize(
+    ("source", "reruns"),
+    [
+        ("models/cavity.py", {"single", "swept"}),
+        ("engines/collocation.py", {"single", "swept"}),
+        ("integration/error.py", {"single", "swept"}),
+        ("sweeps/columns.py", {"swept"}),
+        ("cases/sweep_block.py", {"swept"}),
+        ("cases/case.py", set()),
+        ("schema/write.py", set()),
+        ("batch/progress.py", set()),
+        ("results/encode.py", set()),
+        ("claims/checks.py", set()),
+        ("figures/maps.py", set()),
+        ("commands/tables.py", set()),
+        ("cli.py", set()),
+    ],
+)
+def test_one_line_in_a_folder_reruns_what_it_computes(
+    copy: Copy, source: str, reruns: set[str]
+) -> None:
+    path = copy.folder / "hodo_cli" / source
+    before = path.read_text()
+    try:
+        path.write_text(before + "CHANGED = True\n")
+        assert copy.plan() == [
+            f"{name}: {CODE if name in reruns else 'is kept'}" for name in ("single", "swept")
+        ]
+    finally:
+        path.write_text(before)
+
+
+def test_every_folder_that_computes_is_hashed(tmp_path: Path) -> None:
+    """A file that is new in one of the folders counts as well as one that is there."""
+    assert {name.partition("/")[0] for name in mark._BEGUN} == {
+        *("cases", "engines", "integration", "models", "sweeps")
+    }
+    for folder in mark.SINGLE:
+        files = {f"{folder}/{path.name}" for path in (mark.PACKAGE / folder).glob("*.py")}
+        assert files <= mark._BEGUN.keys()
+
+
+def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
+    try:
+        (copy.folder / "a.yaml").write_text(
+            "title: another\n"
+            + CONFIG.replace("single: {", "single: {note: remark, ")
+            + "figures: {f: {kind: hodograph, cases: [single], caption: new}}\n"
+        )
+        assert copy.plan() == ["single: is kept", "swept: is kept"]
+        (copy.folder / "a.yaml").write_text(CONFIG.replace("0.003", "0.0031"))
+        assert copy.plan() == [
+            f"{name}: will run: its case has changed" for name in ("single", "swept")
+        ]
+    finally:
+        (copy.folder / "a.yaml").write_text(CONFIG)
+
+
+def test_another_version_of_a_library_reruns(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = parse(CONFIG, "x").cases["single"]
+    before = fingerprint(case)
+    for name in mark.LIBRARIES:
+        mark.libraries.cache_clear()
+        monkeypatch.setattr(mark, "library_version", lambda library, new=name: str(library == new))
+        assert fingerprint(case) != before
+        monkeypatch.undo()
+    mark.libraries.cache_clear()
+    assert fingerprint(case) == before
+
+
+def test_nothing_is_integrated_to_see_what_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_integration(*arguments: object) -> None:
+        raise AssertionError("integrated")
+
+    monkeypatch.setattr(choice, "solve", no_integration)
+    text = CONFIG.replace("method: collocation", "method: auto").replace("0.005, 0.004", "1e7, 1")
+    assert fingerprint(parse(text, "x").cases["single"])
+
+
+def compute(task: int) -> int:
+    return task
+
+
+def test_a_result_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers are processes of their own: they have the mark of the sources, this process another."""
+    monkeypatch.setattr(pool, "mark", lambda: "another")
+    with pool.pool(2) as workers, pytest.raises(HodoError, match="computes with other code"):
+        next(workers.map(compute, [1]))
+
+
+def test_a_module_that_is_imported_after_an_edit_is_refused(copy: Copy) -> None:
+    """An engine is imported when a case needs it: by then its source may be another."""
+    script = (
+        "from pathlib import Path\n"
+        "from hodo_cli.batch.pool import pool\n"
+        "def load(engine):\n"
+        "    __import__(f'hodo_cli.engines.{engine}')\n"
+        "print(list(pool(1).map(load, ['scipy_ivp'])))\n"
+        "with open('hodo_cli/engines/collocation.py', 'a') as file:\n"
+        "    file.write('CHANGED = True\\n')\n"
+        "print(list(pool(1).map(load, ['collocation'])))\n"
+    )
+    source = copy.folder / "hodo_cli" / "engines" / "collocation.py"
+    before = source.read_text()
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=copy.folder, capture_output=True, text=True
+    )
+    source.write_text(before)
+    first, second = done.stdout.splitlines()
+    assert first == "[('scipy_ivp', None)]"
+    assert "engines/collocation.py of hodo has changed during the run: run again" in second
