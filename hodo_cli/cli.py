@@ -194,7 +194,7 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
     for path in runs:
         with update.update(path, stamp(f"hodo claims {path}")) as changes:
             config = parse(changes.run.text, str(path))
-            verdicts = [claims.judge(claim, changes.run) for claim in config.claims]
+            verdicts = claims.judged(config.claims, changes.run)
             rows += [{"run": str(path), **claims.row(verdict)} for verdict in verdicts]
             if verdicts:
                 changes.write("_claims", claims.group(verdicts))

@@ -529,11 +529,11 @@ def test_claims_of_sweeps_are_judged(tmp_path: Path, hodo: Hodo) -> None:
         + """\
 claims:
   - {id: none, where: "-", statement: "-", cases: [ball], expect: reproduced,
-     check: {kind: members, variable: crossings, at: [{damping.2: 1}], most: 0}}
+     check: {kind: average, variable: crossings, at: [{damping.2: 1}], most: 0}}
   - {id: rises, where: "-", statement: "-", cases: [ball], expect: contradicted,
-     check: {kind: members, variable: end_axis.x3, at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}], sense: rises}}
+     check: {kind: average, variable: end_axis.x3, at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}], sense: rises}}
   - {id: more, where: "-", statement: "-", cases: [ball], expect: contradicted,
-     check: {kind: axes, variable: end_axis.x1, larger: damping.2, smaller: direction}}
+     check: {kind: average, variable: end_axis.x1, along: [damping.2, direction], sense: falls}}
 """
     )
     (tmp_path / "a.yaml").write_text(text, encoding="utf-8")

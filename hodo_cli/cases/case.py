@@ -143,6 +143,12 @@ def checked_case(name: str, block: Block, report: Report) -> Case | None:
     return Case(name=name, model=found.name, form=found.form, data=data, **common)
 
 
+def check_sweep(case: Case, sweep: Mapping[str, Any], report: Report) -> None:
+    """Report what keeps a case from making a sweep that is not its own."""
+    found = models.find(case.model, case.form)
+    check_axes(sweep, found.keys, case.data, not found.unclassifiable, report)
+
+
 def _cross_check(found: type[Model], data: Mapping[str, Any], report: Report) -> None:
     """A model's own check, which ends where it needs a value that has a mistake of its own."""
     try:

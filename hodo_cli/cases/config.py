@@ -1,7 +1,8 @@
 """Case files as a whole: from YAML text to a checked Config."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -11,7 +12,7 @@ from ..schema.document import MAX_BYTES, Block
 from ..schema.kinds import Choice, Key, Misnamed, Report
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
-from .case import NAME, NAME_RULE, Case, checked_case, read_mapping, reporter
+from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, read_mapping, reporter
 from .figure_block import KINDS
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
@@ -86,8 +87,8 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     ]
     _check_defaults(defaults, blocks.values(), report)
     figures = _figures(sections.get("figures") or {}, cases, report)
-    values = {case.name: case.data | {"time": asdict(case.time)} for case in checked if case}
-    claim_block.cross_check(given.get("claims"), dict.fromkeys(cases) | values, report)
+    sweepable = {case.name: partial(check_sweep, case) for case in checked if case}
+    claim_block.cross_check(given.get("claims"), {**dict.fromkeys(cases), **sweepable}, report)
     mistakes.raise_any()
     return Config(
         path=name,

@@ -31,6 +31,7 @@ from ..schema.kinds import (
     Path,
     Report,
     Table,
+    Variant,
     Vector,
     shown,
     unknown,
@@ -297,9 +298,12 @@ def _check_range(
 def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
     """The kind and value of one part of a value; no kind where there is no such part."""
     if isinstance(kind, Either):
-        kind = next(
-            each for each in kind.kinds if isinstance(each, Table) == isinstance(data, Mapping)
-        )
+        nested = Table | Variant if isinstance(data, Mapping) else Vector | Matrix | ListOf
+        kind = next((each for each in kind.kinds if isinstance(each, nested)), kind)
+    if isinstance(kind, Variant):
+        kind = Table(kind.tables[data[kind.tag]])
+    if isinstance(kind, ListOf) and isinstance(part, int) and part < len(data):
+        return kind.kind, data[part]
     if isinstance(kind, Table) and part in kind.keys:
         key = kind.keys[str(part)]
         given = data.get(part) if isinstance(data, Mapping) else None

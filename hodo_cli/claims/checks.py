@@ -1,28 +1,20 @@
-"""The statements of a text, checked against what was computed: for each a verdict, and the number
-that decides it.
+"""The general kinds of check, for statements of any text on motions and on sweeps.
 
-A check yields a deviation: 0 where the statement holds, else its violation relative to the range of
-the quantity (as an axis that shows it is drawn, zero included), infinite where it is not a matter
-of degree. Below PLOTTING_ACCURACY it cannot be seen in a figure. Where a text leaves a value out,
-the check is made over a grid of it, and a statement that holds on a part of the grid is
-under-determined; one that fails for a random member of its domain is contradicted.
+Each takes its own keys and the motions of the claim's cases, in order, and yields a Finding. What only one paper says is
+checked by a function in that paper's module.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from ..cases.claim_block import SERIES
 from ..models import rigid_body
-from .finding import ROUNDING, Finding, beyond, listed
-from .quantities import Motion
-from .variations import changed, motion
-
-# The kinds of check. Each takes its own keys and the motions of the claim's cases, in order.
+from ..sweeps.averages import Labelled, average
+from .finding import ROUNDING, Finding, beyond, if_true, listed
+from .quantities import Motion, number, series
 
 Keys = Mapping[str, Any]
 
@@ -35,37 +27,32 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
         for pair in ends
     ]
     words = ", ".join(f"{start} to {end}" if start != end else start for start, end in ends)
-    return Finding(0.0 if all(right) else math.inf, float(sum(right)), words)
+    return Finding(if_true(all(right)), float(sum(right)), words)
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Number and direction of the crossings of each case; decided by the largest number."""
-    right, counts, words = True, [], []
+    most = math.inf if check["most"] is None else check["most"]
+    right, words = True, []
     for m in motions:
-        counts.append(len(m.crossings))
-        right &= (
-            check["least"]
-            <= len(m.crossings)
-            <= (math.inf if check["most"] is None else check["most"])
-        )
-        for _, start, end, _ in m.crossings:
-            right &= check["from"] in (None, rigid_body.LABELS[start]) and check["to"] in (
-                None,
-                rigid_body.LABELS[end],
-            )
         passages = [
-            f"{time:.12g} ({rigid_body.LABELS[a]} to {rigid_body.LABELS[b]})"
-            for time, a, b, _ in m.crossings
+            (time, rigid_body.LABELS[a], rigid_body.LABELS[b]) for time, a, b, _ in m.crossings
         ]
-        words.append(", ".join(passages) or "no crossing")
-    return Finding(0.0 if right else math.inf, float(max(counts)), "; ".join(words))
+        right &= check["least"] <= len(passages) <= most
+        right &= all(
+            check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages
+        )
+        words.append(
+            ", ".join(f"{time:.12g} ({a} to {b})" for time, a, b in passages) or "no crossing"
+        )
+    return Finding(if_true(right), float(max(len(m.crossings) for m in motions)), "; ".join(words))
 
 
 def value(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Values at start or end against those given; decided by the largest difference."""
     worst, differences, words = 0.0, [0.0], []
     for name, given in check["values"].items():
-        found = [m.number(name, check["at"]) for m in motions]
+        found = [number(m, name, check["at"]) for m in motions]
         words.append(f"{name} = {listed(found)} (said: {listed(given)})")
         for m, ours, theirs in zip(motions, found, given, strict=True):
             differences.append(abs(ours - theirs))
@@ -78,17 +65,19 @@ def value(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def size(m: Motion, name: str) -> float:
     """The range of a quantity, zero included; of a single number its size."""
-    values = m[name] if name in SERIES else np.array([m.number(name)])
+    values = series(m, name)
+    # The smallest double, so that a quantity that is 0 throughout can be divided by.
     return max(float(np.max(values, initial=0) - np.min(values, initial=0)), math.ulp(0))
 
 
 def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a bound; decided by its value nearest to the bound, or farthest beyond."""
     name, least, most = check["of"], check["least"], check["most"]
-    everywhere = check["at"] == "always" and name in SERIES
-    found = [m[name] if everywhere else np.array([m.number(name, check["at"])]) for m in motions]
+    everywhere = check["at"] == "always"
+    found = [
+        series(m, name) if everywhere else np.array([number(m, name, check["at"])]) for m in motions
+    ]
     low, high = float(np.min([f.min() for f in found])), float(np.max([f.max() for f in found]))
-    number = high if most is not None else low
     violation = float(
         np.max(
             [
@@ -101,19 +90,18 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     words = (
         f"{name} from {low:.6g} to {high:.6g}"
         if everywhere
-        else f"{name} = {listed([float(f[0]) for f in found])}"
+        else f"{name} = {listed(f[0] for f in found)}"
     )
-    return Finding(beyond(violation / scale, ROUNDING), number, words)
+    return Finding(beyond(violation / scale, ROUNDING), high if most is not None else low, words)
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Quantities that only fall or only rise; decided by the largest violation relative to the
-    range."""
+    """Quantities that only fall or only rise; decided by the largest violation relative to the range."""
     sign = 1 if check["sense"] == "falls" else -1
     worst, words = 0.0, []
     for m in motions:
         for name in check["of"]:
-            values = sign * m[name]
+            values = sign * series(m, name)
             back = values - np.minimum.accumulate(values)
             if violation := beyond(float(back.max()) / size(m, name), ROUNDING):
                 worst = max(worst, violation)
@@ -124,89 +112,27 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """How values follow each other; decided by the smallest step or, for equal ones, by how far
-    they are apart."""
-    names = check["of"]
-    if len(names) > 1:
-        groups = [[m.number(name, check["at"]) for name in names] for m in motions]
-    else:
-        values, by = [m.number(names[0], check["at"]) for m in motions], check["by"] or len(motions)
-        groups = [values[i : i + by] for i in range(0, len(values), by)]
-    words = f"{', '.join(names)}: {'; '.join(listed(group) for group in groups)}"
-    steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
+    """How values follow each other from case to case; decided by the smallest step or, for equal ones, by how far
+    they are apart.
+    """
+    values, by = [number(m, check["of"], check["at"]) for m in motions], check["by"] or len(motions)
+    groups = [values[i : i + by] for i in range(0, len(values), by)]
+    words = f"{check['of']}: {'; '.join(listed(group) for group in groups)}"
     if check["sense"] == "equal":
         apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))
         return Finding(beyond(apart, ROUNDING), apart, words)
+    steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     right = all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
-    return Finding(0.0 if right else math.inf, min(map(abs, steps)), words)
+    return Finding(if_true(right), min(map(abs, steps)), words)
 
 
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
-    changes = [
-        float(np.ptp(m[name]) / np.abs(m[name]).max()) for m in motions for name in check["of"]
-    ]
+    values = [series(m, name) for m in motions for name in check["of"]]
+    changes = [float(np.ptp(each) / np.abs(each).max()) for each in values]
     worst = float(np.max(changes))
     words = f"{', '.join(check['of'])}: relative change {listed(changes)}"
     return Finding(beyond(worst, check["within"]), worst, words)
-
-
-def closed_form(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """A formula beside the motion; decided by the largest difference relative to the largest
-    value."""
-    pairs = [pair for m in motions for pair in m.formula(check["form"])]
-    apart = [
-        float(np.max(np.abs(a - b), initial=0) / np.max(np.abs(a), initial=math.ulp(0)))
-        for a, b in pairs
-    ]
-    worst = float(np.max(apart))
-    deviation = beyond(worst, check["within"])
-    if check["differs"] == "yes":
-        deviation = 0.0 if deviation else math.inf
-    return Finding(deviation, worst, f"differs by {worst:.2g}")
-
-
-def event(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Whether an event happens in finite time; decided by the latest time."""
-    times = [
-        next((time for kind, time in m.events if kind == check["event"]), math.inf) for m in motions
-    ]
-    right = all((time < math.inf) == (check["happens"] == "yes") for time in times)
-    return Finding(0.0 if right else math.inf, max(times), f"{check['event']} at {listed(times)}")
-
-
-def convergence(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Pairs of a limit and a case with epsilon: the power at which their difference falls; decided
-    by the smallest."""
-    powers, words = [], []
-    for limit, full in zip(motions[::2], motions[1::2], strict=True):
-        time = {"time": asdict(limit.case.time)}
-        near = [
-            motion(changed(full.case, time | {"epsilon": epsilon})) for epsilon in check["epsilon"]
-        ]
-        for name in check["of"]:
-            errors = [float(np.abs(m[name] - limit[name]).max()) for m in near]
-            logs = np.diff(np.log(errors)) / np.diff(np.log(check["epsilon"]))
-            powers.append(float(logs.min()))
-            words.append(f"{name} {', '.join(f'{error:.3g}' for error in errors)}")
-    least = min(powers)
-    return Finding(
-        0.0 if least >= 0.9 * check["order"] else math.inf,
-        least,
-        f"power {least:.3g}: {'; '.join(words)}",
-    )
-
-
-def effect(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """The mean effects of two factors on a quantity; decided by the ratio of the larger, as said,
-    to the other."""
-    low, first, second, both = (m.number(check["of"], check["at"]) for m in motions)
-    effects = abs(first - low + both - second) / 2, abs(second - low + both - first) / 2
-    larger, other = effects if check["larger"] == "first" else effects[::-1]
-    words = f"{check['of']}: {listed([low, first, second, both])}, effects {listed(effects)}"
-    return Finding(
-        0.0 if larger > other else math.inf, larger / other if other else math.inf, words
-    )
 
 
 KINDS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
@@ -217,9 +143,33 @@ KINDS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
     "monotone": monotone,
     "order": order,
     "conserved": conserved,
-    "closed-form": closed_form,
-    "event": event,
-    "convergence": convergence,
-    "effect": effect,
 }
-"""The kinds of `statements.KINDS`."""
+"""The kinds of `claim_block.KINDS` that take motions."""
+
+
+def averages(check: Keys, columns: Mapping[str, Labelled], axes: Sequence[str]) -> Finding:
+    """Averages over the members of a sweep, at positions, or how much they vary along axes: bounds, and how they
+    follow each other; decided by the last of them.
+    """
+    name = check["variable"]
+    found = [float(average(columns, axes, name, (), at)) for at in check["at"]]
+    for along in check["along"]:
+        values = average(columns, axes, name, (along,), {})
+        found.append(float(np.nanmax(values) - np.nanmin(values)))
+    wrong = [check["least"] - x for x in found if check["least"] is not None]
+    wrong += [x - check["most"] for x in found if check["most"] is not None]
+    steps = [b - a for a, b in itertools.pairwise(found)]
+    senses = {
+        "falls": steps,
+        "rises": [-x for x in steps],
+        "equal": [abs(x) - check["within"] for x in steps],
+    }
+    wrong += senses.get(check["sense"], [])
+    scale = max(map(abs, found)) or 1.0
+    words = f"{name} = {', '.join(f'{x:.4g}' for x in found)}"
+    if check["along"]:
+        words = ", ".join(
+            f"varies by {x:.3g} along {along}"
+            for x, along in zip(found, check["along"], strict=True)
+        )
+    return Finding(beyond(max(wrong, default=0.0) / scale, ROUNDING), found[-1], words)

@@ -1,22 +1,28 @@
 """What a check found, and the verdict that it makes."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from ..cases.claim_block import CONTRADICTED, PLOTTING, REPRODUCED
 
 PLOTTING_ACCURACY = 0.01
-"""A violation, relative to a quantity's range, that a figure does not show."""
+"""A violation, relative to a quantity's range, that a figure does not show: half a line's width."""
 
 ROUNDING = 1e-12
-"""A violation that the arithmetic makes."""
+"""A violation that the arithmetic makes: the error that a result may have."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found: the deviation, the number that decides, and this in words."""
+    """What a check found: the deviation, the number that decides, and this in words.
+
+    The deviation is 0 where the statement holds, else its violation relative to the range of the quantity (as an axis
+    that shows it is drawn, zero included), infinite for yes/no statements.
+    """
 
     deviation: float
     number: float
@@ -35,20 +41,45 @@ class Verdict:
 
 def degree(deviation: float) -> str:
     """The verdict on a single deviation."""
-    return (
-        REPRODUCED
-        if deviation == 0
-        else PLOTTING
-        if deviation <= PLOTTING_ACCURACY
-        else CONTRADICTED
-    )
+    if deviation == 0:
+        return REPRODUCED
+    return PLOTTING if deviation <= PLOTTING_ACCURACY else CONTRADICTED
 
 
 def beyond(violation: float, allowed: float) -> float:
     """The deviation that a violation makes; infinite for one that is not a number."""
-    return 0.0 if violation <= allowed else math.inf if math.isnan(violation) else violation
+    if violation <= allowed:
+        return 0.0
+    return math.inf if math.isnan(violation) else violation
 
 
-def listed(values: Sequence[float]) -> str:
+def if_true(holds: bool) -> float:
+    """The deviation of a yes/no statement."""
+    return 0.0 if holds else math.inf
+
+
+def listed(values: Iterable[float]) -> str:
     """Numbers to six digits."""
     return ", ".join(f"{value:.6g}" for value in values)
+
+
+Pair = tuple[np.ndarray, np.ndarray]
+"""Values of a motion and of a formula for them, of one shape."""
+
+
+def difference(pairs: Sequence[Pair]) -> float:
+    """The largest difference in any pair, relative to the largest value of the motion."""
+    return float(
+        np.max(
+            [
+                np.max(np.abs(a - b), initial=0) / np.max(np.abs(a), initial=math.ulp(0))
+                for a, b in pairs
+            ]
+        )
+    )
+
+
+def agreement(pairs: Sequence[Pair], within: float) -> Finding:
+    """A formula beside motions; decided by the largest relative difference."""
+    worst = difference(pairs)
+    return Finding(beyond(worst, within), worst, f"differs by {worst:.2g}")

@@ -1,6 +1,6 @@
-"""The variations of a claim's cases."""
+"""The members of a claim's `over:`, each integrated as a motion of its own."""
 
-import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -8,40 +8,56 @@ from typing import Any
 import numpy as np
 
 from ..cases.case import Case, Time, dump, parse_case
-from ..cases.sweep_block import put
-from ..models import rigid_body
-from . import quantities
+from ..cases.sweep_block import Axis, axes_of, put
+from ..models import find, rigid_body
+from ..sweeps.members import member
 from .finding import ROUNDING
-from .quantities import Motion
+from .quantities import Motion, integrate
 
 
-def members(cases: Sequence[Case], over: Mapping[str, Any]) -> Iterator[tuple[str, list[Case]]]:
-    """The variations of a claim's cases, all varied alike, each with a name."""
-    fixed, grid = over["set"] or {}, over["grid"] or {}
-    if over["random"] or over["start"]:
-        random = np.random.default_rng(over["seed"])
-        for i in range(over["members"]):
-            limits = over["random"] or {}
-            values = {
-                path: float(random.uniform(low, high)) for path, (low, high) in limits.items()
-            }
-            varied = [changed(case, fixed | values) for case in cases]
-            yield (
-                f"{i}",
-                [thrown(case, over["start"], random) for case in varied]
-                if over["start"]
-                else varied,
-            )
-        return
-    for combination in itertools.product(*grid.values()):
-        values = dict(zip(grid, combination, strict=True))
-        name = ", ".join(f"{path} = {value}" for path, value in values.items())
-        yield name, [changed(case, fixed | values) for case in cases]
+def members(
+    cases: Sequence[Case], over: Mapping[str, Any], start: str | None
+) -> Iterator[tuple[str, list[Case]]]:
+    """The members of a sweep of several cases, which vary alike, each with a name.
+
+    With `start`, only those in which every case starts about this axis. Raises HodoError for a member that is no body.
+    """
+    axes = axes_of(over)
+    shape = tuple(map(len, axes))
+    for i in range(math.prod(shape)):
+        varied = [varied_case(case, over, i) for case in cases]
+        if start is None or all(starting_axis(case) == start for case in varied):
+            yield named(axes, np.unravel_index(i, shape)), varied
+
+
+def varied_case(case: Case, over: Mapping[str, Any], number: int) -> Case:
+    """One member of a sweep of a case, with the samples of the case; checked like any case."""
+    return parse_case(dump(member(replace(case, sweep=dict(over)), number, case.time.samples)))
+
+
+def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
+    """What tells a member from the others: its values, and its number on a sphere."""
+    words = []
+    for axis, i in zip(axes, index, strict=True):
+        values = [
+            f"{'.'.join(map(str, path))} = {v[i]:g}"
+            for (path, _), v in zip(axis.ranges, axis.values, strict=True)
+        ]
+        words += values or [f"{axis.name} {i}"]
+    return ", ".join(words)
+
+
+def starting_axis(case: Case) -> str:
+    """The axis that the hodograph of a body-frame case encloses at the start."""
+    A, omega = (
+        np.array(case.data["inertia"]),
+        np.array(find(case.model, case.form).start(case.data)),
+    )
+    return rigid_body.LABELS[int(rigid_body.enclosed_axis(A, omega, ROUNDING))]
 
 
 def changed(case: Case, values: Mapping[str, Any]) -> Case:
-    """A case with other values at keys such as damping.2 or time.end, which it has; checked like
-    any case.
+    """A case with other values at keys such as damping.2 or time.end, which it has; checked like any case.
 
     Raises HodoError for a value that it cannot have.
     """
@@ -54,29 +70,15 @@ def changed(case: Case, values: Mapping[str, Any]) -> Case:
     return parse_case(dump(replace(case, data=data, time=time)))
 
 
-def thrown(case: Case, axis: str, random: np.random.Generator) -> Case:
-    """A case with a random start: G uniform on the unit sphere, or on the part of it that encloses
-    an axis."""
-    A = np.array(case.data["inertia"])
-    while True:
-        G = random.normal(size=3)
-        omega = G / np.linalg.norm(G) / A
-        if (
-            axis == "any"
-            or rigid_body.LABELS[int(rigid_body.enclosed_axis(A, omega, ROUNDING))] == axis
-        ):
-            initial = dict.fromkeys(case.data["initial"]) | dict(
-                zip("pqr", omega.tolist(), strict=True)
-            )
-            return replace(case, data=case.data | {"initial": initial})
+class Motions:
+    """The motions of varied cases, each integrated once, however many claims share it."""
 
+    def __init__(self) -> None:
+        self._known: dict[str, Motion] = {}
 
-MOTIONS: dict[str, Motion] = {}
-"""The motions of variations, which several claims may share."""
-
-
-def motion(case: Case) -> Motion:
-    """The motion of a varied case. All variations come by here."""
-    if (text := dump(case)) not in MOTIONS:
-        MOTIONS[text] = quantities.integrate(case)
-    return MOTIONS[text]
+    def __call__(self, case: Case) -> Motion:
+        # A member's name is made of its number in one sweep; the same motion may stand elsewhere in another.
+        text = dump(replace(case, name="variation"))
+        if text not in self._known:
+            self._known[text] = integrate(case)
+        return self._known[text]

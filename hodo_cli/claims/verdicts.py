@@ -1,41 +1,103 @@
-"""Verdicts over one motion, a grid, a random sample or a sweep."""
+"""Verdicts: over the motions of a result, over a grid of what a text leaves open, over a sample, over a stored sweep.
 
-import itertools
+Where a text leaves a value out, the check is made over a grid of it, and a statement that holds on a part of the grid is
+under-determined. A statement about all motions of a kind is checked on a sample of them, of which a share must comply.
+"""
+
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
-
-import numpy as np
 
 from .. import HodoError
 from ..cases.case import parse_case
 from ..cases.claim_block import CONTRADICTED, NOT_TESTED, REPRODUCED, UNDERDETERMINED
 from ..results.hdf5 import Run
-from ..sweeps.averages import Labelled, average
-from .checks import KINDS
-from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, Verdict, beyond, degree
-from .quantities import Motion
-from .variations import members, motion
+from ..schema.kinds import unknown
+from ..sweeps.averages import Labelled
+from . import paper1, paper2, paper3
+from .checks import KINDS, averages
+from .finding import PLOTTING_ACCURACY, Finding, Verdict, degree
+from .paper import CHECKS, TRENDS
+from .quantities import Motion, read
+from .variations import Motions, members
+
+PAPERS = (paper1, paper2, paper3)
+"""The modules whose import fills `paper.CHECKS` and `paper.TRENDS`."""
 
 
-def measure(claim: Mapping[str, Any], motions: Sequence[Motion]) -> Verdict:
-    """The verdict on one claim by the motions of its cases, in order, or by variations of them.
-    Raises as `judge`."""
-    check, over = claim["check"], claim["over"]
-    decide = KINDS[check["kind"]]
-    if over is None:
-        finding = decide(check, motions)
+def judge(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
+    """The verdict on one claim by the cases of a result; `known` holds the motions that claims have varied.
+
+    Raises HodoError if a case is not classified, or does not have what the check needs.
+    """
+    for name in claim["cases"]:
+        ended = (
+            run.row(name, {"status": str, "message": str})
+            if name in run
+            else {"status": "missing", "message": ""}
+        )
+        if ended["status"] != "ok":
+            return Verdict(
+                claim,
+                NOT_TESTED,
+                math.nan,
+                f"{name}: {ended['status']} {ended['message']}".rstrip(),
+            )
+    try:
+        if claim["check"]["kind"] == "average":
+            finding = of_sweep(claim, run)
+            return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
+        return measure(claim, [read(run.read(name)) for name in claim["cases"]], known)
+    except HodoError as error:
+        raise HodoError(f"{run.path}: claim {claim['id']}: {error}") from error
+
+
+def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
+    """What an `average` finds in the one sweep that the claim names. Raises HodoError if there is no such sweep."""
+    name, *others = claim["cases"]
+    if others:
+        raise HodoError("a check of kind average takes one case")
+    group = run.read(name)
+    sweep = parse_case(str(group.attributes["case"])).sweep
+    if not sweep:
+        raise HodoError(f"case {name} is no sweep")
+    columns = {
+        key: Labelled(each.dims, each.data, each.attributes)
+        for key, each in group.variables.items()
+    }
+    return averages(claim["check"], columns, list(sweep))
+
+
+def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions) -> Verdict:
+    """The verdict on one claim by the motions of its cases, in order, or by the members of its `over:`.
+
+    Raises HodoError as `judge` does.
+    """
+    if not claim["over"]:
+        finding = decide(claim["check"], motions)
         return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
-    varied = members([each.case for each in motions], over)
-    found = {member: decide(check, [motion(case) for case in cases]) for member, cases in varied}
-    return sampled(claim, found) if over["random"] or over["start"] else gridded(claim, found)
+    varied = members([each.case for each in motions], claim["over"], claim["start"])
+    found = {name: [known(case) for case in cases] for name, cases in varied}
+    if not found:
+        raise HodoError(f"no member starts about {claim['start']}")
+    if (name := claim["check"].get("name")) in TRENDS:
+        finding = TRENDS[name]([*found.values()])
+        return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
+    findings = {name: decide(claim["check"], motions) for name, motions in found.items()}
+    return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
+
+
+def decide(check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
+    """What one check finds in one set of motions. Raises HodoError for a check that there is not."""
+    if check["kind"] != "paper":
+        return KINDS[check["kind"]](check, motions)
+    if (name := check["name"]) not in CHECKS:
+        raise HodoError(unknown(f"check {name!r}", name, [*CHECKS, *TRENDS]))
+    return CHECKS[name](motions)
 
 
 def gridded(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
     """The verdict over a grid of what the text does not print."""
-    if len(found) == 1:
-        (finding,) = found.values()
-        return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
     worst = max(found, key=lambda member: found[member].deviation)
     deviation, holds = (
         found[worst].deviation,
@@ -51,78 +113,14 @@ def gridded(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
 
 
 def sampled(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
-    """The verdict over random members."""
+    """The verdict over a sample of what the statement speaks of."""
     holds = sum(f.deviation <= PLOTTING_ACCURACY for f in found.values())
     share = holds / len(found)
-    words = f"holds for {holds} of {len(found)} random members ({share:.3g}){spread(found)}"
-    return Verdict(
-        claim, REPRODUCED if share >= claim["over"]["share"] else CONTRADICTED, share, words
-    )
+    words = f"holds for {holds} of {len(found)} members of a sample ({share:.3g}){spread(found)}"
+    return Verdict(claim, REPRODUCED if share >= claim["share"] else CONTRADICTED, share, words)
 
 
 def spread(found: Mapping[str, Finding]) -> str:
     """The range of the deciding number over the members, where there is one."""
     numbers = [finding.number for finding in found.values()]
     return f", {min(numbers):.6g} to {max(numbers):.6g}" if min(numbers) < max(numbers) else ""
-
-
-# Checks of sweeps, each of the one case that it names.
-
-
-def census(claim: Mapping[str, Any], run: Run) -> Verdict:
-    """The verdict on a claim about the members of one sweep. Raises HodoError if that has not what
-    the check needs."""
-    name, *others = claim["cases"]
-    if others:
-        raise HodoError(
-            f"{run.path}: claim {claim['id']}: a check of kind {claim['check']['kind']} takes one case"
-        )
-    if name not in run:
-        return Verdict(claim, NOT_TESTED, math.nan, f"{name}: missing")
-    group = run.read(name)
-    sweep = parse_case(str(group.attributes["case"])).sweep
-    if not sweep:
-        raise HodoError(f"{run.path}: claim {claim['id']}: case {name} is no sweep")
-    columns = {
-        key: Labelled(each.dims, each.data, each.attributes)
-        for key, each in group.variables.items()
-    }
-    try:
-        finding = SWEPT[claim["check"]["kind"]](claim["check"], columns, list(sweep))
-    except HodoError as error:
-        raise HodoError(f"{run.path}: claim {claim['id']}: {error}") from error
-    return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
-
-
-def averages(check: Mapping[str, Any], columns: Mapping[str, Labelled], axes: list[str]) -> Finding:
-    """Averages over the members at some positions, their bounds and order; decided by the last of
-    them."""
-    found = [float(average(columns, axes, check["variable"], (), at)) for at in check["at"]]
-    wrong = [check["least"] - x for x in found if check["least"] is not None]
-    wrong += [x - check["most"] for x in found if check["most"] is not None]
-    steps = [b - a for a, b in itertools.pairwise(found)]
-    wrong += {
-        "falls": steps,
-        "rises": [-x for x in steps],
-        "equal": [abs(x) - check["within"] for x in steps],
-    }.get(check["sense"], [])
-    size = max(map(abs, found)) or 1.0
-    words = f"{check['variable']} = {', '.join(f'{x:.4g}' for x in found)}"
-    return Finding(beyond(max(wrong, default=0.0) / size, ROUNDING), found[-1], words)
-
-
-def extents(check: Mapping[str, Any], columns: Mapping[str, Labelled], axes: list[str]) -> Finding:
-    """How much averages vary along two axes; decided by the ratio, which should exceed 1."""
-    along = [
-        average(columns, axes, check["variable"], (check[name],), {})
-        for name in ("larger", "smaller")
-    ]
-    larger, smaller = (float(np.nanmax(values) - np.nanmin(values)) for values in along)
-    ratio = larger / smaller if smaller else math.inf
-    words = (
-        f"varies by {larger:.3g} along {check['larger']}, by {smaller:.3g} along {check['smaller']}"
-    )
-    return Finding(beyond(1 - ratio, 0.0), ratio, words)
-
-
-SWEPT = {"members": averages, "axes": extents}

@@ -1,46 +1,20 @@
 """`hodo claims`: verdicts on the claims of a result file."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .. import HodoError
-from ..cases.claim_block import NOT_TESTED
-from ..claims import quantities
 from ..claims.finding import Verdict
-from ..claims.quantities import Motion
-from ..claims.verdicts import SWEPT, census, measure
+from ..claims.variations import Motions
+from ..claims.verdicts import judge
 from ..results.hdf5 import Group, Run, Variable
 
 
-def judge(claim: Mapping[str, Any], run: Run) -> Verdict:
-    """The verdict on one claim by the cases of a result.
-
-    Raises HodoError if a case is not classified, or does not have what the check needs.
-    """
-    if claim["check"]["kind"] in SWEPT:
-        return census(claim, run)
-    cases: dict[str, Motion] = {}
-    for name in claim["cases"]:
-        ended = (
-            run.row(name, {"status": str, "message": str})
-            if name in run
-            else {"status": "missing", "message": ""}
-        )
-        if ended["status"] != "ok":
-            return Verdict(
-                claim,
-                NOT_TESTED,
-                math.nan,
-                f"{name}: {ended['status']} {ended['message']}".rstrip(),
-            )
-        cases[name] = quantities.read(run.read(name))
-    try:
-        return measure(claim, [*cases.values()])
-    except HodoError as error:
-        raise HodoError(f"{run.path}: claim {claim['id']}: {error}") from error
+def judged(claims: Sequence[Mapping[str, Any]], run: Run) -> list[Verdict]:
+    """The verdicts on the claims of one result. Raises HodoError as `judge` does."""
+    known = Motions()
+    return [judge(claim, run, known) for claim in claims]
 
 
 COLUMNS = ("id", "where", "statement", "verdict", "expect", "evidence", "measured", "note")

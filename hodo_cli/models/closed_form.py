@@ -130,7 +130,7 @@ def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     complementary = _sqrt(abs(B[o] - B[e]) * abs(about_e - about_o) / (abs(B[m] - B[e]) * Y), fp)
     d = _sqrt(B[e] * abs(B[o] - B[e]) * w[e] ** 2 / Y, fp)
 
-    sn, cn, dn = _sn_cn_dn(n * t, complementary)
+    sn, cn, dn = sn_cn_dn(n * t, complementary)
     h = np.hypot(cn, d * sn)
     cn, dn, we, wm, wo = cn / h, dn / h, omega0[e] / h, omega0[m], omega0[o] / h
     g = [(1 if x > 0 else -1) * _sqrt(x * x, fp) / n for x in gyroscopic]
@@ -148,7 +148,7 @@ def _sqrt(x: Fraction, fp: Any) -> Any:
     return np.ldexp(fp(np.uint64(math.isqrt(math.floor(x * Fraction(4) ** half)))), -half)
 
 
-def _sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Jacobi's sn, cn, dn of u for the complementary modulus k' = sqrt(1 - k^2), 0 <= k' <= 1.
 
     Landen's transformation down the arithmetic-geometric mean, in ratios of sums of positive terms:
