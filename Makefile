@@ -11,9 +11,15 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 
 VENV := .venv
 BIN := $(VENV)/bin
+# Two stamps, so that drawing the figures does not wait for the tools of the tests.
 READY := $(VENV)/.ready
+TOOLS := $(VENV)/.ready-dev
 # A file's tests stay in one process, so that what its fixtures integrate is integrated once.
 PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
+
+UV := $(shell command -v uv 2>/dev/null)
+PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --custom-compile-command 'make lock'
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -23,7 +29,7 @@ help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo "  CONFIGS=configs/mine.yaml limits run, classify and figures to the case files named."
 
-setup: $(READY)  ## Make .venv with the locked dependencies (by uv where it is installed, else by venv and pip)
+setup: $(READY)  ## Make .venv with what running needs (by uv if it is installed, else by venv and pip)
 
 run: $(READY)  ## Integrate every case of the papers into runs/ (finished cases are not run again)
 	$(BIN)/hodo run $(CONFIGS)
@@ -62,11 +68,11 @@ test: lint  ## The checks of `lint`, then the whole test suite, without heyoka a
 	$(PYTEST) --no-heyoka
 	$(PYTEST)
 
-stress: $(READY)  ## Kill runs at random moments, run 10,000 cases, feed the loader 20,000 bad inputs (some 15 minutes)
+stress: $(TOOLS)  ## Kill runs at random moments, run 10,000 cases, feed the loader 20,000 bad inputs (some 15 minutes)
 	$(BIN)/python tests/stress.py
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
 
-lint: $(READY)  ## ruff on everything (rules and format), mypy --strict on the package
+lint: $(TOOLS)  ## ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/mypy
@@ -80,17 +86,18 @@ bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); 
 readme: $(READY)  ## Renew the tables of README.md that come from the program
 	$(BIN)/python -c 'from hodo_cli.cases.json_schema import key_table; print(key_table())' | $(BIN)/python tools/readme.py 'key table'
 
-lock:  ## Renew requirements.lock from pyproject.toml (needs uv)
-	uv pip compile --quiet --upgrade --universal --python-version 3.11 --all-extras --generate-hashes \
-		--custom-compile-command 'make lock' --output-file requirements.lock pyproject.toml
+lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
+	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml
+	$(LOCK) --upgrade --extra build --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
 
 clean:  ## Remove results, figures and caches; keep .venv and runs/reference
 	[ ! -d runs ] || find runs -mindepth 1 -maxdepth 1 ! -name reference -exec rm -rf {} +
 	rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find hodo_cli tests -name __pycache__ -prune -exec rm -rf {} +
 
+# Modules are compiled when they are first imported: most of what is installed never is.
 $(READY): pyproject.toml requirements.lock
-ifneq ($(shell command -v uv 2>/dev/null),)
+ifneq ($(UV),)
 	uv venv --quiet --allow-existing --python '$(or $(PYTHON),>=3.11)' $(VENV)
 	uv pip sync --quiet --python $(BIN)/python --require-hashes requirements.lock
 	uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
@@ -100,7 +107,15 @@ else
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
 		echo '$(PYTHON) cannot make virtual environments: sudo apt-get install -y $(notdir $(PYTHON))-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(PIP) --require-hashes --requirement requirements.lock
+	$(PIP) --no-deps --no-build-isolation --editable .
+endif
+	@touch $@
+
+$(TOOLS): $(READY) requirements-dev.lock
+ifneq ($(UV),)
+	uv pip install --quiet --python $(BIN)/python --require-hashes --requirement requirements-dev.lock
+else
+	$(PIP) --require-hashes --requirement requirements-dev.lock
 endif
 	@touch $@
