@@ -23,7 +23,7 @@ LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hash
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test stress lint bench readme lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test stress lint bench docs lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -49,8 +49,9 @@ sweeps: $(READY)  ## Run the ensembles but for the million, and draw their maps 
 	$(BIN)/hodo classify $(SWEEPS:configs/%.yaml=runs/%.h5)
 	$(BIN)/hodo plot $(SWEEPS:configs/%.yaml=runs/%.h5)
 
-speed: $(READY)  ## Time sweeps beside plain loops, and renew that table of README.md (some 5 minutes)
-	$(BIN)/python tools/sweep_speed.py | $(BIN)/python tools/readme.py 'sweep speed'
+speed: $(READY)  ## Time sweeps beside plain loops (some 5 minutes); renews docs/sweeps.md
+	($(BIN)/python tools/machine.py; $(BIN)/python tools/sweep_speed.py) \
+		| $(BIN)/python tools/tables.py docs/sweeps.md speed
 
 compare: $(READY)  ## Run the papers anew and compare with runs/reference (OPTIONS='--rtol 1e-8' without heyoka)
 	$(BIN)/hodo run $(PAPERS) --force --quiet --out build/compare >/dev/null
@@ -77,14 +78,16 @@ lint: $(TOOLS)  ## ruff on everything (rules and format), mypy --strict on the p
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/mypy
 
-bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); renews README's tables of both
+bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); renews docs/accuracy.md
 	@mkdir -p runs; status=0; for config in error_time extreme; do \
 		$(BIN)/hodo bench configs/$$config.yaml -j 2 --markdown > runs/$$config.md || status=1; \
-		$(BIN)/python tools/readme.py "bench: $$config" < runs/$$config.md; \
+		($(BIN)/python tools/machine.py; cat runs/$$config.md) \
+			| $(BIN)/python tools/tables.py docs/accuracy.md "bench: $$config"; \
 	done; exit $$status
 
-readme: $(READY)  ## Renew the tables of README.md that come from the program
-	$(BIN)/python -c 'from hodo_cli.cases.json_schema import key_table; print(key_table())' | $(BIN)/python tools/readme.py 'key table'
+docs: $(READY)  ## Renew what the documents quote from the program
+	$(BIN)/hodo schema --table | $(BIN)/python tools/tables.py docs/case-files.md keys
+	$(BIN)/python tools/models.py | $(BIN)/python tools/tables.py docs/models.md models
 
 lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
 	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml

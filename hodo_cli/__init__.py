@@ -1,6 +1,6 @@
 """hodo: batches of rigid-body rotation experiments, integrated, classified, plotted and checked."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 
 class HodoError(Exception):

@@ -350,16 +350,13 @@ def show(runs: tuple[Path, ...], as_json: bool) -> None:
 
 
 @main.command()
-@click.option("--table", is_flag=True, help="Print the keys as a Markdown table instead.")
+@click.option("--table", is_flag=True, help="Print every key in Markdown tables instead.")
 def schema(table: bool) -> None:
     """Print the JSON Schema of case files."""
-    from .cases import json_schema
+    from .cases.json_schema import schema as rules
+    from .cases.key_tables import key_tables
 
-    click.echo(
-        json_schema.key_table()
-        if table
-        else json.dumps(json_schema.schema(), indent=2, ensure_ascii=False)
-    )
+    click.echo(key_tables() if table else json.dumps(rules(), indent=2, ensure_ascii=False))
 
 
 if __name__ == "__main__":

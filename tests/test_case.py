@@ -19,7 +19,8 @@ from hodo_cli.cases.case import Case, Time, dump, parse_case
 from hodo_cli.cases.claim_block import CLAIM
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.figure_block import KINDS
-from hodo_cli.cases.json_schema import key_table, schema
+from hodo_cli.cases.json_schema import schema
+from hodo_cli.cases.key_tables import key_tables
 from hodo_cli.cases.keys import COMMON, METHODS
 from hodo_cli.models import catalogue
 from hodo_cli.schema import document
@@ -745,20 +746,25 @@ def test_the_schema_finds_the_mistakes_that_a_schema_can(entry: str) -> None:
     assert not obeys_schema("\n    ".join(["cases:\n  a:", entry, *rest]))
 
 
-def test_the_key_table_has_every_key_once_per_meaning() -> None:
-    rows = key_table().strip().split("\n")
-    assert len(rows) == len(set(rows))
-    named = {row.split("`")[1] for row in rows[2:]}
-    classes = [form for forms in catalogue().values() for form in forms.values()]
-    assert named >= {"model", "form", "time.end", "initial.p", "resistance.diagonal", *COMMON}
-    assert named >= {key for form in classes for key in form.keys}
-    assert (
-        "| `damping` | linear-diag | 3 numbers or one for all | 1/time | [0.0, 0.0, 0.0] |"
-        in key_table()
+def test_the_key_tables_have_every_key_of_each_group() -> None:
+    groups = dict(
+        part.split("\n", 1) for part in ("\n" + key_tables().rstrip()).split("\n### ")[1:]
     )
-    assert "| `inertia` | linear-diag, tensor | 3 numbers > 0 |" in key_table().replace(
-        "cavity+constant, ", ""
-    )
+    named = {
+        heading: [row.split("`")[1] for row in text.splitlines() if row.startswith("| `")]
+        for heading, text in groups.items()
+    }
+    assert {"time.end", *COMMON} <= set(named["Every case"])
+    for model, forms in catalogue().items():
+        keys = set(named[f"Model `{model}`"])
+        assert keys >= {"form"}.union(*(form.keys for form in forms.values()))
+    assert len(named["Model `linear-diag`"]) == len(set(named["Model `linear-diag`"]))
+    assert {"initial.p", "resistance.diagonal"} <= set(named["Model `tensor`"])
+    assert "| `damping` | 3 numbers or one for all |" in groups["Model `linear-diag`"]
+    assert "`perturbation` (form full, averaged-quadrature)" in groups["Model `Lagrange-averaged`"]
+    assert set(named["Check `crossings`"]) == {
+        f"check.{key}" for key in ("least", "most", "from", "to")
+    }
 
 
 def test_the_bench_section_is_checked() -> None:

@@ -1,5 +1,4 @@
-"""The project's frame: what README promises exists, heavy libraries stay where they belong, the
-lock is complete."""
+"""The project's frame: heavy libraries stay where they belong, the locks are complete."""
 
 import ast
 import os
@@ -10,17 +9,11 @@ import tomllib
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from conftest import ROOT, Hodo
 
-from hodo_cli.cases.config import parse
-from hodo_cli.cases.json_schema import key_table
-
 PACKAGE = ROOT / "hodo_cli"
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 # A heavy library and the only module that may import it.
 IMPORTERS = {
@@ -106,36 +99,6 @@ def test_models_know_no_solver_file_or_plot() -> None:
     }
 
 
-def commands() -> set[str]:
-    from hodo_cli.cli import main
-
-    return set(main.commands)
-
-
-def test_readme_lists_the_commands() -> None:
-    assert set(re.findall(r"^\| `hodo ([a-z]+)", README, re.MULTILINE)) == commands()
-
-
-def test_readme_names_only_commands_that_exist() -> None:
-    written = re.sub(r"<!-- begin: (.*?) -->.*?<!-- end: \1 -->", "", README, flags=re.DOTALL)
-    assert set(re.findall(r"\bhodo ([a-z]+)\b(?=[^`\n]*`)", written)) <= commands()
-
-
-def test_readme_has_the_key_table() -> None:
-    printed = re.search(
-        r"<!-- begin: key table -->\n(.*?)<!-- end: key table -->", README, re.DOTALL
-    )
-    assert printed
-    assert printed[1].strip() == key_table().strip(), "run `make readme`"
-
-
-def test_readme_names_only_targets_that_exist() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
-    named = set(re.findall(r"(?:`|^ {4})make ([a-z]+)", README, re.MULTILINE))
-    assert {"figures", "test"} <= named <= targets
-
-
 def test_every_target_is_explained_by_help() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
@@ -144,38 +107,6 @@ def test_every_target_is_explained_by_help() -> None:
         ["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
     assert re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE) == phony[1].split()
-
-
-def test_readme_case_file_is_one() -> None:
-    source = re.search(r"```yaml\n(.*?)```", README, re.DOTALL)
-    assert source
-    config = parse(source[1], "README.md")
-    assert list(config.cases) == ["turning", "staying"]
-    assert (
-        parse(source[1], "README.md", ["turning.damping.2=0.002"])
-        .cases["turning"]
-        .data["damping"][2]
-        == 0.002
-    )
-
-
-def test_readme_model_loses_the_energy_that_it_says() -> None:
-    source = re.search(r"```python\n(from \.\.schema.*?)```", README, re.DOTALL)
-    assert source
-    scope: dict[str, Any] = {
-        "__package__": "hodo_cli.models",
-        "__name__": "hodo_cli.models.quadratic_drag",
-    }
-    exec(compile(source[1], "README.md", "exec"), scope)
-    model = scope["QuadraticDrag"]
-    k = SimpleNamespace(**model.constants({"inertia": (1.0, 0.8, 0.6), "drag": 0.1}))
-    omega = (0.6, 0.8, 0.0)
-    energy = sum(
-        A * w * dw
-        for A, w, dw in zip((1.0, 0.8, 0.6), omega, model.rhs(0.0, omega, k), strict=True)
-    )
-    assert energy == pytest.approx(-0.1 * (0.36 + 0.8 * 0.64), rel=1e-15)
-    assert set(model.degree) <= set(vars(k))
 
 
 HEAVY = {
@@ -240,19 +171,43 @@ def test_heyoka_can_be_hidden_from_processes() -> None:
     assert "import of heyoka halted" in done.stderr
 
 
-def pinned() -> set[str]:
-    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    return set(re.findall(r"^([a-z0-9-]+)==", lock, re.MULTILINE))
+LOCKS = ("requirements.lock", "requirements-dev.lock")
 
 
-def test_the_lock_covers_every_dependency() -> None:
+def pinned(lock: str) -> dict[str, set[str]]:
+    """The versions of each package in a lock file; several where they depend on Python's."""
+    text, found = (ROOT / lock).read_text(encoding="utf-8"), dict[str, set[str]]()
+    for name, version in re.findall(r"^([a-z0-9-]+)==(.*?) \\$", text, re.MULTILINE):
+        found.setdefault(name, set()).add(version.split(" ;")[0])
+    return found
+
+
+def wanted(*extras: str) -> set[str]:
+    """The packages that the project itself asks for, with some of its extras."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = chain(project["dependencies"], *project["optional-dependencies"].values())
-    assert {re.match(r"[A-Za-z0-9-]+", name)[0].lower() for name in wanted} <= pinned()
+    optional = (project["optional-dependencies"][extra] for extra in extras)
+    names = chain(project["dependencies"], *optional)
+    return {re.match(r"[A-Za-z0-9-]+", name)[0].lower() for name in names}
 
 
-def test_the_lock_pins_versions_by_hash_and_names_no_host() -> None:
-    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    for entry in re.split(r"\n(?=[a-z])", lock)[1:]:
+def test_the_locks_cover_every_dependency() -> None:
+    assert wanted("build") <= set(pinned("requirements.lock"))
+    assert wanted("build", "dask", "test", "lint") <= set(pinned("requirements-dev.lock"))
+
+
+def test_running_installs_no_tool_of_the_tests() -> None:
+    tools = wanted("dask", "test", "lint") - wanted("build")
+    assert not tools & set(pinned("requirements.lock"))
+
+
+def test_the_locks_agree() -> None:
+    running, tests = map(pinned, LOCKS)
+    assert running == {name: tests[name] for name in running}
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_a_lock_pins_versions_by_hash_and_names_no_host(lock: str) -> None:
+    text = (ROOT / lock).read_text(encoding="utf-8")
+    for entry in re.split(r"\n(?=[a-z])", text)[1:]:
         assert re.match(r"[a-z0-9-]+==\S+( ; [^\\]+)? \\\n    --hash=sha256:", entry), entry[:80]
-    assert not re.search(r"://|^-|file:", lock, re.MULTILINE)
+    assert not re.search(r"://|^-|file:", text, re.MULTILINE)

@@ -2,9 +2,9 @@
 SciPy.
 
 Random starts of the body of the first paper's Fig. 4, to tau = 1000, with the first crossing.
-Prints a Markdown table: medians over a few rounds, in each of which every command runs once, so
-that a machine whose speed drifts slows all of them alike; and of each the processor time, which
-other work on the machine changes less. Run by `make bench`.
+Prints Markdown tables: medians over a few rounds. In each round every command runs once, so that a
+machine whose speed drifts slows all of them alike. The processor time stands beside the members
+per second, because other work on the machine changes it less. Run by `make speed`.
 """
 
 import os
@@ -155,7 +155,7 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
         few = max(members // 5000, 4)
         slow = cost([sys.executable, "scipy_loop.py", str(few)], folder)
         print(
-            "| first crossing of random starts | members/s | microseconds of processor each |\n|---|---|---|"
+            "| first crossing of random starts | members/s | CPU time per member, us |\n|---|---|---|"
         )
         for what, costs in found.items():
             each = middle(costs)
@@ -164,7 +164,7 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
             f"| SciPy DOP853 at 1e-10, one process | {few / slow.wall:,.1f} | {slow.cpu / few * 1e6:,.0f} |\n"
         )
         print(
-            "| members | seconds | microseconds of processor each | largest process, MB |\n|---|---|---|---|"
+            "| members | seconds | CPU time per member, us | largest process, MB |\n|---|---|---|---|"
         )
         for count in growing:
             each = sweep(folder, count, 2)

@@ -1,68 +1,14 @@
-"""The key table and the JSON Schema of case files, made from the keys themselves."""
+"""The JSON Schema of case files, made from the keys themselves."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 from .. import models
 from ..models.base import Model
-from ..schema import kinds
-from ..schema.kinds import Choice, Either, Key, Table, Variant
-from ..schema.write import write
-from . import claim_block
+from ..schema.kinds import Choice, Key, Table
 from .case import NAME
 from .figure_block import KINDS
-from .keys import COMMON, SECTIONS, keys_of
-
-
-def _rows(path: str, key: Key) -> Iterator[tuple[str, str, str, str, str]]:
-    """The rows of the key table, but for `where`, of a key and the keys within it."""
-    default = (
-        "required"
-        if key.default is kinds.REQUIRED
-        else ""
-        if key.default is None
-        else write(key.default)
-    )
-    yield path, key.kind.describe(), key.unit, default, key.doc
-    inner_kinds = key.kind.kinds if isinstance(key.kind, Either) else (key.kind,)
-    for kind in inner_kinds:
-        tables = (
-            [kind.keys]
-            if isinstance(kind, Table)
-            else kind.tables.values()
-            if isinstance(kind, Variant)
-            else []
-        )
-        for table in tables:
-            for name, inner in table.items():
-                yield from _rows(f"{path}.{name}", inner)
-
-
-def key_table() -> str:
-    """Every key of a case file as a table in Markdown."""
-    catalogue = models.catalogue()
-    head = {"model": Key(Choice(*catalogue), "equations of motion")}
-    scopes = [("file", "", SECTIONS), ("every case", "", head | COMMON)]
-    for model, forms in catalogue.items():
-        scopes.append((model, "", {"form": keys_of(model, None)[1]["form"]}))
-        scopes += [(model, form, dict(found.keys)) for form, found in forms.items()]
-    kind = {"kind": Key(Choice(*KINDS), "what is drawn")}
-    scopes += [("figure", name, kind | taken) for name, taken in KINDS.items()]
-    scopes.append(("claim", "", claim_block.CLAIM))
-    where: dict[tuple[str, ...], dict[str, dict[str, None]]] = {}
-    for group, member, taken in scopes:
-        for row in (row for name, key in taken.items() for row in _rows(name, key)):
-            where.setdefault(row, {}).setdefault(group, {})[member] = None
-    every = {model: list(forms) for model, forms in catalogue.items()} | {"figure": list(KINDS)}
-    lines = ["| key | where | value | unit | default | meaning |", "|---|---|---|---|---|---|"]
-    for (name, *rest), groups in where.items():
-        named = [
-            g if list(some) in ([""], every.get(g)) else f"{g} ({', '.join(some)})"
-            for g, some in groups.items()
-        ]
-        cells = (f"`{name}`", ", ".join(named), *rest)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
+from .keys import COMMON, SECTIONS
 
 
 def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:

@@ -1,0 +1,105 @@
+"""The tables of docs/case-files.md, made from the keys themselves: one a group of keys."""
+
+from collections.abc import Iterator, Mapping
+from itertools import chain
+
+from .. import models
+from ..schema import kinds
+from ..schema.kinds import Choice, Either, Key, Table, Variant
+from ..schema.write import write
+from . import claim_block, figure_block
+from .keys import COMMON, SECTIONS, keys_of
+
+Row = tuple[str, str, str, str, str]
+"""Path, value, unit, default and meaning of a key."""
+
+
+def _default(key: Key) -> str:
+    """The default as it would be written in a case file."""
+    if key.default is kinds.REQUIRED:
+        return "required"
+    return "" if key.default is None else f"`{write(key.default)}`"
+
+
+def _within(key: Key) -> Iterator[tuple[str, Mapping[str, Key]]]:
+    """The keys inside a key's value, each set with the words that choose it."""
+    for kind in key.kind.kinds if isinstance(key.kind, Either) else (key.kind,):
+        if isinstance(kind, Table):
+            yield "", kind.keys
+        elif isinstance(kind, Variant):
+            yield from ((f" ({kind.tag}: {name})", keys) for name, keys in kind.tables.items())
+
+
+def _rows(path: str, key: Key, chosen: str = "") -> Iterator[Row]:
+    """The row of a key, then those of the keys inside it."""
+    yield f"`{path}`{chosen}", key.kind.describe(), key.unit, _default(key), key.doc
+    for words, keys in _within(key):
+        for name, inner in keys.items():
+            yield from _rows(f"{path}.{name}", inner, words)
+
+
+def _table(keys: Mapping[str, Key]) -> list[Row]:
+    return [row for name, key in keys.items() for row in _rows(name, key)]
+
+
+def _model(forms: list[str], keys: list[list[Row]]) -> list[Row]:
+    """The keys of a model; a key that only some forms take names them."""
+    takers: dict[Row, list[str]] = {}
+    for form, rows in zip(forms, keys, strict=True):
+        for row in rows:
+            takers.setdefault(row, []).append(form)
+    return [
+        row if taking == forms else (f"{row[0]} (form {', '.join(taking)})", *row[1:])
+        for row, taking in takers.items()
+    ]
+
+
+Groups = Iterator[tuple[str, list[Row]]]
+"""The heading and the rows of each table."""
+
+
+def _cases() -> Groups:
+    catalogue = models.catalogue()
+    head = {"model": Key(Choice(*catalogue), "equations of motion")}
+    yield "Every case", _table(head | COMMON)
+    for model, forms in catalogue.items():
+        form = {"form": keys_of(model, None)[1]["form"]}
+        own = [_table({**form, **cls.keys}) for cls in forms.values()]
+        yield f"Model `{model}`", _model(list(forms), own)
+
+
+def _figures() -> Groups:
+    kinds_of_figure = figure_block.KINDS
+    every, *others = kinds_of_figure.values()
+    # A key stands under "most figures" if most of the kinds take it, with the same meaning.
+    shared = {
+        name: key
+        for name, key in every.items()
+        if sum(keys.get(name) == key for keys in others) > len(others) / 2
+    }
+    yield "Most figures", _table({"kind": Key(Choice(*kinds_of_figure), "what is drawn")} | shared)
+    for name, keys in kinds_of_figure.items():
+        if own := {key: value for key, value in keys.items() if shared.get(key) != value}:
+            yield f"Figure `{name}`", _table(own)
+
+
+def _claims() -> Groups:
+    checks = claim_block.CLAIM["check"].kind
+    assert isinstance(checks, Variant)
+    yield "Every claim", [row for row in _table(claim_block.CLAIM) if "(kind: " not in row[0]]
+    for name, keys in checks.tables.items():
+        yield f"Check `{name}`", _table({f"check.{key}": value for key, value in keys.items()})
+
+
+def key_tables() -> str:
+    """Every key of a case file, in Markdown: a heading and a table for each group."""
+    parts = []
+    groups = chain([("The file", _table(SECTIONS))], _cases(), _figures(), _claims())
+    for heading, rows in groups:
+        parts.append(f"### {heading}\n")
+        parts += ["| key | value | unit | default | meaning |", "|---|---|---|---|---|"]
+        parts += [
+            "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows
+        ]
+        parts.append("")
+    return "\n".join(parts)

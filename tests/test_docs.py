@@ -1,0 +1,248 @@
+"""The documents say what the program does: their tables, commands, links and snippets are tried."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import h5py
+import pytest
+from conftest import ROOT, Hodo
+
+from hodo_cli.cases.config import parse
+from hodo_cli.cases.key_tables import key_tables
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+DOCUMENTS = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"))
+}
+documents = pytest.mark.parametrize("name", DOCUMENTS)
+
+
+def quoted(document: str, name: str) -> str:
+    """What stands between a document's markers."""
+    pattern = rf"<!-- begin: {name} -->\n(.*?)<!-- end: {name} -->"
+    match = re.search(pattern, DOCUMENTS[document], re.DOTALL)
+    assert match, f"{document} has no markers for {name}"
+    return match[1].strip()
+
+
+def snippets(document: str, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", DOCUMENTS[document], re.DOTALL)
+
+
+def section(document: str, heading: str) -> str:
+    """The text under a heading, up to the next one of its level."""
+    level = heading.split()[0]
+    return DOCUMENTS[document].partition(f"\n{heading}\n")[2].partition(f"\n{level} ")[0]
+
+
+def commands() -> set[str]:
+    from hodo_cli.cli import main
+
+    return set(main.commands)
+
+
+def test_readme_is_short() -> None:
+    assert len(README.splitlines()) <= 130
+
+
+def test_readme_lists_the_commands() -> None:
+    assert set(re.findall(r"^\| `hodo ([a-z]+)", README, re.MULTILINE)) == commands()
+
+
+@documents
+def test_only_commands_that_exist_are_named(name: str) -> None:
+    written = re.sub(
+        r"<!-- begin: (.*?) -->.*?<!-- end: \1 -->", "", DOCUMENTS[name], flags=re.DOTALL
+    )
+    assert set(re.findall(r"\bhodo ([a-z]+)\b(?=[^`\n]*`)", written)) <= commands()
+
+
+@documents
+def test_only_options_that_exist_are_named(name: str) -> None:
+    from hodo_cli.cli import main
+
+    options = {
+        option
+        for command in [main, *main.commands.values()]
+        for parameter in command.params
+        for option in parameter.opts
+    }
+    prose = re.sub(r"```.*?```", "", DOCUMENTS[name], flags=re.DOTALL)
+    # mypy's is the one option of another program that the documents name
+    named = set(re.findall(r"(?<=[` ])--[a-z][a-z-]*", prose)) - {"--strict"}
+    assert named <= options | {"--help", "--version"}
+
+
+@documents
+def test_only_targets_that_exist_are_named(name: str) -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([a-z]+):", makefile, re.MULTILINE))
+    assert set(re.findall(r"(?:`|^ {4})make ([a-z]+)", DOCUMENTS[name], re.MULTILINE)) <= targets
+
+
+def test_readme_starts_with_the_figures_and_the_tests() -> None:
+    assert re.findall(r"^ {4}make ([a-z]+)", README, re.MULTILINE) == ["figures", "test"]
+
+
+@documents
+def test_links_lead_somewhere(name: str) -> None:
+    here = (ROOT / name).parent
+    for target in re.findall(r"\]\((?!https?:)([^)]*)\)", DOCUMENTS[name]):
+        file, _, heading = target.partition("#")
+        path = (here / file).resolve() if file else ROOT / name
+        assert path.exists(), target
+        if heading:
+            titles = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+            assert heading in slugs, target
+
+
+@documents
+def test_files_that_are_named_exist(name: str) -> None:
+    named = re.findall(r"`((?:hodo_cli|configs|tests|tools)/[\w/.]+\w)/?`", DOCUMENTS[name])
+    # `mine` and `NAME` stand for the reader's own files.
+    missing = {file for file in named if not (ROOT / file).exists()}
+    assert {file for file in missing if not re.search(r"/(mine|NAME)\.", file)} == set()
+
+
+def test_rooms_that_architecture_names_exist() -> None:
+    named = re.findall(r"`([a-z_]+/[a-z_0-9]*(?:\.py)?)`", DOCUMENTS["docs/architecture.md"])
+    rooms = {file for file in named if not (ROOT / file).exists()}
+    assert rooms
+    assert {file for file in rooms if not (ROOT / "hodo_cli" / file).exists()} == set()
+
+
+def test_the_picture_of_the_layers_is_the_one_that_is_tested() -> None:
+    from test_layers import LAYERS
+
+    picture = snippets("docs/architecture.md", "text")[0]
+    rows = [re.split(r" {2,}", row.strip())[0] for row in picture.strip().splitlines()]
+    assert [set(row.split(" | ")) for row in rows] == [set(row.split()) for row in LAYERS[::-1]]
+
+
+def test_every_key_is_documented() -> None:
+    assert quoted("docs/case-files.md", "keys") == key_tables().strip(), "run `make docs`"
+
+
+def test_every_model_is_documented() -> None:
+    printed = subprocess.run(
+        [sys.executable, "tools/models.py"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert quoted("docs/models.md", "models") == printed.strip(), "run `make docs`"
+
+
+@documents
+def test_case_files_are_right(name: str) -> None:
+    for text in snippets(name, "yaml"):
+        cases = "cases: {turning: {model: linear-diag, inertia: [1, 1, 1], time: {end: 1}, "
+        alone = text if "cases:\n" in text else f"{cases}initial: {{G: 1, p: 0, q: 0}}}}}}\n{text}"
+        assert parse(alone, name).cases
+
+
+def test_a_value_is_changed_as_documented() -> None:
+    text = snippets("docs/case-files.md", "yaml")[0]
+    config = parse(text, "mine.yaml", ["turning.damping.2=0.002"])
+    assert config.cases["turning"].data["damping"][2] == 0.002
+
+
+@pytest.mark.heyoka
+def test_readme_can_be_followed(hodo: Hodo, tmp_path: Path) -> None:
+    """Its case, its commands with what they print, and its snippets, one after the other."""
+    (tmp_path / "configs").mkdir()
+    case = snippets("README.md", "yaml")[0]
+    (tmp_path / "configs" / "mine.yaml").write_text(case, encoding="utf-8")
+    for session in snippets("README.md", "console"):
+        for step in session.split("$ hodo ")[1:]:
+            line, _, promised = step.partition("\n")
+            done = hodo(*line.split())
+            assert done.returncode == 0, done.stderr
+            printed = done.stderr.split("[1/1]")[0] + done.stdout
+            assert vague(printed) == vague(promised)
+    for code in snippets("README.md", "python"):
+        environment = {"MPLBACKEND": "agg", "PATH": ""}
+        subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
+
+
+def vague(printed: str) -> list[list[str]]:
+    """The words that were printed, without what differs between machines: run times, and the last
+    digits of errors and times."""
+    times = re.sub(r"\d+(\.\d+)? (us|ms|s)\b", "TIME", printed)
+    errors = re.sub(r"\d(\.\d)?e-\d+", "ERROR", times)
+    return [line.split() for line in re.sub(r"(\d+\.\d{6})\d+", r"\1", errors).splitlines()]
+
+
+def test_the_result_format_is_documented_whole(hodo: Hodo, tmp_path: Path) -> None:
+    """Every name in the files of single cases, sweeps and verdicts stands in results.md."""
+    head = "    inertia: [1, 0.8, 0.6]\n    time: {end: 5, samples: 3}\n"
+    body = f"    model: linear-diag\n{head}    initial: {{p: 0.8, q: 0.5, r: 0.74}}\n"
+    ends = (
+        "    model: cavity+constant\n    form: averaged\n    inertia: [8, 8, 4]\n"
+        "    kappa: 1\n    torque: [0, 0, -10]\n    initial: {x: 1, y: 1}\n    time: {end: 5}\n"
+    )
+    store = "    store: [omega, crossing_time, crossings, start_axis, share, separation, steps]\n"
+    sweep = "    sweep: {direction: {sphere: {count: 3}}, damping.0: {values: [0, 1]}}\n"
+    claim = snippets("docs/claims.md", "yaml")[0].replace("[turning]", "[plain]")
+    text = f"cases:\n  plain:\n{body}  ends:\n{ends}  swept:\n{body}{sweep}  stored:\n{body}{store}"
+    (tmp_path / "all.yaml").write_text(f"{text}{sweep}{claim}", encoding="utf-8")
+    for command in ("run all.yaml", "classify runs/all.h5", "claims runs/all.h5"):
+        done = hodo(*command.split())
+        assert done.returncode in (0, 3), done.stderr
+    named = set(re.findall(r"`(\w+)`", DOCUMENTS["docs/results.md"]))
+    own = {"turning", "crossing", "claim", "event", "time", "damping_0", "damping.0", "direction"}
+    with h5py.File(tmp_path / "runs" / "all.h5") as file:
+        assert set(file.attrs) - named == {"_NCProperties"} & set(file.attrs)
+        for group in file.values():
+            assert set(group.attrs) <= named
+            assert {name for name in group if name not in own} <= named
+    assert {"verdict", "crossing_error_quantiles", "classify_warnings", "event_kind"} <= named
+
+
+def test_the_example_of_a_model_loses_the_energy_that_it_says() -> None:
+    source = next(s for s in snippets("docs/models.md", "python") if "class " in s)
+    scope: dict[str, Any] = {
+        "__package__": "hodo_cli.models",
+        "__name__": "hodo_cli.models.quadratic_drag",
+    }
+    exec(compile(source, "models.md", "exec"), scope)
+    model = scope["QuadraticDrag"]
+    k = SimpleNamespace(**model.constants({"inertia": (1.0, 0.8, 0.6), "drag": 0.1}))
+    omega = (0.6, 0.8, 0.0)
+    energy = sum(
+        A * w * dw
+        for A, w, dw in zip((1.0, 0.8, 0.6), omega, model.rhs(0.0, omega, k), strict=True)
+    )
+    assert energy == pytest.approx(-0.1 * (0.36 + 0.8 * 0.64), rel=1e-15)
+    assert set(model.degree) <= set(vars(k))
+
+
+@documents
+def test_snippets_are_python(name: str) -> None:
+    for code in snippets(name, "python"):
+        compile(code, name, "exec")
+
+
+def test_the_version_is_open_and_the_last_one_closed() -> None:
+    from hodo_cli import __version__
+
+    sections = re.findall(
+        r"^## \[(.*?)\](.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert sections[0] == ("Unreleased", "")
+    assert all(re.fullmatch(r" - \d{4}-\d\d-\d\d", date) for _, date in sections[1:])
+    assert __version__.endswith(".dev0") == (__version__ != sections[1][0])
+
+
+def test_the_licence_is_one_everywhere() -> None:
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["license"] == "BSD-3-Clause"
+    assert "license: BSD-3-Clause\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    licence = (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert licence.startswith("BSD 3-Clause License")
+    assert f", {project['authors'][0]['name']}\n" in licence
