@@ -356,29 +356,25 @@ def test_a_rotation_stopped_at_once_keeps_its_direction():
     A, omega0 = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74])
     (state,), (exponent,) = closed_form.scaled_motion(A, omega0, 1e9, np.array([1e3]))
     assert exponent < -(10**9)
+    # What is left of the free motion after infinite time is its state at s = 1/lam.
+    (stopped,) = closed_form.free_motion(A, omega0, np.array([1e-9]))
     assert state / np.linalg.norm(state) == pytest.approx(
-        closed_form.final_direction(A, omega0, 1e9), rel=1e-15
+        stopped / np.linalg.norm(stopped), rel=1e-15
     )
 
 
 @pytest.mark.parametrize("lam", [1e-3, 0.005, 0.1, 1e4])
 @pytest.mark.parametrize("size", [1, 2.0**-498, 2.0**498])
-def test_final_direction(lam, size):
-    """It is where the direction has arrived, to rounding, when lam t = 60: the rest is e^-60."""
+def test_a_damped_rotation_ends_in_the_direction_of_the_free_motion(lam, size):
+    """The direction has arrived, to rounding, when lam t = 60: the rest is e^-60."""
     for A, omega0 in arrangements((1, 0.8, 0.6), (0.5, 0.25, 1.4)):
         with mpmath.workdps(60):
-            (end,) = reference(A, omega0, lam, [60 / lam])
+            (end,) = reference(A, omega0, 0, [1 / lam])
             direction = end / mpmath.norm(end)
-        found = closed_form.final_direction(A, omega0 * size, lam * size)
+        times = np.array([60 / lam / size])
+        ((state,), _) = closed_form.scaled_motion(A, omega0 * size, lam * size, times)
+        found = state / np.linalg.norm(state)
         assert errors(found[None], [direction])[0] <= 1e-15 * (1 + 1.6 / lam)
-
-
-def test_only_a_damped_rotation_has_a_final_direction():
-    A = np.array([1, 0.8, 0.6])
-    for lam in (0.0, -0.1, math.nan):
-        with pytest.raises(ValueError, match="only if it is damped"):
-            closed_form.final_direction(A, np.array([0.5, 0.25, 1.4]), lam)
-    assert not closed_form.final_direction(A, np.zeros(3), 0.1).any()
 
 
 def case(**keys: object) -> Case:

@@ -89,22 +89,6 @@ def scaled_motion(
     ), size - halvings.astype(np.int64)
 
 
-def final_direction(A: np.ndarray, omega0: np.ndarray, lam: float) -> np.ndarray:
-    """The unit vector (3,) that omega(t) / |omega(t)| tends to for lambda1 = lambda2 = lambda3 =
-    lam > 0.
-
-    It is the direction of the free motion at the finite time 1/lam; zero for a body at rest. Raises
-    ValueError unless lam > 0.
-    """
-    if not lam > 0:
-        raise ValueError(
-            f"a rotation has a final direction only if it is damped, not with lam = {lam}"
-        )
-    size, unit = _units(omega0)
-    omega = _free(A, unit, np.ldexp([1 / lam], size))[0]
-    return np.asarray(omega / (np.linalg.norm(omega) or 1.0))
-
-
 def _units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
     """The exponent of a power of two near |omega0|, and omega0 in its units, where no product
     under- or overflows."""
