@@ -20,7 +20,7 @@ TIME = Table(
         "end": Key(Number(), "time at which the integration ends, not before start", "time"),
         "samples": Key(
             Integer(least=1, most=10**15),
-            "number of stored times, evenly spaced from start to end; a single one is the end",
+            "number of stored times, evenly spaced from start to end; 1 stores the end alone",
             default=1001,
         ),
     }
@@ -33,13 +33,13 @@ COMMON = {
     "time": Key(TIME, "span of the integration, and its samples"),
     "method": Key(
         Choice(*METHODS),
-        "method of integration; auto takes the fastest that is safe",
+        "method of integration; auto takes the fastest that is accurate",
         default="auto",
     ),
     "tol": Key(
         Number(above=0, below=1),
-        "tolerance relative to max|omega| "
-        "(if left out: 1e-9 for RK45, LSODA, Radau, BDF, 1e-12 for DOP853, else the precision's limit)",
+        "tolerance relative to max|omega| (default: 1e-9 for RK45, LSODA, Radau and BDF, "
+        "1e-12 for DOP853, else the limit of the precision)",
         default=None,
     ),
     "precision": Key(
@@ -47,19 +47,23 @@ COMMON = {
     ),
     "error": Key(
         Choice("on", "off"),
-        "whether the error is measured, against a finer integration",
+        "on: the error is measured against a finer integration",
         default="on",
     ),
-    "store": Key(Names(), "variables kept (if left out or empty: the state)", default=()),
-    "max_seconds": Key(Number(above=0), "run time after which the case is given up", "s", None),
+    "store": Key(Names(), "variables to store (default: the state)", default=()),
+    "max_seconds": Key(
+        Number(above=0), "run time after which the case stops, unfinished", "s", None
+    ),
     "max_steps": Key(
         Integer(least=1, most=10**15),
-        "number of steps after which the case is given up",
+        "number of steps after which the case stops, unfinished",
         default=None,
     ),
-    "note": Key(Text(), "remark that goes with the results: an assumption, a misprint", default=""),
+    "note": Key(
+        Text(), "remark to be stored with the results: an assumption, a misprint", default=""
+    ),
     "sweep": Key(
-        Ranges(), "ranges of numeric keys, which make the case a grid or an ensemble", default=None
+        Ranges(), "ranges of numeric keys: the case becomes a grid or an ensemble", default=None
     ),
 }
 """The keys that a case of any model takes besides `model` and `form`."""
@@ -81,14 +85,18 @@ class Section:
 
 BENCH = Table(
     {
-        "methods": Key(kinds.Sequence(Choice(*METHODS)), "methods compared"),
+        "methods": Key(kinds.Sequence(Choice(*METHODS)), "methods to compare"),
         "tols": Key(
             kinds.Sequence(Number(above=0, below=1)),
             "tolerances (default: each method's own)",
             default=(),
         ),
-        "repeats": Key(Integer(least=1, most=1000), "runs of which the median is timed", default=1),
-        "max_seconds": Key(Number(above=0), "run time after which a method is given up", "s", 10.0),
+        "repeats": Key(
+            Integer(least=1, most=1000), "runs of each; the median of their times counts", default=1
+        ),
+        "max_seconds": Key(
+            Number(above=0), "run time after which a method stops, unfinished", "s", 10.0
+        ),
     }
 )
 
@@ -97,7 +105,7 @@ SECTIONS = {
     "references": Key(Text(), "where its cases come from", default=""),
     "defaults": Key(
         Section(),
-        "values for every case that takes the key; those of `time` one by one",
+        "values for every case that takes the key; `time` is merged key by key",
         default=None,
     ),
     "cases": Key(Section(), "the experiments, by name"),
