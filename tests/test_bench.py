@@ -13,6 +13,7 @@ from conftest import Hodo
 from hodo_cli.cases.config import parse
 from hodo_cli.commands import bench
 from hodo_cli.commands.bench import Bench, Trial, fastest, perturbed, trial, truth, verdict
+from hodo_cli.engines.protocol import Status
 from hodo_cli.integration import solve
 
 CONFIG = """
@@ -31,9 +32,10 @@ def test_each_verdict() -> None:
     solution = solve.solve(case, method, tol=1e-4)
     assert verdict(case, method, solution, 9e-4, 0.0) == "accurate"
     assert verdict(case, method, solution, 1e-2, 1e-3) == "limited by the data"
-    assert verdict(case, method, replace(solution, stop="timeout"), 0.0, 0.0) == "timeout"
+    assert verdict(case, method, replace(solution, status=Status.TIMEOUT), 0.0, 0.0) == "timeout"
     assert (
-        verdict(case, method, replace(solution, stop="failed"), 0.0, 0.0) == "failed with a message"
+        verdict(case, method, replace(solution, status=Status.FAILED), 0.0, 0.0)
+        == "failed with a message"
     )
     # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger
     # one is silent.

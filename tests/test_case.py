@@ -1,6 +1,7 @@
 """The loader of case files: values, mistakes with their places, overrides, round trips, hostile
 files."""
 
+import dataclasses
 import math
 import pickle
 import re
@@ -23,6 +24,7 @@ from hodo_cli.cases.json_schema import schema
 from hodo_cli.cases.key_tables import key_tables
 from hodo_cli.cases.keys import COMMON, METHODS
 from hodo_cli.models import catalogue
+from hodo_cli.models.base import Model
 from hodo_cli.schema import document
 from hodo_cli.schema.document import read
 from hodo_cli.schema.kinds import (
@@ -779,3 +781,30 @@ def test_the_bench_section_is_checked() -> None:
     }
     with pytest.raises(HodoError, match=r"bench.methods.0: .*did you mean 'Radau'"):
         parse(text + "{methods: [Radauu]}", "x.yaml")
+
+
+def test_a_case_is_a_key_and_cannot_be_changed() -> None:
+    case, same = (
+        one_case(f"{BODY}, {SPAN}, sweep: {{damping.0: {{values: [0, 1]}}}}") for _ in "ab"
+    )
+    assert {case: "found"}[same] == "found"
+    other = dataclasses.replace(same, data={**same.data, "damping": [1, 2, 3]})
+    assert other not in {case}
+    assert other.data["damping"] == (1, 2, 3)
+    again = pickle.loads(pickle.dumps(case))
+    assert again == case
+    assert hash(again) == hash(case)
+    data: Any = again.data
+    with pytest.raises(TypeError, match="the data of a case do not change"):
+        data["damping"] = (1, 1, 1)
+    with pytest.raises(TypeError, match="the data of a case do not change"):
+        data["initial"].update(p=1)
+    assert case.system is case.system
+    assert pickle.loads(pickle.dumps(case.system)) == case.system
+
+
+@pytest.mark.parametrize(
+    "form", [form for forms in catalogue().values() for form in forms.values()]
+)
+def test_the_fields_of_a_form_are_its_keys(form: type[Model]) -> None:
+    assert {field.name for field in dataclasses.fields(form)} == set(form.keys)

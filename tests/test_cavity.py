@@ -16,7 +16,7 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.engines.protocol import have_taylor
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.models import catalogue, find
+from hodo_cli.models import catalogue
 from hodo_cli.models.cavity import fluid_torque
 
 HERE = Path(__file__).parent
@@ -46,7 +46,7 @@ def case(text: str = "", **given: str) -> Case:
 
 
 def constants(case: Case) -> SimpleNamespace:
-    return SimpleNamespace(**find(case.model, case.form).constants(case.data))
+    return SimpleNamespace(**case.system.constants)
 
 
 def value(polynomial: series.Polynomial, y: np.ndarray) -> float:
@@ -168,7 +168,7 @@ def test_a_triaxial_body_turns_to_its_axis_of_largest_inertia() -> None:
     given = PAPER2["internal-triaxial"]
     motion = integrate(given)
     found = classify(given, motion.method, motion.tol, motion.error, motion.variables["omega"])
-    A, start = given.data["inertia"], find(given.model, given.form).start(given.data)
+    A, start = given.data["inertia"], given.system.start
     (expected,) = series.crossings(
         A, series.cavity(A, KAPPA, (0, 0, 0)), start, given.time.end, bits=128
     )
@@ -198,9 +198,9 @@ def test_the_ways_to_give_the_cavity_agree() -> None:
 
 
 def test_the_ways_to_give_the_start_agree() -> None:
-    assert find("cavity+constant", "full").start(case(initial="{x: 4, y: 9}").data) == (2, 0, 3)
-    averaged = find("cavity+constant", "averaged")
-    assert averaged.start(case(form="averaged", initial="{p: 3, q: 4, r: -2}").data) == (5, -2)
+    assert case(initial="{x: 4, y: 9}").system.start == (2, 0, 3)
+    averaged = case(form="averaged", initial="{p: 3, q: 4, r: -2}")
+    assert averaged.system.start == (5, -2)
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
 
 
 def doubts(case: Case) -> list[str]:
-    return find(case.model, case.form).warnings(case.data)
+    return case.system.warnings
 
 
 def test_what_contradicts_the_theory_is_said() -> None:

@@ -16,7 +16,6 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load
 from hodo_cli.commands.compare import Line, Tolerance, compare, difference, matching
-from hodo_cli.models import find
 from hodo_cli.results.hdf5 import Group, Variable, create, open_run
 
 REFERENCE = ROOT / "runs" / "reference"
@@ -271,7 +270,7 @@ def check(values: np.ndarray, exact: list[list[object]]) -> None:
 def test_states_of_paper_1_agree_with_the_series(name: str) -> None:
     group, times = sampled("paper1", name, [3, -1])
     case = parse_case(group.attributes["case"])
-    A, start = case.data["inertia"], find(case.model, case.form).start(case.data)
+    A, start = case.data["inertia"], case.system.start
     if case.model == "tensor":
         on, off = case.data["resistance"]["diagonal"], case.data["resistance"]["off_diagonal"]
         system = series.tensor(A, [[on if i == j else off for j in range(3)] for i in range(3)])
@@ -319,16 +318,16 @@ def test_events_of_every_figure_agree_with_the_series(paper: int, events: int) -
 def test_states_of_paper_2_agree_with_the_series(name: str) -> None:
     group, times = sampled("paper2", name, [5, -1])
     case = parse_case(group.attributes["case"])
-    k = find(case.model, case.form).constants(case.data)
+    k = case.system.constants
     system = series.cavity(case.data["inertia"], k["kappa"], [k["N1"], k["N2"], k["N3"]])
-    exact = series.states(system, find(case.model, case.form).start(case.data), times)
+    exact = series.states(system, case.system.start, times)
     check(group.variables["omega"].data[[5, -1]], exact)
 
 
 def test_states_of_paper_3_agree_with_the_series() -> None:
     group, times = sampled("paper3", "case2-full", [7, -1])
     case = parse_case(group.attributes["case"])
-    data, start = case.data, find(case.model, case.form).start(case.data)
+    data, start = case.data, case.system.start
     system = series.lagrange(
         data["inertia"]["A"],
         data["inertia"]["C"],

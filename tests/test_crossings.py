@@ -12,7 +12,6 @@ from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.models import find
 
 PAPER1 = load(Path(__file__).parents[1] / "configs" / "paper1.yaml").cases
 
@@ -45,7 +44,7 @@ def axes(crossings):
 @pytest.mark.parametrize("name", PAPER1)
 def test_crossings_of_the_figures(name):
     case = PAPER1[name]
-    A, start = case.data["inertia"], find(case.model, case.form).start(case.data)
+    A, start = case.data["inertia"], case.system.start
     given = case.data.get("damping") or (
         case.data["resistance"]["diagonal"],
         case.data["resistance"]["off_diagonal"],

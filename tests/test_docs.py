@@ -210,7 +210,8 @@ def test_the_example_of_a_model_loses_the_energy_that_it_says() -> None:
     }
     exec(compile(source, "models.md", "exec"), scope)
     model = scope["QuadraticDrag"]
-    k = SimpleNamespace(**model.constants({"inertia": (1.0, 0.8, 0.6), "drag": 0.1}))
+    body = model(inertia=(1.0, 0.8, 0.6), initial={}, drag=0.1)
+    k = SimpleNamespace(**body.constants)
     omega = (0.6, 0.8, 0.0)
     energy = sum(
         A * w * dw

@@ -19,7 +19,7 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.engines.protocol import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
-from hodo_cli.models import catalogue, find
+from hodo_cli.models import catalogue, lagrange
 from hodo_cli.models.base import Event
 from hodo_cli.models.lagrange import first_integrals, mean_cosine, nutation
 
@@ -47,19 +47,18 @@ def case(**given: str) -> Case:
 
 
 def constants(case: Case) -> SimpleNamespace:
-    return SimpleNamespace(**find(case.model, case.form).constants(case.data))
+    return SimpleNamespace(**case.system.constants)
 
 
 def start(case: Case) -> tuple[float, ...]:
-    return find(case.model, case.form).start(case.data)
+    return case.system.start
 
 
 def first(case: Case) -> dict[str, float]:
     """The stored variables at the start."""
     y = np.array([start(case)])
     return {
-        name: float(v[0])
-        for name, v in find(case.model, case.form).output(np.zeros(1), y, constants(case)).items()
+        name: float(v[0]) for name, v in case.system.output(np.zeros(1), y, constants(case)).items()
     }
 
 
@@ -394,7 +393,7 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
 
 
 def doubts(case: Case) -> list[str]:
-    return find(case.model, case.form).warnings(case.data)
+    return case.system.warnings
 
 
 def test_what_makes_the_averages_doubtful_is_said() -> None:
@@ -416,3 +415,16 @@ def test_arrays_of_states_are_the_states_one_by_one(form: str) -> None:
     y, k = np.array([start(top) for top in tops]).T, constants(tops[0])
     expected = np.array([FORMS[form].rhs(0.3, column, k) for column in y.T]).T
     assert np.array(FORMS[form].rhs(0.3, y, k)) == pytest.approx(expected, rel=1e-14, abs=1e-16)
+
+
+def test_the_nutation_at_the_start_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    top, calls = case(form="averaged-quadrature"), []
+    computed = lagrange.nutation_at_start
+    monkeypatch.setattr(
+        lagrange, "nutation_at_start", lambda *data: calls.append(data) or computed(*data)
+    )
+    system = top.system
+    assert system.start
+    assert system.warnings == []
+    assert system.run_events == ()
+    assert len(calls) == 1

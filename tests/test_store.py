@@ -266,7 +266,7 @@ def test_trajectory_as_a_group() -> None:
     trajectory = Trajectory(
         case=case, time=np.array([0.0, 1.0]), state=np.ones((2, 3)), exponent=np.zeros(2),
         variables={"omega": np.ones((2, 3))}, method="taylor", method_reason="not stiff", tol=2.0**-52, steps=7,
-        run_time=0.5, warnings=("one", "two"), events=(Occurrence("end of spin", 1.0, -1),), errors={"omega": 1e-14},
+        run_time=0.5, warnings=("one", "two"), events=(Occurrence("end of spin", 1.0),), errors={"omega": 1e-14},
         error_kind="extended",
     )  # fmt: skip
     item = group_of(

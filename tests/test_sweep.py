@@ -27,6 +27,7 @@ from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
 from hodo_cli.engines import exact
+from hodo_cli.engines.protocol import Status
 from hodo_cli.figures import swept
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
@@ -253,7 +254,7 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
         assert (
             off < 1e-12
         )  # 100 radians: some 200 units in the last place, as one ulp in the data does
-        assert values["status"][number] == columns.OK
+        assert values["status"][number] == Status.OK.code
 
 
 @pytest.mark.heyoka
@@ -267,7 +268,7 @@ def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.Monkey
     )
     values = computed(case)
     assert alone == [1]
-    assert values["status"].tolist() == [columns.OK, columns.OK]
+    assert values["status"].tolist() == [Status.OK.code, Status.OK.code]
     assert values["end_axis"].tolist() == [3, 3]
     single = integrate(members.member(case, 1))
     assert single.method != "taylor"
@@ -283,7 +284,7 @@ def test_starts_that_decide_nothing() -> None:
     values = computed(case)
     assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
     assert values["crossings"].tolist() == [0] * 5
-    assert values["status"].tolist() == [columns.OK] * 5
+    assert values["status"].tolist() == [Status.OK.code] * 5
 
 
 def test_members_that_are_no_body_are_marked() -> None:
@@ -291,7 +292,7 @@ def test_members_that_are_no_body_are_marked() -> None:
         f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}"
     )
     values = computed(case)
-    assert values["status"].tolist() == [columns.INVALID, columns.OK, columns.INVALID]
+    assert values["status"].tolist() == [Status.INVALID.code, Status.OK.code, Status.INVALID.code]
     assert np.isnan(values["omega"][[0, 2]]).all()
 
 
@@ -299,7 +300,7 @@ def test_the_limits_of_a_case_are_those_of_each_member() -> None:
     case = one(
         f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}"
     )
-    assert computed(case)["status"].tolist() == [columns.TIMEOUT, columns.TIMEOUT]
+    assert computed(case)["status"].tolist() == [Status.TIMEOUT.code, Status.TIMEOUT.code]
 
 
 def test_a_model_without_lanes_is_swept_too() -> None:
@@ -438,7 +439,7 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
         assert np.array_equal(
             file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True
         )
-        assert (file["ball"]["status"][:] == columns.OK).all()
+        assert (file["ball"]["status"][:] == Status.OK.code).all()
 
 
 @pytest.mark.heyoka
@@ -475,7 +476,7 @@ def test_a_chunk_whose_worker_dies_is_marked(
     monkeypatch.setattr(sweep, "compute", compute)
     with h5py.File(results(tmp_path, text, pool(1))) as file:
         ball = file["ball"]
-        failed = (ball["status"][:] == columns.FAILED).sum()
+        failed = (ball["status"][:] == Status.FAILED.code).sum()
         assert 0 < failed < ball["status"].size
         assert ball.attrs["status"] == "failed"
         assert f"{failed} of 300 members: its process died" in ball.attrs["message"]

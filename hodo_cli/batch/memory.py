@@ -8,7 +8,6 @@ from pathlib import Path
 
 from .. import HodoError
 from ..cases.case import Case
-from ..models import find
 
 BYTES = 50
 """Peak of memory for each number of each sample (the state and the stored variables), rounded up
@@ -33,9 +32,9 @@ def need(case: Case) -> int:
     classified."""
     if case.sweep and "trajectory" not in case.store:
         return 0
-    model = find(case.model, case.form)
-    numbers = len(model.state) + sum(
-        3 if "axis" in variable.dims else 1 for variable in model.variables.values()
+    system = case.system
+    numbers = len(system.state) + sum(
+        3 if "axis" in variable.dims else 1 for variable in system.variables.values()
     )
     return case.time.samples * numbers * BYTES
 

@@ -9,7 +9,8 @@ are raised together, as one HodoError with a line for each.
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, Never
 
 from .. import models
 from ..models.base import Model
@@ -36,15 +37,40 @@ class Time:
     samples: int = 1001
 
 
+class FrozenDict(dict[str, Any]):
+    """A dict that cannot be changed, so that it has a hash: what holds it can be a key itself."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[type["FrozenDict"], tuple[dict[str, Any]]]:
+        return FrozenDict, (dict(self),)  # or else pickle fills it entry by entry
+
+    def _refuse(self, *_: Any, **__: Any) -> Never:
+        raise TypeError("the data of a case do not change: make another with dataclasses.replace")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+
+def frozen(value: Any) -> Any:
+    """Plain data with every mapping in them frozen, and every list a tuple."""
+    if isinstance(value, Mapping):
+        return FrozenDict({key: frozen(item) for key, item in value.items()})
+    return tuple(map(frozen, value)) if isinstance(value, list | tuple) else value
+
+
 @dataclass(frozen=True)
 class Case:
-    """One experiment, complete: `data` holds the keys of its model's form, every default filled
-    in."""
+    """One experiment, complete: `data` holds the keys of its model's form, every default filled in.
+
+    A case can be a key of a dictionary. Any mapping may be given as `data`; it is kept frozen.
+    """
 
     name: str
     model: str
     form: str
-    data: dict[str, Any]
+    data: Mapping[str, Any]
     time: Time
     method: str = "auto"
     tol: float | None = None
@@ -54,7 +80,19 @@ class Case:
     max_seconds: float | None = None
     max_steps: int | None = None
     note: str = ""
-    sweep: dict[str, Any] | None = None
+    sweep: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("data", "sweep", "store"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @cached_property
+    def system(self) -> Model:
+        """The equations of its model with the numbers of this case.
+
+        Raises HodoError if there is no such model.
+        """
+        return models.find(self.model, self.form)(**self.data)
 
 
 def dump(case: Case, remarks: bool = True) -> str:
@@ -145,14 +183,15 @@ def checked_case(name: str, block: Block, report: Report) -> Case | None:
 
 def check_sweep(case: Case, sweep: Mapping[str, Any], report: Report) -> None:
     """Report what keeps a case from making a sweep that is not its own."""
-    found = models.find(case.model, case.form)
-    check_axes(sweep, found.keys, case.data, not found.unclassifiable, report)
+    model = type(case.system)
+    check_axes(sweep, model.keys, case.data, not model.unclassifiable, report)
 
 
 def _cross_check(found: type[Model], data: Mapping[str, Any], report: Report) -> None:
     """A model's own check, which ends where it needs a value that has a mistake of its own."""
     try:
-        found.check(data, report)
+        for at, sentence in found.check(data):
+            report(at, sentence)
     except KeyError:
         if data.keys() >= found.keys.keys():
             raise

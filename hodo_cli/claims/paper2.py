@@ -6,11 +6,10 @@ Equation numbers are the paper's; x = p^2 + q^2 and y = r^2.
 
 import math
 from collections.abc import Sequence
-from types import SimpleNamespace
 
 import numpy as np
 
-from ..models import find
+from ..models.constants import attributes
 from .finding import Finding, beyond, if_true, listed
 from .paper import check
 from .quantities import Motion, end_of_spin, series
@@ -49,10 +48,7 @@ def slow_variables(motions: Sequence[Motion]) -> Finding:
 def change_per_turn(m: Motion) -> float:
     """|x'|/x or |y'|/y at the start, by the averaged equations, times the period of (p, q)."""
     A, _, C = m.inertia
-    model, y = (
-        find(m.case.model, m.case.form),
-        (math.sqrt(series(m, "x")[0]), math.sqrt(series(m, "y")[0])),
-    )
-    rates = model.rhs(0.0, y, SimpleNamespace(**model.constants(m.case.data)))
+    system, y = m.case.system, (math.sqrt(series(m, "x")[0]), math.sqrt(series(m, "y")[0]))
+    rates = system.rhs(0.0, y, attributes(system.constants))
     period = 2 * math.pi / abs((C - A) / A * y[1])
     return float(max(abs(2 * rate / value) * period for rate, value in zip(rates, y, strict=True)))

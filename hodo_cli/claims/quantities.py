@@ -13,7 +13,7 @@ from ..integration.choice import choose
 from ..integration.classify import EPS, Crossing, cross
 from ..integration.error import extended
 from ..integration.solve import solve, stored
-from ..models import find, rigid_body
+from ..models import rigid_body
 from ..models.lagrange import first_integrals
 from ..models.rigid_body import slope
 from ..results.hdf5 import Group
@@ -111,17 +111,16 @@ def integrate(case: Case) -> Motion:
     Raises HodoError if it stops before its end.
     """
     method, _ = choose(case)
-    model, labels = find(case.model, case.form), None
-    found: list[Crossing] = []
-    if model.unclassifiable:
+    labels, found = None, list[Crossing]()
+    if case.system.unclassifiable:
         solution = solve(case, method, case.precision, case.tol)
     else:
         solution, found = cross(case, method, case.precision, case.tol, 8 * EPS)
         labels = rigid_body.enclosed_axis(
             np.array(case.data["inertia"]), extended(solution.path.state), 8 * EPS
         )
-    if solution.stop:
-        raise HodoError(f"a variation of case {case.name} {solution.stop}: {solution.message}")
+    if not solution.whole:
+        raise HodoError(f"a variation of case {case.name} {solution.status}: {solution.message}")
     crossings = tuple((c.time, c.start, c.end, c.momentum) for c in found)
     events = tuple(
         (event.kind, event.time) for event in solution.path.events if event.kind != "separatrix"

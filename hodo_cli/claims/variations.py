@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cases.case import Case, Time, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of, put
-from ..models import find, rigid_body
+from ..models import rigid_body
 from ..sweeps.members import member
 from .finding import ROUNDING
 from .quantities import Motion, integrate
@@ -49,10 +49,7 @@ def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
 
 def starting_axis(case: Case) -> str:
     """The axis that the hodograph of a body-frame case encloses at the start."""
-    A, omega = (
-        np.array(case.data["inertia"]),
-        np.array(find(case.model, case.form).start(case.data)),
-    )
+    A, omega = np.array(case.data["inertia"]), np.array(case.system.start)
     return rigid_body.LABELS[int(rigid_body.enclosed_axis(A, omega, ROUNDING))]
 
 
@@ -61,7 +58,7 @@ def changed(case: Case, values: Mapping[str, Any]) -> Case:
 
     Raises HodoError for a value that it cannot have.
     """
-    data: Any = case.data | {"time": asdict(case.time)}
+    data: Any = {**case.data, "time": asdict(case.time)}
     for path, value in values.items():
         data = put(
             data, [int(part) if part.isdecimal() else part for part in path.split(".")], value
@@ -74,11 +71,11 @@ class Motions:
     """The motions of varied cases, each integrated once, however many claims share it."""
 
     def __init__(self) -> None:
-        self._known: dict[str, Motion] = {}
+        self._known: dict[Case, Motion] = {}
 
     def __call__(self, case: Case) -> Motion:
         # A member's name is made of its number in one sweep; the same motion may stand elsewhere in another.
-        text = dump(replace(case, name="variation"))
-        if text not in self._known:
-            self._known[text] = integrate(case)
-        return self._known[text]
+        nameless = replace(case, name="variation")
+        if nameless not in self._known:
+            self._known[nameless] = integrate(case)
+        return self._known[nameless]

@@ -20,13 +20,14 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..cases.config import Config
+from ..engines.protocol import Status
 from ..integration.choice import best, choose, taylor_steps
 from ..integration.classify import EPS, Crossing, cross
 from ..integration.driver import Path
 from ..integration.error import difference, extended, measure, thinned
 from ..integration.integrate import ASKED, remarks, tried
 from ..integration.solve import Solution, sample_times, solve, stored
-from ..models import find, rigid_body
+from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
 from ..results.hdf5 import Group, Variable, create
 from ..results.provenance import root_attributes, stamp
@@ -123,7 +124,7 @@ def worst(errors: Mapping[str, float]) -> float:
 def classifiable(case: Case) -> bool:
     """Whether crossings are looked for: not in a motion of too many samples or steps."""
     short = case.time.samples <= AFFORDABLE and taylor_steps(case) < AFFORDABLE
-    return short and not find(case.model, case.form).unclassifiable
+    return short and not case.system.unclassifiable
 
 
 def perturbed(case: Case) -> Iterator[Case]:
@@ -156,7 +157,7 @@ def perturbed(case: Case) -> Iterator[Case]:
 def drifts(case: Case, path: Path) -> list[float]:
     """The largest relative changes of T and |G|, for a motion whose state is the angular
     velocity."""
-    if not issubclass(find(case.model, case.form), BodyFrame) or not len(path.time):
+    if not isinstance(case.system, BodyFrame) or not len(path.time):
         return []
     A, omega = np.array(case.data["inertia"], dtype=np.longdouble), extended(path.state)
     size = np.ldexp(np.longdouble(1), path.exponent - path.exponent[0])
@@ -182,15 +183,13 @@ def trial(
     while len(times) < repeats and solution.run_time < REPEATED:
         times.append(solve(case, taken, case.precision, tol).run_time)
     path = compared(solution.path)
-    error = worst(difference(case, path, sure.path)) if not solution.stop else math.nan
+    error = worst(difference(case, path, sure.path)) if solution.whole else math.nan
     changes = drifts(case, path)
     return Trial(
         method=taken,
         status=verdict(case, taken, solution, error, sure.floor),
         error=error,
-        crossing_error=crossing_error(case, sure, taken, solution)
-        if not solution.stop
-        else math.nan,
+        crossing_error=crossing_error(case, sure, taken, solution) if solution.whole else math.nan,
         run_time=median(times),
         compile_time=max(compile_time, 0.0),
         steps=solution.steps,
@@ -209,8 +208,8 @@ def compared(path: Path) -> Path:
 
 def verdict(case: Case, method: str, solution: Solution, error: float, floor: float) -> str:
     """What a result is worth; SILENT if it is wrong and does not say so."""
-    if solution.stop:
-        return "timeout" if solution.stop == "timeout" else "failed with a message"
+    if not solution.whole:
+        return "timeout" if solution.status is Status.TIMEOUT else "failed with a message"
     if error <= SLACK * max(solution.tol, ASKED):
         return "accurate"
     if error <= ULPS * floor:

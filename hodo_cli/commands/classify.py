@@ -7,11 +7,11 @@ import numpy as np
 from .. import HodoError
 from ..batch.memory import afford
 from ..cases.case import Case, parse_case
+from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
-from ..models import find, rigid_body
+from ..models import rigid_body
 from ..results.hdf5 import Attribute, Group, Variable
 from ..results.provenance import typed
-from ..sweeps.columns import OK
 
 RECORDED = {"case": str, "method": str, "tol": float, "error": float}
 """The attributes of a stored case that its classification rests on."""
@@ -57,7 +57,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
 
 def inapplicable(case: Case, group: Group) -> str:
     """Why there is nothing to label in a stored case; an empty string if there is."""
-    if reason := find(case.model, case.form).unclassifiable:
+    if reason := case.system.unclassifiable:
         return reason
     if "omega" not in group.variables:
         return "omega is not stored"
@@ -109,7 +109,7 @@ def labelled(found: Classification) -> Group:
 def tabulated(name: str, group: Group) -> dict[str, Any]:
     """A sweep's line in the table of `classify`, from what is stored of it."""
     row: dict[str, Any] = {"case": name, "start": "-", "end": "-", "crossings": []}
-    ok = group.variables["status"].data == OK
+    ok = group.variables["status"].data == Status.OK.code
     for end in ("start", "end"):
         if (column := group.variables.get(f"{end}_axis")) is not None:
             row[end] = _census(column.data[ok])

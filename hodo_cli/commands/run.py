@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .. import HodoError, models
+from .. import HodoError
 from ..batch.memory import afford
 from ..batch.pool import Pool
 from ..batch.progress import Progress
 from ..cases.case import Case
 from ..cases.config import Config
+from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..results.encode import group_of
@@ -161,14 +162,12 @@ def outcomes(
 
 def finish(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method cannot be had here."""
-    return group_of(
-        integrate(case), models.find(case.model, case.form).variables, fingerprint(case)
-    )
+    return group_of(integrate(case), case.system.variables, fingerprint(case))
 
 
 def failure(case: Case, error: Exception) -> Group:
     """A case that could not be integrated, as it is stored."""
-    model = models.find(case.model, case.form)
+    model = case.system
     empty = Trajectory(
         case=case,
         time=np.empty(0),
@@ -183,7 +182,7 @@ def failure(case: Case, error: Exception) -> Group:
         tol=case.tol or float("nan"),
         steps=0,
         run_time=0.0,
-        status="failed",
+        status=Status.FAILED,
         message=str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}",
     )
     return group_of(empty, model.variables, fingerprint(case))

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..models.base import Event, Model
-from ..models.constants import Structure, jacobian
+from ..models.constants import jacobian
 from .stepwise import Stepwise
 
 STAGES = 16
@@ -33,12 +33,11 @@ class Collocation(Stepwise):
     def __init__(
         self,
         model: type[Model],
-        structure: Structure,
         events: tuple[Event, ...],
         tol: float | None,
         precision: str,
     ) -> None:
-        super().__init__(structure, events)
+        super().__init__(events)
         self.dtype, self.model = DTYPES[precision], model
         self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
         self.band = (1e-200, 1e200)  # its error is relative to the state at every size
@@ -186,10 +185,9 @@ def tableau(fp: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @lru_cache(maxsize=64)
 def build(
     model: type[Model],
-    structure: Structure,
     events: tuple[Event, ...],
     tol: float | None,
     precision: str,
 ) -> Collocation:
-    """The method bound to one model, its structure, events, tolerance and precision."""
-    return Collocation(model, structure, events, tol, precision)
+    """The method bound to one model, its events, tolerance and precision."""
+    return Collocation(model, events, tol, precision)

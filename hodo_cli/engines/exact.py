@@ -21,5 +21,7 @@ def solve(case: Case, times: np.ndarray) -> np.ndarray:
 def solve_scaled(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`solve` as a state (n, 3) of size about 1 and an exponent (n,), as a Trajectory has them; in
     the precision of `times`."""
-    A, omega0 = np.array(case.data["inertia"]), np.array(LinearDiag.start(case.data))
-    return scaled_motion(A, omega0, case.data["damping"][0], times - case.time.start)
+    body = case.system
+    assert isinstance(body, LinearDiag)
+    A, omega0 = np.array(body.inertia), np.array(body.start)
+    return scaled_motion(A, omega0, body.damping[0], times - case.time.start)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from time import perf_counter
 from typing import Any, NamedTuple, Protocol
 
@@ -16,6 +17,21 @@ IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 METHODS = ("taylor", "collocation", *IVP)
 BAND = (1 / 64, 64.0)
 """The squared norm of a scaled state that needs no new units."""
+
+
+class Status(StrEnum):
+    """How a motion ended; the values are what is stored."""
+
+    OK = "ok"
+    FAILED = "failed"
+    TIMEOUT = "timeout"
+    INVALID = "invalid"
+    """Of a member of a sweep that is no body, or has no start."""
+
+    @property
+    def code(self) -> int:
+        """Its place in the order above, as sweeps store it."""
+        return list(Status).index(self)
 
 
 class Hit(NamedTuple):
@@ -72,10 +88,11 @@ class Engine(Protocol):
 
 @dataclass
 class Watch:
-    """Decides after each step whether to go on, and remembers why it did not.
+    """Decides after each step whether to go on; `status` and `message` say why a motion was given
+    up.
 
-    With `band` = (low, high) it asks for new units as soon as the squared norm of the state leaves
-    the band.
+    With `band` = (low, high) it also stops the leg, for new units, as soon as the squared norm of
+    the state leaves the band.
     """
 
     max_steps: float = math.inf
@@ -84,7 +101,7 @@ class Watch:
     observer: Observer | None = None
     steps: int = 0
     evaluations: int = 0
-    stop: str = ""
+    status: Status = Status.OK
     message: str = ""
 
     def __post_init__(self) -> None:
@@ -94,24 +111,18 @@ class Watch:
         """Count a step that ended in `y`; False to stop."""
         self.steps += 1
         if self.steps >= self.max_steps:
-            return self.give_up("timeout", f"max_steps: stopped after {self.steps} steps")
+            return self.give_up(Status.TIMEOUT, f"max_steps: stopped after {self.steps} steps")
         if self.steps % 64 == 0 and perf_counter() > self.deadline:
-            return self.give_up("timeout", f"max_seconds: stopped after {self.max_seconds:g} s")
+            spent = f"max_seconds: stopped after {self.max_seconds:g} s"
+            return self.give_up(Status.TIMEOUT, spent)
         if self.band is not None:
             norm = sum(float(x) * float(x) for x in y)
-            if not self.band[0] < norm < self.band[1]:
-                self.stop = "units"
-                return False
+            return self.band[0] < norm < self.band[1]
         return True
 
-    @property
-    def outcome(self) -> str:
-        """`timeout` or `failed` where the motion was given up, else an empty string."""
-        return "" if self.stop == "units" else self.stop
-
-    def give_up(self, stop: str, message: str) -> bool:
-        """Record a final stop."""
-        self.stop, self.message = stop, message
+    def give_up(self, status: Status, message: str) -> bool:
+        """Record that the motion ends here, and why."""
+        self.status, self.message = status, message
         return False
 
 
@@ -127,36 +138,37 @@ def have_taylor() -> bool:
 
 def build(
     method: str,
-    model: type[Model],
-    k: Constants,
+    system: Model,
     events: tuple[Event, ...],
     tol: float | None,
     precision: str,
 ) -> Engine:
-    """The engine of a method, bound to a model's equations; for taylor this compiles, once per
-    process.
+    """The engine of a method, bound to the equations of a model; for taylor this compiles, once per
+    process for all systems of one structure.
 
     Raises HodoError if there is no such method, it needs what is not installed, or cannot work in
     that precision.
     """
+    model = type(system)
     if method not in METHODS:
         raise HodoError(f"there is no method {method!r}")
     if method == "taylor":
         if not have_taylor():
             raise HodoError(
-                "method taylor needs heyoka, which is not installed: pip install heyoka, or method: auto"
+                "method taylor needs heyoka, which is not installed: "
+                "pip install heyoka, or method: auto"
             )
         from . import taylor
 
-        return taylor.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]
+        return taylor.build(model, structure(system.constants), events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation" and precision != "quadruple":
         from . import collocation
 
-        return collocation.build(model, structure(k), events, tol, precision)  # type: ignore[arg-type]
+        return collocation.build(model, events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation":
         raise HodoError("method collocation works in double and extended precision only")
     if precision != "double":
         raise HodoError(f"method {method} works in double precision only, not {precision}")
     from . import scipy_ivp
 
-    return scipy_ivp.build(method, model, structure(k), events, tol)  # type: ignore[arg-type]
+    return scipy_ivp.build(method, model, events, tol)  # type: ignore[arg-type]

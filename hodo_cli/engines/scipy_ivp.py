@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from ..models.base import Constants, Event, Model
-from ..models.constants import Structure, jacobian
+from ..models.constants import jacobian
 from .protocol import Leg, Watch
 from .stepwise import Solver, Stepwise
 
@@ -25,11 +25,10 @@ class Ivp(Stepwise):
         self,
         method: str,
         model: type[Model],
-        structure: Structure,
         events: tuple[Event, ...],
         tol: float | None,
     ) -> None:
-        super().__init__(structure, events)
+        super().__init__(events)
         self.method, self.model = SOLVERS[method], model
         self.implicit = method in ("LSODA", "Radau", "BDF")
         self.tol = max((1e-12 if method == "DOP853" else 1e-9) if tol is None else tol, LEAST_TOL)
@@ -56,9 +55,8 @@ class Ivp(Stepwise):
 def build(
     method: str,
     model: type[Model],
-    structure: Structure,
     events: tuple[Event, ...],
     tol: float | None,
 ) -> Ivp:
-    """A solver bound to one model, its structure, events and tolerance."""
-    return Ivp(method, model, structure, events, tol)
+    """A solver bound to one model, its events and tolerance."""
+    return Ivp(method, model, events, tol)

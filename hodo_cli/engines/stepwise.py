@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..models.base import Constants, Event
-from ..models.constants import Structure, flatten, namespace
-from .protocol import BAND, Hit, Leg, Watch
+from ..models.constants import attributes
+from .protocol import BAND, Hit, Leg, Status, Watch
 
 SUBSTEPS = np.linspace(0, 1, 17)
 """Where an event's sign is looked at inside a step: no step spans much more than a turn, and D
@@ -41,8 +41,8 @@ class Stepwise:
     tol: float
     band = BAND
 
-    def __init__(self, structure: Structure, events: tuple[Event, ...]) -> None:
-        self.structure, self.events = structure, events
+    def __init__(self, events: tuple[Event, ...]) -> None:
+        self.events = events
 
     def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> Solver:
         """A new integration from `y` at `start` to `end`."""
@@ -50,7 +50,7 @@ class Stepwise:
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
         """See `Engine.leg`."""
-        constants = namespace(self.structure, [self.dtype(value) for value in flatten(k)])
+        constants = attributes(k, self.dtype)
         solver = self.solver(constants, y, grid[0], grid[-1])
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
         rows[0], done, going, hit = y, 1, len(grid) > 1, None
@@ -59,10 +59,10 @@ class Stepwise:
             try:
                 message = solver.step()
             except ValueError as error:  # SciPy's implicit methods, of a matrix that is not finite
-                watch.give_up("failed", str(error))
+                watch.give_up(Status.FAILED, str(error))
                 break
             if solver.status == "failed" or not np.isfinite(solver.y).all():
-                watch.give_up("failed", message or "the state became infinite or not a number")
+                watch.give_up(Status.FAILED, message or "the state became infinite or not a number")
                 break
             dense = solver.dense_output()
             hits = self._hits(constants, solver.t_old, solver.t, dense, before)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, count, flatten, namespace
-from .protocol import BAND, Hit, Leg, Watch
+from .protocol import BAND, Hit, Leg, Status, Watch
 
 hy.set_logger_level_error()
 
@@ -111,7 +111,7 @@ class Taylor:
         if event is not None:
             hit = Hit(event, ta.time, 0, state.copy())
         elif outcome == hy.taylor_outcome.err_nf_state:
-            watch.give_up("failed", "the state became infinite or not a number")
+            watch.give_up(Status.FAILED, "the state became infinite or not a number")
         return Leg(rows, ta.dtime, state.copy(), hit)
 
 

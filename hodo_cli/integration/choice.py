@@ -8,8 +8,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines import exact, protocol
-from ..models import find
-from ..models.constants import flatten, jacobian, namespace, structure
+from ..models.constants import attributes, jacobian
 from .driver import Path
 from .solve import solve
 from .units import Units
@@ -44,7 +43,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
             times = np.linspace(case.time.start, case.time.end, 17)[1:]
             most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)), max_seconds=None)
             trial = solve(most, "collocation", tol=ROUGH, times=times)
-            if not trial.stop and (steps := taylor_steps(case, trial.path)) > max(
+            if trial.whole and (steps := taylor_steps(case, trial.path)) > max(
                 MANY_STEPS, RATIO * trial.steps
             ):
                 why = f"stiff: {trial.steps} steps in a trial, where a Taylor series needs some {steps:.0e}"
@@ -55,18 +54,15 @@ def best(case: Case, precision: str) -> tuple[str, str]:
 def taylor_steps(case: Case, path: Path | None = None) -> float:
     """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as
     on a path."""
-    model = find(case.model, case.form)
-    k, rates = model.constants(case.data), []
+    system, model, rates = case.system, type(case.system), []
     if path is None:
-        path = Path(
-            np.array([case.time.end]), np.array([model.start(case.data)]), np.array([0]), ()
-        )
+        path = Path(np.array([case.time.end]), np.array([system.start]), np.array([0]), ())
     for t, state, exponent in zip(
         path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
     ):
-        units = Units.fit(model, k, state, exponent)
-        constants = namespace(structure(k), flatten(units.constants(model, k)))
-        slopes = jacobian(model, constants, t, np.ldexp(state, exponent - units.size))
+        units = Units.fit(model, system.constants, state, exponent)
+        k = attributes(units.constants(model, system.constants))
+        slopes = jacobian(model, k, t, np.ldexp(state, exponent - units.size))
         rates.append(
             float(np.ldexp(np.abs(slopes).sum(axis=1).max(), units.rate)) if state.any() else 0.0
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..models import find, rigid_body
+from ..models import rigid_body
 from .driver import Step
 from .error import extended, references
 from .solve import Solution, solve, stored
@@ -113,7 +113,7 @@ def classify(
     again = stored(case, solution.path)["omega"][: len(omega)]
     allowed = 1e-12 + (100 * tol if math.isnan(error) else 4 * error)
     apart = relative_distance(again, omega[: len(again)])
-    if apart > allowed or (len(again) < len(omega) and not solution.stop):
+    if apart > allowed or (len(again) < len(omega) and solution.whole):
         raise HodoError(
             f"{case.name}: the stored motion differs from its case by {apart:.1e}, and its error allows {allowed:.1e}; "
             "run it again with --force"
@@ -132,13 +132,10 @@ def cross(
     case: Case, method: str, precision: str, tol: float | None, band: float
 ) -> tuple[Solution, list[Crossing]]:
     """Integrate a case with a watch on the separatrix."""
-    model = find(case.model, case.form)
-    sides = Sides(
-        np.array(case.data["inertia"]), rigid_body.inertia_order(case.data["inertia"]), band
-    )
-    solution = solve(
-        case, method, precision, tol, events=model.class_events(case.data), witness=sides
-    )
+    A = case.data["inertia"]
+    sides = Sides(np.array(A), rigid_body.inertia_order(A), band)
+    events = case.system.class_events
+    solution = solve(case, method, precision, tol, events=events, witness=sides)
     return solution, sides.crossings
 
 
@@ -150,7 +147,7 @@ def checked(
         return tuple(crossings), ()
     for precision, reference_method, tol in references(case, method, solution.tol):
         reference, theirs = cross(case, reference_method, precision, tol, band)
-        if (reference.stop and not solution.stop) or (
+        if (solution.whole and not reference.whole) or (
             tol is not None and reference.tol == solution.tol
         ):
             continue

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engines.protocol import Engine, Hit, Watch
-from ..models.base import Constants, Event, Model
+from ..engines.protocol import Engine, Hit, Status, Watch
+from ..models.base import Event, Model
 from .trajectory import Occurrence
 from .units import Calendar, Clock, Units
 
@@ -46,22 +46,20 @@ class Step(NamedTuple):
 
 def propagate(
     engine: Engine,
-    model: type[Model],
-    k: Constants,
-    y0: tuple[float, ...],
+    system: Model,
     start: float,
     times: np.ndarray,
     watch: Watch,
     witness: Callable[[Step], None] | None = None,
     events: tuple[Event, ...] = (),
 ) -> Path:
-    """Integrate from `y0` at `start` through `times`, changing units whenever the motion has
+    """Integrate a system from `start` through `times`, changing units whenever the motion has
     outgrown them.
 
     Ends early at a terminal event, whose time and state are then the last ones, or when `watch`
     says so.
     """
-    fp = engine.dtype
+    model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
     units = Units.fit(model, k, np.array(y0))
     y = np.ldexp(np.array(y0), -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
@@ -78,14 +76,10 @@ def propagate(
         found.extend(occurrence(hit) for hit in hits if not events[hit.event].terminal)
 
     def occurrence(hit: Hit) -> Occurrence:
-        state = tuple(float(value) for value in hit.state)
-        return Occurrence(
-            events[hit.event].kind, clock.true(hit.time), hit.direction, state, units.size
-        )
+        return Occurrence(events[hit.event].kind, clock.true(hit.time))
 
     watch.observer = observe if events else None
-    while done < len(times) and watch.stop in ("", "units"):
-        watch.stop = ""
+    while done < len(times) and watch.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
         grid = clock.grid(times[done : done + BLOCK].astype(fp))
         if not math.isfinite(float(grid[-1])):
@@ -107,6 +101,6 @@ def propagate(
         if new.size < -LIMIT:
             rows[done:], exponent[done:], done = 0, -LIMIT, len(times)
         elif new.size > LARGEST:
-            watch.give_up("failed", f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
+            watch.give_up(Status.FAILED, f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
     return Path(times[:done], rows[:done], exponent[:done], tuple(found))

@@ -7,8 +7,7 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines import protocol
-from ..models import find
-from ..models.constants import flatten, namespace, structure
+from ..models.constants import attributes
 from .choice import best
 from .driver import LIMIT, Path
 from .solve import Solution, sample_times, solve
@@ -27,15 +26,15 @@ def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, floa
 
     It is the largest over the samples, or over some COMPARED of them where there are more.
     """
-    terminal = any(event.terminal for event in find(case.model, case.form).run_events(case.data))
+    terminal = any(event.terminal for event in case.system.run_events)
     path, times = solution.path, solution.path.time
-    if terminal and not solution.stop:
+    if terminal and solution.whole:
         times = sample_times(case)
     for precision, reference_method, tol in references(case, method, solution.tol):
         reference = solve(case, reference_method, precision, tol, times[thinned(times)])
         if tol is not None and reference.tol == solution.tol:
             continue
-        if not reference.stop or solution.stop:
+        if reference.whole or not solution.whole:
             kind = (
                 "refined"
                 if tol is not None
@@ -84,27 +83,28 @@ def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
     (LIMIT) has no error. Quadruple motions are compared in long double, and no error of theirs is
     called smaller than that resolves.
     """
-    model = find(case.model, case.form)
+    system = case.system
     n = min(len(path.time), len(reference.time))
     errors: dict[str, float] = {}
     if n and path.time[n - 1] != reference.time[n - 1]:
         end = float(reference.time[-1])
         errors["time"] = abs(path.time[-1] - end) / max(end - case.time.start, math.ulp(end))
     rows = np.r_[0 : n - 1, -1] if errors else np.arange(n)
-    constants = model.constants(case.data)
-    k = namespace(structure(constants), list(np.array(flatten(constants), dtype=np.longdouble)))
-    ours = model.output(path.time[rows], extended(path.state)[rows], k)
-    theirs = model.output(reference.time[rows], extended(reference.state)[rows], k)
+    k = attributes(system.constants, np.longdouble)
+    ours = system.output(path.time[rows], extended(path.state)[rows], k)
+    theirs = system.output(reference.time[rows], extended(reference.state)[rows], k)
     sizes = path.exponent[rows], reference.exponent[rows]
     shift = (sizes[0] - sizes[1])[:, None]
     # One of the two may be called at rest a step before the other.
     resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < -LIMIT / 2)
-    for name, variable in model.variables.items():
+    for name, variable in system.variables.items():
         if case.store and name not in case.store:
             continue
         a, b = ours[name], theirs[name]
         if "axis" in variable.dims:
-            off = np.sqrt(np.square(np.ldexp(a, shift) - b if model.degree else a - b).sum(axis=-1))
+            off = np.sqrt(
+                np.square(np.ldexp(a, shift) - b if system.degree else a - b).sum(axis=-1)
+            )
             off[resting] = 0
             scale = np.sqrt(np.square(b).sum(axis=-1))
         else:

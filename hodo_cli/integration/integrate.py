@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..cases.case import Case
-from ..models import find
+from ..engines.protocol import Status
 from .choice import choose
 from .error import measure
 from .solve import Solution, solve, stored
@@ -25,9 +25,8 @@ def integrate(case: Case) -> Trajectory:
     """
     method, reason, solution = tried(case)
     errors, kind = measure(case, method, solution) if case.error == "on" else ({}, "none")
-    warnings = find(case.model, case.form).warnings(case.data)
     path, variables = solution.path, stored(case, solution.path)
-    warnings += remarks(case, solution, variables, errors)
+    warnings = *case.system.warnings, *remarks(case, solution, variables, errors)
     return Trajectory(
         case=case,
         time=path.time,
@@ -39,9 +38,9 @@ def integrate(case: Case) -> Trajectory:
         tol=solution.tol,
         steps=solution.steps,
         run_time=solution.run_time,
-        status=solution.stop or "ok",
+        status=solution.status,
         message=solution.message,
-        warnings=tuple(warnings),
+        warnings=warnings,
         events=path.events,
         errors=errors,
         error_kind=kind,
@@ -71,10 +70,10 @@ def tried(case: Case) -> tuple[str, str, Solution]:
     if (
         case.method == "auto"
         and method == "taylor"
-        and solution.stop == "failed"
+        and solution.status is Status.FAILED
         and case.precision != "quadruple"
     ):
         other = solve(case, "collocation", case.precision, case.tol)
-        if not other.stop:
+        if other.whole:
             return "collocation", f"the Taylor series failed: {solution.message}", other
     return method, reason, solution

@@ -10,10 +10,9 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines import exact, protocol
-from ..engines.protocol import Watch
-from ..models import find
+from ..engines.protocol import Status, Watch
 from ..models.base import Event
-from ..models.constants import flatten, namespace, structure
+from ..models.constants import attributes
 from .driver import BLOCK, LARGEST, OUTGROWN, Path, Step, propagate
 
 
@@ -29,8 +28,8 @@ def sample_times(case: Case) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Solution:
-    """A motion with what its integration cost; `stop` is "" or the reason why it ended before its
-    time.
+    """A motion with what its integration cost; `status` and `message` say why it ended before its
+    time, if it did.
 
     `evaluations` of the equations: for a series, one for each order of each step.
     """
@@ -39,9 +38,14 @@ class Solution:
     tol: float
     steps: int
     run_time: float
-    stop: str = ""
+    status: Status = Status.OK
     message: str = ""
     evaluations: int = 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether the motion was not given up."""
+        return self.status is Status.OK
 
 
 @np.errstate(all="ignore")  # what overflows ends a motion, and its status says so
@@ -58,26 +62,20 @@ def solve(
 
     Raises HodoError if the method cannot be had here, or numbers of the case are out of range.
     """
-    model = find(case.model, case.form)
-    times = sample_times(case) if times is None else times
+    system, times = case.system, sample_times(case) if times is None else times
     if method == "exact":
         return closed_form(case, times, precision)
-    k, events = (
-        model.constants(case.data),
-        model.run_events(case.data) if events is None else events,
-    )
-    engine = protocol.build(method, model, k, events, tol, precision)
+    events = system.run_events if events is None else events
+    engine = protocol.build(method, system, events, tol, precision)
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
     began = perf_counter()
     try:
-        path = propagate(
-            engine, model, k, model.start(case.data), case.time.start, times, watch, witness, events
-        )
+        path = propagate(engine, system, case.time.start, times, watch, witness, events)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers lead beyond the range of doubles") from error
     spent = perf_counter() - began
     return Solution(
-        path, engine.tol, watch.steps, spent, watch.outcome, watch.message, watch.evaluations
+        path, engine.tol, watch.steps, spent, watch.status, watch.message, watch.evaluations
     )
 
 
@@ -99,17 +97,16 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
         state[here], exponent[here] = exact.solve_scaled(case, times[here].astype(fp))
     lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
     n = int(lost[0]) if len(lost) else len(times)
-    stop = ("failed", f"{OUTGROWN} at {times[n]:.6g}") if len(lost) else ("", "")
+    end = (Status.FAILED, f"{OUTGROWN} at {times[n]:.6g}") if len(lost) else ()
     path = Path(times[:n], state[:n], exponent[:n], ())
-    return Solution(path, float(np.finfo(fp).eps), 0, perf_counter() - began, *stop)
+    return Solution(path, float(np.finfo(fp).eps), 0, perf_counter() - began, *end)
 
 
 @np.errstate(over="ignore")  # `remarks` says so
 def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
     """The stored variables of a motion, in double precision and true size."""
-    model = find(case.model, case.form)
-    k = namespace(structure(constants := model.constants(case.data)), flatten(constants))
-    output = model.output(path.time, path.state.astype(float), k)
-    if model.degree:
+    system, state = case.system, path.state.astype(float)
+    output = system.output(path.time, state, attributes(system.constants))
+    if system.degree:
         output = {name: np.ldexp(values, path.exponent[:, None]) for name, values in output.items()}
     return {name: values for name, values in output.items() if not case.store or name in case.store}

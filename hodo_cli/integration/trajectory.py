@@ -5,18 +5,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..cases.case import Case
+from ..engines.protocol import Status
 
 
 @dataclass(frozen=True)
 class Occurrence:
-    """One event of a motion: what, when, and whether its function rises (+1) or falls (-1) through
-    zero."""
+    """One event of a motion: what, and when."""
 
     kind: str
     time: float
-    direction: int
-    state: tuple[float, ...] = ()
-    exponent: int = 0
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class Trajectory:
     tol: float
     steps: int
     run_time: float
-    status: str = "ok"
+    status: Status = Status.OK
     message: str = ""
     warnings: tuple[str, ...] = ()
     events: tuple[Occurrence, ...] = ()

@@ -1,6 +1,8 @@
 """What every model states, and what the body-frame models share."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
 
@@ -8,8 +10,8 @@ import numpy as np
 
 from ..schema.kinds import Key
 
-Report = Callable[[tuple[str | int, ...], str], None]
-"""Called as report(path within the case, what is right) for every mistake in a case."""
+Wrong = tuple[tuple[str | int, ...], str]
+"""A mistake in the data of a case: the path to it, and a sentence that says what is right."""
 
 
 Constants = Mapping[str, float | tuple[float, ...] | str]
@@ -32,12 +34,17 @@ class Event(NamedTuple):
     terminal: bool = False
 
 
+@dataclass(frozen=True)
 class Model:
-    """One form of a model: its equations, stated once, and how case data become numbers.
+    """One form of a model: the class states its equations, an object of it the numbers of one case.
+
+    The fields of a form are its `keys`: `LinearDiag(inertia=..., damping=..., initial=...)` is a
+    body, and `start`, `constants`, `warnings` and the events follow from them. The data are taken
+    as right; `check` says beforehand whether they are.
 
     `rhs(t, y, k)` and the events are written with + - * / and ** only, so that numbers, arrays and
     the symbols of an engine all pass through the same lines. `k` has the names of `constants` as
-    attributes.
+    attributes. They are functions of the class, because an engine compiles them once for all cases.
 
     `degree` maps a constant to the degree in the angular velocity of the terms that it multiplies.
     It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
@@ -64,36 +71,50 @@ class Model:
         """The time derivative of each state variable."""
         raise NotImplementedError
 
-    @classmethod
-    def check(cls, data: Mapping[str, Any], report: Report) -> None:
-        """Report what is wrong with values that are each right by themselves."""
-
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        """The numbers that `rhs` uses, by name."""
-        raise NotImplementedError
-
-    @classmethod
-    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
-        """The initial state."""
-        raise NotImplementedError
-
-    @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`."""
         raise NotImplementedError
 
     @classmethod
-    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+        """What is wrong with values that are each right by themselves.
+
+        Keys whose values are wrong by themselves are missing from `data`.
+        """
+        yield from ()
+
+    @cached_property
+    def constants(self) -> Constants:
+        """The numbers that `rhs` uses, by name."""
+        raise NotImplementedError
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """The initial state."""
+        raise NotImplementedError
+
+    @property
+    def warnings(self) -> list[str]:
         """What the data say against the model's own assumptions."""
         return []
 
-    @classmethod
-    def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+    @property
+    def run_events(self) -> tuple[Event, ...]:
         """Events that belong to the motion itself and are recorded whenever it is integrated."""
         return ()
 
-    @classmethod
-    def class_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+    @property
+    def class_events(self) -> tuple[Event, ...]:
         """Events that only `classify` looks for."""
         return ()
+
+
+def refusal(
+    at: tuple[str | int, ...], function: Callable[..., object], *arguments: Any
+) -> Iterator[Wrong]:
+    """The sentence of the ValueError that a function of the data raises, as a mistake at a path."""
+    try:
+        function(*arguments)
+    except ValueError as error:
+        yield at, str(error)

@@ -1,15 +1,17 @@
 """A body with a cavity full of viscous fluid, under a torque that is constant in body axes."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 
 from ..schema.kinds import Choice, Key, Number, Table, Vector
-from .base import Constants, Event, Model, Report, Variable
-from .rigid_body import INERTIA, INITIAL, BodyFrame, complete
+from .base import Constants, Event, Model, Variable, Wrong, refusal
+from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 
 LARGE = 0.1
 """Where a ratio that the theory takes as small is no longer so."""
@@ -61,49 +63,55 @@ START = Key(
 
 def shape_factor(cavity: Mapping[str, float | None]) -> float:
     """P0 of the cavity, given itself or by the radius of a sphere; Chernousko 1972."""
-    if cavity["P0"] is not None:
-        return cavity["P0"]
-    assert cavity["radius"] is not None
-    return 8 * math.pi / 525 * math.prod((cavity["radius"],) * 7)
+    P0, radius = cavity.get("P0"), cavity.get("radius")
+    if P0 is not None:
+        return P0
+    assert radius is not None  # `coefficient` has seen that one of them is given
+    return 8 * math.pi / 525 * math.prod((radius,) * 7)
 
 
-def coefficient(data: Mapping[str, Any]) -> float | str:
-    """kappa = rho P0/nu from whichever way it is given; a sentence unless that is exactly one."""
-    cavity: dict[str, float] = {
-        name: value for name, value in (data["cavity"] or {}).items() if value is not None
-    }
-    alone: float | None = data["kappa"]
-    if alone is not None and cavity:
-        return "kappa is given, so leave out the cavity"
+def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None) -> float:
+    """kappa = rho P0/nu, from the cavity or given alone.
+
+    Raises ValueError, with a sentence, unless it is given in exactly one way.
+    """
+    given = {name: value for name, value in (cavity or {}).items() if value is not None}
+    if alone is not None and given:
+        raise ValueError("kappa is given, so leave out the cavity")
     if alone is not None:
         return alone
-    if set(cavity) == {"kappa"}:
-        return cavity["kappa"]
-    if set(cavity) in ({"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}):
-        kappa = cavity["density"] * shape_factor(data["cavity"]) / cavity["viscosity"]
-        return kappa if math.isfinite(kappa) else "kappa = rho P0/nu is too large a number"
-    named = f"not {', '.join(cavity)}" if cavity else "and none of them is given"
-    return f"the cavity is density, viscosity and P0 or radius, or kappa alone, {named}"
+    if set(given) == {"kappa"}:
+        return given["kappa"]
+    if set(given) in ({"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}):
+        kappa = given["density"] * shape_factor(given) / given["viscosity"]
+        if math.isfinite(kappa):
+            return kappa
+        raise ValueError("kappa = rho P0/nu is too large a number")
+    named = f"not {', '.join(given)}" if given else "and none of them is given"
+    raise ValueError(f"the cavity is density, viscosity and P0 or radius, or kappa alone, {named}")
 
 
-def velocity(data: Mapping[str, Any]) -> tuple[float, ...] | str:
-    """(p, q, r) at the start; a sentence if the data do not say it in exactly one way."""
-    initial = data["initial"]
-    squares = [initial.get(name) for name in "xy"]
-    if squares == [None, None]:
-        return complete(data["inertia"], initial)
-    if None in squares or any(initial.get(name) is not None for name in "pqrG"):
-        return "give x and y alone, or p, q and r"
-    return math.sqrt(squares[0]), 0.0, math.sqrt(squares[1])
+def velocity(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...]:
+    """(p, q, r) at the start. Raises ValueError, with a sentence, unless the data say it in exactly
+    one way."""
+    x, y = initial.get("x"), initial.get("y")
+    if x is None and y is None:
+        return complete(inertia, initial)
+    if x is None or y is None or any(initial.get(name) is not None for name in "pqrG"):
+        raise ValueError("give x and y alone, or p, q and r")
+    return math.sqrt(x), 0.0, math.sqrt(y)
 
 
-def applied(data: Mapping[str, Any]) -> tuple[float, ...]:
-    """The constant torque, epsilon M."""
-    return tuple(data["epsilon"] * component for component in data["torque"])
-
-
+@dataclass(frozen=True)
 class Cavity(Model):
     """What the forms share: the keys, their checks and the limits of the theory."""
+
+    inertia: tuple[float, float, float]
+    initial: Mapping[str, float | None]
+    cavity: Mapping[str, float | None] | None
+    kappa: float | None
+    torque: tuple[float, float, float]
+    epsilon: float
 
     name = "cavity+constant"
     keys = {
@@ -126,36 +134,35 @@ class Cavity(Model):
     }
 
     @classmethod
-    def check(cls, data: Mapping[str, Any], report: Report) -> None:
-        BodyFrame.check({name: value for name, value in data.items() if name != "initial"}, report)
-        if {"cavity", "kappa"} <= set(data) and isinstance(kappa := coefficient(data), str):
-            report(("cavity",) if data["cavity"] else (), kappa)
-        if {"inertia", "initial"} <= set(data) and isinstance(omega := velocity(data), str):
-            report(("initial",), omega)
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+        yield from BodyFrame.check({k: value for k, value in data.items() if k != "initial"})
+        if {"cavity", "kappa"} <= set(data):
+            cavity = data["cavity"]
+            yield from refusal(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
+        if {"inertia", "initial"} <= set(data):
+            yield from refusal(("initial",), velocity, data["inertia"], data["initial"])
 
-    @classmethod
-    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
-        omega = velocity(data)
-        assert not isinstance(omega, str), omega
-        return omega
+    @property
+    def start(self) -> tuple[float, ...]:
+        return velocity(self.inertia, self.initial)
 
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        kappa = coefficient(data)
-        assert not isinstance(kappa, str), kappa
-        return (
-            BodyFrame.inertia(data)
-            | {"kappa": kappa}
-            | dict(zip(("N1", "N2", "N3"), applied(data), strict=True))
-        )
+    @property
+    def applied(self) -> tuple[float, ...]:
+        """The constant torque, epsilon M."""
+        return tuple(self.epsilon * component for component in self.torque)
 
-    @classmethod
-    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
-        A, omega = np.array(data["inertia"]), np.array(velocity(data))
-        return [
-            *slow_flow(data["cavity"], omega),
-            *weak(A, omega, coefficient(data), applied(data)),
-        ]
+    @cached_property
+    def constants(self) -> Constants:
+        torque = dict(zip(("N1", "N2", "N3"), self.applied, strict=True))
+        kappa = coefficient(self.cavity, self.kappa)
+        return {**body_constants(self.inertia), "kappa": kappa, **torque}
+
+    @property
+    def warnings(self) -> list[str]:
+        # The start of the body, also in a form whose state is something else.
+        A, omega = np.array(self.inertia), np.array(velocity(self.inertia, self.initial))
+        kappa = coefficient(self.cavity, self.kappa)
+        return [*slow_flow(self.cavity, omega), *weak(A, omega, kappa, self.applied)]
 
 
 def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:
@@ -214,6 +221,7 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> tu
     )
 
 
+@dataclass(frozen=True)
 class Full(Cavity, BodyFrame):
     """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
     axes.
@@ -253,6 +261,7 @@ def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
     return y[1]
 
 
+@dataclass(frozen=True)
 class Averaged(Cavity):
     """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q)
     about x3.
@@ -271,6 +280,8 @@ class Averaged(Cavity):
     (5), (6), with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6),
     not - as in (5).
     """
+
+    spin_reversal: str
 
     form = "averaged"
     keys = Cavity.keys | {
@@ -293,58 +304,56 @@ class Averaged(Cavity):
             k.kappa * (k.C - k.A) / (k.A * k.C) * a * a * r + k.N3 / k.C,
         )
 
-    @classmethod
-    def check(cls, data: Mapping[str, Any], report: Report) -> None:
-        super().check(data, report)
-        A = data.get("inertia")
-        if A is not None and A[0] != A[1]:
-            report(
-                ("inertia",),
-                f"form {cls.form} wants A1 = A2, not {A[0]:.17g} and {A[1]:.17g}; form full does not",
-            )
-
-    @classmethod
-    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
-        p, q, r = super().start(data)
-        return math.hypot(p, q), r
-
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        every = super().constants(data)
-        return {"A": every["A1"], "C": every["A3"], "kappa": every["kappa"], "N3": every["N3"]}
-
-    @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         a, r = y.T
         return {"x": a * a, "y": r * r}
 
     @classmethod
-    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
-        found = super().warnings(data)
-        A, _, C = data["inertia"]
-        a, r = cls.start(data)
-        dropped, turning = (
-            abs(data["epsilon"]) * math.hypot(*data["torque"][:2]),
-            abs((C - A) * r) * a,
-        )
-        if dropped:
-            ratio = f"{dropped / turning:.3g}" if turning else "infinite"
-            found.append(
-                f"averaging drops M1 and M2, which is right while epsilon |(M1, M2)| / (|C - A| |r| a) is small: "
-                f"it is {ratio} at the start, and grows as r falls"
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+        yield from super().check(data)
+        A = data.get("inertia")
+        if A is not None and A[0] != A[1]:
+            unequal = f"{A[0]:.17g} and {A[1]:.17g}"
+            yield (
+                ("inertia",),
+                f"form {cls.form} wants A1 = A2, not {unequal}; form full does not",
             )
-        return found
 
-    @classmethod
-    def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
-        spins = cls.start(data)[1] or cls.constants(data)["N3"]
-        return (
-            (Event("end_of_spin", axial_spin, terminal=data["spin_reversal"] == "stop"),)
-            if spins
-            else ()
-        )
+    @property
+    def start(self) -> tuple[float, ...]:
+        p, q, r = super().start
+        return math.hypot(p, q), r
+
+    @cached_property
+    def constants(self) -> Constants:
+        every = super().constants
+        return {"A": every["A1"], "C": every["A3"], "kappa": every["kappa"], "N3": every["N3"]}
+
+    @property
+    def warnings(self) -> list[str]:
+        A, _, C = self.inertia
+        a, r = self.start
+        dropped = abs(self.epsilon) * math.hypot(*self.torque[:2])
+        turning = abs((C - A) * r) * a
+        if not dropped:
+            return super().warnings
+        ratio = f"{dropped / turning:.3g}" if turning else "infinite"
+        return [
+            *super().warnings,
+            "averaging drops M1 and M2, which is right while "
+            "epsilon |(M1, M2)| / (|C - A| |r| a) is small: "
+            f"it is {ratio} at the start, and grows as r falls",
+        ]
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        if not (self.start[1] or self.constants["N3"]):
+            return ()
+        return (Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop"),)
 
 
+@dataclass(frozen=True)
 class AveragedAsPrinted(Averaged):
     """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the
     paper's figures.

@@ -1,6 +1,6 @@
 """The constants of a model as flat lists of numbers, and the Jacobian of its equations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,6 +36,11 @@ def flatten(k: Constants) -> list[float]:
         elif not isinstance(value, str):
             flat.append(value)
     return flat
+
+
+def attributes(k: Constants, number: Callable[[float], Any] = float) -> SimpleNamespace:
+    """The constants as attributes, each of their numbers converted by `number`."""
+    return namespace(structure(k), [number(value) for value in flatten(k)])
 
 
 def namespace(of: Structure, numbers: Sequence[Any]) -> SimpleNamespace:

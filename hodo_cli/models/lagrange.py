@@ -1,15 +1,17 @@
 """The Lagrange top under a small torque that changes slowly with time."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..schema.kinds import Angle, Choice, Either, Integer, Key, Number, Table, Variant
 from ..schema.kinds import Sequence as Several
-from .base import Constants, Event, Model, Report, Variable
+from .base import Constants, Event, Model, Variable, Wrong, refusal
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
@@ -164,28 +166,41 @@ def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple
     return Gz, (k.A * (p * p + q * q) + k.C * r * r) / 2 + k.mu * gamma[2]
 
 
-def slow_state(data: Mapping[str, Any]) -> tuple[float, float, float, float] | str:
-    """(U, Z, r, e) at the start; a sentence if the initial data do not make one."""
-    theta, r, Gz, H = (data["initial"][name] for name in ("theta", "r", "Gz", "H"))
+class Nutation(NamedTuple):
+    """The start of a top: its state (U, Z, r, e), and X and w of `nutation`."""
+
+    U: float
+    Z: float
+    r: float
+    e: float
+    X: float
+    w: float
+
+
+@np.errstate(all="ignore")  # what is out of range is said at the end
+def nutation_at_start(
+    inertia: Mapping[str, float], mu: float, initial: Mapping[str, Any]
+) -> Nutation:
+    """The nutation that the initial data make; w is not a number where no digit of it is left.
+
+    Raises ValueError, with a sentence, if they make none.
+    """
+    theta, r, Gz, H = (initial[name] for name in ("theta", "r", "Gz", "H"))
     if (theta is None) == (Gz is None) or (Gz is None) != (H is None):
-        return "give theta and r, or Gz, H and r"
-    e: float | None
-    with np.errstate(all="ignore"):
-        A, C, mu = (
-            np.float64(value) for value in (data["inertia"]["A"], data["inertia"]["C"], data["mu"])
-        )
-        c, scale = C * r, 2 * A * mu
-        excess = c * c / scale - 2
-        if theta is not None:
-            Z, e = released(theta, excess)
-            U = -c * Z
-        else:
-            U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
-            e = spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
-    if e is None:
-        return "no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met"
-    start = float(U), float(Z), float(r), float(e)
-    return start if np.isfinite([*start, excess]).all() else "the initial data are out of range"
+        raise ValueError("give theta and r, or Gz, H and r")
+    A, C, mu = (np.float64(value) for value in (inertia["A"], inertia["C"], mu))
+    c, scale = C * r, 2 * A * mu
+    excess = c * c / scale - 2
+    if theta is not None:
+        Z, e = released(theta, excess)
+        U = -c * Z
+    else:
+        U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
+        e = spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
+    state = [np.float64(value) for value in (U, Z, r, e)]
+    if not np.isfinite([*state, excess]).all():
+        raise ValueError("the initial data are out of range")
+    return Nutation(*map(float, (*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu)))))
 
 
 def released(theta: float, excess: float) -> tuple[float, float]:
@@ -200,11 +215,11 @@ def released(theta: float, excess: float) -> tuple[float, float]:
     return x, math.sin(theta) ** 2 / (2 * gap) if gap > 0 else -excess / 2
 
 
-def spread(T1: float, T2: float, T3: float) -> float | None:
+def spread(T1: float, T2: float, T3: float) -> float:
     """e = (u2 - u1)/2 from the coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
 
-    None if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What the rounding
-    of the data does to a double root is forgiven.
+    Raises ValueError if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What
+    the rounding of the data does to a double root is forgiven.
     """
     y = 1 + max(abs(T1), abs(T2), T3)
     while (slope := (3 * y + 2 * T1) * y + T2) > 0 and (
@@ -214,12 +229,10 @@ def spread(T1: float, T2: float, T3: float) -> float | None:
     product = T3 / y if y > 1 else T2 + (T1 + y) * y
     X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
     d = X * X - product
-    e = math.sqrt(max(d, 0.0))
-    return (
-        e
-        if d >= -ROUNDING and -math.sqrt(ROUNDING) <= X - e and X + e <= 2 + math.sqrt(ROUNDING)
-        else None
-    )
+    e, slack = math.sqrt(max(d, 0.0)), math.sqrt(ROUNDING)
+    if d >= -ROUNDING and -slack <= X - e and X + e <= 2 + slack:
+        return e
+    raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
 
 
 INTEGRALS = {
@@ -230,8 +243,20 @@ INTEGRALS = {
 ROOTS = {f"u{i}": Variable(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)}
 
 
+PERTURBATION = Key(
+    Choice(*PERTURBATIONS), "the torque M = (p f, q f, M3)", default="linear-dissipation"
+)
+
+
+@dataclass(frozen=True)
 class Top(Model):
     """What the forms share: the keys and their checks."""
+
+    inertia: Mapping[str, float]
+    mu: float
+    a: tuple[float, ...] | Mapping[str, Any]
+    b: tuple[float, ...] | Mapping[str, Any]
+    initial: Mapping[str, float | None]
 
     name = "Lagrange-averaged"
     keys = {
@@ -265,92 +290,74 @@ class Top(Model):
             "initial theta and r (p = q = 0), or Gz, H and r",
         ),
     }
-    perturbation = Key(
-        Choice(*PERTURBATIONS), "the torque M = (p f, q f, M3)", default="linear-dissipation"
-    )
     unclassifiable = (
         "gravity turns G in space, so no separatrix of free motion divides its hodographs"
     )
 
     @classmethod
-    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
         inertia = data.get("inertia")
         if inertia and inertia["C"] > 2 * inertia["A"]:
-            report(
-                ("inertia", "C"),
-                f"no body has C = {inertia['C']:g} larger than 2 A = {2 * inertia['A']:g}",
-            )
-        if {"inertia", "mu", "initial"} <= set(data) and (problem := cls.obstacle(data)):
-            report(("initial",), problem)
+            limit = f"2 A = {2 * inertia['A']:g}"
+            yield ("inertia", "C"), f"no body has C = {inertia['C']:g} larger than {limit}"
+        if {"inertia", "mu", "initial"} <= set(data):
+            # Neither the start nor what a form asks of it depends on the keys that may be missing.
+            top = cls(**{**dict.fromkeys(cls.keys), **data})
+            yield from refusal(("initial",), top.refuse_start)
 
-    @classmethod
-    def obstacle(cls, data: Mapping[str, Any]) -> str:
-        """What is wrong with the initial data, if anything."""
-        start = slow_state(data)
-        return start if isinstance(start, str) else ""
+    def refuse_start(self) -> None:
+        """Raise ValueError, with a sentence, if no motion of this form has these initial data."""
+        _ = self.nutation
 
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        a_law, a = law(data["a"])
-        b_law, b = law(data["b"])
-        return dict(data["inertia"]) | {
-            "mu": data["mu"],
-            "a": a,
-            "b": b,
-            "a_law": a_law,
-            "b_law": b_law,
-        }
+    @cached_property
+    def nutation(self) -> Nutation:
+        """The start, and the nutation there."""
+        return nutation_at_start(self.inertia, self.mu, self.initial)
 
-    @classmethod
-    def slow_start(
-        cls, data: Mapping[str, Any]
-    ) -> tuple[tuple[float, float, float, float], float, float]:
-        """The start as (U, Z, r, e), with its X and w; w is not a number where no digit of it is
-        left."""
-        start = slow_state(data)
-        assert not isinstance(start, str), start
-        with np.errstate(all="ignore"):
-            X, w = nutation(
-                [np.float64(value) for value in start], SimpleNamespace(**Top.constants(data))
-            )
-        return start, float(X), float(w)
+    @cached_property
+    def constants(self) -> Constants:
+        a_law, a = law(self.a)
+        b_law, b = law(self.b)
+        coefficients: Constants = {"a": a, "b": b, "a_law": a_law, "b_law": b_law}
+        return {**self.inertia, "mu": self.mu, **coefficients}
 
-    @classmethod
-    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
+    @property
+    def warnings(self) -> list[str]:
         return [
             f"{name} has a negative coefficient: where {name}(tau) < 0 the torque feeds energy in"
-            for name in "ab"
-            if (min(data[name]) if isinstance(data[name], tuple) else data[name]["value"]) < 0
+            for name, given in (("a", self.a), ("b", self.b))
+            if (given["value"] if isinstance(given, Mapping) else min(given)) < 0
         ]
 
 
+@dataclass(frozen=True)
 class Nutating(Top):
     """What the averaged forms share: they need a nutation of finite period, hence u2 < u3."""
 
     variables = INTEGRALS | ROOTS
 
-    @classmethod
-    def obstacle(cls, data: Mapping[str, Any]) -> str:
-        if problem := super().obstacle(data):
-            return problem
-        if cls.separation(data) > TOO_NEAR:
-            return ""
-        return "u2 = u3: the top is at, or tends to, an unstable equilibrium and has no period; form full takes it"
-
-    @classmethod
-    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
-        found, separation = super().warnings(data), cls.separation(data)
-        if separation < NEAR:
-            found.append(
-                f"1 - k^2 = {separation:.1e} at the start: so near u2 = u3 the mean over a nutation loses digits"
+    def refuse_start(self) -> None:
+        if not self.separation > TOO_NEAR:
+            raise ValueError(
+                "u2 = u3: the top is at, or tends to, an unstable equilibrium and has no period; "
+                "form full takes it"
             )
-        return found
 
-    @classmethod
-    def separation(cls, data: Mapping[str, Any]) -> float:
+    @property
+    def separation(self) -> float:
         """1 - k^2 = (u3 - u2)/(u3 - u1) at the start; not a number where no digit of it is left."""
-        (_, _, _, e), _, w = cls.slow_start(data)
+        e, w = self.nutation.e, self.nutation.w
         return (w - e) / (w + e) if w + e else math.nan
+
+    @property
+    def warnings(self) -> list[str]:
+        if not self.separation < NEAR:
+            return super().warnings
+        return [
+            *super().warnings,
+            f"1 - k^2 = {self.separation:.1e} at the start: "
+            "so near u2 = u3 the mean over a nutation loses digits",
+        ]
 
 
 def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -358,6 +365,7 @@ def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
     return k.C * k.C * y[2] * y[2] - 4 * k.A * k.mu
 
 
+@dataclass(frozen=True)
 class Averaged(Nutating):
     """The Lagrange top under linear resistance that changes slowly with time, averaged over its
     nutation.
@@ -395,12 +403,8 @@ class Averaged(Nutating):
         towards_u2 = e * mean_cosine(e, w)
         return drift(y, k, (-a, a * towards_u2, -b * r, b * r * towards_u2), (X, w))
 
-    @classmethod
-    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
-        return cls.slow_start(data)[0]
-
-    @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         U, Z, r, e = y.T
         # w is 0 where an upright top becomes unstable, and rounding may bring w^2 below.
         X, w = (value.real for value in nutation([*(y.T + 0j)], k))
@@ -414,14 +418,21 @@ class Averaged(Nutating):
             "u3": 1 - X + w,
         }
 
-    @classmethod
-    def run_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
+    @property
+    def start(self) -> tuple[float, ...]:
+        U, Z, r, e, _, _ = self.nutation
+        return U, Z, r, e
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
         """For a top that starts upright: it stays so, and the averages end where it becomes
         unstable."""
-        (_, x, _, e), _, _ = cls.slow_start(data)
-        return (Event("upright_unstable", upright_stability, terminal=True),) if x == e == 0 else ()
+        if not self.nutation.Z == self.nutation.e == 0:
+            return ()
+        return (Event("upright_unstable", upright_stability, terminal=True),)
 
 
+@dataclass(frozen=True)
 class AveragedU(Nutating):
     """The averaged equations for the roots u1, u2, u3, eq. (3.5) as printed; for comparison.
 
@@ -462,28 +473,24 @@ class AveragedU(Nutating):
             -b * r / k.C,
         )
 
-    @classmethod
-    def obstacle(cls, data: Mapping[str, Any]) -> str:
-        if problem := super().obstacle(data):
-            return problem
-        _, _, r, e = cls.slow_start(data)[0]
-        return (
-            ""
-            if r and e
-            else f"form {cls.form} divides by r and by u2 - u1, and one is 0; form averaged does not"
-        )
-
-    @classmethod
-    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
-        (_, _, r, e), X, w = cls.slow_start(data)
-        return 1 - X - e, 1 - X + e, 1 - X + w, r
-
-    @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        u1, u2, u3, r = y.T
         Gz, H = inverse([*y.T], k)
-        return dict(
-            zip(("Gz", "H", "r", "u1", "u2", "u3"), (Gz, H, y[:, 3], *y[:, :3].T), strict=True)
-        )
+        return {"Gz": Gz, "H": H, "r": r, "u1": u1, "u2": u2, "u3": u3}
+
+    def refuse_start(self) -> None:
+        super().refuse_start()
+        if not (self.nutation.r and self.nutation.e):
+            raise ValueError(
+                f"form {self.form} divides by r and by u2 - u1, and one is 0; "
+                "form averaged does not"
+            )
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        _, _, r, e, X, w = self.nutation
+        return 1 - X - e, 1 - X + e, 1 - X + w, r
 
 
 def inverse(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
@@ -494,6 +501,7 @@ def inverse(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     return Gz, k.mu * (u1 + u2 + u3) + c * r / 2 - c * c / (2 * k.A)
 
 
+@dataclass(frozen=True)
 class Full(Top):
     """The Lagrange top under a perturbing torque: the full equations, which the others average.
 
@@ -510,10 +518,13 @@ class Full(Top):
     Source: L. D. Akulenko et al. 2017, eqs (1.1).
     """
 
+    epsilon: float
+    perturbation: str
+
     form = "full"
     keys = Top.keys | {
         "epsilon": Key(Number(above=0), "small parameter: tau = epsilon t"),
-        "perturbation": Top.perturbation,
+        "perturbation": PERTURBATION,
     }
     state = ("p", "q", "r", "gamma1", "gamma2", "gamma3")
     variables = {
@@ -535,32 +546,32 @@ class Full(Top):
             (g1 * q - g2 * p) / eps,
         )
 
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        return {
-            **super().constants(data),
-            "epsilon": data["epsilon"],
-            "perturbation": data["perturbation"],
-        }
-
-    @classmethod
-    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
-        theta, r = data["initial"]["theta"], data["initial"]["r"]
-        if theta is not None:
-            return 0.0, 0.0, r, 0.0, math.sin(theta), math.cos(theta)
-        A, C, mu = data["inertia"]["A"], data["inertia"]["C"], data["mu"]
-        (U, Z, r, _), X, _ = cls.slow_start(data)
-        x = min(max(X, 0.0), 2.0)
-        sine = math.sqrt(x * (2 - x))
-        q = (U + C * r * x) / (A * sine) if sine else 0.0
-        p = math.sqrt(max(2 * mu * (x - Z) / A - q * q, 0.0))
-        return p, q, r, 0.0, sine, 1 - x
-
-    @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         return {"omega": y[:, :3], "gamma": y[:, 3:]}
 
+    @cached_property
+    def constants(self) -> Constants:
+        return {
+            **super().constants,
+            "epsilon": self.epsilon,
+            "perturbation": self.perturbation,
+        }
 
+    @property
+    def start(self) -> tuple[float, ...]:
+        theta, r = self.initial["theta"], self.nutation.r
+        if theta is not None:
+            return 0.0, 0.0, r, 0.0, math.sin(theta), math.cos(theta)
+        A, C = self.inertia["A"], self.inertia["C"]
+        x = min(max(self.nutation.X, 0.0), 2.0)
+        sine = math.sqrt(x * (2 - x))
+        q = (self.nutation.U + C * r * x) / (A * sine) if sine else 0.0
+        p = math.sqrt(max(2 * self.mu * (x - self.nutation.Z) / A - q * q, 0.0))
+        return p, q, r, 0.0, sine, 1 - x
+
+
+@dataclass(frozen=True)
 class AveragedQuadrature(Averaged):
     """The averaged top under any torque M = (p f, q f, M3), f and M3 functions of tau, Gz, H, r and
     theta.
@@ -576,9 +587,12 @@ class AveragedQuadrature(Averaged):
     Source: L. D. Akulenko et al. 2017, eqs (2.3), (2.4), (2.8).
     """
 
+    perturbation: str
+    nodes: int
+
     form = "averaged-quadrature"
     keys = Top.keys | {
-        "perturbation": Top.perturbation,
+        "perturbation": PERTURBATION,
         "nodes": Key(
             Integer(least=2, most=1000), "nodes of the quadrature over half a nutation", default=32
         ),
@@ -604,19 +618,19 @@ class AveragedQuadrature(Averaged):
         ]
         return drift(y, k, [mean / period for mean in means], (X, w))
 
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        n = data["nodes"]
+    @cached_property
+    def constants(self) -> Constants:
+        n = self.nodes
         cosines = tuple(math.cos((i + 0.5) * math.pi / n) for i in range(n))
-        return {**super().constants(data), "perturbation": data["perturbation"], "cosines": cosines}
+        return {**super().constants, "perturbation": self.perturbation, "cosines": cosines}
 
-    @classmethod
-    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
-        (_, _, _, e), _, w = cls.slow_start(data)
-        remainder = math.exp(-2 * data["nodes"] * math.acosh(w / e)) if e else 0.0
-        found = super().warnings(data)
-        if remainder > 1e-12:
-            found.append(
-                f"the quadrature is right to {remainder:.0e} only at the start: give it more nodes"
-            )
-        return found
+    @property
+    def warnings(self) -> list[str]:
+        e, w = self.nutation.e, self.nutation.w
+        remainder = math.exp(-2 * self.nodes * math.acosh(w / e)) if e else 0.0
+        if not remainder > 1e-12:
+            return super().warnings
+        return [
+            *super().warnings,
+            f"the quadrature is right to {remainder:.0e} only at the start: give it more nodes",
+        ]

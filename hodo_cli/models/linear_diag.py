@@ -1,6 +1,8 @@
 """Linear resistance proportional to the angular momentum, component by component."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from ..schema.kinds import Key, Vector
@@ -8,6 +10,7 @@ from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame
 
 
+@dataclass(frozen=True)
 class LinearDiag(BodyFrame):
     """A rigid body in a medium that resists each component of its angular momentum linearly.
 
@@ -24,6 +27,8 @@ class LinearDiag(BodyFrame):
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (1)-(4).
     """
+
+    damping: tuple[float, float, float]
 
     name = "linear-diag"
     form = "full"
@@ -49,6 +54,7 @@ class LinearDiag(BodyFrame):
             k.g * (k.A1 - k.A2) / k.A3 * p * q - k.lam3 * r,
         )
 
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        return cls.inertia(data) | dict(zip(("lam1", "lam2", "lam3"), data["damping"], strict=True))
+    @cached_property
+    def constants(self) -> Constants:
+        names = ("lam1", "lam2", "lam3")
+        return {**super().constants, **dict(zip(names, self.damping, strict=True))}

@@ -1,9 +1,10 @@
 """A rigid body by its principal moments of inertia: pure functions of (A, omega)."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from .. import HodoError
 from ..schema.kinds import Key, Number, Table, Vector
-from .base import Event, Model, Report, Variable
+from .base import Constants, Event, Model, Variable, Wrong, refusal
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
@@ -127,20 +128,22 @@ INITIAL = Key(
 )
 
 
-def complete(
-    inertia: Sequence[float], initial: Mapping[str, float | None]
-) -> tuple[float, ...] | str:
-    """(p, q, r) from initial data in which |G| may stand for one of them; a sentence if that cannot
-    be done."""
+def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...]:
+    """(p, q, r) from initial data in which |G| may stand for one of them.
+
+    Raises ValueError, with a sentence, if that cannot be done.
+    """
     omega = [initial.get(axis) for axis in "pqr"]
     missing = [axis for axis, value in zip("pqr", omega, strict=True) if value is None]
     momentum = initial.get("G")
     if momentum is None and not missing:
         return tuple(omega)  # type: ignore[arg-type]
     if momentum is None:
-        return f"{' and '.join(missing)} missing: give p, q and r, or two of them and G"
+        raise ValueError(f"{' and '.join(missing)} missing: give p, q and r, or two of them and G")
     if len(missing) != 1:
-        return "G stands for exactly one of p, q, r: leave that one out and give the other two"
+        raise ValueError(
+            "G stands for exactly one of p, q, r: leave that one out and give the other two"
+        )
     with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
         parts = (
             Decimal(A) * Decimal(w) for A, w in zip(inertia, omega, strict=True) if w is not None
@@ -148,58 +151,68 @@ def complete(
         known = sum((part * part for part in parts), Decimal(0))
         rest = Decimal(momentum) ** 2 - known
         if rest < 0:
-            return f"|G| is at least {known.sqrt():.6g} with the two given, so G: {momentum:.6g} leaves no {missing[0]}"
+            raise ValueError(
+                f"|G| is at least {known.sqrt():.6g} with the two given, "
+                f"so G: {momentum:.6g} leaves no {missing[0]}"
+            )
         at = "pqr".index(missing[0])
         omega[at] = float(rest.sqrt() / Decimal(inertia[at]))
     return tuple(omega)  # type: ignore[arg-type]
 
 
+def body_constants(inertia: Sequence[float]) -> dict[str, float]:
+    """A1, A2, A3 and g by name, as every body-frame model has them."""
+    return dict(zip(("A1", "A2", "A3"), inertia, strict=True)) | {"g": 1.0}
+
+
+@dataclass(frozen=True)
 class BodyFrame(Model):
     """A model whose state is the angular velocity (p, q, r) in principal axes.
 
-    Its constants carry A1, A2, A3 and `g` = 1, the factor of the gyroscopic terms (of degree 2).
+    Its constants are A1, A2, A3 and `g` = 1, the factor of the gyroscopic terms (of degree 2), and
+    what a form adds.
     """
+
+    inertia: tuple[float, float, float]
+    initial: Mapping[str, float | None]
 
     state = ("p", "q", "r")
     unclassifiable = ""
     variables = {"omega": Variable(("time", "axis"), "angular velocity in body axes")}
 
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        return {"omega": y}
+
     @classmethod
-    def check(cls, data: Mapping[str, Any], report: Report) -> None:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
         A = data.get("inertia")
         if A is None:
             return
         if 2 * max(A) > sum(A):
             largest = A.index(max(A))
-            report(
+            yield (
                 ("inertia", largest),
                 f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
             )
         for i, moment in enumerate(A):
             if not SMALLEST <= moment <= 1 / SMALLEST:
                 limits = f"{SMALLEST:g} to {1 / SMALLEST:g}"
-                report(("inertia", i), f"{moment:g} is out of range, {limits}: take other units")
-        if "initial" in data and isinstance(problem := complete(A, data["initial"]), str):
-            report(("initial",), problem)
+                yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
+        if "initial" in data:
+            yield from refusal(("initial",), complete, A, data["initial"])
 
-    @classmethod
-    def start(cls, data: Mapping[str, Any]) -> tuple[float, ...]:
-        omega = complete(data["inertia"], data["initial"])
-        assert not isinstance(omega, str), omega
-        return omega
+    @property
+    def start(self) -> tuple[float, ...]:
+        return complete(self.inertia, self.initial)
 
-    @classmethod
-    def inertia(cls, data: Mapping[str, Any]) -> dict[str, float]:
-        """The constants that every body-frame model has."""
-        return dict(zip(("A1", "A2", "A3"), data["inertia"], strict=True)) | {"g": 1.0}
+    @cached_property
+    def constants(self) -> Constants:
+        return body_constants(self.inertia)
 
-    @classmethod
-    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        return {"omega": y}
-
-    @classmethod
-    def class_events(cls, data: Mapping[str, Any]) -> tuple[Event, ...]:
-        return (Event("separatrix", Separatrix(inertia_order(data["inertia"]))),)
+    @property
+    def class_events(self) -> tuple[Event, ...]:
+        return (Event("separatrix", Separatrix(inertia_order(self.inertia))),)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """Linear resistance by a constant tensor."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame
 
 
+@dataclass(frozen=True)
 class Tensor(BodyFrame):
     """A rigid body in a medium that resists its angular velocity through a constant tensor I.
 
@@ -22,6 +25,8 @@ class Tensor(BodyFrame):
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (9)-(11).
     """
+
+    resistance: tuple[tuple[float, ...], ...] | Mapping[str, float]
 
     name = "tensor"
     form = "full"
@@ -56,26 +61,24 @@ class Tensor(BodyFrame):
             (k.g * (k.A1 - k.A2) * p * q - (k.I31 * p + k.I32 * q + k.I33 * r)) / k.A3,
         )
 
-    @classmethod
-    def tensor(cls, data: Mapping[str, Any]) -> np.ndarray:
+    @property
+    def matrix(self) -> np.ndarray:
         """I as a 3x3 array."""
-        given = data["resistance"]
-        if isinstance(given, Mapping):
-            off = np.full((3, 3), given["off_diagonal"])
-            np.fill_diagonal(off, given["diagonal"])
-            return off
-        return np.array(given, dtype=float)
+        if isinstance(self.resistance, Mapping):
+            full = np.full((3, 3), self.resistance["off_diagonal"])
+            np.fill_diagonal(full, self.resistance["diagonal"])
+            return full
+        return np.array(self.resistance, dtype=float)
 
-    @classmethod
-    def constants(cls, data: Mapping[str, Any]) -> Constants:
-        return cls.inertia(data) | dict(
-            zip(cls.entries, cls.tensor(data).ravel().tolist(), strict=True)
-        )
+    @cached_property
+    def constants(self) -> Constants:
+        entries = zip(self.entries, self.matrix.ravel().tolist(), strict=True)
+        return {**super().constants, **dict(entries)}
 
-    @classmethod
-    def warnings(cls, data: Mapping[str, Any]) -> list[str]:
-        resistance = cls.tensor(data)
-        values = np.linalg.eigvalsh(resistance / 2 + resistance.T / 2)
+    @property
+    def warnings(self) -> list[str]:
+        I = self.matrix
+        values = np.linalg.eigvalsh(I / 2 + I.T / 2)
         if values[0] >= -1e-12 * abs(values[-1]):
             return []
         named = ", ".join(f"{value:.6g}" for value in values)

@@ -10,14 +10,14 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, Time
-from ..engines.protocol import have_taylor
+from ..engines.protocol import Status, have_taylor
 from ..integration.classify import classify
 from ..integration.integrate import integrate
-from ..models import find, rigid_body
+from ..models import rigid_body
 from ..models.constants import Structure, namespace
 from ..results.hdf5 import Attribute, Group, Variable
 from . import ensemble
-from .columns import FAILED, INVALID, OK, STATUS, columns, shape
+from .columns import columns, shape
 from .ensemble import Ensemble, Outcome
 from .members import member, member_inputs, starts
 
@@ -47,12 +47,10 @@ def chunks(case: Case) -> Iterator[Chunk]:
 def carried(case: Case) -> bool:
     """Whether lanes can carry the members: the method is theirs, and the model has units and a
     separatrix."""
-    model = find(case.model, case.form)
+    system = case.system
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
     fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
-    return (
-        fit and bool(model.degree) and not model.unclassifiable and not model.run_events(case.data)
-    )
+    return fit and bool(system.degree) and not system.unclassifiable and not system.run_events
 
 
 def compute(chunk: Chunk) -> Group:
@@ -69,7 +67,7 @@ def compute(chunk: Chunk) -> Group:
     }
     left = _in_lanes(chunk, values) if carried(case) else np.arange(n)
     for i in left:
-        if values["status"][i] != INVALID:
+        if values["status"][i] != Status.INVALID.code:
             _alone(
                 case,
                 chunk.first + int(i),
@@ -85,12 +83,11 @@ def compute(chunk: Chunk) -> Group:
 
 def _in_lanes(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
     """Fill in the members that lanes settle; returns the places of the others."""
-    case, model = chunk.case, find(chunk.case.model, chunk.case.form)
+    case, model = chunk.case, type(chunk.case.system)
     found, place, direction = member_inputs(case, np.arange(chunk.first, chunk.last))
-    values["status"][:] = np.array([INVALID if given.start is None else OK for given in found])[
-        place
-    ]
-    left = values["status"] == OK
+    codes = [(Status.OK if given.start else Status.INVALID).code for given in found]
+    values["status"][:] = np.array(codes)[place]
+    left = values["status"] == Status.OK.code
     kinds: dict[tuple[Structure, tuple[int, int, int]], list[int]] = {}
     for i, given in enumerate(found):
         if given.start is not None:
@@ -102,7 +99,7 @@ def _in_lanes(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
         start = starts(
             [found[i] for i in alike], among, None if direction is None else direction[here]
         )
-        (event,) = model.class_events(found[alike[0]].data)
+        (event,) = model(**found[alike[0]].data).class_events
         span = (case.time.start, case.time.end)
         outcome = ensemble.advance(
             Ensemble(model, form, constants, start, span, order, event), case.tol
@@ -117,9 +114,9 @@ def _enter(
     here: np.ndarray, values: dict[str, np.ndarray],
 ) -> None:  # fmt: skip
     """Enter the settled motions of an ensemble at their places."""
-    model, well = find(case.model, case.form), outcome.settled
+    well = outcome.settled
     k = namespace(form, [row[:, None] for row in constants])
-    for name, state in model.output(np.array([case.time.end]), outcome.state.T, k).items():
+    for name, state in case.system.output(np.array([case.time.end]), outcome.state.T, k).items():
         values[name][here[well]] = np.ldexp(state, outcome.exponent[:, None])[well]
     crossings = outcome.crossings
     names = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
@@ -159,19 +156,17 @@ def _shares(time: Time, order: tuple[int, int, int], outcome: Outcome) -> np.nda
 
 def _alone(case: Case, number: int, values: dict[str, np.ndarray]) -> None:
     """Integrate one member as a single case, and enter it in rows of length one."""
-    model, one = find(case.model, case.form), member(case, number)
-    problems: list[str] = []
-    model.check(one.data, lambda at, message: problems.append(message))
-    if problems:
-        values["status"][0] = INVALID
+    model, one = type(case.system), member(case, number)
+    if any(model.check(one.data)):
+        values["status"][0] = Status.INVALID.code
         return
     if not model.unclassifiable:
         one = replace(one, error=case.error)
     try:
         motion = integrate(one)
-        values["status"][0] = STATUS.index(motion.status)
+        values["status"][0] = motion.status.code
         values["steps"][0] = motion.steps
-        if motion.status != "ok":
+        if motion.status is not Status.OK:
             return
         for name, variable in motion.variables.items():
             values[name][0] = variable[-1]
@@ -183,7 +178,7 @@ def _alone(case: Case, number: int, values: dict[str, np.ndarray]) -> None:
             )
             _enter_one(one, found.labels, found.crossings, values)
     except HodoError:
-        values["status"][0] = FAILED
+        values["status"][0] = Status.FAILED.code
 
 
 def _enter_one(
@@ -199,7 +194,7 @@ def _enter_one(
         if axis > 0 and case.time.end > case.time.start:
             values["share"][0, axis - 1] += (end - start) / (case.time.end - case.time.start)
     A = np.array(case.data["inertia"])[:, None]
-    omega = np.stack([find(case.model, case.form).start(case.data), values["omega"][0]], axis=-1)
+    omega = np.stack([case.system.start, values["omega"][0]], axis=-1)
     values["separation"][0] = ensemble.sides(
         A + 0 * omega, omega, rigid_body.inertia_order(A[:, 0])
     )[1].min()
@@ -213,7 +208,7 @@ def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
     """The stored variables at every sample (n, samples, ...); nan from where a motion ended."""
     case = chunk.case
     found: dict[str, np.ndarray] = {}
-    for i in np.flatnonzero(status == OK):
+    for i in np.flatnonzero(status == Status.OK.code):
         motion = integrate(member(case, chunk.first + int(i), case.time.samples))
         for name, values in motion.variables.items():
             size = (len(status), case.time.samples, *values.shape[1:])

@@ -7,19 +7,17 @@ import numpy as np
 
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of
-from ..models import find, rigid_body
+from ..engines.protocol import Status
+from ..models import rigid_body
 from ..results.hdf5 import Attribute
 
-OK, FAILED, TIMEOUT, INVALID = range(4)
-STATUS = ("ok", "failed", "timeout", "invalid")
-"""How a member ended; an invalid one is no body, or has no start."""
 LABEL: dict[str, Attribute] = {
     "flag_values": np.array(list(rigid_body.LABELS), dtype=np.int8),
     "flag_meanings": " ".join(rigid_body.LABELS.values()),
 }
 FLAG: dict[str, Attribute] = {
-    "flag_values": np.arange(len(STATUS), dtype=np.int8),
-    "flag_meanings": " ".join(STATUS),
+    "flag_values": np.arange(len(Status), dtype=np.int8),
+    "flag_meanings": " ".join(Status),
 }
 
 
@@ -54,7 +52,7 @@ EVENT = {"event_time": Column("time of the event that ended the motion")}
 
 def columns(case: Case) -> dict[str, Column]:
     """Everything that a member of this sweep is reduced to."""
-    model = find(case.model, case.form)
+    model = case.system
     final = {
         name: Column(
             f"{variable.long_name}, at the end", dims=variable.dims[1:], units=variable.units

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cases.case import Case, dump
 from ..cases.sweep_block import axes_of
-from ..models import find
+from ..engines.protocol import Status
 from ..results.hdf5 import Attribute, Group, Late, Variable
 from .chunk import Chunk, carried
 from .columns import kept, shape
@@ -44,7 +44,7 @@ def group_of_columns(
         "run_time": summary.run_time,
         "error": math.nan,
         "error_kind": "none",
-        "status": "failed" if failed or not ok else "timeout" if timeout else "ok",
+        "status": ending(ok, failed, timeout),
         "message": "; ".join(words) or ("" if ok else "no member is a body with a start"),
         "warnings": f"{invalid} of {total} members are no body or have no start" if invalid else "",
     }
@@ -54,7 +54,7 @@ def group_of_columns(
     for name, column in kept(case).items():
         inner = tuple(3 for _ in column.dims)
         dims = column.dims
-        if "trajectory" in case.store and name in find(case.model, case.form).variables:
+        if "trajectory" in case.store and name in case.system.variables:
             inner, dims = (case.time.samples, *inner), ("time", *dims)
         outline = np.broadcast_to(np.zeros((), dtype=column.dtype), (*sizes, *inner))
         labels = {"long_name": column.long_name, "units": column.units, **column.attributes}
@@ -106,6 +106,13 @@ def coordinates(case: Case) -> dict[str, Variable]:
         )
         found["time"] = Variable(("time",), times, {"long_name": "time", "units": "1"})
     return found
+
+
+def ending(ok: int, failed: int, timeout: int) -> Status:
+    """The status of a sweep of which so many members ended in each way: that of the worst."""
+    if failed or not ok:
+        return Status.FAILED
+    return Status.TIMEOUT if timeout else Status.OK
 
 
 def slabs(

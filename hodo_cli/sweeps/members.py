@@ -5,6 +5,7 @@ The members that heyoka's lanes can carry go there (`ensemble`); the others, and
 anything is in doubt, are integrated and classified one by one, as any single case.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from ..cases.case import Case, Time
 from ..cases.sweep_block import Axis, axes_of, put
-from ..models import find, rigid_body
+from ..models import rigid_body
 from ..models.constants import Structure, flatten, structure
 from .columns import shape
 
@@ -24,7 +25,7 @@ class Inputs(NamedTuple):
     `start` is None, and so is all but the data, where they describe no body or no start.
     """
 
-    data: dict[str, Any]
+    data: Mapping[str, Any]
     structure: Structure = ()
     constants: tuple[float, ...] = ()
     start: tuple[float, ...] | None = None
@@ -37,14 +38,13 @@ def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
     for axis, i in zip(axes, index, strict=True):
         for (path, _), values in zip(axis.ranges, axis.values, strict=True):
             data = put(data, path, float(values[i]))
-    model = find(case.model, case.form)
-    problems: list[str] = []
-    model.check(data, lambda at, message: problems.append(message))
-    if problems:
+    model = type(case.system)
+    if any(model.check(data)):
         return Inputs(data)
-    k = model.constants(data)
+    system = model(**data)
     order = rigid_body.inertia_order(data["inertia"]) if not model.unclassifiable else (0, 1, 2)
-    return Inputs(data, structure(k), tuple(flatten(k)), model.start(data), order)
+    k = system.constants
+    return Inputs(data, structure(k), tuple(flatten(k)), system.start, order)
 
 
 def member_inputs(

@@ -10,14 +10,15 @@ import numpy as np
 
 from ..batch.pool import Pool
 from ..cases.case import Case
+from ..engines.protocol import Status
 from ..integration.driver import Path
 from ..integration.error import difference, references
 from ..integration.solve import solve
-from ..models import find, rigid_body
-from ..models.constants import flatten, namespace, structure
+from ..models import rigid_body
+from ..models.constants import attributes
 from ..results.hdf5 import Group, Variable
 from .chunk import Chunk, carried
-from .columns import FAILED, OK, STATUS, columns
+from .columns import columns
 from .members import member
 
 SAMPLE, NEAREST = 256, 64
@@ -50,7 +51,7 @@ def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple
     times = np.append(crossing, end) if crossing < case.time.end else end
     for precision, method, tol in references(one, "taylor", case.tol or 2.0**-52):
         reference = solve(one, method, precision, tol, times)
-        if reference.stop:
+        if not reference.whole:
             continue
         path = reference.path
         theirs = Path(end, path.state[-1:], path.exponent[-1:], ())
@@ -64,16 +65,12 @@ def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple
 
 def _newton(case: Case, state: np.ndarray, exponent: int) -> float:
     """|D / (dD/dt)| at a state in units of 2**exponent."""
-    model = find(case.model, case.form)
-    A = np.array(case.data["inertia"])
-    constants = model.constants(case.data)
+    system, A = case.system, np.array(case.data["inertia"])
     order = rigid_body.inertia_order(A)
-    (outer, inner), k = (
-        rigid_body.separatrix_terms(A, state, order),
-        namespace(structure(constants), flatten(constants)),
-    )
+    outer, inner = rigid_body.separatrix_terms(A, state, order)
+    k = attributes(system.constants)
     omega = np.ldexp(state.astype(float), exponent)
-    rate = np.ldexp(np.array(model.rhs(0.0, list(omega), k)), -exponent)
+    rate = np.ldexp(np.array(system.rhs(0.0, list(omega), k)), -exponent)
     w = state.astype(float)
     faster, slower = (
         np.subtract(*rigid_body.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1)
@@ -95,7 +92,7 @@ def lost_part(chunk: Chunk) -> Group:
     """A chunk whose worker failed."""
     found = {}
     for name, column in columns(chunk.case).items():
-        fill = FAILED if name == "status" else 0 if column.dtype[0] == "i" else np.nan
+        fill = Status.FAILED.code if name == "status" else 0 if column.dtype[0] == "i" else np.nan
         data = np.full(
             (chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype
         )
@@ -120,20 +117,20 @@ class Summary:
 def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
     """Counts, shares and messages over all members of a sweep."""
     total = tasks[-1].last
-    found = Summary(np.zeros(len(STATUS), dtype=np.int64), 0, 0.0, 0, [], [], [], {})
+    found = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, 0, [], [], [], {})
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
     near: list[tuple[float, int, np.ndarray, float]] = []
     for task in tasks:
         with read(task) as part:
             status = part.variable("status")
-            found.status += np.bincount(status, minlength=len(STATUS))
+            found.status += np.bincount(status, minlength=len(Status))
             found.steps += int(part.variable("steps").sum())
             found.run_time += part.attributes["run_time"]
             found.alone += part.attributes["alone"]
             if not carried(case):
                 continue
             omega, crossing = part.variable("omega"), part.variable("crossing_time")
-            separation = np.where(status == OK, part.variable("separation"), np.inf)
+            separation = np.where(status == Status.OK.code, part.variable("separation"), np.inf)
         omega = omega[:, -1] if omega.ndim == 3 else omega
         nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]
         near += [
@@ -142,7 +139,7 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
         ]
         near = sorted(near, key=lambda one: one[:2])[:NEAREST]
         for i in drawn[(drawn >= task.first) & (drawn < task.last)] - task.first:
-            if status[i] == OK:
+            if status[i] == Status.OK.code:
                 _add(found, task.first + int(i), omega[i], crossing[i])
     for _, number, omega, time in near:
         if number not in found.members:
