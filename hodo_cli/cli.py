@@ -6,9 +6,9 @@ import os
 import signal
 import sys
 import traceback
-from contextlib import ExitStack
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import click
 
@@ -63,21 +63,35 @@ def main(traceback: bool) -> None:
     """
 
 
+Command = TypeVar("Command", bound=Callable[..., Any])
+
 RUNS = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
 JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value instead of a table."
 )
-
-
-@main.command()
-@click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
+GLOBS = click.option(
     "--case",
     "globs",
     multiple=True,
     metavar="GLOB",
     help="Only cases whose name matches (repeatable).",
 )
+
+
+def _folder(default: str) -> Callable[[Command], Command]:
+    """The option for the folder that a command writes into."""
+    return click.option(
+        "--out",
+        type=click.Path(path_type=Path),
+        default=default,
+        show_default=True,
+        help="Folder of what is written.",
+    )
+
+
+@main.command("run")
+@click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@GLOBS
 @click.option(
     "--set",
     "overrides",
@@ -85,13 +99,7 @@ JSON = click.option(
     metavar="CASE.KEY=VALUE",
     help="Change a value (repeatable).",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default="runs",
-    show_default=True,
-    help="Folder of results.",
-)
+@_folder("runs")
 @click.option("--force", is_flag=True, help="Run finished cases again.")
 @click.option(
     "-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes."
@@ -101,11 +109,11 @@ JSON = click.option(
     metavar="dask|tcp://HOST:PORT",
     help="Run on dask: in N processes, or on its workers.",
 )
-@click.option("--dry-run", is_flag=True, help="Say what would run, and why; run nothing.")
+@click.option("--dry-run", is_flag=True, help="Print what would run, and why; run nothing.")
 @click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")
-@click.option("--quiet", is_flag=True, help="No progress on stderr; what fails is said.")
+@click.option("--quiet", is_flag=True, help="No progress on stderr, only failures.")
 @JSON
-def run(
+def _run(
     configs: tuple[Path, ...],
     globs: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -120,90 +128,55 @@ def run(
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are
     kept."""
-    from .batch.pool import pool
-    from .batch.progress import Progress
     from .cases.config import load
     from .commands import run, tables
 
-    loaded = [load(path, overrides) for path in configs]
-    plans = run.plans(loaded, out, globs, force, jobs)
+    plans = run.plans([load(path, overrides) for path in configs], out, globs, force, jobs)
     if dry_run:
-        click.echo("\n".join(line for run in plans for line in run.lines()))
+        click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return
-    rows: list[dict[str, Any]] = []
-    with (
-        pool(jobs, scheduler) as workers,
-        Progress(sum(len(run.reasons) for run in plans), quiet) as progress,
-    ):
-        for plan_ in plans:
-            rows += plan_.execute(workers, progress, fail_fast)
-            if fail_fast and any(row["status"] != "ok" for row in rows):
-                break
-    click.echo(json.dumps(rows) if as_json else tables.cases(rows))
+    rows = run.execute(plans, jobs, scheduler, quiet, fail_fast)
+    click.echo(json.dumps(rows) if as_json else tables.case_table(rows))
     if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
-        click.echo(
-            f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}", err=True
-        )
+        said = f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}"
+        click.echo(said, err=True)
         sys.exit(1)
 
 
-@main.command()
+@main.command("classify")
 @RUNS
 @JSON
-def classify(runs: tuple[Path, ...], as_json: bool) -> None:
+def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the axis that each hodograph encloses and find the separatrix crossings; both go into
     RUNS."""
     from .commands import classify, tables
-    from .results import update
-    from .results.provenance import stamp
 
-    rows, failed = [], 0
-    for path in runs:
-        with update.update(path, stamp(f"hodo classify {path}")) as changes:
-            for name in changes.run.cases():
-                group = changes.run.read(name)
-                try:
-                    part, row = classify.classified(name, group)
-                except HodoError as error:
-                    click.echo(f"{path}: {error}", err=True)
-                    failed += 1
-                    continue
-                rows.append({"run": str(path), **row})
-                if part is not None:
-                    changes.write(name, part)
-    click.echo(json.dumps(rows) if as_json else tables.crossings(rows))
-    if failed:
+    rows, problems = classify.classify_results(runs)
+    for problem in problems:
+        click.echo(problem, err=True)
+    click.echo(json.dumps(rows) if as_json else tables.crossing_table(rows))
+    if problems:
         sys.exit(1)
 
 
-@main.command()
+@main.command("claims")
 @RUNS
 @JSON
-def claims(runs: tuple[Path, ...], as_json: bool) -> None:
+def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     """Check the statements of the `claims:` blocks against RUNS; the verdicts go into RUNS.
 
     Exit status 3 if a verdict is not the one that the case file expects.
     """
     from . import text
-    from .cases.config import parse
     from .commands import claims, tables
-    from .results import update
-    from .results.provenance import stamp
 
-    rows = []
-    for path in runs:
-        with update.update(path, stamp(f"hodo claims {path}")) as changes:
-            config = parse(changes.run.text, str(path))
-            verdicts = claims.judged(config.claims, changes.run)
-            rows += [{"run": str(path), **claims.row(verdict)} for verdict in verdicts]
-            if verdicts:
-                changes.write("_claims", claims.group(verdicts))
-    click.echo(text.as_json(rows) if as_json else tables.claims(rows))
+    rows = claims.judge_results(runs)
+    click.echo(text.as_json(rows) if as_json else tables.claim_table(rows))
     if any(row["verdict"] != row["expect"] for row in rows):
         sys.exit(3)
 
 
-@main.command()
+@main.command("plot")
 @click.argument("runs", nargs=-1, required=True, metavar="RUN... [FIGURE]...")
 @click.option(
     "--format",
@@ -213,44 +186,22 @@ def claims(runs: tuple[Path, ...], as_json: bool) -> None:
     show_default=True,
     help="png, svg, pdf or csv.",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default="runs/figures",
-    show_default=True,
-    help="Their folder.",
-)
-def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
+@_folder("runs/figures")
+def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
     """Draw the figures of each RUN (*.h5), all or those named, and a page with all of them."""
     from .commands import plot
-    from .figures import page
-    from .results.motion import open_results
 
     files = [Path(name) for name in runs if name.endswith(".h5")]
     names = [name for name in runs if not name.endswith(".h5")]
-    if not files:
-        raise HodoError("name a result file: hodo plot runs/NAME.h5 [FIGURE]...")
-    with ExitStack() as stack:
-        opened = [stack.enter_context(open_results(path)) for path in files]
-        drawn = [
-            (results, plot.render(results, names, formats, out / results.path.stem))
-            for results in opened
-        ]
-        for figure in (figure for _, figures in drawn for figure in figures):
-            said = (
-                f"{figure.name}: {figure.problem}"
-                if figure.problem
-                else "\n".join(map(str, figure.files))
-            )
-            click.echo(said, err=bool(figure.problem))
-        if not names:
-            page.write(out / "index.html", drawn)
-            click.echo(out / "index.html")
-    if any(figure.problem for _, figures in drawn for figure in figures):
+    failed = False
+    for line, is_problem in plot.draw_results(files, names, formats, out):
+        click.echo(line, err=is_problem)
+        failed |= is_problem
+    if failed:
         sys.exit(1)
 
 
-@main.command()
+@main.command("compare")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
 @click.option(
@@ -260,7 +211,7 @@ def plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
     "--atol", type=float, help="Absolute tolerance (default: the reference's own, else 0)."
 )
 @JSON
-def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
+def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
     """Compare the result A with the reference B: every case, label, crossing and value that B has.
 
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
@@ -268,32 +219,18 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
     """
     from . import text
     from .commands import compare, tables
-    from .results import hdf5
 
-    with hdf5.open_run(a) as ours, hdf5.open_run(b) as reference:
-        lines = compare.compare(ours, reference, compare.Tolerance(rtol, atol))
+    lines = compare.compare_results(a, b, compare.Tolerance(rtol, atol))
     rows = [{**vars(line), "differs": line.differs} for line in lines]
-    click.echo(text.as_json(rows) if as_json else tables.comparison(rows))
+    click.echo(text.as_json(rows) if as_json else tables.comparison_table(rows))
     if any(line.differs for line in lines):
         sys.exit(3)
 
 
-@main.command()
+@main.command("bench")
 @click.argument("config", type=click.Path(path_type=Path))
-@click.option(
-    "--case",
-    "globs",
-    multiple=True,
-    metavar="GLOB",
-    help="Only cases whose name matches (repeatable).",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default="runs",
-    show_default=True,
-    help="Folder of results.",
-)
+@GLOBS
+@_folder("runs")
 @click.option(
     "-j",
     "--jobs",
@@ -304,7 +241,7 @@ def compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: b
 )
 @click.option("--markdown", is_flag=True, help="Print the table in Markdown.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr.")
-def bench(
+def _bench(
     config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool
 ) -> None:
     """Measure error against run time: every case of CONFIG by the methods and tolerances of its
@@ -315,43 +252,27 @@ def bench(
     """
     from .cases.config import load
     from .commands import bench
-    from .figures.bench import draw_bench
-    from .figures.sheet import save
 
-    loaded = load(config)
-    found = bench.run(
-        loaded, globs, jobs, lambda line: None if quiet else click.echo(line, err=True)
-    )
-    bench.write(found, loaded, out / f"{config.stem}.bench.h5")
-    figure = out / "figures" / f"{config.stem}.png"
-    figure.parent.mkdir(parents=True, exist_ok=True)
-    save(draw_bench(found), figure)
-    click.echo((bench.markdown if markdown else bench.plain)(bench.report(found)))
-    if bench.let_down(found):
+    found = bench.benchmark(load(config), globs, out, jobs, quiet)
+    click.echo(bench.printed(found, markdown))
+    if bench.auto_failed(found):
         sys.exit(1)
 
 
-@main.command()
+@main.command("show")
 @RUNS
 @JSON
-def show(runs: tuple[Path, ...], as_json: bool) -> None:
+def _show(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print what is in RUNS: the cases, how they ended, their error and run time."""
-    from .commands import tables
-    from .results import hdf5, layout
+    from .commands import show, tables
 
-    rows = []
-    for path in runs:
-        with hdf5.open_run(path) as run:
-            rows += [
-                {"run": str(path), "case": name, **run.row(name, layout.SUMMARY)}
-                for name in run.cases()
-            ]
-    click.echo(json.dumps(rows) if as_json else tables.cases(rows))
+    rows = show.stored_cases(runs)
+    click.echo(json.dumps(rows) if as_json else tables.case_table(rows))
 
 
-@main.command()
+@main.command("schema")
 @click.option("--table", is_flag=True, help="Print every key in Markdown tables instead.")
-def schema(table: bool) -> None:
+def _schema(table: bool) -> None:
     """Print the JSON Schema of case files."""
     from .cases.json_schema import schema as rules
     from .cases.key_tables import key_tables

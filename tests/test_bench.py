@@ -12,7 +12,8 @@ from conftest import Hodo
 
 from hodo_cli.cases.config import parse
 from hodo_cli.commands import bench
-from hodo_cli.commands.bench import Bench, Trial, fastest, perturbed, trial, truth, verdict
+from hodo_cli.commands.bench import Bench, fastest
+from hodo_cli.commands.trials import Trial, perturbed, trial, truth, verdict
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration import solve
 
@@ -79,8 +80,8 @@ def test_the_fastest_is_taken_among_those_that_are_right() -> None:
         ("n", 1e-4, 2.0),
         None,
     ]
-    assert bench.let_down(Bench(("a",), ("auto",), (np.nan,), (Trial(status="SILENT"),)))
-    assert not bench.let_down(Bench(("a",), ("DOP853",), (np.nan,), (Trial(status="timeout"),)))
+    assert bench.auto_failed(Bench(("a",), ("auto",), (np.nan,), (Trial(status="SILENT"),)))
+    assert not bench.auto_failed(Bench(("a",), ("DOP853",), (np.nan,), (Trial(status="timeout"),)))
 
 
 def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
@@ -93,7 +94,7 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
         "case",
         *["3", "digits", "6", "digits", "9", "digits", "12", "digits"],
     ]
-    assert "1/2 a: " in done.stderr
+    assert "[1/2] a: ok" in done.stderr
     assert (tmp_path / "runs" / "figures" / "small.png").stat().st_size > 10_000
     script = (
         "import json, xarray\n"

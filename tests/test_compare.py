@@ -15,7 +15,7 @@ from conftest import ROOT, Hodo
 from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load
-from hodo_cli.commands.compare import Line, Tolerance, compare, difference, matching
+from hodo_cli.commands.compare import Line, Tolerance, compare, matching, scaled_difference
 from hodo_cli.results.hdf5 import Group, Variable, create, open_run
 
 REFERENCE = ROOT / "runs" / "reference"
@@ -138,8 +138,8 @@ def test_a_value_that_is_no_number_is_found_and_equals_its_like(tmp_path: Path) 
     assert found(compared(tmp_path, change)) == [("fig1-1", "omega")]
     assert found(compared(tmp_path, len, reference=change)) == [("fig1-1", "omega")]
     assert not found(compared(tmp_path, change, reference=change))
-    assert difference(np.array([np.inf]), np.array([-np.inf]), 1, 1)[0] == np.inf
-    assert difference(np.array([np.inf, 1.0]), np.array([np.inf, 1.0]), 1e-9, 0)[0] == 0
+    assert scaled_difference(np.array([np.inf]), np.array([-np.inf]), 1, 1)[0] == np.inf
+    assert scaled_difference(np.array([np.inf, 1.0]), np.array([np.inf, 1.0]), 1e-9, 0)[0] == 0
 
 
 def test_a_variable_that_is_gone_is_found(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
-from hodo_cli.commands.bench import PATIENCE, trial, truth
+from hodo_cli.commands.trials import PATIENCE, trial, truth
 from hodo_cli.engines import exact, protocol
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integration.choice import choose

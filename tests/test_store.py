@@ -424,12 +424,12 @@ def test_after_an_exception_the_old_file_stays_and_finished_cases_are_found(path
 
 def test_nothing_new_leaves_the_file_alone(path: Path) -> None:
     write(path, {"a": group(), "b": group()})
-    before = path.stat()
+    before = path.stat()[:7], path.stat().st_mtime_ns  # reading may change the time of access
     for _ in range(2):
         with Writer(path, {**ROOT_ATTRIBUTES, "history": "again"}, ["a", "b"]) as writer:
             for items in writer.finished.values():
                 writer.keep(items[0])
-    assert path.stat() == before
+    assert (path.stat()[:7], path.stat().st_mtime_ns) == before
     with Writer(
         path, {**ROOT_ATTRIBUTES, "config": "other", "history": "again"}, ["a", "b"]
     ) as writer:

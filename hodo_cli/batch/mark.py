@@ -25,7 +25,7 @@ LIBRARIES = ("heyoka", "numpy", "scipy")
 
 def _sources() -> dict[str, str]:
     """The hash of each source file that decides numbers, by its path within the package."""
-    files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).glob("*.py")]]
+    files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
     return {
         str(file.relative_to(PACKAGE)): hashlib.sha256(file.read_bytes()).hexdigest()
         for file in sorted(files)

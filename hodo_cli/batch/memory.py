@@ -39,7 +39,7 @@ def need(case: Case) -> int:
     return case.time.samples * numbers * BYTES
 
 
-def afford(case: Case, processes: int = 1) -> None:
+def check_memory(case: Case, processes: int = 1) -> None:
     """Raise HodoError if the samples of a case do not fit into the memory of one of so many
     processes."""
     have = limit() // processes

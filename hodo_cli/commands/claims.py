@@ -1,14 +1,34 @@
 """`hodo claims`: verdicts on the claims of a result file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..cases.config import parse
 from ..claims.finding import Verdict
 from ..claims.variations import Motions
 from ..claims.verdicts import judge
 from ..results.hdf5 import Group, Run, Variable
+from ..results.provenance import stamp
+from ..results.update import update
+
+
+def judge_results(paths: Iterable[Path]) -> list[dict[str, Any]]:
+    """Judge and store the claims of result files; the lines of the table.
+
+    Raises HodoError as `judge` does, or if a file cannot be read or replaced.
+    """
+    rows: list[dict[str, Any]] = []
+    for path in paths:
+        with update(path, stamp(f"hodo claims {path}")) as changes:
+            config = parse(changes.run.text, str(path))
+            verdicts = judged(config.claims, changes.run)
+            rows += [{"run": str(path), **claim_row(verdict)} for verdict in verdicts]
+            if verdicts:
+                changes.write("_claims", claim_group(verdicts))
+    return rows
 
 
 def judged(claims: Sequence[Mapping[str, Any]], run: Run) -> list[Verdict]:
@@ -21,7 +41,7 @@ COLUMNS = ("id", "where", "statement", "verdict", "expect", "evidence", "measure
 """What is stored of a claim as text, besides the number."""
 
 
-def row(verdict: Verdict) -> dict[str, Any]:
+def claim_row(verdict: Verdict) -> dict[str, Any]:
     """A verdict as plain data."""
     claim = verdict.claim
     texts = {
@@ -31,10 +51,10 @@ def row(verdict: Verdict) -> dict[str, Any]:
     return {**texts, **found, "kind": claim["check"]["kind"], "cases": list(claim["cases"])}
 
 
-def group(verdicts: Sequence[Verdict]) -> Group:
+def claim_group(verdicts: Sequence[Verdict]) -> Group:
     """Verdicts as they are stored: texts and `number` over the dimension `claim`, whose coordinate
     is the id."""
-    rows = [row(verdict) for verdict in verdicts]
+    rows = [claim_row(verdict) for verdict in verdicts]
     names = {"claim": "id", **{name: name for name in COLUMNS[1:]}}
     texts = {
         name: Variable(

@@ -1,20 +1,43 @@
 """`hodo classify`: labels and crossings of stored cases."""
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import HodoError
-from ..batch.memory import afford
+from ..batch.memory import check_memory
 from ..cases.case import Case, parse_case
 from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..results.hdf5 import Attribute, Group, Variable
-from ..results.provenance import typed
+from ..results.provenance import stamp, typed
+from ..results.update import update
 
 RECORDED = {"case": str, "method": str, "tol": float, "error": float}
 """The attributes of a stored case that its classification rests on."""
+
+
+def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
+    """Label the cases of result files; the lines of the table, and what keeps cases from one.
+
+    Raises HodoError if a file cannot be read or replaced.
+    """
+    rows, problems = [], []
+    for path in paths:
+        with update(path, stamp(f"hodo classify {path}")) as changes:
+            for name in changes.run.cases():
+                try:
+                    part, row = classified(name, changes.run.read(name))
+                except HodoError as error:
+                    problems.append(f"{path}: {error}")
+                    continue
+                rows.append({"run": str(path), **row})
+                if part is not None:
+                    changes.write(name, part)
+    return rows, problems
 
 
 def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
@@ -29,7 +52,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         return None, tabulated(name, group)
     if remark := inapplicable(case, group):
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
-    afford(case)
+    check_memory(case)
     omega = group.variables["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
@@ -112,7 +135,7 @@ def tabulated(name: str, group: Group) -> dict[str, Any]:
     ok = group.variables["status"].data == Status.OK.code
     for end in ("start", "end"):
         if (column := group.variables.get(f"{end}_axis")) is not None:
-            row[end] = _census(column.data[ok])
+            row[end] = _shares(column.data[ok])
     if (counts := group.variables.get("crossings")) is None:
         return {**row, "warnings": ["the crossings are not stored"]}
     crossing = ok & (counts.data > 0)
@@ -125,7 +148,7 @@ def tabulated(name: str, group: Group) -> dict[str, Any]:
     return {**row, "warnings": [said]}
 
 
-def _census(labels: np.ndarray) -> str:
+def _shares(labels: np.ndarray) -> str:
     """How many of the labels are which, in percent."""
     found = {
         rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)

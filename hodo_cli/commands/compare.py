@@ -8,12 +8,13 @@ and `atol`.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from .. import HodoError
 from ..models import rigid_body
-from ..results.hdf5 import Group, Run, Variable
+from ..results.hdf5 import Group, Run, Variable, open_run
 
 RTOL = 1e-9
 """The relative tolerance of a variable that has none of its own."""
@@ -72,6 +73,12 @@ class Line:
         return not self.scaled <= 1
 
 
+def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Line]:
+    """The result file `a` against the reference `b`, as `compare` does it."""
+    with open_run(a) as ours, open_run(b) as reference:
+        return compare(ours, reference, tolerance)
+
+
 def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
     """Every case and variable of the reference `b` in `a`, and the cases that `a` alone has.
 
@@ -113,8 +120,8 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
         ours = a.variables[key].data
         if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
             ours = ours[rows]
-        scaled, at = difference(ours, reference.data, *tolerance.of(key, reference))
-        yield Line(name, key, scaled, place(key, at, ours, reference, b.variables))
+        scaled, at = scaled_difference(ours, reference.data, *tolerance.of(key, reference))
+        yield Line(name, key, scaled, largest_at(key, at, ours, reference, b.variables))
 
 
 def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
@@ -130,7 +137,7 @@ def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     )
 
 
-def difference(
+def scaled_difference(
     a: np.ndarray, b: np.ndarray, rtol: float, atol: float
 ) -> tuple[float, tuple[int, ...]]:
     """The scaled difference and the position of the largest; infinite, without a position, for
@@ -157,7 +164,7 @@ def difference(
     return float(scaled[at]), tuple(int(i) for i in at)
 
 
-def place(
+def largest_at(
     name: str, at: tuple[int, ...], a: np.ndarray, b: Variable, coordinates: Mapping[str, Variable]
 ) -> str:
     """Where a difference is the largest, in the reference's coordinates, and the two values
@@ -175,7 +182,7 @@ def place(
         else f"{dim} {i}"
         for dim, i in zip(b.dims, at, strict=True)
     ]
-    return f"{', '.join(where)}: {shown(b, a[at])}, not {shown(b, b.data[at])}"
+    return f"{', '.join(where)}: {printed_value(b, a[at])}, not {printed_value(b, b.data[at])}"
 
 
 def coordinate(value: object) -> str:
@@ -183,7 +190,7 @@ def coordinate(value: object) -> str:
     return f"{value:.10g}" if isinstance(value, np.floating) else str(value)
 
 
-def shown(variable: Variable, value: object) -> str:
+def printed_value(variable: Variable, value: object) -> str:
     """A value as the table prints it; a label by its meaning."""
     if "flag_values" in variable.attributes and isinstance(value, np.integer):
         return rigid_body.LABELS.get(int(value), str(value))

@@ -1,18 +1,45 @@
 """`hodo plot`: figures from result files."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..figures import maps, plane, space
+from ..figures import maps, page, plane, space
 from ..figures.sheet import FORMATS, draw, save
-from ..results.motion import Rendered, Results
+from ..results.motion import Rendered, Results, open_results
 from ..schema.kinds import nearest
 
 KINDS_DRAWN_BY = (maps, plane, space)
 """The modules whose functions draw the kinds of figures; importing one enters its kinds into
 `sheet.DRAW`."""
+
+
+def draw_results(
+    files: Sequence[Path], names: Sequence[str], formats: Sequence[str], out: Path
+) -> Iterator[tuple[str, bool]]:
+    """Draw the figures of result files, all or those named, and then a page with all of them.
+
+    Yields the lines to print, each with whether it tells of a problem. Raises HodoError as `render`
+    does, or if no file is given or one cannot be read.
+    """
+    if not files:
+        raise HodoError("name a result file: hodo plot runs/NAME.h5 [FIGURE]...")
+    with ExitStack() as stack:
+        opened = [stack.enter_context(open_results(path)) for path in files]
+        drawn = [
+            (results, render(results, names, formats, out / results.path.stem))
+            for results in opened
+        ]
+        for figure in (figure for _, figures in drawn for figure in figures):
+            if figure.problem:
+                yield f"{figure.name}: {figure.problem}", True
+            else:
+                yield "\n".join(map(str, figure.files)), False
+        if not names:
+            page.write(out / "index.html", drawn)
+            yield str(out / "index.html"), False
 
 
 def render(
@@ -28,7 +55,6 @@ def render(
         raise HodoError(
             f"unknown format {wrong!r}{nearest(wrong, FORMATS)} (valid: {', '.join(FORMATS)})"
         )
-    out.mkdir(parents=True, exist_ok=True)
     return [
         _rendered(results, name, spec, [out / f"{name}.{suffix}" for suffix in formats])
         for name, spec in chosen

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..batch.memory import afford
-from ..batch.pool import Pool
+from ..batch.memory import check_memory
+from ..batch.pool import Pool, pool
 from ..batch.progress import Progress
 from ..cases.case import Case
 from ..cases.config import Config
@@ -89,6 +89,24 @@ class Plan:
             ]
 
 
+def execute(
+    plans: Sequence[Plan], jobs: int, scheduler: str | None, quiet: bool, fail_fast: bool
+) -> list[dict[str, Any]]:
+    """Run and store what is planned, in so many processes or on a dask scheduler; the attributes of
+    each case that was asked for and reached.
+
+    Raises HodoError as `Plan.execute` does, or if no scheduler answers.
+    """
+    rows: list[dict[str, Any]] = []
+    total = sum(len(plan.reasons) for plan in plans)
+    with pool(jobs, scheduler) as workers, Progress(total, quiet) as progress:
+        for plan in plans:
+            rows += plan.execute(workers, progress, fail_fast)
+            if fail_fast and any(row["status"] != "ok" for row in rows):
+                break
+    return rows
+
+
 def plans(
     configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool, jobs: int = 1
 ) -> list[Plan]:
@@ -103,16 +121,18 @@ def plans(
             raise HodoError(
                 f"{path} would hold the results of {paths.count(path)} configs: rename one"
             )
-    made = [plan(config, path, globs, force) for config, path in zip(configs, paths, strict=True)]
+    made = [
+        plan_of(config, path, globs, force) for config, path in zip(configs, paths, strict=True)
+    ]
     if not any(plan.asked for plan in made):
         raise HodoError(f"no case matches {' or '.join(globs)}")
     for config, reasons in ((plan.config, plan.reasons) for plan in made):
         for name in reasons:
-            afford(config.cases[name], jobs)
+            check_memory(config.cases[name], jobs)
     return [plan for plan in made if plan.asked]
 
 
-def plan(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
+def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
     """Which cases of a config run, and why; those that `globs` leave out stay as they are
     stored."""
     done = finished(path)

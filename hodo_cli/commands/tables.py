@@ -6,7 +6,7 @@ from typing import Any
 from ..text import magnitude, seconds, table
 
 
-def cases(rows: Sequence[Mapping[str, Any]]) -> str:
+def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Cases with their method, cost, error and what is to be said about them."""
     return table(
         ("case", "model", "form", "method", "steps", "run time", "error", "warnings"),
@@ -19,7 +19,7 @@ def cases(rows: Sequence[Mapping[str, Any]]) -> str:
                 str(row["steps"]),
                 seconds(row["run_time"]),
                 magnitude(row["error"]),
-                remarks(row),
+                remark(row),
             )
             for row in rows
         ],
@@ -27,13 +27,13 @@ def cases(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def remarks(row: Mapping[str, Any]) -> str:
+def remark(row: Mapping[str, Any]) -> str:
     """How a case ended, unless well, and its warnings, on one line."""
     ended = [] if row["status"] == "ok" else [f"{row['status']}: {row['message']}"]
     return "; ".join([*ended, *row["warnings"].splitlines()])
 
 
-def crossings(rows: Sequence[Mapping[str, Any]]) -> str:
+def crossing_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Cases with the axes enclosed at start and end, and the crossings between."""
     return table(
         ("case", "start", "end", "crossings"),
@@ -55,7 +55,7 @@ def passage(crossing: Mapping[str, Any]) -> str:
     return f"{crossing['time']:.15g} ({crossing['from']} -> {crossing['to']}, error {error})"
 
 
-def claims(rows: Sequence[Mapping[str, Any]]) -> str:
+def claim_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Statements with their verdicts and what decides them; a verdict that is not the one expected
     is marked."""
     return table(
@@ -73,7 +73,7 @@ def claims(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def comparison(rows: Sequence[Mapping[str, Any]]) -> str:
+def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """For each case the variable that is farthest from the reference, and every one that
     differs."""
     worst = {row["case"]: row for row in sorted(rows, key=lambda row: row["scaled"])}

@@ -14,6 +14,7 @@ from urllib.parse import quote
 from ..cases.case import Case
 from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Rendered, Results
+from ..results.staging import replacing
 from ..text import magnitude, seconds
 
 STYLE = """
@@ -92,8 +93,8 @@ def write(
         title=escape(title), style=STYLE, contents="".join(contents), sections="".join(sections),
         summary=f"{count} figures, with the parameters, measured errors and run times of what they show.",
     )  # fmt: skip
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
+    with replacing(path) as draft:
+        draft.write_text(page, encoding="utf-8")
 
 
 def _section(results: Results, rendered: Sequence[Rendered], base: Path) -> str:

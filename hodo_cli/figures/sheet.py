@@ -16,6 +16,7 @@ from matplotlib.mathtext import MathTextParser
 
 from .. import HodoError
 from ..results.motion import Results
+from ..results.staging import replacing
 
 Look = dict[str, Any]
 
@@ -118,11 +119,15 @@ def check_tex(text: str) -> None:
 
 def save(sheet: Sheet, path: Path, about: str = "") -> None:
     """Write a figure in the format of the path's suffix, the same bytes every time; `about` goes
-    into its metadata."""
+    into its metadata.
+
+    Raises HodoError if the file cannot be written; an older one then stays.
+    """
     suffix = path.suffix[1:]
-    if suffix == "csv":
-        path.write_text(sheet.csv(), encoding="utf-8", newline="")
-        return
-    note = {"pdf": "Subject"}.get(suffix, "Description")
-    with matplotlib.style.context(["default", STYLE]):
-        sheet.figure.savefig(path, metadata=UNDATED[suffix] | {note: about})
+    with replacing(path) as draft:
+        if suffix == "csv":
+            draft.write_text(sheet.csv(), encoding="utf-8", newline="")
+            return
+        note = {"pdf": "Subject"}.get(suffix, "Description")
+        with matplotlib.style.context(["default", STYLE]):
+            sheet.figure.savefig(draft, format=suffix, metadata=UNDATED[suffix] | {note: about})

@@ -1,6 +1,8 @@
-"""A file for HDF5 that outlives a full disk."""
+"""What the operating system refuses: a file for HDF5 that outlives a full disk, and the reasons."""
 
 import io
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -53,3 +55,11 @@ class Disk(io.FileIO):
             if first < last:
                 view[first - start : last - start] = data[first - offset : last - offset]
         return len(view)
+
+
+def refusal(error: BaseException) -> str:
+    """What the operating system said (no space, no permission), which HDF5 hides in its own errors;
+    or nothing."""
+    told = re.search(r"error message = '([^']*)'", str(error))
+    number = getattr(error, "errno", None)
+    return told[1].lower() if told else os.strerror(number).lower() if number else ""

@@ -2,7 +2,6 @@
 h5py."""
 
 import os
-import re
 from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
 from .. import HodoError
 from ..batch import memory
-from .disk import Disk
+from .disk import Disk, refusal
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
@@ -180,14 +179,6 @@ def _why_closed(path: Path, error: Exception) -> str:
         return "truncated: its end is missing; restore it, or move it away and run again"
     number = getattr(error, "errno", None)
     return os.strerror(number).lower() if number else f"damaged ({_first_line(error)})"
-
-
-def refusal(error: BaseException) -> str:
-    """What the operating system said (no space, no permission), which HDF5 hides in its own errors;
-    or nothing."""
-    told = re.search(r"error message = '([^']*)'", str(error))
-    number = getattr(error, "errno", None)
-    return told[1].lower() if told else os.strerror(number).lower() if number else ""
 
 
 def _first_line(error: BaseException) -> str:

@@ -1,23 +1,27 @@
-"""The hidden folder beside a result in which one process writes it anew, to replace it in one step.
+"""Files that are written beside the place where they belong, and take it in one step.
 
 A name that exists is complete, and stays so: nothing is ever changed in place. There are no lock
-files and no marks to go stale: a folder belongs to the process that holds its `flock`, which ends
-with the process.
+files and no marks to go stale: what is being written belongs to the process that holds its `flock`,
+which ends with the process.
 """
 
 import fcntl
 import os
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from .. import HodoError
+from .disk import refusal
 
-class Workshop:
+
+class Staging:
     """A hidden folder `.NAME.*.partial` beside the file `path`, made and locked when first used."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path = destination(path)
         self.folder: Path | None = None
         self._locks = ExitStack()
 
@@ -25,19 +29,18 @@ class Workshop:
         """A path in the folder. Raises OSError if it cannot be made."""
         while self.folder is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            folder = self.path.parent / f".{self.path.name}.{os.urandom(4).hex()}.partial"
+            folder = _beside(self.path)
             folder.mkdir()
-            with suppress(
-                FileNotFoundError
-            ):  # another took it for a dead process's before it was locked
+            # Before it is locked, another process may take it for a dead one's, and remove it.
+            with suppress(FileNotFoundError):
                 self._hold(_lock(folder, wait=True))
                 self.folder = folder if folder.exists() else None
         return self.folder / name
 
-    def abandoned(self) -> list[Path]:
-        """The folders that dead processes have left; from now on nobody else sees them as such."""
+    def take_orphans(self) -> list[Path]:
+        """The folders of processes that have died; from now on no other process takes them."""
         found = []
-        for folder in workshops(self.path):
+        for folder in staging_folders(self.path):
             with suppress(OSError):
                 if folder != self.folder and (lock := _lock(folder)) is not None:
                     self._hold(lock)
@@ -49,8 +52,8 @@ class Workshop:
             self._locks.callback(os.close, lock)
 
     @contextmanager
-    def turn(self) -> Iterator[None]:
-        """The time in which this process alone may publish beside `path`."""
+    def publishing(self) -> Iterator[None]:
+        """The time in which no other process publishes beside `path`."""
         lock = _lock(self.path.parent, wait=True)
         try:
             yield
@@ -60,9 +63,7 @@ class Workshop:
 
     def publish(self, whole: Path) -> None:
         """Give a complete file the name `path`, and see it on the disk."""
-        _sync(whole)
-        os.replace(whole, self.path)
-        _sync(self.path.parent)
+        _publish(whole, self.path)
 
     def remove(self) -> None:
         """Delete the folder with what is in it."""
@@ -75,14 +76,64 @@ class Workshop:
         self._locks.close()
 
 
-def workshops(path: Path) -> list[Path]:
-    """The hidden folders of all processes, living or dead, that write the file `path`."""
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """An empty file beside `path`, which takes its name when the block ends well.
+
+    Raises HodoError if the operating system refuses it; then, and after any other exception, what
+    had the name keeps it.
+    """
+    path = destination(path)
+    with refusals(path), ExitStack() as failed:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for orphan in staging_folders(path):
+            with suppress(OSError):  # it is a folder, or another process has just removed it
+                if (lock := _lock(orphan)) is not None:
+                    failed.callback(os.close, lock)
+                    orphan.unlink()
+        draft = _beside(path)
+        descriptor = os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
+        failed.callback(os.close, descriptor)
+        with suppress(OSError):  # the file system has no locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        failed.callback(draft.unlink, missing_ok=True)
+        yield draft
+        _publish(draft, path)
+
+
+@contextmanager
+def refusals(path: Path, remark: str = "") -> Iterator[None]:
+    """Make a HodoError of what the operating system refuses."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if not (reason := refusal(error)):
+            raise
+        raise HodoError(f"cannot write {path}: {reason}{remark}") from error
+
+
+def destination(path: Path) -> Path:
+    """The file that a name stands for: what is written through a link goes where the link points."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def check_writable(path: Path) -> None:
+    """Raise HodoError if a file is marked as read-only, which replacing it would ignore."""
+    with suppress(FileNotFoundError):
+        mode = stat.S_IMODE(path.stat().st_mode)
+        if not mode & 0o222:
+            raise HodoError(f"{path} is read-only (mode {mode:o}): chmod u+w, or run --force")
+
+
+def staging_folders(path: Path) -> list[Path]:
+    """The hidden folders and drafts of all processes, living or dead, that write the file `path`."""
+    path = destination(path)
     with suppress(OSError):  # no such folder: nor can a result be written there
         names = sorted(os.listdir(path.parent))
         return [
-            path.parent / x
-            for x in names
-            if x.startswith(f".{path.name}.") and x.endswith(".partial")
+            path.parent / name
+            for name in names
+            if name.startswith(f".{path.name}.") and name.endswith(".partial")
         ]
     return []
 
@@ -96,21 +147,39 @@ def identity(path: Path) -> tuple[int, int] | None:
     return status.st_ino, status.st_mtime_ns
 
 
-def _lock(folder: Path, wait: bool = False) -> int | None:
-    """A descriptor that locks a folder while it is open, or None: another has it, or locks do not
-    work there."""
-    descriptor = os.open(folder, os.O_RDONLY)
+def synced(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _beside(path: Path) -> Path:
+    """A hidden name that nothing has yet."""
+    return path.parent / f".{path.name}.{os.urandom(4).hex()}.partial"
+
+
+def _publish(draft: Path, path: Path) -> None:
+    """Replace a file by its draft, which takes over owner and mode."""
+    with suppress(FileNotFoundError):
+        before = path.stat()
+        with suppress(PermissionError):  # only the superuser gives files away
+            os.chown(draft, before.st_uid, before.st_gid)
+        draft.chmod(stat.S_IMODE(before.st_mode))
+    synced(draft)
+    os.replace(draft, path)
+    synced(path.parent)
+
+
+def _lock(path: Path, wait: bool = False) -> int | None:
+    """A descriptor that locks a file or folder while it is open, or None: another has it, or locks
+    do not work there."""
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
         os.close(descriptor)
         return None
     return descriptor
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

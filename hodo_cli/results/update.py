@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .hdf5 import Group, Run, create, open_run
-from .staging import Workshop
-from .writer import longer, parts_in, pieces, refusals, resume_attributes
+from .staging import Staging, check_writable, refusals
+from .writer import KEPT, longer, parts_in, pieces, resume_attributes
 
 
 class Update:
@@ -40,17 +40,18 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
     with open_run(path) as run:
         changes = Update(run)
         yield changes
-        with refusals(path), ExitStack() as stack:
-            workshop = Workshop(path)
-            stack.callback(workshop.close)
-            for folder in workshop.abandoned():
+        with refusals(path, KEPT), ExitStack() as stack:
+            staging = Staging(path)
+            stack.callback(staging.close)
+            for folder in staging.take_orphans():
                 if not pieces(folder) and not parts_in(folder):
                     shutil.rmtree(folder, ignore_errors=True)
             if changes.parts:
-                stack.callback(workshop.remove)
-                with workshop.turn(), open_run(path) as now:
-                    _rewrite(workshop / "whole.h5", now, changes, history)
-                    workshop.publish(workshop / "whole.h5")
+                check_writable(path)
+                stack.callback(staging.remove)
+                with staging.publishing(), open_run(path) as now:
+                    _rewrite(staging / "whole.h5", now, changes, history)
+                    staging.publish(staging / "whole.h5")
 
 
 def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:

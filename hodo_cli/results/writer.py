@@ -1,7 +1,7 @@
 """Result files: how they are made of finished cases, resumed, and changed, so that nothing finished
 is ever lost.
 
-A run puts each finished case into a small file of its own, a *piece*, in its workshop, and joins
+A run puts each finished case into a small file of its own, a *piece*, in its staging folder, and joins
 them at the end. (A single HDF5 file that grows is unreadable, all of it, after one in five of its
 writes; a kill there would cost every case.) A piece is whole or absent; the next run takes the
 pieces of a dead one over. A sweep comes in *parts*, small files too, of which its piece is made.
@@ -16,10 +16,13 @@ from pathlib import Path
 from typing import Any, Self
 
 from .. import HodoError
-from .hdf5 import Attribute, Group, Run, create, open_run, refusal
-from .staging import Workshop, identity, workshops
+from .hdf5 import Attribute, Group, Run, create, open_run
+from .staging import Staging, identity, refusals, staging_folders
 
 RESUME = ("hash", "status", "message", "case")
+"""The attributes that tell whether a case is still right, and how it ended."""
+
+KEPT = "; finished cases are kept"
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ def finished(path: Path | str) -> dict[str, list[Finished]]:
     if os.path.lexists(path):
         with open_run(path) as run:
             _collect(run, found)
-    for piece in (piece for folder in workshops(path) for piece in pieces(folder)):
+    for piece in (piece for folder in staging_folders(path) for piece in pieces(folder)):
         with suppress(HodoError), open_run(piece) as run:  # gone by now, or torn by a loss of power
             _collect(run, found)
     return found
@@ -69,17 +72,6 @@ def parts_in(folder: Path) -> list[Path]:
     return sorted(folder.glob("part-*.h5"))
 
 
-@contextmanager
-def refusals(path: Path) -> Iterator[None]:
-    """Make a HodoError of what the operating system refuses."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        if not (reason := refusal(error)):
-            raise
-        raise HodoError(f"cannot write {path}: {reason}; finished cases are kept") from error
-
-
 class Writer:
     """Makes a result out of new cases and finished ones. A context manager.
 
@@ -101,14 +93,14 @@ class Writer:
         self._kept: dict[str, Run] = {}
         self._count = 0
         self._old: Run | None = None
-        self._workshop = Workshop(self.path)
+        self._staging = Staging(self.path)
         self._open = ExitStack()
 
     def __enter__(self) -> Self:
         """Raises HodoError as `finished` does, or if a first result cannot be written there."""
-        self._open.callback(self._workshop.close)
+        self._open.callback(self._staging.close)
         with self._open:
-            self._abandoned = self._workshop.abandoned()
+            self._orphans = self._staging.take_orphans()
             self._seen = identity(self.path)
             self.finished = finished(self.path)
             if self._seen:
@@ -121,10 +113,10 @@ class Writer:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
             if kind is None:
-                with refusals(self.path):
+                with refusals(self.path, KEPT):
                     self._finish()
-            elif not self._new and not (self._workshop.folder and parts_in(self._workshop.folder)):
-                self._workshop.remove()
+            elif not self._new and not (self._staging.folder and parts_in(self._staging.folder)):
+                self._staging.remove()
 
     def add(self, name: str, group: Group) -> None:
         """Write a finished case; from now on it survives the death of this process.
@@ -137,7 +129,7 @@ class Writer:
 
     def _put(self, piece: Path, name: str, group: Group) -> None:
         draft = piece.with_name("draft")
-        with refusals(self.path), ExitStack() as failed:
+        with refusals(self.path, KEPT), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
             with create(draft, {}) as output:
                 output.write(name, group)
@@ -147,16 +139,16 @@ class Writer:
     def parts(self, stamp: str) -> set[int]:
         """The numbers of the parts with this stamp that this run and dead ones have finished; all
         are now its own."""
-        for folder in self._abandoned:
+        for folder in self._orphans:
             for part in folder.glob(f"part-{stamp}-*.h5"):
                 with (
-                    refusals(self.path),
+                    refusals(self.path, KEPT),
                     suppress(FileExistsError),
                     suppress(HodoError),
                     open_run(part),
                 ):
-                    os.link(part, self._workshop / part.name)
-        own = self._workshop.folder
+                    os.link(part, self._staging / part.name)
+        own = self._staging.folder
         return (
             {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{stamp}-*.h5")}
             if own
@@ -169,14 +161,14 @@ class Writer:
 
         `stamp` tells what the part belongs to. Raises HodoError if it cannot be written.
         """
-        with refusals(self.path):
-            piece = self._workshop / f"part-{stamp}-{number}.h5"
+        with refusals(self.path, KEPT):
+            piece = self._staging / f"part-{stamp}-{number}.h5"
         self._put(piece, "part", group)
 
     @contextmanager
     def part(self, stamp: str, number: int) -> Iterator[Run]:
         """A part that was added or taken over, open for reading; its only group is named `part`."""
-        with open_run(self._workshop / f"part-{stamp}-{number}.h5") as run:
+        with open_run(self._staging / f"part-{stamp}-{number}.h5") as run:
             yield run
 
     def keep(self, case: Finished) -> bool:
@@ -186,7 +178,7 @@ class Writer:
                 self._kept[case.name] = self._old
             return case.name in self._kept
         piece = self._next_piece()
-        with refusals(self.path):
+        with refusals(self.path, KEPT):
             try:
                 os.link(case.file, piece)
             except FileNotFoundError:
@@ -196,11 +188,11 @@ class Writer:
 
     def _next_piece(self) -> Path:
         self._count += 1
-        with refusals(self.path):
-            return self._workshop / f"{self._count}.h5"
+        with refusals(self.path, KEPT):
+            return self._staging / f"{self._count}.h5"
 
     def _finish(self) -> None:
-        with self._workshop.turn(), ExitStack() as stack:
+        with self._staging.publishing(), ExitStack() as stack:
             now = self._old
             if (seen := identity(self.path)) != self._seen:
                 now = stack.enter_context(open_run(self.path)) if seen else None
@@ -211,12 +203,12 @@ class Writer:
                 or list(sources) != now.cases()
                 or now.text != self._attributes.get("config")
             ):
-                whole = self._workshop / "whole.h5"
+                whole = self._staging / "whole.h5"
                 self._join(whole, sources, longer(now, self._attributes.get("history")))
-                self._workshop.publish(whole)
-        for folder in self._abandoned:
+                self._staging.publish(whole)
+        for folder in self._orphans:
             shutil.rmtree(folder, ignore_errors=True)
-        self._workshop.remove()
+        self._staging.remove()
 
     def _sources(self, now: Run | None) -> dict[str, Run | Path]:
         """Where each case comes from, in the order of the new file; `now` is the result as it

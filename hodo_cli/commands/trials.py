@@ -1,0 +1,241 @@
+"""One case by one method at one tolerance, judged by the best that can be computed of it."""
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle, repeat
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from .. import HodoError
+from ..cases.case import Case
+from ..engines.protocol import Status
+from ..integration.choice import best, choose, taylor_steps
+from ..integration.classify import EPS, Crossing, cross
+from ..integration.driver import Path
+from ..integration.error import difference, extended, measure, thinned
+from ..integration.integrate import ASKED, remarks, tried
+from ..integration.solve import Solution, sample_times, solve, stored
+from ..models import rigid_body
+from ..models.rigid_body import BodyFrame
+
+TRIAL_VERDICTS = (
+    "accurate",
+    "limited by the data",
+    "inaccurate, said so",
+    "failed with a message",
+    "timeout",
+    "SILENT",
+)
+
+SLACK = 10
+"""An error may be so many times what was asked for; from there on `remarks` warns of it."""
+
+ULPS = 30
+"""An error may be so many times what one ulp in the data does: hodo promises no more for motions
+that magnify errors."""
+
+AFFORDABLE = 1e4
+"""The most Taylor steps that are taken in quadruple precision, some 0.2 ms each."""
+
+PATIENCE = 10.0
+"""Seconds that auto may take for any case; the papers' cases take milliseconds."""
+
+REPEATED = 0.2
+"""Seconds above which a run is timed once: some milliseconds of other work do not matter then."""
+
+CONSERVED = 1e-15
+"""The relative change below which a quantity counts as conserved: 1e4 steps in extended precision
+round by less."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The motion of a case, better than any method gives it in double precision, at samples of the
+    case.
+
+    `floor` is what one ulp in the data does to it; `kept` are the positions of the quantities, of T
+    and |G|, that it conserves.
+    """
+
+    path: Path
+    kind: str
+    floor: float
+    crossings: tuple[Crossing, ...]
+    kept: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A case by one method at one tolerance. Not a number stands for what does not apply.
+
+    `method` is the one that auto took; times in seconds, without imports; `compile_time` is what
+    the first run in the process took beyond its run time; `drift` is the largest relative change of
+    what the motion conserves.
+    """
+
+    method: str = ""
+    status: str = ""
+    error: float = math.nan
+    crossing_error: float = math.nan
+    run_time: float = math.nan
+    compile_time: float = math.nan
+    steps: float = math.nan
+    rhs_evaluations: float = math.nan
+    drift: float = math.nan
+    floor: float = math.nan
+    message: str = ""
+
+
+def truth(case: Case) -> Truth:
+    """The best that can be computed of a case: in quadruple precision unless that takes too
+    long."""
+    every = sample_times(case)
+    times = every[thinned(every)]
+    method, _ = best(case, "extended")
+    path, *moved = [
+        solve(each, method, "extended", times=times).path for each in (case, *perturbed(case))
+    ]
+    floor = max(worst(difference(case, other, path)) for other in moved)
+    kind = f"{method}, extended"
+    if method == "taylor" and taylor_steps(case) < AFFORDABLE:
+        path, kind = solve(case, method, "quadruple", times=times).path, f"{method}, quadruple"
+    crossings = cross(case, method, "extended", None, 8 * EPS)[1] if classifiable(case) else []
+    changes = drifts(case, path)
+    kept = tuple(i for i, change in enumerate(changes) if change <= CONSERVED)
+    return Truth(path, kind, floor, tuple(crossings), kept)
+
+
+def worst(errors: Mapping[str, float]) -> float:
+    """The largest of the errors; not a number counts as infinite."""
+    return max(
+        (math.inf if math.isnan(error) else error for error in errors.values()), default=math.nan
+    )
+
+
+def classifiable(case: Case) -> bool:
+    """Whether crossings are looked for: not in a motion of too many samples or steps."""
+    short = case.time.samples <= AFFORDABLE and taylor_steps(case) < AFFORDABLE
+    return short and not case.system.unclassifiable
+
+
+def perturbed(case: Case) -> Iterator[Case]:
+    """The case with every number of its data moved by one ulp: all upwards, and every other one
+    downwards.
+
+    Numbers that are equal within a list stay so, and 0 stays 0.
+    """
+    yield replace(case, data=_moved(case.data, repeat(math.inf)))
+    yield replace(case, data=_moved(case.data, cycle((-math.inf, math.inf))))
+
+
+def _moved(value: Any, towards: Iterator[float]) -> Any:
+    """A copy of case data, each of whose numbers goes one ulp the way that is next."""
+    if isinstance(value, Mapping):
+        return {key: _moved(item, towards) for key, item in value.items()}
+    if isinstance(value, tuple):
+        if len(set(value)) == 1:  # a scalar that stands for three must stay one
+            return (_moved(value[0], towards),) * len(value)
+        return tuple(_moved(item, towards) for item in value)
+    if isinstance(value, float) and value != 0:
+        return math.nextafter(value, next(towards))
+    return value
+
+
+def drifts(case: Case, path: Path) -> list[float]:
+    """The largest relative changes of T and |G|, for a motion whose state is the angular
+    velocity."""
+    if not isinstance(case.system, BodyFrame) or not len(path.time):
+        return []
+    A, omega = np.array(case.data["inertia"], dtype=np.longdouble), extended(path.state)
+    size = np.ldexp(np.longdouble(1), path.exponent - path.exponent[0])
+    with np.errstate(all="ignore"):
+        energy = rigid_body.kinetic_energy(A, omega) * size**2
+        momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=-1)) * size
+        return [float(np.max(np.abs(values / values[0] - 1))) for values in (energy, momentum)]
+
+
+def trial(
+    case: Case, sure: Truth, method: str, tol: float | None, repeats: int, max_seconds: float
+) -> Trial:
+    """One case by one method at one tolerance, timed and judged."""
+    case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
+    try:
+        choose(case)  # a trial for stiffness is no part of what is timed
+        began = perf_counter()
+        taken, _, solution = tried(case)
+        compile_time = perf_counter() - began - solution.run_time
+    except HodoError as mistake:
+        return Trial(method, "failed with a message", message=str(mistake), floor=sure.floor)
+    times = [solution.run_time]
+    while len(times) < repeats and solution.run_time < REPEATED:
+        times.append(solve(case, taken, case.precision, tol).run_time)
+    path = compared(solution.path)
+    error = worst(difference(case, path, sure.path)) if solution.whole else math.nan
+    changes = drifts(case, path)
+    return Trial(
+        method=taken,
+        status=verdict(case, taken, solution, error, sure.floor),
+        error=error,
+        crossing_error=crossing_error(case, sure, taken, solution),
+        run_time=median(times),
+        compile_time=max(compile_time, 0.0),
+        steps=solution.steps,
+        rhs_evaluations=solution.evaluations or math.nan,
+        drift=max((changes[i] for i in sure.kept), default=math.nan),
+        floor=sure.floor,
+        message=solution.message,
+    )
+
+
+def compared(path: Path) -> Path:
+    """The samples of a motion at which its error is measured."""
+    rows = thinned(path.time)
+    return Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+
+
+def verdict(case: Case, method: str, solution: Solution, error: float, floor: float) -> str:
+    """What a result is worth; SILENT if it is wrong and does not say so."""
+    if not solution.whole:
+        return "timeout" if solution.status is Status.TIMEOUT else "failed with a message"
+    if error <= SLACK * max(solution.tol, ASKED):
+        return "accurate"
+    if error <= ULPS * floor:
+        return "limited by the data"
+    errors, _ = measure(case, method, solution)
+    said = any(remarks(case, solution, stored(case, compared(solution.path)), errors))
+    return "inaccurate, said so" if said else "SILENT"
+
+
+def crossing_error(case: Case, sure: Truth, method: str, solution: Solution) -> float:
+    """The largest relative error of a crossing's time; infinite if the crossings are not the true
+    ones."""
+    if not (sure.crossings and solution.whole):
+        return math.nan
+    found = cross(case, method, case.precision, solution.tol, 8 * EPS)[1]
+    if [(c.start, c.end) for c in found] != [(c.start, c.end) for c in sure.crossings]:
+        return math.inf
+    return max(
+        abs(a.time - b.time) / abs(b.time) for a, b in zip(found, sure.crossings, strict=True)
+    )
+
+
+def trials_of(
+    case: Case, methods: Sequence[str], tols: Sequence[float], repeats: int, max_seconds: float
+) -> tuple[list[Trial], float]:
+    """The trials of a case, by tolerances within methods (no tolerance: each method's own), and the
+    seconds they took."""
+    began = perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
+        sure = truth(case)
+        found = [
+            trial(case, sure, method, tol, repeats, PATIENCE if method == "auto" else max_seconds)
+            for method in methods
+            for tol in tols or (None,)
+        ]
+    return found, perf_counter() - began
