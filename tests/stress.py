@@ -24,13 +24,11 @@ import numpy as np
 
 HODO = [sys.executable, "-m", "hodo_cli.cli"]
 CASES = 16
+CASE = "  c{0}: {{damping: [0.005, 0.004, 0.00{1}], initial: {{p: 0.8, q: 0.{2}, r: 0.74}}}}\n"
 CONFIG = (
-    "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}}\ncases:\n"
-    + "".join(
-        f"  c{i}: {{damping: [0.005, 0.004, 0.00{i % 9 + 1}], initial: {{p: 0.8, q: 0.{i + 1}, r: 0.74}}}}\n"
-        for i in range(CASES)
-    )
-)
+    "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 1000, samples: 2001}}\n"
+    "cases:\n"
+) + "".join(CASE.format(i, i % 9 + 1, i + 1) for i in range(CASES))
 SIGNALS = {signal.SIGKILL: (-9,), signal.SIGTERM: (143, -15), signal.SIGINT: (130, -2)}
 """What a command returns that a signal ended: a process that has not come so far as to catch it
 dies of it."""

@@ -29,16 +29,16 @@ CONDITION = 10.0
 """The error of the time of an event, and of what is measured there, by the error of the state."""
 
 AXES = {1: "x1 (quadrant A)", 3: "x3 (quadrant B)"}
-"""What a body with A1 > A2 > A3 can go round, and the quadrant of paper 1 in which it is drawn
-then."""
+"""The axes that a body with A1 > A2 > A3 can go round, and the quadrant in which paper 1 draws
+each."""
 
 DROPPED = ("hash", "method_reason", "classify_warnings")
 
 HOW = (
-    "Values computed by Taylor series in quadruple precision (113 bits), rounded to double and thinned. The tests "
-    "check states, crossings and events against an independent Taylor series in integers of 192 bits "
-    "(tests/series.py), which shares no line with the program. rtol of a variable is the error allowed, relative to "
-    "its largest value."
+    "Values computed by Taylor series in quadruple precision (113 bits), rounded to double and "
+    "thinned. The tests check states, crossings and events against an independent Taylor series in "
+    "integers of 192 bits (tests/series.py), which shares no line with the program. rtol of a "
+    "variable is the error allowed, relative to its largest value."
 )
 
 

@@ -57,7 +57,8 @@ def half(members, seed, events):
     times, width = [], hy.recommended_simd_size()
     watch = [hy.nt_event_batch(D, lambda ta, t, sign, lane: times.append(t))] if events else []
     pars = np.repeat(np.array([1, 0.8, 0.6, 0.005, 0.004, 0.003])[:, None], width, 1)
-    ta = hy.taylor_adaptive_batch(rhs, np.zeros((3, width)), tol=float(sys.argv[2]), pars=pars, nt_events=watch)
+    tol, start = float(sys.argv[2]), np.zeros((3, width))
+    ta = hy.taylor_adaptive_batch(rhs, start, tol=tol, pars=pars, nt_events=watch)
     G = np.random.default_rng(seed).standard_normal((3, members))
     start = G / np.linalg.norm(G, axis=0) / np.array([[1], [0.8], [0.6]])
     for i in range(0, members - members % width, width):
@@ -134,43 +135,54 @@ def middle(costs: list[Cost]) -> Cost:
 def main(members: int, rounds: int, growing: list[int]) -> None:
     """Print the tables."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "scipy_loop.py").write_text(SCIPY, encoding="utf-8")
-        commands = {
-            "`hodo run -j 2`, crossings, files": lambda: sweep(folder, members, 2),
-            "`hodo run -j 1`, crossings, files": lambda: sweep(folder, members, 1),
-            "`hodo run -j 2`, errors measured too": lambda: sweep(folder, members, 2, error="on"),
-            "`hodo run -j 2`, tol 2.2e-16": lambda: sweep(folder, members, 2, tol=2.0**-52),
-            "plain loop in 2 processes, events, nothing stored": lambda: plain(
-                folder, members, "events"
-            ),
-            "plain loop in 2 processes, no events": lambda: plain(folder, members, "none"),
-        }
-        for command in commands.values():
-            command()  # fills the compiler's cache
-        found: dict[str, list[Cost]] = {what: [] for what in commands}
-        for _ in range(rounds):
-            for what, command in commands.items():
-                found[what].append(command())
-        few = max(members // 5000, 4)
-        slow = cost([sys.executable, "scipy_loop.py", str(few)], folder)
-        print(
-            "| first crossing of random starts | members/s | CPU time per member, us |\n|---|---|---|"
-        )
-        for what, costs in found.items():
-            each = middle(costs)
-            print(f"| {what} | {members / each.wall:,.0f} | {each.cpu / members * 1e6:.1f} |")
-        print(
-            f"| SciPy DOP853 at 1e-10, one process | {few / slow.wall:,.1f} | {slow.cpu / few * 1e6:,.0f} |\n"
-        )
-        print(
-            "| members | seconds | CPU time per member, us | largest process, MB |\n|---|---|---|---|"
-        )
-        for count in growing:
-            each = sweep(folder, count, 2)
-            print(
-                f"| {count:,} | {each.wall:.1f} | {each.cpu / count * 1e6:.1f} | {each.memory / 1e6:.0f} |"
-            )
+        beside(Path(name), members, rounds)
+        print()
+        grow(Path(name), growing)
+
+
+def beside(folder: Path, members: int, rounds: int) -> None:
+    """Print the table of sweeps beside plain loops."""
+    (folder / "scipy_loop.py").write_text(SCIPY, encoding="utf-8")
+    commands = {
+        "`hodo run -j 2`, crossings, files": lambda: sweep(folder, members, 2),
+        "`hodo run -j 1`, crossings, files": lambda: sweep(folder, members, 1),
+        "`hodo run -j 2`, errors measured too": lambda: sweep(folder, members, 2, error="on"),
+        "`hodo run -j 2`, tol 2.2e-16": lambda: sweep(folder, members, 2, tol=2.0**-52),
+        "plain loop, 2 processes, events, nothing stored": lambda: plain(folder, members, "events"),
+        "plain loop, 2 processes, no events": lambda: plain(folder, members, "none"),
+    }
+    for command in commands.values():
+        command()  # fills the compiler's cache
+    costs: dict[str, list[Cost]] = {what: [] for what in commands}
+    for _ in range(rounds):
+        for what, command in commands.items():
+            costs[what].append(command())
+    print(
+        "| first crossing of random starts | members/s | CPU time per member, us |\n|---|---|---|"
+    )
+    for what, rounds_of_it in costs.items():
+        row("{what} | {rate:,.0f} | {cpu:.1f}", what, middle(rounds_of_it), members)
+    # SciPy is some thousand times slower, so it gets fewer members.
+    few = max(members // 5000, 4)
+    slow = cost([sys.executable, "scipy_loop.py", str(few)], folder)
+    row("{what} | {rate:,.1f} | {cpu:,.0f}", "SciPy DOP853 at 1e-10, one process", slow, few)
+
+
+def grow(folder: Path, counts: list[int]) -> None:
+    """Print the table of sweeps of growing size."""
+    print(
+        "| members | seconds | CPU time per member, us | largest process, MB |\n|---|---|---|---|"
+    )
+    for count in counts:
+        one = sweep(folder, count, 2)
+        row("{what} | {wall:.1f} | {cpu:.1f} | {memory:.0f}", f"{count:,}", one, count)
+
+
+def row(form: str, what: str, cost: Cost, members: int) -> None:
+    """Print a line of a table; CPU time is per member in microseconds, memory in MB."""
+    cpu, memory = cost.cpu / members * 1e6, cost.memory / 1e6
+    line = form.format(what=what, rate=members / cost.wall, wall=cost.wall, cpu=cpu, memory=memory)
+    print(f"| {line} |")
 
 
 if __name__ == "__main__":
