@@ -14,10 +14,9 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.commands.classify import labelled
 from hodo_cli.engines import protocol
-from hodo_cli.integration.classify import Classification, Crossing, Sides, classify
-from hodo_cli.integration.driver import Step
+from hodo_cli.integration.classify import Classification, classify
+from hodo_cli.integration.crossings import Crossing, Marks, decide
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.units import Units
 from hodo_cli.models import rigid_body
 
 BODY = (1.0, 0.8, 0.6)
@@ -136,38 +135,47 @@ def test_labels_and_crossings_as_they_are_stored() -> None:
     assert group.variables["crossing_from"].data.tolist() == [1]
 
 
-# Sides by itself, on motions made of straight pieces of D.
+# `decide` by itself, on marks made by hand.
 
 
-def sides_of(values: list[float], roots: list[int]) -> list[tuple[int, int]]:
-    """The crossings seen when D / (sum of its terms) takes these values at whole times, with an
-    engine's report of a root in each of the steps listed."""
-
-    def dense(time: float) -> np.ndarray:
-        i = min(int(time), len(values) - 2)
-        d = values[i] + (values[i + 1] - values[i]) * (time - i)
-        return np.array([math.sqrt((1 + d) / 2 / 0.2), 1.0, math.sqrt((1 - d) / 2 / 0.12)])
-
-    sides = Sides(np.array(BODY), (0, 1, 2), band=1e-15)
-    for i in range(len(values) - 1):
-        hits = [protocol.Hit(0, i + 0.5, 1, dense(i + 0.5)) for _ in range(roots.count(i))]
-        sides(Step(float(i), float(i + 1), float, Units(), dense, hits))
-    return [(c.start, c.end) for c in sides.crossings]
+def told_by(margins: list[float | None]) -> tuple[list[tuple[int, int]], int]:
+    """The crossings, and how many places are undecided, when D / (sum of its terms) takes these
+    values at whole times, None marking a zero."""
+    margin = np.array([0.0 if value is None else value for value in margins])
+    vanishes = np.array([value is None for value in margins])
+    ones = np.ones(len(margin))
+    marks = Marks(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
+    verdict = decide(marks, 1e-15 * ones, (0, 1, 2))
+    return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
 
 
-def test_a_root_reported_twice_or_never_is_one_crossing() -> None:
-    for roots in ([], [0], [0, 0], [0, 0, 0]):
-        assert sides_of([0.5, -0.5], roots) == [(1, 3)]
+def test_a_zero_reported_twice_or_never_is_one_crossing() -> None:
+    for roots in range(4):
+        assert told_by([0.5, *[None] * roots, -0.5]) == ([(1, 3)], 0)
 
 
-def test_a_touch_is_no_crossing() -> None:
-    assert sides_of([0.5, 0.0, 0.5], [0, 1]) == []
-    assert sides_of([0.5, 0.0, 0.0, 0.5], [1, 1]) == []
-    assert sides_of([0.0, 0.5], [0]) == []
+def test_a_pair_of_zeros_is_two_crossings_or_undecided() -> None:
+    assert told_by([0.5, None, -1e-12, None, 0.5]) == ([(1, 3), (3, 1)], 0)
+    assert told_by([0.5, None, -1e-16, None, 0.5]) == ([], 1)
+    assert told_by([0.5, 1e-12, 0.5]) == ([], 0)
+    assert told_by([0.5, 1e-16, 0.5]) == ([], 1)
+
+
+def test_a_start_or_an_end_on_the_separatrix_is_no_crossing() -> None:
+    assert told_by([0.0, 0.5]) == ([], 0)
+    assert told_by([None, 0.5, None, -0.5]) == ([(1, 3)], 0)
+    assert told_by([0.5, None, -1e-17]) == ([], 1)
 
 
 def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
-    assert sides_of([0.5, 1e-17, -1e-17, 1e-17, -0.5], [1, 2, 3]) == [(1, 3)]
+    assert told_by([0.5, 1e-17, None, -1e-17, None, 1e-17, None, -0.5]) == ([(1, 3)], 0)
+
+
+def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
+    margin, vanishes = np.array([0.5, 0.0, -0.5]), np.array([False, True, False])
+    rate, ones = np.array([0.0, 0.25, 0.0]), np.ones(3)
+    marks = Marks(np.arange(3.0), margin, vanishes, rate, ones)
+    assert decide(marks, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
 
 
 @given(
@@ -184,8 +192,10 @@ def test_a_label_is_the_sign_of_the_separatrix_function(
     exact = momentum - energy * Fraction(0.8)
     terms = sum(abs(a * (a - Fraction(0.8))) * x * x for a, x in zip(A, w, strict=True))
     label = int(rigid_body.enclosed_axis(inertia, np.array(omega), 1e-15))
-    beside = terms > Fraction(10) ** -28 * sum(x * x for x in w)
-    if any(omega) and terms > Fraction(10) ** -300 and beside and abs(exact) > terms / 10**14:
+    if not terms > Fraction(10) ** -300:
+        return
+    most = sum(abs(a * (a - Fraction(0.8))) for a in A) * sum(x * x for x in w)
+    if abs(exact) / terms * Fraction(math.sqrt(terms / most)) > Fraction(1, 10**14):
         assert label == 1 + inertia.index(1.0 if exact > 0 else 0.6)
 
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, parse_case
+from ..engines.protocol import extended
 from ..integration.choice import choose
-from ..integration.classify import EPS, Crossing, cross
-from ..integration.error import extended
+from ..integration.classify import EPS, cross
+from ..integration.crossings import Crossing
 from ..integration.solve import solve, stored
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
@@ -115,7 +116,7 @@ def integrate(case: Case) -> Motion:
     if case.system.unclassifiable:
         solution = solve(case, method, case.precision, case.tol)
     else:
-        solution, found = cross(case, method, case.precision, case.tol, 8 * EPS)
+        solution, found = cross(case, method, case.precision, case.tol)
         labels = rigid_body.enclosed_axis(
             np.array(case.data["inertia"]), extended(solution.path.state), 8 * EPS
         )

@@ -13,11 +13,12 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines.protocol import Status
+from ..engines.protocol import Status, extended
 from ..integration.choice import best, choose, taylor_steps
-from ..integration.classify import EPS, Crossing, cross
+from ..integration.classify import cross
+from ..integration.crossings import Crossing
 from ..integration.driver import Path
-from ..integration.error import difference, extended, measure, thinned
+from ..integration.error import difference, measure, thinned
 from ..integration.integrate import ASKED, remarks, tried
 from ..integration.solve import Solution, sample_times, solve, stored
 from ..models import rigid_body
@@ -104,7 +105,7 @@ def truth(case: Case) -> Truth:
     kind = f"{method}, extended"
     if method == "taylor" and taylor_steps(case) < AFFORDABLE:
         path, kind = solve(case, method, "quadruple", times=times).path, f"{method}, quadruple"
-    crossings = cross(case, method, "extended", None, 8 * EPS)[1] if classifiable(case) else []
+    crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
     changes = drifts(case, path)
     kept = tuple(i for i, change in enumerate(changes) if change <= CONSERVED)
     return Truth(path, kind, floor, tuple(crossings), kept)
@@ -216,7 +217,7 @@ def crossing_error(case: Case, sure: Truth, method: str, solution: Solution) -> 
     ones."""
     if not (sure.crossings and solution.whole):
         return math.nan
-    found = cross(case, method, case.precision, solution.tol, 8 * EPS)[1]
+    found = cross(case, method, case.precision, solution.tol)[1]
     if [(c.start, c.end) for c in found] != [(c.start, c.end) for c in sure.crossings]:
         return math.inf
     return max(

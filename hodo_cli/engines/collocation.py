@@ -20,11 +20,14 @@ import numpy as np
 
 from ..models.base import Event, Model
 from ..models.constants import jacobian
+from .polynomial import LEGENDRE
 from .stepwise import Stepwise
 
 STAGES = 16
 DTYPES = {"double": np.float64, "extended": np.longdouble}
 ITERATIONS = 10
+SIGNS = (-1.0) ** np.arange(STAGES + 1)
+"""Legendre's polynomials at the start of a step."""
 
 
 class Collocation(Stepwise):
@@ -41,6 +44,11 @@ class Collocation(Stepwise):
         self.dtype, self.model = DTYPES[precision], model
         self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
         self.band = (1e-200, 1e200)  # its error is relative to the state at every size
+        self.basis, self.degree = LEGENDRE, STAGES
+
+    def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:
+        """See `Stepwise.series`; the coefficients are at hand."""
+        return np.asarray(solver.series)
 
     def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> "Steps":
         """See `Stepwise.solver`."""
@@ -83,7 +91,7 @@ class Steps:
             self.h = h * min(max(0.9 * (self.tol / max(error, 1e-300)) ** (1 / STAGES), 0.2), 8.0)
             if error <= self.tol:
                 break
-        self._series, self._from = series, self.y
+        self.series = self._through_start(series)
         self.t_old, self.t, self.y = (
             self.t,
             self.end if last else self.t + h,
@@ -94,14 +102,27 @@ class Steps:
 
     def dense_output(self) -> Callable[[Any], np.ndarray]:
         """The polynomial of the last step."""
-        start, h, y, series = self.t_old, self.t - self.t_old, self._from, self._series
+        start, h, series = self.t_old, self.t - self.t_old, self.series
 
         def dense(t: Any) -> np.ndarray:
             shape = np.shape(t)
             x = np.atleast_1d(2 * ((t - start) / h) - 1)
-            return np.asarray((y[:, None] + series @ legendre(x, STAGES - 1)).reshape(-1, *shape))
+            return np.asarray((series @ legendre(x, STAGES)).reshape(-1, *shape))
 
         return dense
+
+    def _through_start(self, series: np.ndarray) -> np.ndarray:
+        """The collocation polynomial (m, STAGES + 1) from the one through the points alone, which
+        misses the start: without it D would leap where two steps meet.
+
+        P_s - P_(s-1) vanishes at all of the points and is 2 at the start, up to its sign.
+        """
+        full = np.pad(series, ((0, 0), (0, 1)))
+        missed = -(series * SIGNS[:-1]).sum(axis=1)
+        full[:, -1] = missed / 2 * SIGNS[-1]
+        full[:, -2] -= full[:, -1]
+        full[:, 0] += self.y
+        return full
 
     def _error(self, series: np.ndarray, end: np.ndarray) -> float:
         """An estimate of the polynomial's error, relative to the state where it is smaller, start

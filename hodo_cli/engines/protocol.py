@@ -59,18 +59,20 @@ class Leg(NamedTuple):
     stopped.
 
     `time` is a pair whose sum is the time reached. `hit` is the terminal event, if one ended the
-    leg.
+    leg; `hits` are the other events, in order of time.
     """
 
     rows: np.ndarray
     time: tuple[Any, Any]
     state: np.ndarray
     hit: Hit | None = None
+    hits: tuple[Hit, ...] = ()
 
 
-Observer = Callable[[float, float, Callable[[float], np.ndarray], list[Hit]], None]
-"""Called after each step as observer(start, end, dense, hits), with dense(t) the state inside the
-step."""
+Observer = Callable[[Any, Any, np.ndarray], None]
+"""Called after each step as observer(start, end, series): the state's polynomial on the step, by its
+coefficients (m, degree + 1) in the `basis` of the engine. They are lent, not given: heyoka writes
+those of the next step into the same array."""
 
 
 class Engine(Protocol):
@@ -79,6 +81,8 @@ class Engine(Protocol):
     dtype: Any
     tol: float
     band: tuple[float, float]
+    basis: str
+    degree: int
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: "Watch") -> Leg:
         """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `watch` says
@@ -124,6 +128,15 @@ class Watch:
         """Record that the motion ends here, and why."""
         self.status, self.message = status, message
         return False
+
+
+def extended(values: np.ndarray) -> np.ndarray:
+    """Values of any precision as long doubles."""
+    if values.dtype.type in (np.float64, np.longdouble):
+        return values.astype(np.longdouble)
+    from . import taylor
+
+    return taylor.longdouble(values)
 
 
 def have_taylor() -> bool:

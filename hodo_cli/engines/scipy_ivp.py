@@ -14,6 +14,9 @@ from .protocol import Leg, Watch
 from .stepwise import Solver, Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
+DEGREES = {"DOP853": 7, "RK45": 4, "LSODA": 12, "Radau": 3, "BDF": 5}
+"""The degrees of their dense output; of LSODA and BDF, which change their order, the largest."""
+
 LEAST_TOL = 100 * 2.0**-52
 """The smallest relative tolerance that SciPy's solvers accept."""
 
@@ -30,6 +33,7 @@ class Ivp(Stepwise):
     ) -> None:
         super().__init__(events)
         self.method, self.model = SOLVERS[method], model
+        self.degree = DEGREES[method]
         self.implicit = method in ("LSODA", "Radau", "BDF")
         self.tol = max((1e-12 if method == "DOP853" else 1e-9) if tol is None else tol, LEAST_TOL)
 

@@ -2,6 +2,7 @@
 inside it."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any, Protocol
 
@@ -9,11 +10,12 @@ import numpy as np
 
 from ..models.base import Constants, Event
 from ..models.constants import attributes
+from .polynomial import CHEBYSHEV
 from .protocol import BAND, Hit, Leg, Status, Watch
 
 SUBSTEPS = np.linspace(0, 1, 17)
-"""Where an event's sign is looked at inside a step: no step spans much more than a turn, and D
-changes sign at most four times in a turn."""
+"""Where an event's sign is looked at inside a step: the events of a run, the end of spin and the
+start of nutation, are slow against a step. The separatrix is none of them."""
 
 
 class Solver(Protocol):
@@ -40,6 +42,8 @@ class Stepwise:
     dtype: Any = np.float64
     tol: float
     band = BAND
+    basis = CHEBYSHEV
+    degree: int
 
     def __init__(self, events: tuple[Event, ...]) -> None:
         self.events = events
@@ -48,12 +52,18 @@ class Stepwise:
         """A new integration from `y` at `start` to `end`."""
         raise NotImplementedError
 
+    def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:
+        """The polynomial of the last step (m, degree + 1), from its values at Chebyshev's nodes."""
+        nodes, transform = chebyshev(self.degree)
+        return np.asarray(dense(solver.t_old + (solver.t - solver.t_old) * nodes) @ transform)
+
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
         """See `Engine.leg`."""
         constants = attributes(k, self.dtype)
         solver = self.solver(constants, y, grid[0], grid[-1])
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
         rows[0], done, going, hit = y, 1, len(grid) > 1, None
+        met: list[Hit] = []
         while going and hit is None:
             before = solver.y.copy()
             try:
@@ -67,17 +77,18 @@ class Stepwise:
             dense = solver.dense_output()
             hits = self._hits(constants, solver.t_old, solver.t, dense, before)
             hit = next((h for h in hits if self.events[h.event].terminal), None)
+            met += [h for h in hits if not self.events[h.event].terminal]
             end = solver.t if hit is None else hit.time
             passed = int(np.searchsorted(grid, end, side="right"))
             if passed > done:
                 rows[done:passed] = dense(grid[done:passed]).T
                 done = passed
             if watch.observer is not None:
-                watch.observer(solver.t_old, solver.t, dense, hits)
+                watch.observer(solver.t_old, solver.t, self.series(solver, dense))
             going = watch.step(solver.y) and solver.status == "running"
         watch.evaluations += solver.nfev
         state, time = (solver.y, solver.t) if hit is None else (hit.state, hit.time)
-        return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit)
+        return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit, tuple(met))
 
     def _hits(
         self, k: Any, start: Any, end: Any, dense: Callable[[Any], np.ndarray], before: np.ndarray
@@ -104,6 +115,16 @@ class Stepwise:
             for j in np.flatnonzero((signs[1:-1] == 0) & (signs[:-2] * signs[2:] < 0)) + 1:
                 found.append(Hit(i, times[j], int(signs[j + 1]), states[:, j]))
         return sorted(found, key=lambda hit: hit.time)
+
+
+@lru_cache(maxsize=8)
+def chebyshev(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """The zeros in [0, 1] of Chebyshev's polynomial of the next degree, and the matrix from the
+    values (m, degree + 1) of a polynomial there to its coefficients."""
+    angles = (np.arange(degree + 1) + 0.5) * np.pi / (degree + 1)
+    transform = 2 * np.cos(np.outer(angles, np.arange(degree + 1))) / (degree + 1)
+    transform[:, 0] /= 2
+    return (np.cos(angles) + 1) / 2, transform
 
 
 def zero(f: Callable[[Any], Any], a: Any, b: Any) -> Any:

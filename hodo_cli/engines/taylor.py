@@ -9,6 +9,7 @@ import numpy as np
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, count, flatten, namespace
+from .polynomial import TAYLOR
 from .protocol import BAND, Hit, Leg, Status, Watch
 
 hy.set_logger_level_error()
@@ -27,6 +28,7 @@ class Taylor:
     case."""
 
     band = BAND
+    basis = TAYLOR
 
     def __init__(
         self,
@@ -63,6 +65,7 @@ class Taylor:
             compact_mode=size > UNROLLED,
             opt_level=3 if size <= OPTIMISED else 0,
         )
+        self.degree = self.ta.order
 
     def _recorder(self, event: int) -> Callable[[Any, Any, int], None]:
         def record(ta: Any, time: Any, direction: int) -> None:
@@ -76,10 +79,6 @@ class Taylor:
         place = -1 - int(outcome)
         return self.terminal[place] if 0 <= place < len(self.terminal) else None
 
-    def _dense(self, time: Any) -> np.ndarray:
-        self.ta.update_d_output(time)
-        return np.array(self.ta.d_output)
-
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
         """See `Engine.leg`."""
         ta, zero = self.ta, self.dtype(0)
@@ -89,15 +88,12 @@ class Taylor:
         if ta.with_events:
             ta.reset_cooldowns()
         self.hits.clear()
-        state, observe, last = ta.state, watch.observer, grid[0]
+        state, series, observe, last = ta.state, ta.tc, watch.observer, grid[0]
 
         def after_step(ta: Any) -> bool:
             nonlocal last
             if observe is not None:
-                observe(
-                    last, ta.time, self._dense, [hit for hit in self.hits if hit.time != grid[0]]
-                )
-                self.hits.clear()
+                observe(last, ta.time, series)
                 last = ta.time
             return watch.step(state)
 
@@ -112,7 +108,9 @@ class Taylor:
             hit = Hit(event, ta.time, 0, state.copy())
         elif outcome == hy.taylor_outcome.err_nf_state:
             watch.give_up(Status.FAILED, "the state became infinite or not a number")
-        return Leg(rows, ta.dtime, state.copy(), hit)
+        # What vanishes at the start does not pass through zero there.
+        hits = tuple(event for event in self.hits if event.time != grid[0])
+        return Leg(rows, ta.dtime, state.copy(), hit, hits)
 
 
 def longdouble(values: np.ndarray) -> np.ndarray:

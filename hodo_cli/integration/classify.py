@@ -1,32 +1,33 @@
 """Which axis the hodograph of the angular momentum encloses, and when it changes."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
+from ..engines.protocol import extended
 from ..models import rigid_body
-from .driver import Step
-from .error import extended, references
-from .solve import Solution, solve, stored
+from .choice import best
+from .crossings import BAND, Crossing, Marks, Verdict, Watcher, decide
+from .driver import Path
+from .error import references
+from .solve import Solution, sample_times, solve, stored
 
 EPS = 2.0**-52
+PRECISION = {"double": EPS, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
 
+CHECKS = 513
+"""Times besides the samples at which the error of a motion is measured: a case may have few."""
 
-@dataclass(frozen=True)
-class Crossing:
-    """A passage through the separatrix: when, from which axis to which, and |G| there.
+AT_ITS_LIMIT = 1e-13
+"""Up to this tolerance the error of a motion in double precision is that of its rounding."""
 
-    `error` is the measured error of `time`.
-    """
-
-    time: float
-    start: int
-    end: int
-    momentum: float
-    error: float = math.nan
+UNKNOWN = 100.0
+"""The error of a motion, in tolerances, where none was measured: what the worst of the solvers
+reach, see DOP853 and LSODA in `hodo bench`."""
 
 
 @dataclass(frozen=True)
@@ -39,133 +40,222 @@ class Classification:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass
-class Sides:
-    """Watches a motion step by step and keeps the crossings of D = 0 that are beyond doubt.
-
-    The motion has changed sides when |D| has stood first with one sign, then with the other, above
-    what an error of `band` relative to |omega| makes of its two terms, which near the middle axis
-    is much. So neither a start on D = 0, nor a touch, nor a stretch in which D is nothing but
-    rounding makes a crossing, and no root that an engine reports twice or loses between two steps
-    changes the list. At the start itself |omega| has no error.
-    """
-
-    A: np.ndarray
-    order: tuple[int, int, int]
-    band: float
-    started: bool = False
-    side: int = 0
-    roots: list[tuple[float, np.ndarray, int]] = field(default_factory=list)
-    crossings: list[Crossing] = field(default_factory=list)
-
-    def __call__(self, step: Step) -> None:
-        before = step.start
-        if not self.started:
-            self.started, self.side = True, self.label(step.dense(before).astype(float))
-        elif not self.side:
-            self.look(step, before)
-        for hit in step.hits:
-            self.look(step, (before + hit.time) / 2)
-            self.roots.append((step.at(hit.time), hit.state, step.units.size))
-            before = hit.time
-        self.look(step, step.end)
-
-    def label(self, omega: np.ndarray) -> int:
-        """The side on which a state without error stands; 0 on the separatrix."""
-        axis = int(rigid_body.enclosed_axis(self.A, omega, self.band))
-        return {self.order[0] + 1: 1, self.order[2] + 1: -1}.get(axis, 0)
-
-    def look(self, step: Step, time: float) -> None:
-        """Note the side on which the motion stands at a time inside the step, if it is beyond
-        doubt."""
-        state = step.dense(time)
-        omega = state.astype(float)
-        outer, inner = rigid_body.separatrix_terms(self.A, omega, self.order)
-        near = rigid_body.near_middle_axis(self.A, omega, self.order)
-        if not abs(outer - inner) * np.sqrt(near) > self.band * (outer + inner):
-            return
-        side = 1 if outer > inner else -1
-        if side == -self.side:
-            here = step.at(time), state, step.units.size
-            at, where, size = self.roots[len(self.roots) // 2] if self.roots else here
-            axes = self.order[0] + 1, self.order[2] + 1
-            start, end = axes if side < 0 else axes[::-1]
-            momentum = float(np.sqrt(np.square(self.A * where.astype(float)).sum()))
-            self.crossings.append(Crossing(at, start, end, float(np.ldexp(momentum, size))))
-        self.side = side
-        self.roots.clear()
-
-
 def classify(
     case: Case, method: str, tol: float, error: float, omega: np.ndarray
 ) -> Classification:
     """Label the stored samples of a case and find its crossings.
 
     `method`, `tol` and `error` are those recorded with the stored omega (n, 3). The case is
-    integrated again, with events: the labels come from its scaled state, which has them even where
-    omega is below the smallest double.
+    integrated again, and so is the reference of its error, each with a search for the zeros of D.
+    The labels come from the scaled state, which has them even where omega is below the smallest
+    double, and from the error at their own time.
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
     A = np.array(case.data["inertia"])
-    band = 8 * max(EPS, 0.0 if math.isnan(error) else error)
-    solution, crossings = cross(case, method, case.precision, tol, band)
-    again = stored(case, solution.path)["omega"][: len(omega)]
-    allowed = 1e-12 + (100 * tol if math.isnan(error) else 4 * error)
-    apart = relative_distance(again, omega[: len(again)])
-    if apart > allowed or (len(again) < len(omega) and solution.whole):
-        raise HodoError(
-            f"{case.name}: the stored motion differs from its case by {apart:.1e}, and its error allows {allowed:.1e}; "
-            "run it again with --force"
-        )
-    labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    labels[: len(again)] = rigid_body.enclosed_axis(
-        A, extended(solution.path.state[: len(omega)]), band
+    expected = max(EPS, UNKNOWN * tol if math.isnan(error) else error)
+    motion = watched(case, method, case.precision, tol, BAND * expected)
+    samples = motion.sampled[: len(omega)]
+    check_stored(
+        case, stored(case, motion.solution.path)["omega"][samples], omega, expected, motion
     )
-    found, warnings = checked(case, method, solution, crossings, band)
-    if len(again) < len(omega):
-        warnings += (f"no labels after {len(again)} samples: {solution.message}",)
-    return Classification(labels, found, warnings)
+    errors, reference = compared(case, method, motion, expected)
+    state = extended(motion.solution.path.state)[samples]
+    labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
+    labels[: len(samples)] = rigid_body.enclosed_axis(A, state, BAND * errors[samples])
+    found = verdict(case, motion, errors)
+    crossings, warnings = (
+        settled(found, *reference) if reference else (found.crossings, undecided(found.undecided))
+    )
+    if len(samples) < len(omega):
+        warnings += (f"no labels after {len(samples)} samples: {motion.solution.message}",)
+    return Classification(labels, tuple(crossings), warnings)
+
+
+class Watched(NamedTuple):
+    """A motion with its marks; `sampled` are the places, among its times, of the case's samples."""
+
+    solution: Solution
+    marks: Marks
+    sampled: np.ndarray
+
+
+def watched(
+    case: Case, method: str, precision: str, tol: float | None, doubt: float = 0.0
+) -> Watched:
+    """Integrate a case with a search for zeros of D, through its samples and CHECKS other times.
+
+    `doubt` is that of the `Watcher`.
+    """
+    samples = sample_times(case)
+    times = np.union1d(samples, np.linspace(case.time.start, case.time.end, CHECKS))
+    watcher = Watcher(np.array(case.data["inertia"]), doubt)
+    solution = solve(case, method, precision, tol, times, watcher)
+    sampled = np.searchsorted(times, samples)
+    return Watched(solution, watcher.marks(), sampled[sampled < len(solution.path.time)])
+
+
+def check_stored(
+    case: Case, again: np.ndarray, omega: np.ndarray, expected: float, motion: Watched
+) -> None:
+    """Raise HodoError where a motion's samples `again` are not the stored omega (n, 3)."""
+    apart = relative_distance(again, omega[: len(again)])
+    allowed = 1e-12 + 4 * expected
+    if apart > allowed or (len(again) < len(omega) and motion.solution.whole):
+        raise HodoError(
+            f"{case.name}: the stored motion differs from its case by {apart:.1e}, "
+            f"and its error allows {allowed:.1e}; run it again with --force"
+        )
+
+
+def compared(
+    case: Case, method: str, motion: Watched, expected: float
+) -> tuple[np.ndarray, tuple[Verdict, str] | None]:
+    """The error of a motion at each of its times (n,), and what its reference says of the
+    crossings, with the reference's name.
+
+    Without a reference the error is `expected` everywhere but at the start, and nothing is said.
+    """
+    solution, path = motion.solution, motion.solution.path
+    for precision, other, tol in (
+        references(case, method, solution.tol) if case.error == "on" else ()
+    ):
+        reference = watched(case, other, precision, tol)
+        if (solution.whole and not reference.solution.whole) or (
+            tol is not None and reference.solution.tol == solution.tol
+        ):
+            continue
+        errors = distances(path, reference.solution.path)
+        theirs = own_errors(case, motion, reference, precision) if tol is None else errors
+        theirs[:1] = errors[:1] = start_error(case)
+        name = f"{other} in {precision} precision"
+        return errors, (verdict(case, reference, theirs), name)
+    errors = np.full(len(path.time), expected)
+    errors[:1] = start_error(case)
+    return errors, None
+
+
+def start_error(case: Case) -> float:
+    """The error of a start: each of its components is right to its own last bit.
+
+    So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
+    to that rounding stands on neither side, in every precision.
+    """
+    A, omega = (
+        np.array(case.data["inertia"]),
+        np.array(case.system.start),
+    )
+    return EPS * math.sqrt(rigid_body.near_middle_axis(A, omega, rigid_body.inertia_order(A)))
+
+
+def own_errors(case: Case, motion: Watched, reference: Watched, precision: str) -> np.ndarray:
+    """The errors (n,) of a reference of higher precision at its own times.
+
+    They are those of a motion that is at the limit of its precision, in the ratio of the two
+    precisions; of its root, since past the middle axis an error comes out as its square root.
+    """
+    rough = motion.solution
+    if rough.tol > AT_ITS_LIMIT:
+        rough = watched(case, best(case, case.precision)[0], case.precision, None).solution
+    ratio = math.sqrt(PRECISION[precision] / PRECISION[case.precision])
+    return ratio * distances(reference.solution.path, rough.path)
+
+
+def distances(path: Path, reference: Path) -> np.ndarray:
+    """|omega - omega_ref| / |omega_ref| (n,) at the times of a path, and no less than rounding."""
+    n = min(len(path.time), len(reference.time))
+    shift = (path.exponent[:n] - reference.exponent[:n])[:, None]
+    ours, theirs = extended(path.state[:n]), extended(reference.state[:n])
+    size = np.sqrt(np.square(theirs).sum(axis=1))
+    off = np.sqrt(np.square(np.ldexp(ours, shift) - theirs).sum(axis=1))
+    errors = np.divide(off, size, out=np.zeros_like(off), where=size > 0).astype(float)
+    least = EPS if path.state.dtype == np.float64 else PRECISION["extended"]
+    # The two may have ended at different times; beyond the earlier end the last error stands.
+    return np.pad(np.maximum(errors, least), (0, len(path.time) - n), mode="edge")
+
+
+def verdict(case: Case, motion: Watched, errors: np.ndarray) -> Verdict:
+    """The crossings of a motion with the error (n,) at each of its times.
+
+    The times themselves are marks too, so that labels and crossings tell the same. A mark between
+    two of them has the larger of their errors.
+    """
+    A, path = np.array(case.data["inertia"]), motion.solution.path
+    order = rigid_body.inertia_order(A)
+    if not A[order[0]] > A[order[1]] > A[order[2]] or not len(path.time):
+        return Verdict([], [], [])
+    state = extended(path.state)
+    nothing = np.zeros(len(path.time))
+    momentum = np.sqrt(np.square(A * state).sum(axis=1)).astype(float)
+    with np.errstate(over="ignore"):
+        samples = Marks(
+            path.time,
+            rigid_body.margin(A.astype(np.longdouble), state, order).astype(float),
+            nothing.astype(bool),
+            nothing,
+            np.ldexp(momentum, path.exponent),
+        )
+    marks = Marks.joined([motion.marks, samples])
+    after = np.searchsorted(path.time, marks.time).clip(max=len(path.time) - 1)
+    before = np.where(path.time[after] == marks.time, after, np.maximum(after - 1, 0))
+    return decide(marks, BAND * np.maximum(errors[before], errors[after]), order)
+
+
+def settled(found: Verdict, theirs: Verdict, name: str) -> tuple[list[Crossing], tuple[str, ...]]:
+    """The crossings to be stored, from those of a motion and of its reference, and warnings.
+
+    Lists that differ are exchanged only if the reference decides everything, and with a warning.
+    """
+    if axes(found) == axes(theirs):
+        pairs = zip(found.crossings, theirs.crossings, strict=True)
+        crossings = [measured(a, abs(a.time - b.time)) for a, b in pairs]
+        # What the motion leaves undecided its reference may decide, and then nothing is missing.
+        return crossings, undecided(found.undecided if theirs.undecided else [])
+    lists = f"{len(found.crossings)} certain by the motion, {len(theirs.crossings)} by {name}"
+    if theirs.undecided:
+        open_times = found.undecided or theirs.undecided
+        return found.crossings, (*undecided(open_times), f"the crossings are undecided: {lists}")
+    crossings = [measured(c, w) for c, w in zip(theirs.crossings, theirs.widths, strict=True)]
+    return crossings, (f"the crossings hang on the error of the motion: {lists}, which are stored",)
+
+
+def axes(verdict: Verdict) -> list[tuple[int, int]]:
+    """From which axis to which each crossing leads."""
+    return [(c.start, c.end) for c in verdict.crossings]
+
+
+def measured(crossing: Crossing, error: float) -> Crossing:
+    """A crossing with the error of its time, which is no smaller than the rounding of a double."""
+    return replace(crossing, error=max(error, math.ulp(crossing.time) / 2))
+
+
+def undecided(times: list[float]) -> tuple[str, ...]:
+    """The warning that the error of a motion hides whether it crosses the separatrix."""
+    if not times:
+        return ()
+    named = ", ".join(f"{time:.6g}" for time in times[:3]) + (", ..." if len(times) > 3 else "")
+    return (
+        f"it is undecided whether the motion crosses the separatrix near {named}: "
+        "its error there is larger than its distance",
+    )
 
 
 def cross(
-    case: Case, method: str, precision: str, tol: float | None, band: float
+    case: Case, method: str, precision: str, tol: float | None
 ) -> tuple[Solution, list[Crossing]]:
-    """Integrate a case with a watch on the separatrix."""
-    A = case.data["inertia"]
-    sides = Sides(np.array(A), rigid_body.inertia_order(A), band)
-    events = case.system.class_events
-    solution = solve(case, method, precision, tol, events=events, witness=sides)
-    return solution, sides.crossings
-
-
-def checked(
-    case: Case, method: str, solution: Solution, crossings: list[Crossing], band: float
-) -> tuple[tuple[Crossing, ...], tuple[str, ...]]:
-    """The crossings with their errors, measured against the next precision, and warnings."""
-    if case.error != "on":
-        return tuple(crossings), ()
-    for precision, reference_method, tol in references(case, method, solution.tol):
-        reference, theirs = cross(case, reference_method, precision, tol, band)
-        if (solution.whole and not reference.whole) or (
-            tol is not None and reference.tol == solution.tol
-        ):
-            continue
-        if [(c.start, c.end) for c in crossings] == [(c.start, c.end) for c in theirs]:
-            pairs = zip(crossings, theirs, strict=True)
-            # No error is called smaller than the rounding of the time itself.
-            return tuple(
-                replace(a, error=max(abs(a.time - b.time), math.ulp(a.time) / 2)) for a, b in pairs
-            ), ()
-        finer = f"{reference_method} in {precision} precision"
-        lists = f"{len(crossings)} by {method}, {len(theirs)} by {finer}, which are stored"
-        return tuple(theirs), (f"the crossings hang on the last digits of the data: {lists}",)
-    return tuple(crossings), ()
+    """A case integrated through its samples, and its crossings: those that are beyond rounding."""
+    motion = watched(case, method, precision, tol, BAND * EPS)
+    path, rows = motion.solution.path, motion.sampled
+    found = verdict(case, motion, np.full(len(path.time), EPS))
+    samples = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+    return replace(motion.solution, path=samples), found.crossings
 
 
 def relative_distance(a: np.ndarray, b: np.ndarray) -> float:
     """The largest |a - b| / |b| over the samples (n, 3); 0 where both are 0."""
     size = np.max(np.abs(b), axis=-1, initial=0, keepdims=True)
     scale = np.where(size > 0, size, 1)
-    off = np.sqrt(np.square(a / scale - b / scale).sum(axis=-1))
+    with np.errstate(invalid="ignore"):  # infinite where both have outgrown the largest double
+        apart = np.where(a == b, 0, a / scale - b / scale)
+    off = np.sqrt(np.square(apart).sum(axis=-1))
     return float(np.max(off, initial=0))

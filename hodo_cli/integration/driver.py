@@ -2,8 +2,7 @@
 every moment."""
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -33,15 +32,17 @@ class Path(NamedTuple):
     events: tuple[Occurrence, ...]
 
 
-class Step(NamedTuple):
-    """One step as a witness sees it; `at` turns the engine's time into the true one."""
+class Witness(Protocol):
+    """Sees every step of a motion, as an `Observer` that knows in which units the step is."""
 
-    start: Any
-    end: Any
-    at: Callable[[Any], float]
-    units: Units
-    dense: Callable[[Any], np.ndarray]
-    hits: list[Hit]
+    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
+        """The steps from here on are in these units, their times those of the clock."""
+
+    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
+        """See `Observer`."""
+
+    def flush(self) -> None:
+        """The units are about to change, or the motion has ended."""
 
 
 def propagate(
@@ -50,7 +51,7 @@ def propagate(
     start: float,
     times: np.ndarray,
     watch: Watch,
-    witness: Callable[[Step], None] | None = None,
+    witness: Witness | None = None,
     events: tuple[Event, ...] = (),
 ) -> Path:
     """Integrate a system from `start` through `times`, changing units whenever the motion has
@@ -70,21 +71,21 @@ def propagate(
     forced = any(k[name] for name, degree in model.degree.items() if degree == 0)
     watch.band = engine.band if model.degree and any(y0) and not forced else None
 
-    def observe(start: Any, end: Any, dense: Callable[[Any], np.ndarray], hits: list[Hit]) -> None:
-        if witness is not None:
-            witness(Step(start, end, clock.true, units, dense, hits))
-        found.extend(occurrence(hit) for hit in hits if not events[hit.event].terminal)
-
     def occurrence(hit: Hit) -> Occurrence:
         return Occurrence(events[hit.event].kind, clock.true(hit.time))
 
-    watch.observer = observe if events else None
+    watch.observer = witness
     while done < len(times) and watch.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
         grid = clock.grid(times[done : done + BLOCK].astype(fp))
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
+        if witness is not None:
+            witness.begin(engine, clock, units)
         leg = engine.leg(units.constants(model, k), y, grid, watch)
+        if witness is not None:
+            witness.flush()
+        found += [occurrence(hit) for hit in leg.hits]
         passed = len(leg.rows) - 1
         rows[done : done + passed], exponent[done : done + passed] = leg.rows[1:], units.size
         done += passed

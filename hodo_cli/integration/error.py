@@ -7,6 +7,7 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines import protocol
+from ..engines.protocol import extended
 from ..models.constants import attributes
 from .choice import best
 from .driver import LIMIT, Path
@@ -112,12 +113,3 @@ def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
         relative = np.divide(off, scale, out=off.copy(), where=scale > 0)
         errors[name] = max(float(np.max(relative, initial=0)), RESOLUTION[case.precision])
     return errors
-
-
-def extended(values: np.ndarray) -> np.ndarray:
-    """Values of any precision as long doubles."""
-    if values.dtype.type in (np.float64, np.longdouble):
-        return values.astype(np.longdouble)
-    from ..engines import taylor
-
-    return taylor.longdouble(values)

@@ -1,7 +1,6 @@
 """Case -> Solution: the choice of method, and the motion of a case by it."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -11,9 +10,8 @@ from .. import HodoError
 from ..cases.case import Case
 from ..engines import exact, protocol
 from ..engines.protocol import Status, Watch
-from ..models.base import Event
 from ..models.constants import attributes
-from .driver import BLOCK, LARGEST, OUTGROWN, Path, Step, propagate
+from .driver import BLOCK, LARGEST, OUTGROWN, Path, Witness, propagate
 
 
 def sample_times(case: Case) -> np.ndarray:
@@ -55,8 +53,7 @@ def solve(
     precision: str = "double",
     tol: float | None = None,
     times: np.ndarray | None = None,
-    events: tuple[Event, ...] | None = None,
-    witness: Callable[[Step], None] | None = None,
+    witness: Witness | None = None,
 ) -> Solution:
     """The motion of a case by one method; the run time excludes imports and compilation.
 
@@ -65,7 +62,7 @@ def solve(
     system, times = case.system, sample_times(case) if times is None else times
     if method == "exact":
         return closed_form(case, times, precision)
-    events = system.run_events if events is None else events
+    events = system.run_events
     engine = protocol.build(method, system, events, tol, precision)
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
     began = perf_counter()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..engines.protocol import extended
 from ..models.base import Model
 
 SLOWEST = -1000
@@ -92,6 +93,11 @@ class Clock:
         """The true time of a moment of the leg."""
         return float(self.high + (self.low + s / type(self.high)(self.factor)))
 
+    def true_times(self, s: np.ndarray) -> np.ndarray:
+        """`true` of many moments (n,), in double or extended precision."""
+        high, low = extended(np.array([self.high, self.low]))
+        return np.asarray(high + (low + s / np.longdouble(self.factor))).astype(float)
+
     def advance(self, elapsed: tuple[Any, Any]) -> None:
         """Move on by a time in the leg's units."""
         for part in elapsed:
@@ -111,6 +117,9 @@ class Calendar(Clock):
 
     def true(self, s: Any) -> float:
         return float(s)
+
+    def true_times(self, s: np.ndarray) -> np.ndarray:
+        return s.astype(float)
 
     def advance(self, elapsed: tuple[Any, Any]) -> None:
         self.high = elapsed[0]

@@ -49,38 +49,65 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
     return A[l] * (A[l] - A[m]) * omega[l] * omega[l], A[s] * (A[m] - A[s]) * omega[s] * omega[s]
 
 
-def near_middle_axis(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
-    """How the terms of D compare with what they could be: (outer + inner) / (sum of their weights *
-    |omega|^2).
+def separatrix_roots(A: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
+    """a and b of D = (a w_l)^2 - (b w_s)^2."""
+    l, m, s = order
+    return np.sqrt(A[l] * (A[l] - A[m])), np.sqrt(A[s] * (A[m] - A[s]))
+
+
+def separatrix_forms(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
+    """The two linear forms a w_l - b w_s and a w_l + b w_s, whose product is D."""
+    a, b = separatrix_roots(A, order)
+    outer, inner = a * omega[order[0]], b * omega[order[2]]
+    return np.array([outer - inner, outer + inner])
+
+
+def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
+    """How far omega (..., 3) is from the separatrix, relative to |omega|: an error of about that
+    size may change its side. Positive where the axis of largest inertia is enclosed.
+
+    It is D sqrt(near) over the sum of its two terms, near being that of `near_middle_axis`: up to a
+    factor between 1 and sqrt 2, the smaller of the two forms over sqrt(a^2 + b^2) |omega|.
+    """
+    w = np.moveaxis(omega, -1, 0)
+    # A power of two changes no digit, and keeps fourth powers within the range of doubles.
+    w = np.ldexp(w, -np.frexp(np.abs(w).max(axis=0))[1])
+    a, b = separatrix_roots(A, order)
+    minus, plus = separatrix_forms(A, w, order)
+    square = (a * a + b * b) * (w * w).sum(axis=0) * (minus * minus + plus * plus) / 2
+    ratio = np.divide(minus * plus, np.sqrt(square), out=np.zeros_like(square), where=square > 0)
+    return np.asarray(ratio)
+
+
+def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> float:
+    """How the terms of D at omega (3,) compare with what they could be: their sum over that of
+    their weights times |omega|^2; 1 for a sphere and at rest, where D has no terms.
 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
-    l, m, s = order
-    weight = A[l] * (A[l] - A[m]) + A[s] * (A[m] - A[s])
-    return sum(separatrix_terms(A, omega, order)) / (
-        weight * (omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2)
-    )
+    unit = omega / (np.abs(omega).max() or 1)
+    a, b = separatrix_roots(A, order)
+    most = (a * a + b * b) * (unit * unit).sum()
+    return float(sum(separatrix_terms(A, unit, order)) / most) if most else 1.0
 
 
-def enclosed_axis(A: Any, omega: np.ndarray, band: float) -> np.ndarray:
+def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     """The axis that the hodograph of G encloses, for omega (..., 3) at any scale, as int8.
 
-    1, 2, 3 name the body axes; 0 is the separatrix, where |D| is at most `band` times the sum of
-    its two terms, or the rotation is within `band` of the middle axis, so that its error may exceed
-    the components which decide; -1 is undetermined: no rotation, or no axis to go round (steady
-    rotation of a symmetric or spherical body).
+    1, 2, 3 name the body axes; 0 is the separatrix, where |margin| is at most `band`, a number or
+    one for each omega; -1 is undetermined: no rotation, or no axis to go round (steady rotation of
+    a symmetric or spherical body).
     """
     order, w = inertia_order(A), np.moveaxis(omega, -1, 0)
     largest, middle, smallest = order
     outer, inner = separatrix_terms(A, w, order)
-    difference, total = outer - inner, outer + inner
-    labels = np.where(difference > 0, largest + 1, smallest + 1)
-    labels = np.where(np.abs(difference) <= band * total, SEPARATRIX, labels)
-    known = np.isfinite(total) & (total > 0)
+    labels = np.where(outer > inner, largest + 1, smallest + 1)
+    known = np.isfinite(outer + inner) & (outer + inner > 0)
     if A[largest] > A[middle] > A[smallest]:
-        known = np.isfinite(total) & np.any(omega != 0, axis=-1)
-        with np.errstate(invalid="ignore"):
-            labels = np.where(near_middle_axis(A, w, order) <= band * band, SEPARATRIX, labels)
+        known = np.isfinite(outer + inner) & np.any(omega != 0, axis=-1)
+        with np.errstate(invalid="ignore"):  # what is infinite is undetermined anyway
+            near = np.abs(margin(np.asarray(A, dtype=omega.dtype), omega, order)) <= band
+        labels = np.where(near, SEPARATRIX, labels)
     return np.where(known, labels, UNDETERMINED).astype(np.int8)
 
 

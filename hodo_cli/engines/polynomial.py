@@ -1,0 +1,189 @@
+"""All zeros of polynomials on a step, isolated by bounds, in the arithmetic of their coefficients.
+
+An engine's step is a polynomial of the time. `to_bernstein` takes it to the basis of 0 <= x <= 1 in
+which a polynomial lies between its least and its largest coefficient; `zeros` finds where it
+vanishes, and says where that drowns in `rounding`.
+"""
+
+from fractions import Fraction
+from functools import lru_cache
+from math import comb
+from typing import Any, NamedTuple
+
+import numpy as np
+
+TAYLOR, LEGENDRE, CHEBYSHEV = "taylor", "legendre", "chebyshev"
+"""The bases in which engines hand over a step: powers of the time since its start, which become
+powers of x once the coefficients are multiplied by those of its length, or polynomials of x."""
+
+HALVINGS = 64
+"""Halvings after which an interval of a step is a point even in long double."""
+
+REFINEMENTS = 80
+"""More steps towards a zero than ever needed: bisection alone takes the 64 bits of a long double."""
+
+
+class Zeros(NamedTuple):
+    """Places where polynomials vanish, in order of `row` and `x`, each (k,).
+
+    `row` is the polynomial, `x` the place in [0, 1]. Around a zero that is `sure` the polynomial is
+    monotone, and on both sides larger than its rounding. Where `sure` is False it drowns in its
+    rounding over the length `width` around x: it may vanish there any number of times, or not.
+    """
+
+    row: np.ndarray
+    x: np.ndarray
+    width: np.ndarray
+    sure: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def to_bernstein(basis: str, degree: int, dtype: np.dtype[Any]) -> np.ndarray:
+    """The matrix (degree + 1, degree + 1) by which a row of coefficients is multiplied from the
+    right to become one of Bernstein's basis on [0, 1].
+
+    It is exact before it is rounded. From powers all its entries are in [0, 1]: no digits are lost.
+    """
+    fp = dtype.type
+    rows = [
+        [
+            sum(
+                (Fraction(c * comb(j, k), comb(degree, k)) for k, c in enumerate(p[: j + 1])),
+                Fraction(0),
+            )
+            for j in range(degree + 1)
+        ]
+        for p in _powers(basis, degree)
+    ]
+    return np.array([[fp(x.numerator) / fp(x.denominator) for x in row] for row in rows])
+
+
+def _powers(basis: str, degree: int) -> list[list[int]]:
+    """The polynomials 0 to `degree` of a basis on [0, 1], each by the coefficients of its powers."""
+    if basis == TAYLOR:
+        return [[int(k == n) for k in range(n + 1)] for n in range(degree + 1)]
+    if basis == LEGENDRE:
+        return [
+            [(-1) ** (n + k) * comb(n, k) * comb(n + k, k) for k in range(n + 1)]
+            for n in range(degree + 1)
+        ]
+    found = [[1], [-1, 2]]  # T_(n+1) = 2 (2 x - 1) T_n - T_(n-1)
+    for n in range(1, degree):
+        shifted, last = [0, *found[n]], [*found[n], 0]
+        before = [*found[n - 1], 0, 0]
+        found.append([4 * a - 2 * b - c for a, b, c in zip(shifted, last, before, strict=True)])
+    return found[: degree + 1]
+
+
+@lru_cache(maxsize=64)
+def _halves(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
+    """The matrices (2, degree + 1, degree + 1) from a row of Bernstein coefficients to those on
+    each half of the interval (de Casteljau's algorithm at 1/2)."""
+    left = np.array([[comb(i, j) / 2**i for i in range(degree + 1)] for j in range(degree + 1)])
+    return np.array([left, left[::-1, ::-1]]).astype(dtype)
+
+
+@lru_cache(maxsize=64)
+def _binomials(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
+    return np.array([comb(degree, j) for j in range(degree + 1)]).astype(dtype)
+
+
+def weights(x: np.ndarray, degree: int) -> np.ndarray:
+    """Bernstein's polynomials (k, degree + 1) at places (k,); their sum is 1."""
+    j = np.arange(degree + 1)
+    return np.asarray(
+        _binomials(degree, x.dtype) * x[:, None] ** j * (1 - x)[:, None] ** (degree - j)
+    )
+
+
+def rounding(c: np.ndarray, basis: str) -> np.ndarray:
+    """What rounding may change the values of polynomials by (...,), from their coefficients
+    (..., degree + 1).
+
+    In whatever order it is added up, a sum of n + 1 products has met n + 2 roundings of half an eps,
+    each of at most the sum of the products' sizes; those are the coefficients times the largest
+    entries of their rows of `to_bernstein`.
+    """
+    degree = c.shape[-1] - 1
+    growth = np.abs(to_bernstein(basis, degree, c.dtype)).max(axis=1)
+    return np.asarray(np.finfo(c.dtype).eps * (degree + 3) / 2 * (np.abs(c) @ growth))
+
+
+def zeros(b: np.ndarray, noise: np.ndarray) -> Zeros:
+    """All zeros in [0, 1] of the polynomials with the Bernstein coefficients b (n, degree + 1).
+
+    A polynomial lies between its least and its largest coefficient, and is monotone where they rise
+    or fall all along. Intervals where neither decides are halved, until nothing is left in them
+    that exceeds `noise` (n,), the bound of the polynomial's rounding.
+
+    Source: R. T. Farouki and V. T. Rajan, Computer Aided Geometric Design 4 (1987) 191.
+    """
+    n, degree = len(b), b.shape[1] - 1
+    row, low, width = np.arange(n), np.zeros(n, dtype=b.dtype), b.dtype.type(1)
+    found = [_found(row[:0], low[:0], width, False)]
+    for halving in range(HALVINGS + 1):
+        bound = noise[row][:, None]
+        above, below = b > bound, b < -bound
+        slopes = np.diff(b, axis=1)
+        monotone = (slopes > 0).all(axis=1) | (slopes < 0).all(axis=1)
+        single = monotone & ((above[:, 0] & below[:, -1]) | (below[:, 0] & above[:, -1]))
+        rest = ~(above.all(axis=1) | below.all(axis=1) | single)
+        lost = rest & ((halving == HALVINGS) | ~(above | below).any(axis=1))
+        if single.any():
+            found.append(
+                _found(row[single], low[single] + width * _refined(b[single]), width, True)
+            )
+        found.append(_found(row[lost], low[lost], width, False))
+        split = rest & ~lost
+        if not split.any():
+            break
+        row, low, width = np.repeat(row[split], 2), np.repeat(low[split], 2), width / 2
+        low[1::2] += width
+        b = np.matmul(b[split][:, None, None, :], _halves(degree, b.dtype)).reshape(-1, degree + 1)
+    return _merged(Zeros(*(np.concatenate(column) for column in zip(*found, strict=True))))
+
+
+def _found(row: np.ndarray, x: np.ndarray, width: Any, sure: bool) -> Zeros:
+    """Zeros at x, or intervals of doubt that begin there."""
+    length = x.dtype.type(0) if sure else width
+    return Zeros(row, x, np.full(len(x), length), np.full(len(x), sure))
+
+
+def _merged(found: Zeros) -> Zeros:
+    """Zeros in order, with adjacent intervals of doubt as one, at its middle."""
+    if not len(found.row):
+        return found
+    row, low, width, sure = (column[np.lexsort((found.x, found.row))] for column in found)
+    high = low + width
+    touching = ~sure[1:] & ~sure[:-1] & (row[1:] == row[:-1]) & (low[1:] <= high[:-1])
+    first = np.flatnonzero(np.append(True, ~touching))
+    last = np.append(first[1:], len(row)) - 1
+    return Zeros(row[first], (low[first] + high[last]) / 2, high[last] - low[first], sure[first])
+
+
+def _refined(b: np.ndarray) -> np.ndarray:
+    """The one zero in [0, 1] of each monotone polynomial (n, degree + 1), to the last bits.
+
+    Newton's method from the secant's zero, within the bracket that the signs leave. It bisects
+    where a step leaves the bracket, and every fourth time as long as this has not become small.
+    """
+    degree, eps = b.shape[1] - 1, np.finfo(b.dtype).eps
+    rising, slopes = b[:, -1] > 0, degree * np.diff(b, axis=1)
+    low, high = np.zeros(len(b), dtype=b.dtype), np.ones(len(b), dtype=b.dtype)
+    x = b[:, 0] / (b[:, 0] - b[:, -1])
+    for turn in range(REFINEMENTS):
+        w = weights(x, degree - 1)
+        # The last step of de Casteljau's algorithm gives the value from the slope's weights.
+        value = (w * ((1 - x)[:, None] * b[:, :-1] + x[:, None] * b[:, 1:])).sum(axis=1)
+        beyond = (value > 0) == rising
+        low, high = np.where(beyond, low, x), np.where(beyond, x, high)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            new = x - value / (w * slopes).sum(axis=1)
+        inside = (new >= low) & (new <= high)
+        if turn % 4 == 3:
+            inside &= high - low < 0.5 ** (turn // 2)
+        new = np.where(value == 0, x, np.where(inside, new, (low + high) / 2))
+        if (np.abs(new - x) <= 2 * eps * new).all():
+            return np.asarray(new)
+        x = new
+    return np.asarray(x)

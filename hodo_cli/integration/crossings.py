@@ -1,0 +1,255 @@
+"""Where a motion passes the separatrix: every zero of D along its steps, and which are certain.
+
+With a^2 = A_l (A_l - A_m) and b^2 = A_s (A_m - A_s)
+
+    D = (a w_l - b w_s)(a w_l + b w_s),
+
+so that its zeros are those of two linear forms of the state. They have the degree of the engine's
+polynomial, half that of D, and lose no digits near the middle axis, where both vanish.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ..engines.polynomial import TAYLOR, rounding, to_bernstein, weights, zeros
+from ..engines.protocol import Engine, extended
+from ..models import rigid_body
+from .units import Clock, Units
+
+BLOCK = 512
+"""Steps that are searched together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
+
+BAND = 8.0
+"""D counts where its margin is so many times the error of the state. The error can shift the margin
+by twice its own size, once for each term of D; the rest is a reserve, for an error that is measured
+beside the crossing and not at it."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A passage through the separatrix: when, from which axis to which, and |G| there.
+
+    `error` is the measured error of `time`, nan where none was measured.
+    """
+
+    time: float
+    start: int
+    end: int
+    momentum: float
+    error: float = math.nan
+
+
+class Marks(NamedTuple):
+    """Moments of a motion that tell on which side of the separatrix it stands, in order, each (k,).
+
+    `margin` is that of `rigid_body.margin`, 0 where `vanishes` marks a zero of D; `rate` is how
+    fast the margin changes by time, `momentum` is |G|.
+    """
+
+    time: np.ndarray
+    margin: np.ndarray
+    vanishes: np.ndarray
+    rate: np.ndarray
+    momentum: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: list["Marks"]) -> "Marks":
+        """The marks of several stretches, in order of time."""
+        if not parts:
+            return cls(
+                *(np.empty(0, dtype=bool if name == "vanishes" else float) for name in cls._fields)
+            )
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        order = np.argsort(columns[0], kind="stable")
+        return cls(*(column[order] for column in columns))
+
+
+class Verdict(NamedTuple):
+    """What marks tell: the crossings that are certain, to what half-width the error of the motion
+    leaves the time of each, and when a crossing is undecided."""
+
+    crossings: list[Crossing]
+    widths: list[float]
+    undecided: list[float]
+
+
+@dataclass
+class Watcher:
+    """The `Witness` that searches the steps of a motion for zeros of D.
+
+    Steps in which |margin| stays above `doubt` all along leave no mark.
+    """
+
+    A: np.ndarray
+    doubt: float
+    found: list[Marks] = field(default_factory=list)
+    filled: int = 0
+
+    def __post_init__(self) -> None:
+        self.order = rigid_body.inertia_order(self.A)
+        largest, middle, smallest = self.order
+        # Of a body with two equal moments D has one sign: a or b is 0.
+        self.two_sided = bool(self.A[largest] > self.A[middle] > self.A[smallest])
+
+    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
+        """See `Witness.begin`."""
+        self.basis, self.clock, self.size = engine.basis, clock, units.size
+        self.series = np.empty((BLOCK, 3, engine.degree + 1), dtype=engine.dtype)
+        self.times = np.empty((BLOCK, 2), dtype=engine.dtype)
+
+    def __call__(self, start: float, end: float, series: np.ndarray) -> None:
+        """Note a step; see `Observer`."""
+        i = self.filled
+        self.series[i], self.times[i, 0], self.times[i, 1] = series, start, end
+        self.filled = i + 1
+        if self.filled == BLOCK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Search the steps noted: all in double precision, and in their own the few where D may
+        vanish. Quadruple ones are searched in long double."""
+        n, self.filled = self.filled, 0
+        if not n or not self.two_sided:
+            return
+        near = self._near(self.series[:n].astype(float), self.times[:n].astype(float))
+        if near.size:
+            series, times = self.series[near], self.times[near]
+            if series.dtype != np.float64:
+                series, times = extended(series), extended(times)
+            self._search(*self._bernstein(series, times), times)
+
+    def marks(self) -> Marks:
+        """All marks of the motion."""
+        return Marks.joined(self.found)
+
+    def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
+
+        `c` is overwritten.
+        """
+        order = c.shape[2] - 1
+        if self.basis == TAYLOR:
+            span = times[:, 1] - times[:, 0]
+            c[:, :, 1:] *= np.cumprod(np.repeat(span[:, None], order, axis=1), axis=1)[:, None]
+        a, b = rigid_body.separatrix_roots(self.A.astype(c.dtype), self.order)
+        noise = rounding(c, self.basis)
+        form_noise = a * noise[:, self.order[0]] + b * noise[:, self.order[2]]
+        return c @ to_bernstein(self.basis, order, c.dtype), form_noise
+
+    def _near(self, c: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """The steps (k,) in which |margin| may be `doubt` or less."""
+        b, noise = self._bernstein(c, times)
+        # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|.
+        scale = np.hypot(*rigid_body.separatrix_roots(self.A, self.order))
+        most = scale * np.sqrt(np.square(np.abs(b).max(axis=2)).sum(axis=1))
+        bound = np.maximum(self.doubt * most, noise)[:, None]
+        forms = rigid_body.separatrix_forms(self.A, b.swapaxes(0, 1), self.order)
+        clear = (forms > bound).all(axis=2) | (forms < -bound).all(axis=2)
+        return np.flatnonzero(~clear.all(axis=0))
+
+    def _search(self, b: np.ndarray, noise: np.ndarray, times: np.ndarray) -> None:
+        """Mark the ends of steps, the zeros of both forms, and their extrema, at which a pair of
+        zeros shows how far it is from a touch."""
+        n, fp = len(b), b.dtype
+        rows = [np.arange(n), np.arange(n)]
+        places, vanish = (
+            [np.zeros(n, dtype=fp), np.ones(n, dtype=fp)],
+            [np.zeros(2 * n, dtype=bool)],
+        )
+        for form in rigid_body.separatrix_forms(self.A.astype(fp), b.swapaxes(0, 1), self.order):
+            # A difference of two coefficients has the rounding of both.
+            for polynomial, bound in ((form, noise), (np.diff(form, axis=1), 2 * noise)):
+                found = zeros(polynomial, bound)
+                rows.append(found.row)
+                places.append(found.x)
+                vanish.append(np.full(len(found.x), polynomial is form))
+        row, x, vanishes = np.concatenate(rows), np.concatenate(places), np.concatenate(vanish)
+        order = np.lexsort((x, row))
+        self._mark(*with_middles(row[order], x[order], vanishes[order]), b, times)
+
+    def _mark(
+        self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
+    ) -> None:
+        """Keep marks at places x (k,) in steps with the Bernstein coefficients b (n, 3, degree + 1)."""
+        A, degree = self.A.astype(b.dtype), b.shape[2] - 1
+        omega = np.matmul(b[row], weights(x, degree)[:, :, None])[:, :, 0]
+        slope = np.matmul(np.diff(b[row], axis=2), weights(x, degree - 1)[:, :, None])[:, :, 0]
+        values, changes = (
+            np.abs(rigid_body.separatrix_forms(A, w.T, self.order)) for w in (omega, degree * slope)
+        )
+        # Near the separatrix the margin is the smaller form, up to a factor of at most sqrt 2.
+        change = np.where(values[0] < values[1], *changes)
+        scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
+        start, end = self.clock.true_times(times[:, 0]), self.clock.true_times(times[:, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)) * (end - start)[row])
+        momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
+        self.found.append(
+            Marks(
+                self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0])),
+                np.where(vanishes, 0, rigid_body.margin(A, omega, self.order)).astype(float),
+                vanishes,
+                rate.astype(float),
+                np.ldexp(momentum.astype(float), self.size),
+            )
+        )
+
+
+def with_middles(
+    row: np.ndarray, x: np.ndarray, vanishes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places in order of row and x (k,), and besides them the middles between zeros of one row.
+
+    Between zeros of the two forms, as on both sides of the middle axis, neither has an extremum.
+    """
+    root = np.flatnonzero(vanishes)
+    pair = np.flatnonzero(row[root[1:]] == row[root[:-1]])
+    before, after = root[pair], root[pair + 1]
+    row = np.concatenate((row, row[after]))
+    x = np.concatenate((x, (x[before] + x[after]) / 2))
+    vanishes = np.concatenate((vanishes, np.zeros(len(pair), dtype=bool)))
+    order = np.lexsort((x, row))
+    return row[order], x[order], vanishes[order]
+
+
+def decide(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> Verdict:
+    """What marks tell whose margins count where they exceed `band` (k,); `order` is the body's.
+
+    The motion has crossed where its margin stands first on one side, then on the other, beyond
+    doubt. So neither a start on D = 0 nor a touch is a crossing, and no zero that is reported twice
+    changes the list. Where the margin comes within the band and leaves it on the side from which it
+    came, or does not leave it any more, it is undecided whether the motion has crossed.
+    """
+    sure = np.flatnonzero(~marks.vanishes & (np.abs(marks.margin) > band))
+    rises = np.sign(marks.margin[sure])
+    verdict = Verdict([], [], [])
+    for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(rises) != 0)):
+        first, last = sure[n], sure[n + 1]
+        if rises[n] == rises[n + 1]:
+            verdict.undecided.append(_nearest(marks, first + 1, last))
+            continue
+        at, spread = _passage(marks, first, last)
+        axes = (order[0] + 1, order[2] + 1) if rises[n] > 0 else (order[2] + 1, order[0] + 1)
+        verdict.crossings.append(Crossing(float(marks.time[at]), *axes, float(marks.momentum[at])))
+        width = band[last] / marks.rate[at] if marks.rate[at] else math.inf
+        verdict.widths.append(float(max(width, spread)))
+    if sure.size and sure[-1] < len(marks.time) - 1:
+        verdict.undecided.append(_nearest(marks, sure[-1] + 1, len(marks.time)))
+    return verdict
+
+
+def _passage(marks: Marks, first: int, last: int) -> tuple[int, float]:
+    """The mark at which a motion crosses between two marks, and half of the time between the first
+    and the last zero there. Where two steps meet, rounding may leave none: then it is the second."""
+    roots = np.arange(first, last)[marks.vanishes[first:last]]
+    if not roots.size:
+        return last, (marks.time[last] - marks.time[first]) / 2
+    return roots[len(roots) // 2], (marks.time[roots[-1]] - marks.time[roots[0]]) / 2
+
+
+def _nearest(marks: Marks, first: int, last: int) -> float:
+    """The time of the mark nearest to D = 0 among those from `first` to before `last`."""
+    return float(marks.time[first + np.argmin(np.abs(marks.margin[first:last]))])
