@@ -155,7 +155,9 @@ def _merged(found: Zeros) -> Zeros:
         return found
     row, low, width, sure = (column[np.lexsort((found.x, found.row))] for column in found)
     high = low + width
-    touching = ~sure[1:] & ~sure[:-1] & (row[1:] == row[:-1]) & (low[1:] <= high[:-1])
+    # The last halvings are finer than the places are.
+    gap = low[1:] - high[:-1] <= 4 * np.finfo(low.dtype).eps
+    touching = ~sure[1:] & ~sure[:-1] & (row[1:] == row[:-1]) & gap
     first = np.flatnonzero(np.append(True, ~touching))
     last = np.append(first[1:], len(row)) - 1
     return Zeros(row[first], (low[first] + high[last]) / 2, high[last] - low[first], sure[first])
