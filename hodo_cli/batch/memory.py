@@ -19,6 +19,8 @@ classified."""
 def limit() -> int:
     """The bytes that a process may have at most: the machine's memory, or a lower limit of its
     container or shell."""
+    # The whole memory, not what is free now: other programs may end, and Linux counts caches as
+    # used.
     limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     if (address_space := resource.getrlimit(resource.RLIMIT_AS)[0]) != resource.RLIM_INFINITY:
         limits.append(address_space)
@@ -30,6 +32,7 @@ def limit() -> int:
 def need(case: Case) -> int:
     """About how many bytes the samples of a case take at most while it is integrated or
     classified."""
+    # Reduced members are computed and written chunk by chunk.
     if case.sweep and "trajectory" not in case.store:
         return 0
     system = case.system
@@ -42,6 +45,7 @@ def need(case: Case) -> int:
 def check_memory(case: Case, processes: int = 1) -> None:
     """Raise HodoError if the samples of a case do not fit into the memory of one of so many
     processes."""
+    # Refused before anything is integrated: a process that takes too much is killed without a word.
     have = limit() // processes
     if need(case) > have:
         share = f" for each of {processes} processes" if processes > 1 else ""

@@ -75,6 +75,8 @@ class Pool:
     ) -> Iterator[tuple[Task, Any]]:
         running: dict[Future[tuple[str, Any]], Task] = {}
         while True:
+            # Drawn only as results leave, so that a sweep of a billion members never stands in
+            # memory.
             for task in islice(tasks, self._ahead - len(running)):
                 running[self._submit(function, task)] = task
             if not running:
@@ -82,6 +84,8 @@ class Pool:
             ready, _ = wait(running, return_when=FIRST_COMPLETED)
             if any(map(_is_lost, ready)):
                 ready, _ = wait(running)  # a broken executor gives up all its tasks
+            # What is finished leaves first, and is stored, before a task that may have killed its
+            # worker is tried again.
             for future in sorted(ready, key=_is_lost):
                 task = running.pop(future)
                 if _is_lost(future):
@@ -94,6 +98,7 @@ class Pool:
         try:
             self._executor = self._executor or self._make()
             return self._executor.submit(_marked, function, task)
+        # A worker that dies between two tasks is noticed only here.
         except BrokenExecutor:
             self.__exit__()
             self._executor = self._make()
@@ -147,6 +152,8 @@ class Processes(ProcessPoolExecutor):
     process ends."""
 
     def __init__(self, workers: int) -> None:
+        # Not fork, which would copy locks that threads hold and the state of an HDF5 library with
+        # open files.
         context = get_context("spawn")
         leash, self._end = context.Pipe(duplex=False)
         super().__init__(workers, context, _obey, (leash,))
@@ -154,6 +161,7 @@ class Processes(ProcessPoolExecutor):
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Schedule a call. A worker that is started for it never sees Ctrl-C, which is this
         process's affair."""
+        # A new process inherits the mask, and the executor starts its workers in `submit`.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return super().submit(function, *args, **kwargs)
@@ -171,9 +179,13 @@ def _obey(leash: Connection) -> None:
     its owner."""
 
     def watch() -> None:
+        # Blocks until the other end is closed: nothing is ever sent.
         leash.poll(None)
+        # No exception would do: the main thread is inside an integration, which does not return to
+        # Python.
         os._exit(1)
 
+    # A daemon, or the worker would wait for it when it ends by itself.
     Thread(target=watch, daemon=True).start()
 
 
@@ -192,6 +204,8 @@ class Dask(Executor):
             raise HodoError(
                 "--scheduler needs dask, which is not installed: pip install 'hodo[dask]'"
             ) from None
+        # On the loopback interface and without a dashboard: whoever reaches a port of dask can run
+        # code here.
         local = {
             "n_workers": workers,
             "threads_per_worker": 1,
@@ -199,10 +213,13 @@ class Dask(Executor):
             "dashboard_address": None,
         }
         try:
+            # 10 s in place of dask's 30: a mistyped address should show soon.
             client: Any = Client  # it is not typed
             self._client = client(**local) if scheduler == "dask" else client(scheduler, timeout=10)
         except (OSError, ValueError, TypeError) as error:
             raise HodoError(f"no dask scheduler answers at {scheduler}: {error}") from None
+        # A pure task would be looked up by its arguments, and --force is to compute, not to find
+        # again.
         self._inner = self._client.get_executor(pure=False)
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -230,4 +247,5 @@ def pool(workers: int, scheduler: str | None = None) -> Pool:
             2 * workers if scheduler == "dask" else AHEAD,
             early=True,
         )
+    # A task waits for each that runs, so that no worker idles while this process writes results.
     return Pool(lambda: Processes(workers), 2 * workers) if workers > 1 else Pool()

@@ -20,6 +20,7 @@ class Progress:
         self._total = total
         self._done = 0
         self._quiet = quiet
+        # A log file gets whole lines: what is written over on a terminal is unreadable there.
         self._live = sys.stderr.isatty() and not quiet
         self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
 
@@ -45,6 +46,7 @@ class Progress:
             click.echo(f"{count}: {said}", err=True)
         elif self._live:
             self._clear()
+            # A full line would wrap, and only its last row could be cleared.
             click.echo(count[: shutil.get_terminal_size().columns - 1], err=True, nl=False)
         else:
             self.say(f"{count}: ok")

@@ -20,6 +20,7 @@ def apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> N
     if not equals or not 2 <= len(parts) <= 50:
         mistakes.add(place, (), "an override reads CASE.KEY=VALUE")
         return
+    # Names of cases may contain points: the longest one that exists is meant.
     splits = ((".".join(parts[:n]), parts[n:]) for n in range(len(parts) - 1, 0, -1))
     named = ((names, path) for case, path in splits if (names := _matching(case, blocks)))
     names, path = next(named, ([], []))
@@ -54,6 +55,7 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
         return new
     head, *rest = path
     if isinstance(kind, kinds.Vector) and kind.scalar and isinstance(node, int | float):
+        # `damping: 0.004` has no component 2 until it is written out.
         node = (node,) * kind.n
     if isinstance(node, tuple):
         node = Items(list(node), [place] * len(node))

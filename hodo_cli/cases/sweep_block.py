@@ -170,6 +170,8 @@ class Axis:
         blocks = index // BLOCK
         for block in np.unique(blocks):
             here = blocks == block
+            # Seeded by the block, so that any process draws any part, and the same members whatever
+            # the chunks.
             vectors = np.random.default_rng([self.sphere["seed"], int(block)]).standard_normal(
                 (BLOCK, 3)
             )
@@ -188,6 +190,7 @@ def _values(given: Mapping[str, Any]) -> np.ndarray:
         return np.array(value, dtype=float)
     first, last, number = value
     return (
+        # Its ends are the numbers given, to the last bit, which those of 10 ** linspace are not.
         np.geomspace(first, last, number)
         if word == "logspace"
         else np.linspace(first, last, number)
@@ -318,6 +321,7 @@ def put(value: Any, path: Sequence[str | int], new: float) -> Any:
     """A copy of resolved case data with `new` at a path; where a vector stands, all of its
     components."""
     if not path:
+        # A scalar key given for a vector (`damping`) means that all are equal.
         return (new,) * len(value) if isinstance(value, tuple) else new
     head, *rest = path
     if isinstance(value, Mapping):

@@ -80,8 +80,12 @@ def scaled_motion(
     t = np.asarray(t, dtype=np.result_type(t, float))
     size, unit = _units(omega0)
     z = lam * t
+    # (1 - exp(-z))/z, which is 1 without damping and loses no digit where z is small.
     slowing = np.divide(-np.expm1(-z), z, out=np.ones_like(z), where=z != 0)
+    # 2^(1e9) is beyond any size that counts, and an exponent of it still fits an int32.
     z = np.clip(z, -7e8, 7e8)
+    # exp(-z) as a power of two and a factor near 1, which is right to the last digit also where
+    # exp(-z) itself has no double.
     halvings = np.rint(z / math.log(2))
     decay = np.exp(halvings * LN2_HEAD - z + halvings * LN2_TAIL)
     return decay[:, np.newaxis] * _free(
@@ -98,15 +102,19 @@ def _units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
 
 def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     """`free_motion` for |omega0| near 1."""
+    # Doubles are rational numbers, so D, Y and the moduli are exact until the one rounding in
+    # _sqrt.
     A1, A2, A3 = B = [Fraction(a) for a in A.tolist()]
     p, q, r = w = [Fraction(x) for x in omega0.tolist()]
     gyroscopic = (A2 - A3) / A1, (A3 - A1) / A2, (A1 - A2) / A3
+    # Rotation about an axis, or of a sphere: n would be 0 or 0/0.
     if not any(g * x for g, x in zip(gyroscopic, (q * r, r * p, p * q), strict=True)):
         return np.broadcast_to(omega0, (*np.shape(t), 3))
 
     fp = t.dtype.type
     e, m, o = order = rigid_body.inertia_order(B)
     about_e, about_o = rigid_body.separatrix_terms(B, w, order)
+    # e is to be the enclosed axis, about which dn never vanishes.
     if about_e < about_o:
         e, o = o, e
     Y = B[m] * abs(B[o] - B[m]) * w[m] ** 2 + B[e] * abs(B[o] - B[e]) * w[e] ** 2
@@ -143,6 +151,7 @@ def sn_cn_dn(u: np.ndarray, complementary: Any) -> tuple[np.ndarray, np.ndarray,
     Source: R. Bulirsch, Numer. Math. 7 (1965) 78, with the ratio cn/sn kept as its two terms, so
     that u = 0 and the half periods need no exception.
     """
+    # On the separatrix itself the mean of 1 and 0 never meets its geometric mean.
     if complementary == 0:
         decay = np.exp(-np.abs(u))
         sech = 2 * decay / (1 + decay * decay)

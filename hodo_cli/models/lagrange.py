@@ -50,6 +50,7 @@ def polynomial(c: Sequence[Any], tau: Any) -> Any:
 
 def exponential(c: Sequence[Any], tau: Any) -> Any:
     """value exp(-rate tau), from (value, rate, e)."""
+    # e comes as a constant, because equations know + - * / and ** only, and no exp.
     value, rate, e = c
     return value * e ** (-rate * tau)
 
@@ -107,6 +108,7 @@ def mean_cosine(e: Any, w: Any) -> Any:
 
     Source: M. Abramowitz and I. A. Stegun, 17.6, with c_{n+1} = c_n^2/(4 a_{n+1}).
     """
+    # Only d and w enter, both smooth at e = 0; each step of the mean doubles the digits.
     d = e * e
     b = ((w - e) * (w + e)) ** 0.5
     a, b, c = ((w + b) / 2) ** 0.5, b**0.5, 1 / (2 * (w + b))
@@ -127,9 +129,13 @@ def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     """
     U, Z, r, e = y
     c = k.C * r
+    # With x1, x2 = X +- e and x3 = X - w these are T1 = 3 X - w and T2 = 3 X^2 - 2 X w - e^2; X
+    # drops out of T1^2 - 3 T2.
     T1 = 2 - c * c / (2 * k.A * k.mu) + Z
     T2 = c * U / (k.A * k.mu) + 2 * Z
     w = (T1 * T1 - 3 * T2 - 3 * e * e) ** 0.5
+    # X = (T1 + w)/3 with 3 - 3 X + 2 w above and below: a fast top has T1 near -w, and the rounding
+    # of their sum is divided by 2 w.
     return (T1 + w - T2 - e * e) / (3 - T1 + w), w
 
 
@@ -147,13 +153,17 @@ def drift(
     X, w = shape
     f, f_cos, M3, M3_cos = means
     A, C, mu = k.A, k.C, k.mu
+    # u = 1 - x turns Gz - C r u into U + c x, and 2 H - C r^2 - 2 mu u into 2 mu (x - Z).
     c, G = C * r, U + C * r * X
+    # <f x> with x = X + e cos phi; U and Z lose their terms in M3 to C r' = M3.
     fx = X * f + e * f_cos
     dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
     dZ = -2 * (fx - Z * f) / A
+    # From here on: the derivatives of the coefficients of the cubic, and by them that of e.
     dT1 = dZ - c * M3 / (A * mu)
     M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos) + G * M3_cos / (A * mu)
     slope = 2 * dZ * (X - 1) - (c * (dU + M3 * X) + G * M3) / (A * mu)
+    # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
     de = (w * (M + e * dT1) - e * slope) / (2 * (w - e) * (w + e))
     return dU, dZ, M3 / C, de
 
@@ -209,6 +219,8 @@ def released(theta: float, excess: float) -> tuple[float, float]:
     `excess` is C^2 r^2/(2 A mu) - 2. No digit is lost at theta = 0 or pi.
     """
     x = 2 * math.sin(theta / 2) ** 2
+    # The positive root of a quadratic, in the one of its two forms that adds what has the same
+    # sign.
     root = math.sqrt(excess * excess + 4 * (excess + 2) * x)
     ahead = (root + excess) / 2 if excess >= 0 else 2 * (excess + 2) * x / (root - excess)
     gap = x + ahead
@@ -221,11 +233,14 @@ def spread(T1: float, T2: float, T3: float) -> float:
     Raises ValueError if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What
     the rounding of the data does to a double root is forgiven.
     """
+    # Cauchy's bound. From above, Newton's method falls to the largest root and stops where rounding
+    # stops the fall.
     y = 1 + max(abs(T1), abs(T2), T3)
     while (slope := (3 * y + 2 * T1) * y + T2) > 0 and (
         lower := y - (((y + T1) * y + T2) * y - T3) / slope
     ) < y:
         y = lower
+    # x1 x2 and x1 + x2: by a division where y is large, without one where it is small.
     product = T3 / y if y > 1 else T2 + (T1 + y) * y
     X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
     d = X * X - product
@@ -461,6 +476,7 @@ class AveragedU(Nutating):
         v = s + e * e * mean_cosine(e, u3 - s)
 
         def rate(u: Any, delta: Any) -> Any:
+            # The bracket of (3.5), the same for the three roots but for u and Delta.
             equatorial = (Gz - c * u) * (Gz - c * v) / A + (u * u - 1) * (
                 2 * H - c * r - 2 * mu * v
             )
@@ -538,6 +554,8 @@ class Full(Top):
         A, C, mu, eps = k.A, k.C, k.mu, k.epsilon
         f, M3 = PERTURBATIONS[k.perturbation](t, *first_integrals(y[:3], y[3:], k), r, g3, k)
         return (
+            # By tau = eps t: the free motion is divided by eps, and the eps of the torque drops
+            # out.
             ((A - C) * q * r + mu * g2) / (A * eps) + f * p / A,
             ((C - A) * p * r - mu * g1) / (A * eps) + f * q / A,
             M3 / C,
@@ -564,6 +582,7 @@ class Full(Top):
         if theta is not None:
             return 0.0, 0.0, r, 0.0, math.sin(theta), math.cos(theta)
         A, C = self.inertia["A"], self.inertia["C"]
+        # Rounding may put an upright top a little beyond the pole.
         x = min(max(self.nutation.X, 0.0), 2.0)
         sine = math.sqrt(x * (2 - x))
         q = (self.nutation.U + C * r * x) / (A * sine) if sine else 0.0
@@ -603,6 +622,8 @@ class AveragedQuadrature(Averaged):
         U, Z, r, e = y
         X, w = nutation(y, k)
         Gz, H = U + k.C * r, k.mu * (1 - Z) + k.C * r * r / 2
+        # dt ~ dphi/sqrt(w + e cos phi); the midpoints of a half turn serve a whole one, since all
+        # is even in phi.
         weights = [1 / (w + e * cos) ** 0.5 for cos in k.cosines]
         torques = [
             PERTURBATIONS[k.perturbation](t, Gz, H, r, 1 - X - e * cos, k) for cos in k.cosines
@@ -621,6 +642,8 @@ class AveragedQuadrature(Averaged):
     @cached_property
     def constants(self) -> Constants:
         n = self.nodes
+        # Numbers, not a function of the equations: an engine's symbols would evaluate the cosine at
+        # every step.
         cosines = tuple(math.cos((i + 0.5) * math.pi / n) for i in range(n))
         return {**super().constants, "perturbation": self.perturbation, "cosines": cosines}
 

@@ -17,13 +17,21 @@ import yaml
 from .kinds import Misnamed, Path, shown
 from .mistakes import Mistakes, Place
 
+# Half a million values take 100 MB of memory and some seconds; the papers' files hold 1,300 at
+# most, 8 levels deep.
 MAX_BYTES = 16_000_000
+# Reading is a loop, but checks recurse, a few frames a level: far below Python's limit of 1,000.
 MAX_DEPTH = 50
 MAX_VALUES = 500_000
+# An alias costs the reader nothing, but every check walks what it stands for, and nine anchors of
+# nine aliases each stand for 9^9 values.
 MAX_ALIASED = 100_000
+# Names of cases and figures become names of files, which end at 255 bytes on most systems.
 MAX_KEY = 128
 
+# The parser in C, where PyYAML was built with it; only its events are used, never its constructor.
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+# The characters that YAML 1.2.2, 5.1, calls printable.
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -91,6 +99,7 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
     is not YAML or exceeds a limit.
     """
     reader = _Reader(mistakes, override)
+    # PyYAML refuses such a character too, but its error has no line and column.
     if bad := _UNPRINTABLE.search(text):
         line, column = (
             text.count("\n", 0, bad.start()) + 1,
@@ -180,6 +189,8 @@ class _Reader:
             self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
         if event.anchor:
             self.anchors[event.anchor] = (value, 1)
+        # An empty value has no place of its own: the parser's mark stands behind the next line
+        # break.
         self.add(value, place if event.value or not top else top.key_place)
 
     def take_key(self, top: _Open, event: Any, place: Place) -> None:
@@ -212,7 +223,10 @@ class _Reader:
         if event.tag and not _agrees(event.tag, node):
             self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
         if event.anchor:
+            # Not yet a value: an alias inside its own anchor would be a value that contains itself.
             self.anchors[event.anchor] = None
+        # What is written in block style begins a line below its key, where no reader looks for the
+        # mistake.
         if top and isinstance(top.node, Block) and not event.flow_style:
             place = top.key_place
         self.open.append(_Open(node, place, event.anchor, self.count))
@@ -256,6 +270,7 @@ class _Reader:
             top.node.append(value)
             top.node.places.append(place)
         elif top.key is not None:
+            # The first of two equal keys counts; the second has been reported.
             if top.key not in top.node:
                 top.node.put(top.key, value, top.key_place, place)
             top.key = None
@@ -272,6 +287,8 @@ _WORDS: dict[str, Any] = {
     },
     **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
 }
+# 300 digits fit into a double. Longer ones are read as floats, that is as infinite, and refused as
+# such; int() would take a time that grows as the square of the digits.
 _INTEGER = re.compile(r"[-+]?[0-9]{1,300}|0o[0-7]{1,300}|0x[0-9a-fA-F]{1,200}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
@@ -280,6 +297,7 @@ def resolve_scalar(text: str) -> Any:
     """The value of a plain scalar by the core schema of YAML 1.2: None, bool, int, float or str."""
     if text in _WORDS:
         return _WORDS[text]
+    # Most scalars are words, and this spares them the two patterns.
     if text[0] not in "+-.0123456789":
         return text
     if _INTEGER.fullmatch(text):

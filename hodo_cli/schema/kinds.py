@@ -101,6 +101,7 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
 
 def nearest(name: str, valid: Iterable[str]) -> str:
     """'; did you mean ...?', or nothing when no name is near; long lists are not searched."""
+    # The comparison takes milliseconds a name, and a mistaken file can have a thousand of them.
     folded = {option.casefold(): option for option in valid}
     if len(folded) > 1000 or not (close := get_close_matches(name[:200].casefold(), folded, n=1)):
         return ""
@@ -116,6 +117,7 @@ def shown(value: Any) -> str:
             return str(value).lower()
         case str():
             return repr(value if len(value) <= 60 else value[:57] + "...")
+        # A message of 300 digits hides what it says.
         case int() if abs(value) >= 10**30:
             return "a huge integer"
         case int() | float():
@@ -135,6 +137,7 @@ def _is_scalar(value: Any) -> bool:
 
 def _real(value: Any) -> float | None:
     """The value as a finite double, or None if it is none; a bool is no number."""
+    # Python's bool is an int, so `true` would pass as 1.
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -201,6 +204,7 @@ class Integer:
             return 0
         if not all(_HOLDS[sign](number, bound) for sign, _, bound in _bounds(self)):
             report(at, f"wants an {self.describe()}, not {shown(value)}")
+        # Not int(number): a double has lost the last digits of integers beyond 2^53.
         return int(value)
 
     def schema(self) -> dict[str, Any]:
@@ -454,9 +458,11 @@ class Either:
         fitting = [kind for kind in self.kinds if _takes(kind, value)]
         for kind in fitting:
             mistakes: list[tuple[Path, str]] = []
+            # Bound as a default, because the loop rebinds the name before a later call.
             resolved = kind.check(value, at, lambda *mistake, to=mistakes: to.append(mistake))
             if not mistakes:
                 return resolved
+        # Only one kind was meant, so its own mistakes say more than a list of all kinds.
         if len(fitting) == 1:
             return fitting[0].check(value, at, report)
         report(at, f"wants {self.describe()}, not {shown(value)}")

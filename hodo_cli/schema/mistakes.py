@@ -5,6 +5,7 @@ from typing import NamedTuple
 from .. import HodoError
 from .kinds import Path
 
+# A file that is no case file at all has a mistake in every line; nobody reads a thousand.
 MAX_MISTAKES = 1000
 
 
@@ -21,6 +22,8 @@ class Mistakes:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        # A dict keeps each once: what is wrong in `defaults` is met again in every case that
+        # inherits it. The flag sorts overrides behind the file's own mistakes.
         self.found: dict[tuple[bool, Place, str], None] = {}
 
     def add(self, place: Place, path: Path, message: str) -> None:
@@ -56,6 +59,7 @@ class Mistakes:
         return _one_line(f"{start}: {text}")
 
 
+# Names of files and values may hold line breaks, and terminals obey control characters.
 def _one_line(text: str) -> str:
     return (
         text

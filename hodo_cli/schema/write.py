@@ -33,7 +33,9 @@ def write(value: Any) -> str:
     raise TypeError(f"no plain value: {shown(value)}")
 
 
+# Only words that no reader, of YAML 1.1 or 1.2, could take for a number, a date or a comment.
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.+-]*")
+# Beside what is unprintable: line breaks of YAML 1.1 (85, 2028, 2029) and byte order marks.
 _ESCAPED = re.compile(
     "[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
 )
