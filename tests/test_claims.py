@@ -29,10 +29,14 @@ from hodo_cli.claims import paper1, paper2, quantities
 from hodo_cli.claims.checks import KINDS
 from hodo_cli.claims.finding import Finding
 from hodo_cli.claims.paper import CHECKS, TRENDS
-from hodo_cli.claims.quantities import Motion, number
+from hodo_cli.claims.quantities import number
 from hodo_cli.claims.variations import Motions, changed, members
 from hodo_cli.claims.verdicts import gridded, measure, sampled
-from hodo_cli.results.hdf5 import open_run
+from hodo_cli.integration.crossings import Crossing
+from hodo_cli.integration.trajectory import Occurrence
+from hodo_cli.results import layout
+from hodo_cli.results.hdf5 import Variable, open_run
+from hodo_cli.results.motion import QUANTITIES, Motion
 from hodo_cli.sweeps.members import member
 
 PAPERS = ("paper1", "paper2", "paper3")
@@ -45,15 +49,13 @@ def motion(
 ) -> Motion:
     """A motion of the top whose variables are made up."""
     n = max([len(values) for values in series.values()], default=2)
-    variables = {name: np.array(values, dtype=float) for name, values in series.items()}
-    return Motion(
-        TOP,
-        np.arange(n, dtype=float),
-        variables,
-        np.array(labels) if labels else None,
-        passages,
-        events,
-    )
+    variables = {"time": layout.TIME.holding(np.arange(n))}
+    variables |= {name: Variable(("time",), np.array(v, float)) for name, v in series.items()}
+    if labels:
+        found = [Crossing(*passage) for passage in passages]
+        variables |= layout.label_variables(np.array(labels), found)
+    occurrences = [Occurrence(kind, time) for kind, time in events]
+    return Motion(TOP, variables | layout.columns_of(layout.EVENTS, occurrences))
 
 
 def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
@@ -72,7 +74,8 @@ def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
 
 def test_every_quantity_and_kind_is_computed_once() -> None:
     assert list(claim_block.KINDS) == [*KINDS, "average", "paper"]
-    assert list(claim_block.QUANTITIES) == [*quantities.SERIES, *quantities.NUMBERS]
+    assert set(claim_block.QUANTITIES) <= {*QUANTITIES, *quantities.NUMBERS}
+    assert not set(QUANTITIES) & set(quantities.NUMBERS)
     assert not set(CHECKS) & set(TRENDS)
 
 
@@ -276,7 +279,9 @@ def test_quantities_of_a_known_motion() -> None:
     assert number(free, "reach_smallest") == pytest.approx(K * np.max(free.omega[:, 2] ** 2))
     assert number(free, "crossings") == 0
     assert number(free, "first_crossing") == math.inf
-    there_and_back = replace(free, passages=((1.0, 1, 3, 0.3), (2.0, 3, 1, 0.2), (3.0, 1, 3, 0.1)))
+    passages = [Crossing(1.0, 1, 3, 0.3), Crossing(2.0, 3, 1, 0.2), Crossing(3.0, 1, 3, 0.1)]
+    marks = layout.label_variables(free.labels, passages)
+    there_and_back = replace(free, data={**free.data, **marks})
     assert number(there_and_back, "entry_momentum") == 0.3
     damped = quantities.integrate(changed(case, {"damping": 0.01}))
     assert paper1.decay_rate(damped) == pytest.approx(0.01, rel=1e-9)

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.commands.classify import labelled
 from hodo_cli.engines import protocol
 from hodo_cli.integration.classify import Classification, classify
 from hodo_cli.integration.crossings import Crossing, Marks, decide
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
+from hodo_cli.results.layout import label_group
 
 BODY = (1.0, 0.8, 0.6)
 CROSSING = 305.3589551667112034886  # of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv
@@ -124,14 +124,14 @@ def test_a_stored_motion_that_is_not_the_case_s_is_refused() -> None:
 
 
 def test_labels_and_crossings_as_they_are_stored() -> None:
-    group = labelled(
+    group = label_group(
         Classification(np.array([1, 3], dtype=np.int8), (Crossing(1.0, 1, 3, 0.5, 1e-12),))
     )
     assert (
-        group.variables["enclosed_axis"].attributes["flag_meanings"]
+        group.variables["enclosed_axis"].attrs["flag_meanings"]
         == "undetermined separatrix x1 x2 x3"
     )
-    assert group.variables["enclosed_axis"].attributes["flag_values"].dtype == np.int8
+    assert group.variables["enclosed_axis"].attrs["flag_values"].dtype == np.int8
     assert group.variables["crossing_from"].data.tolist() == [1]
 
 

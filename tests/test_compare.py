@@ -66,7 +66,7 @@ def shifted(case: str, name: str, at: tuple[int, ...], by: float) -> Change:
     def change(cases: dict[str, Group]) -> None:
         variable = cases[case].variables[name]
         data = variable.data.copy()
-        data[at] += by * variable.attributes["rtol"] * np.abs(data).max()
+        data[at] += by * variable.attrs["rtol"] * np.abs(data).max()
         put(cases[case], name, data)
 
     return change

@@ -1,77 +1,142 @@
-"""Result files as xarray datasets.
-
-netCDF4 brings an HDF5 library of its own and must not meet that of h5py, which other tests load:
-what is tested here runs in fresh interpreters, on the committed sample of the format and files made
-from it.
-"""
+"""Result files as xarray datasets, and what follows from the samples of a motion."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-ROOT = Path(__file__).parents[1]
-SAMPLE = ROOT / "tests" / "data" / "format1.h5"
-HEAD = f"""
-import sys
+import h5py
 import numpy as np
+import pytest
+from conftest import ROOT
+
 from hodo_cli import HodoError
-from hodo_cli.results.dataset import derive, open_case, open_cases, open_root
-SAMPLE = {str(SAMPLE)!r}
-"""
+from hodo_cli.cases.sweep_block import REDUCED
+from hodo_cli.results import layout
+from hodo_cli.results.dataset import dataset, open_results
+from hodo_cli.results.hdf5 import open_run
+from hodo_cli.results.motion import QUANTITIES, Motion, motion_of
+
+SAMPLE = ROOT / "tests" / "data" / "format1.h5"
 
 
-def alone(code: str, *arguments: object) -> str:
-    """What a fresh interpreter prints when it runs the code."""
-    command = [sys.executable, "-c", HEAD + code, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+def sample(name: str) -> Motion:
+    """A case of the committed sample of the format, read without xarray."""
+    with open_run(SAMPLE) as run:
+        group = run.read(name)
+    return motion_of(group.variables, group.attributes, name)
 
 
 def test_cases_of_the_sample() -> None:
-    alone("""
-with open_cases(SAMPLE) as cases:
-    assert list(cases) == ["fig4", "spin"] and len(cases) == 2 and "_claims" in cases
-    fig4, spin = cases["fig4"], cases["spin"]
-assert fig4.identical(open_case(SAMPLE, "fig4"))
-assert fig4["omega"].dims == ("time", "axis") and fig4["axis"].values.tolist() == ["x1", "x2", "x3"]
-assert fig4["omega"].sel(time=0.0, axis="x3") == 0.74
-assert fig4["enclosed_axis"].dtype == np.int8 and fig4["enclosed_axis"].values.tolist() == [1, 1, 3, 3, 3]
-assert fig4["enclosed_axis"].attrs["flag_values"].tolist() == [-1, 0, 1, 2, 3]
-assert fig4["crossing_time"].dims == ("crossing",) and "crossing" not in fig4.coords
-assert fig4.attrs["steps"] == 296 and fig4.attrs["warnings"] == "first\\nsecond"
-assert spin["event_kind"].values.tolist() == ["end of spin"] and np.isnan(spin.attrs["error"])
-root = open_root(SAMPLE)
-assert root.attrs["Conventions"] == "CF-1.11" and root.attrs["format_version"] == 1
-assert "cases:" in root.attrs["config"]
-assert "h5py" not in sys.modules and "matplotlib" not in sys.modules
-""")
+    with open_results(SAMPLE) as results:
+        cases = results.cases
+        assert list(cases) == ["fig4", "spin"]
+        assert len(cases) == 2
+        assert "_claims" in cases
+        assert "fig5" not in cases
+        fig4, spin = cases["fig4"], cases["spin"]
+        with pytest.raises(KeyError, match="fig5"):
+            cases["fig5"]
+        assert results.config.cases.keys() == {"fig4"}
+    assert fig4["omega"].dims == ("time", "axis")
+    assert fig4["axis"].values.tolist() == ["x1", "x2", "x3"]
+    assert fig4["omega"].sel(time=0.0, axis="x3") == 0.74
+    assert fig4["enclosed_axis"].dtype == np.int8
+    assert fig4["enclosed_axis"].values.tolist() == [1, 1, 3, 3, 3]
+    assert fig4["enclosed_axis"].attrs["flag_values"].tolist() == [-1, 0, 1, 2, 3]
+    assert fig4["crossing_time"].dims == ("crossing",)
+    assert "crossing" not in fig4.coords
+    assert fig4.attrs["steps"] == 296
+    assert fig4.attrs["warnings"] == "first\nsecond"
+    assert spin["event_kind"].values.tolist() == ["end of spin"]
+    assert np.isnan(spin.attrs["error"])
+
+
+def test_the_dataset_is_what_netCDF4_reads() -> None:
+    """netCDF4 brings an HDF5 library of its own, so the datasets meet as pickles, in a fresh
+    interpreter."""
+    script = """
+import pickle, sys, xarray
+theirs = {name: xarray.load_dataset(sys.argv[1], group=name, engine="netcdf4", decode_cf=False)
+          for name in ("fig4", "spin", "_claims")}
+assert "h5py" not in sys.modules
+ours = pickle.load(sys.stdin.buffer)
+for name, data in theirs.items():
+    assert data.identical(ours[name]), name
+"""
+    import pickle
+
+    with open_run(SAMPLE) as run:
+        ours = {name: dataset(run.read(name)) for name in ("fig4", "spin", "_claims")}
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(SAMPLE)], input=pickle.dumps(ours), capture_output=True
+    )
+    assert done.returncode == 0, done.stderr.decode()
+
+
+def test_every_column_of_a_sweep_that_a_case_may_ask_for_is_declared() -> None:
+    assert set(REDUCED) == set(layout.MEMBER_CLASSIFIED)
 
 
 def test_what_omega_determines() -> None:
-    """Against the definitions, D as G^2 - 2 T A2; at 1e-200 its square is lost, |G| is not."""
-    alone("""
-case = derive(open_case(SAMPLE, "fig4"))
-p, q, r = case["omega"].values.T
-np.testing.assert_allclose(case["G"].values.T, [p, 0.8 * q, 0.6 * r], rtol=1e-15)
-assert case["G"].dims == ("time", "axis") and case["G_norm"].dims == case["D"].dims == ("time",)
-G2, T = p**2 + 0.64 * q**2 + 0.36 * r**2, (p**2 + 0.8 * q**2 + 0.6 * r**2) / 2
-np.testing.assert_allclose(case["G2"], G2, rtol=1e-15)
-np.testing.assert_allclose(case["G_norm"], np.sqrt(G2), rtol=1e-15)
-np.testing.assert_allclose(case["T"], T, rtol=1e-15)
-np.testing.assert_allclose(case["D"], G2 - 2 * T * 0.8, atol=1e-15)
-assert (np.sign(case["D"]) == np.where(case["enclosed_axis"] == 1, 1, -1)).all()
-tiny = open_case(SAMPLE, "fig4")
-tiny["omega"] = tiny["omega"] * 2.0**-1000
-assert (derive(tiny)["G_norm"] == case["G_norm"] * 2.0**-1000).all() and (derive(tiny)["G2"] == 0).all()
-ensemble = open_case(SAMPLE, "fig4").expand_dims(member=2, axis=-1)
-assert derive(ensemble)["T"].dims == ("time", "member") and (derive(ensemble)["T"].isel(member=1) == case["T"]).all()
-spin = open_case(SAMPLE, "spin")
-assert derive(spin).identical(spin)
-""")
+    """Against the definitions, D as G^2 - 2 T A2."""
+    m = sample("fig4")
+    p, q, r = m.stored("omega").T
+    np.testing.assert_allclose(m.G.T, [p, 0.8 * q, 0.6 * r], rtol=1e-15)
+    for axis, component in zip(("x1", "x2", "x3"), m.G.T, strict=True):
+        assert (m[f"G.{axis}"] == component).all()
+    G2, T = p**2 + 0.64 * q**2 + 0.36 * r**2, (p**2 + 0.8 * q**2 + 0.6 * r**2) / 2
+    for name, expected in {
+        "G2": G2,
+        "G": np.sqrt(G2),
+        "T": T,
+        "p": p,
+        "r": r,
+        "x": p**2 + q**2,
+        "y": r**2,
+        "x1_direction": np.abs(p) / np.sqrt(G2),
+    }.items():
+        np.testing.assert_allclose(m[name], expected, rtol=2e-15, err_msg=name)
+    np.testing.assert_allclose(m["D"], G2 - 2 * T * 0.8, atol=1e-15)
+    np.testing.assert_allclose(m["D/2T"], G2 / (2 * T) - 0.8, atol=1e-15)
+    np.testing.assert_allclose(m["separatrix_distance"], np.abs(m["D"]) / G2, rtol=1e-14)
+    assert (np.sign(m["D"]) == np.where(m.labels == 1, 1, -1)).all()
+
+
+def test_the_momentum_is_right_where_its_square_is_lost() -> None:
+    m = sample("fig4")
+    omega = layout.Stored("angular velocity", ("time", "axis")).holding(m.omega * 2.0**-1000)
+    tiny = Motion(m.case, {**m.data, "omega": omega})
+    assert (tiny["G"] == m["G"] * 2.0**-1000).all()
+    assert (tiny["G2"] == 0).all()
+
+
+def test_a_quantity_that_a_case_does_not_have_is_named_with_what_it_has() -> None:
+    m = sample("fig4")
+    with pytest.raises(HodoError) as raised:
+        m["omega"]
+    assert str(raised.value) == (
+        "case fig4 has no variable 'omega': it is a vector, name a component: "
+        "omega.x1, omega.x2, omega.x3"
+    )
+    with pytest.raises(
+        HodoError, match=r"it has omega\.x1, .*G\.x3, enclosed_axis, p, q, r, G, G2"
+    ):
+        m["omega.x4"]
+    with pytest.raises(HodoError, match="case fig4 has no 'gamma', which Gz needs"):
+        m["Gz"]
+    assert "G" in QUANTITIES
+
+
+def test_crossings_and_events() -> None:
+    (crossing,) = sample("fig4").crossings
+    assert (crossing.start, crossing.end) == (1, 3)
+    assert sample("fig4").crossing_time.tolist() == [crossing.time]
+    spin = sample("spin")
+    assert [kind for kind, _ in spin.events] == ["end of spin"]
+    assert not spin.crossing_time.size
+    with pytest.raises(HodoError, match="case spin has no labels of the enclosed axis: run"):
+        _ = spin.crossings
 
 
 def test_bad_files_give_one_line(tmp_path: Path) -> None:
@@ -79,42 +144,33 @@ def test_bad_files_give_one_line(tmp_path: Path) -> None:
     (tmp_path / "truncated.h5").write_bytes(data[: len(data) // 2])
     (tmp_path / "text.h5").write_text("cases:\n")
     (tmp_path / "folder.h5").mkdir()
-    (tmp_path / "damaged.h5").write_bytes(data[: data.rindex(b"OHDR") + 10] + b"\xff" * 20)
-    lines = alone(
-        """
-import netCDF4
-from pathlib import Path
-folder = Path(sys.argv[1])
-netCDF4.Dataset(folder / "foreign.h5", "w").close()
-with netCDF4.Dataset(folder / "newer.h5", "w") as newer:
-    newer.format_version = np.int64(2)
-for path in (*sorted(folder.iterdir()), folder / "missing.h5", Path(SAMPLE)):
-    try:
-        open_case(path, "fig5")
-    except HodoError as error:
-        print(error)
-""",
-        tmp_path,
-    ).splitlines()
+    with h5py.File(tmp_path / "foreign.h5", "w"):
+        pass
+    with h5py.File(tmp_path / "newer.h5", "w") as newer:
+        newer.attrs["format_version"] = 2
     expected = {
-        "damaged": "truncated, or open for writing elsewhere",
         "folder": "a folder, not a file",
         "foreign": "no format_version",
         "newer": "format version 2, newer than 1: update hodo",
         "text": "not an HDF5 file",
-        "truncated": "truncated, or open for writing elsewhere",
+        "truncated": "truncated: its end is missing",
         "missing": "no such file or directory",
-        "format1": "there is no case 'fig5'",
     }
-    assert len(lines) == len(expected)
-    for line, (name, message) in zip(lines, expected.items(), strict=True):
-        assert f"{name}.h5" in line
-        assert message in line
+    for name, message in expected.items():
+        with (
+            pytest.raises(HodoError, match=message) as raised,
+            open_results(tmp_path / f"{name}.h5"),
+        ):
+            pass
+        assert "\n" not in str(raised.value)
+        assert f"{name}.h5" in str(raised.value)
+    with open_results(SAMPLE) as results, pytest.raises(HodoError, match="has no case 'fig5'"):
+        results.motion("fig5")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
 def test_no_permission(tmp_path: Path) -> None:
     (tmp_path / "a.h5").write_bytes(SAMPLE.read_bytes())
     (tmp_path / "a.h5").chmod(0)
-    code = "try: open_root(sys.argv[1])\nexcept HodoError as error: print(error)"
-    assert "permission denied" in alone(code, tmp_path / "a.h5").lower()
+    with pytest.raises(HodoError, match="permission denied"), open_results(tmp_path / "a.h5"):
+        pass

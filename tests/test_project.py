@@ -22,7 +22,7 @@ IMPORTERS = {
     "h5py": "results/hdf5.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/artists.py figures/bench.py figures/maps.py figures/plane.py figures/sheet.py figures/space.py",
-    "netCDF4": "results/dataset.py",
+    "netCDF4": "",
     "scipy.integrate": "engines/scipy_ivp.py",
     "xarray": "results/dataset.py",
     "yaml": "schema/document.py",

@@ -26,8 +26,8 @@ from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import parse
 from hodo_cli.integration.trajectory import Occurrence, Trajectory
 from hodo_cli.results import provenance
-from hodo_cli.results.encode import group_of
 from hodo_cli.results.hdf5 import Group, Variable, open_run
+from hodo_cli.results.layout import case_group
 from hodo_cli.results.update import update
 from hodo_cli.results.writer import Finished, Writer, finished
 
@@ -103,8 +103,8 @@ def assert_same(a: Group, b: Group) -> None:
         assert (variable.dims, variable.data.shape) == (other.dims, other.data.shape)
         assert variable.data.dtype == other.data.dtype
         np.testing.assert_array_equal(variable.data, other.data, err_msg=name)
-        for key, value in variable.attributes.items():
-            np.testing.assert_array_equal(other.attributes[key], value)
+        for key, value in variable.attrs.items():
+            np.testing.assert_array_equal(other.attrs[key], value)
 
 
 def alone(code: str, *arguments: object) -> Any:
@@ -224,8 +224,8 @@ def test_other_readers(path: Path, reader: str) -> None:
                     list(v.dims),
                     v.data.tolist(),
                     "U" if v.data.dtype.kind == "O" else v.data.dtype.kind,
-                    str(v.attributes.get("units")),
-                    str(v.attributes.get("flag_values")),
+                    str(v.attrs.get("units")),
+                    str(v.attrs.get("flag_values")),
                 ]
                 for key, v in item.variables.items()
             }
@@ -269,7 +269,7 @@ def test_trajectory_as_a_group() -> None:
         run_time=0.5, warnings=("one", "two"), events=(Occurrence("end of spin", 1.0),), errors={"omega": 1e-14},
         error_kind="extended",
     )  # fmt: skip
-    item = group_of(
+    item = case_group(
         trajectory,
         {"omega": (("time", "axis"), "angular velocity", "1/s"), "time": (("time",), "t", "s")},
         "ab",
@@ -282,12 +282,12 @@ def test_trajectory_as_a_group() -> None:
         "time": ("time",), "omega": ("time", "axis"), "axis": ("axis",),
         "event_time": ("event",), "event_kind": ("event",),
     }  # fmt: skip
-    assert item.variables["omega"].attributes == {
+    assert item.variables["omega"].attrs == {
         "long_name": "angular velocity",
         "units": "1/s",
         "error": 1e-14,
     }
-    assert item.variables["event_time"].attributes["units"] == "s"
+    assert item.variables["event_time"].attrs["units"] == "s"
     assert item.variables["event_kind"].data.tolist() == ["end of spin"]
 
 

@@ -32,8 +32,8 @@ from hodo_cli.figures import swept
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.linear_diag import LinearDiag
+from hodo_cli.results.hdf5 import Variable
 from hodo_cli.sweeps import averages, chunk, columns, ensemble, grid, members, summary, sweep
-from hodo_cli.sweeps.averages import Labelled
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
@@ -499,10 +499,10 @@ def test_averages_over_members() -> None:
     """Two axes of 2 and 3 positions; the member at (1, 2) does not count."""
     labels = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
     columns = {
-        "status": Labelled(("a", "b"), np.array([[0, 0, 0], [0, 0, 1]]), {}),
-        "end_axis": Labelled(("a", "b"), np.array([[1, 3, 3], [1, 1, 1]]), labels),
-        "share": Labelled(("a", "b", "axis"), np.arange(18.0).reshape(2, 3, 3), {}),
-        "crossing_time": Labelled(("a", "b"), np.array([[1.0, np.nan, 3.0], [5.0, 7.0, 9.0]]), {}),
+        "status": Variable(("a", "b"), np.array([[0, 0, 0], [0, 0, 1]]), {}),
+        "end_axis": Variable(("a", "b"), np.array([[1, 3, 3], [1, 1, 1]]), labels),
+        "share": Variable(("a", "b", "axis"), np.arange(18.0).reshape(2, 3, 3), {}),
+        "crossing_time": Variable(("a", "b"), np.array([[1.0, np.nan, 3.0], [5.0, 7.0, 9.0]]), {}),
     }
 
     def average(variable: str, *keep: str, **at: int) -> list[float]:

@@ -55,7 +55,7 @@ def thinned(group: Group) -> Group:
             tolerance = {"rtol": rtol * CONDITION if located else rtol}
         else:
             tolerance = {}
-        attributes = {key: value for key, value in variable.attributes.items() if key != "error"}
+        attributes = {key: value for key, value in variable.attrs.items() if key != "error"}
         variables[name] = Variable(variable.dims, data, attributes | tolerance)
     return Group(
         {key: value for key, value in group.attributes.items() if key not in DROPPED}, variables

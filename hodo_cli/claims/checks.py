@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from ..models import rigid_body
-from ..sweeps.averages import Labelled, average
+from ..results.motion import Array, Motion
+from ..sweeps.averages import average
 from .finding import ROUNDING, Finding, beyond, if_true, listed
-from .quantities import Motion, number, series
+from .quantities import number, series
 
 Keys = Mapping[str, Any]
 
 
 def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The axes enclosed at start and end; decided by the number of cases that comply."""
-    ends = [[rigid_body.LABELS[int(label)] for label in m.enclosed[[0, -1]]] for m in motions]
+    ends = [[rigid_body.LABELS[int(label)] for label in m.labels[[0, -1]]] for m in motions]
     right = [
         all(check[at] in (None, seen) for at, seen in zip(("start", "end"), pair, strict=True))
         for pair in ends
@@ -36,7 +37,7 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     right, words = True, []
     for m in motions:
         passages = [
-            (time, rigid_body.LABELS[a], rigid_body.LABELS[b]) for time, a, b, _ in m.crossings
+            (c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings
         ]
         right &= check["least"] <= len(passages) <= most
         right &= all(
@@ -147,7 +148,7 @@ KINDS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
 """The kinds of `claim_block.KINDS` that take motions."""
 
 
-def averages(check: Keys, columns: Mapping[str, Labelled], axes: Sequence[str]) -> Finding:
+def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> Finding:
     """Averages over the members of a sweep, at positions, or how much they vary along axes: bounds, and how they
     follow each other; decided by the last of them.
     """

@@ -5,8 +5,8 @@ A function's name, with hyphens, is the check's; its docstring says what it chec
 
 from collections.abc import Callable, Sequence
 
+from ..results.motion import Motion
 from .finding import Finding
-from .quantities import Motion
 
 Check = Callable[[Sequence[Motion]], Finding]
 """From the motions of a claim's cases, in order, or of one member of its `over:`."""

@@ -12,9 +12,10 @@ from ..engines.protocol import have_taylor
 from ..integration.classify import EPS
 from ..integration.solve import solve, stored
 from ..models.closed_form import free_motion, sn_cn_dn
+from ..results.motion import Motion
 from .finding import Finding, agreement, if_true, listed
 from .paper import check
-from .quantities import Motion, first, momentum, reach, zeros
+from .quantities import first, reach, zeros
 
 
 def integrated(m: Motion) -> np.ndarray:
@@ -75,7 +76,7 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
             for i in (largest, smallest)
         ]
         seen = {(True, False): largest + 1, (False, True): smallest + 1}.get((keeps[0], keeps[1]))
-        right += seen == m.enclosed[0]
+        right += seen == m.labels[0]
     return Finding(
         if_true(right == len(motions)),
         float(right),
@@ -133,7 +134,7 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
 
 def decay_rate(m: Motion) -> float:
     """The mean rate of decay of |G|."""
-    G = momentum(m)
+    G = m["G"]
     return float(np.log(G[0] / G[-1]) / (m.time[-1] - m.time[0]))
 
 
@@ -170,7 +171,7 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
     for m in motions:
         times = [
             float(np.max(zeros(m.time, m.omega[:, 2]), initial=-math.inf)),
-            m.crossings[0][0] if m.crossings else math.inf,
+            m.crossings[0].time if m.crossings else math.inf,
             first(zeros(m.time, m.omega[:, 0])),
         ]
         steps += [times[1] - times[0], times[2] - times[1]]

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..models.constants import attributes
+from ..results.motion import Motion
 from .finding import Finding, beyond, if_true, listed
 from .paper import check
-from .quantities import Motion, end_of_spin, series
+from .quantities import end_of_spin, series
 
 
 @check

@@ -9,9 +9,10 @@ from dataclasses import asdict
 
 import numpy as np
 
+from ..results.motion import Motion
 from .finding import Finding, Pair, agreement, beyond, if_true, listed
 from .paper import check
-from .quantities import Motion, integrate, series
+from .quantities import integrate, series
 from .variations import changed
 
 

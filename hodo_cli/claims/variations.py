@@ -10,9 +10,10 @@ import numpy as np
 from ..cases.case import Case, Time, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of, put
 from ..models import rigid_body
+from ..results.motion import Motion
 from ..sweeps.members import member
 from .finding import ROUNDING
-from .quantities import Motion, integrate
+from .quantities import integrate
 
 
 def members(

@@ -12,13 +12,12 @@ from .. import HodoError
 from ..cases.case import parse_case
 from ..cases.claim_block import CONTRADICTED, NOT_TESTED, REPRODUCED, UNDERDETERMINED
 from ..results.hdf5 import Run
+from ..results.motion import Motion, motion_of
 from ..schema.kinds import unknown
-from ..sweeps.averages import Labelled
 from . import paper1, paper2, paper3
 from .checks import KINDS, averages
 from .finding import PLOTTING_ACCURACY, Finding, Verdict, degree
 from .paper import CHECKS, TRENDS
-from .quantities import Motion, read
 from .variations import Motions, members
 
 PAPERS = (paper1, paper2, paper3)
@@ -47,7 +46,7 @@ def judge(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
         if claim["check"]["kind"] == "average":
             finding = of_sweep(claim, run)
             return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
-        return measure(claim, [read(run.read(name)) for name in claim["cases"]], known)
+        return measure(claim, [stored_motion(run, name) for name in claim["cases"]], known)
     except HodoError as error:
         raise HodoError(f"{run.path}: claim {claim['id']}: {error}") from error
 
@@ -61,11 +60,13 @@ def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
     sweep = parse_case(str(group.attributes["case"])).sweep
     if not sweep:
         raise HodoError(f"case {name} is no sweep")
-    columns = {
-        key: Labelled(each.dims, each.data, each.attributes)
-        for key, each in group.variables.items()
-    }
-    return averages(claim["check"], columns, list(sweep))
+    return averages(claim["check"], group.variables, list(sweep))
+
+
+def stored_motion(run: Run, name: str) -> Motion:
+    """The motion of one case of a result. Raises HodoError if it is damaged."""
+    group = run.read(name)
+    return motion_of(group.variables, group.attributes, f"{run.path}: {name}")
 
 
 def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions) -> Verdict:

@@ -10,14 +10,12 @@ from .. import HodoError
 from ..batch.memory import check_memory
 from ..cases.case import Case, parse_case
 from ..engines.protocol import Status
-from ..integration.classify import Classification, classify
+from ..integration.classify import classify
 from ..models import rigid_body
-from ..results.hdf5 import Attribute, Group, Variable
+from ..results.hdf5 import Group
+from ..results.layout import RECORDED, label_group
 from ..results.provenance import stamp, typed
 from ..results.update import update
-
-RECORDED = {"case": str, "method": str, "tol": float, "error": float}
-"""The attributes of a stored case that its classification rests on."""
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -75,7 +73,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         "crossings": table,
         "warnings": list(found.warnings),
     }
-    return labelled(found), row
+    return label_group(found), row
 
 
 def inapplicable(case: Case, group: Group) -> str:
@@ -85,48 +83,6 @@ def inapplicable(case: Case, group: Group) -> str:
     if "omega" not in group.variables:
         return "omega is not stored"
     return "" if len(group.variables["omega"].data) else "no samples are stored"
-
-
-def labelled(found: Classification) -> Group:
-    """A classification as it is stored."""
-    flags: dict[str, Attribute] = {
-        "flag_values": np.array(list(rigid_body.LABELS), dtype=np.int8),
-        "flag_meanings": " ".join(rigid_body.LABELS.values()),
-    }
-    crossings = found.crossings
-    variables = {
-        "enclosed_axis": Variable(
-            ("time",),
-            found.labels,
-            {"long_name": "axis that the hodograph of G encloses", "units": "1", **flags},
-        ),
-        "crossing_time": Variable(
-            ("crossing",),
-            np.array([c.time for c in crossings]),
-            {"long_name": "time of passage through the separatrix", "units": "1"},
-        ),
-        "crossing_error": Variable(
-            ("crossing",),
-            np.array([c.error for c in crossings]),
-            {"long_name": "measured error of crossing_time", "units": "1"},
-        ),
-        "crossing_from": Variable(
-            ("crossing",),
-            np.array([c.start for c in crossings], dtype=np.int8),
-            {"long_name": "axis enclosed before", "units": "1", **flags},
-        ),
-        "crossing_to": Variable(
-            ("crossing",),
-            np.array([c.end for c in crossings], dtype=np.int8),
-            {"long_name": "axis enclosed after", "units": "1", **flags},
-        ),
-        "crossing_G": Variable(
-            ("crossing",),
-            np.array([c.momentum for c in crossings]),
-            {"long_name": "|G| at the passage", "units": "1"},
-        ),
-    }
-    return Group({"classify_warnings": "\n".join(found.warnings)}, variables)
 
 
 def tabulated(name: str, group: Group) -> dict[str, Any]:

@@ -43,11 +43,7 @@ class Tolerance:
 
     def of(self, name: str, variable: Variable) -> tuple[float, float]:
         """rtol and atol of a variable of the reference."""
-        own = {
-            key: float(variable.attributes[key])
-            for key in ("rtol", "atol")
-            if key in variable.attributes
-        }
+        own = {key: float(variable.attrs[key]) for key in ("rtol", "atol") if key in variable.attrs}
         condition = CONDITION if name in LOCATED else 1.0
         rtol = self.rtol * condition if self.rtol is not None else own.get("rtol", RTOL * condition)
         return rtol, own.get("atol", 0.0) if self.atol is None else self.atol
@@ -192,6 +188,6 @@ def coordinate(value: object) -> str:
 
 def printed_value(variable: Variable, value: object) -> str:
     """A value as the table prints it; a label by its meaning."""
-    if "flag_values" in variable.attributes and isinstance(value, np.integer):
+    if "flag_values" in variable.attrs and isinstance(value, np.integer):
         return rigid_body.LABELS.get(int(value), str(value))
     return f"{value:.17g}" if isinstance(value, np.floating) else str(value)

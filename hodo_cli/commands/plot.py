@@ -7,8 +7,8 @@ from typing import Any
 
 from .. import HodoError
 from ..figures import maps, page, plane, space
-from ..figures.sheet import FORMATS, draw, save
-from ..results.motion import Rendered, Results, open_results
+from ..figures.sheet import FORMATS, Rendered, draw, save
+from ..results.dataset import Results, open_results
 from ..schema.kinds import nearest
 
 KINDS_DRAWN_BY = (maps, plane, space)

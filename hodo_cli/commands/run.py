@@ -19,9 +19,8 @@ from ..cases.config import Config
 from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
-from ..results.encode import group_of
 from ..results.hdf5 import Group, open_run
-from ..results.layout import SUMMARY
+from ..results.layout import SUMMARY, case_group
 from ..results.provenance import root_attributes, stamp
 from ..results.writer import Finished, Writer, finished
 from .resume import FORCED, fingerprint, why
@@ -182,7 +181,7 @@ def outcomes(
 
 def finish(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method cannot be had here."""
-    return group_of(integrate(case), case.system.variables, fingerprint(case))
+    return case_group(integrate(case), case.system.variables, fingerprint(case))
 
 
 def failure(case: Case, error: Exception) -> Group:
@@ -205,7 +204,7 @@ def failure(case: Case, error: Exception) -> Group:
         status=Status.FAILED,
         message=str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}",
     )
-    return group_of(empty, model.variables, fingerprint(case))
+    return case_group(empty, model.variables, fingerprint(case))
 
 
 def problem(group: Group, outcome: Group | Exception) -> str:

@@ -50,21 +50,24 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     return "[–]" if stored == "1" else f"[{stored}]" if power == 1 else f"[({stored})$^{power}$]"
 
 
+VECTORS = {"gamma": r"\gamma"}
+"""The symbols of stored vectors whose name is not theirs."""
+
+
 def symbol(name: str) -> str:
     """A variable's name in TeX: Gz as G_z, u1 as u_1, G.x2 as G_2."""
     special = {
-        "G_norm": "|G|",
+        "G": "|G|",
         "G2": "G^2",
         "omega.x1": "p",
         "omega.x2": "q",
         "omega.x3": "r",
-        "gamma": r"\gamma",
     }
     if name in special:
         return special[name]
     base, _, axis = name.partition(".")
     if axis:
-        return f"{symbol(base)}_{axis[1:]}"
+        return f"{VECTORS.get(base, base)}_{axis[1:]}"
     return f"{name[0]}_{{{name[1:]}}}" if re.fullmatch("[A-Za-z][a-z0-9]", name) else name
 
 

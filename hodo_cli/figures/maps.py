@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch
 
 from .. import HodoError
-from ..results.motion import Results
+from ..results.dataset import Results
 from .artists import COLUMN, GREY, HALO, PAGE, SEPARATRIX, VIRIDIS_END, legend, pair
 from .geometry import separatrix_circles
 from .sheet import Sheet, kind

@@ -13,9 +13,11 @@ from urllib.parse import quote
 
 from ..cases.case import Case
 from ..models.rigid_body import LABELS
-from ..results.motion import Motion, Rendered, Results
+from ..results.dataset import Results
+from ..results.motion import Motion
 from ..results.staging import replacing
 from ..text import magnitude, seconds
+from .sheet import Rendered
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1d20; --soft: #5d6068; --line: #d9dbe0; --card: #ffffff; --page: #f4f5f7;
@@ -157,10 +159,10 @@ def _picture(figure: Rendered, base: Path, alt: str) -> tuple[str, bool]:
 def _summary(motions: Sequence[Motion]) -> str:
     """The largest error and the sum of run times of some cases, in one line."""
     error = max(
-        (e for motion in motions if not math.isnan(e := float(motion.data.attrs["error"]))),
+        (e for motion in motions if not math.isnan(e := float(motion.attrs["error"]))),
         default=math.nan,
     )
-    total = sum(float(motion.data.attrs["run_time"]) for motion in motions)
+    total = sum(float(motion.attrs["run_time"]) for motion in motions)
     count = "1 case" if len(motions) == 1 else f"{len(motions)} cases"
     return f"{count}: error {magnitude(error)}, run time {seconds(total)}"
 
@@ -182,7 +184,7 @@ CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to
 
 def _numbers(motion: Motion) -> list[str]:
     """The cells of parameters, error and run time."""
-    attrs = motion.data.attrs
+    attrs = motion.attrs
     return [
         _cell(parameters(motion.case), "text"),
         _cell(f"{magnitude(float(attrs['error']))} ({attrs['error_kind']})", "n"),
@@ -191,7 +193,7 @@ def _numbers(motion: Motion) -> list[str]:
 
 
 def _case_row(motion: Motion) -> list[str]:
-    attrs = motion.data.attrs
+    attrs = motion.attrs
     given, error, run_time = _numbers(motion)
     ended = "" if attrs["status"] == "ok" else f"{attrs['status']}: {attrs['message']}"
     notes = [ended, motion.case.note, *str(attrs["warnings"]).splitlines()]
@@ -232,16 +234,19 @@ def _crossings(motions: Mapping[str, Motion]) -> str:
 
 def _crossing_rows(motion: Motion) -> list[list[str]]:
     ends = [_cell(motion.name, "n"), *(_cell(LABELS[int(motion.labels[i])]) for i in (0, -1))]
-    if not motion.crossing_time.size:
+    if not motion.crossings:
         return [[*ends, _cell("none"), *[_cell("")] * 4]]
-    columns = [
-        motion.data[f"crossing_{name}"].values for name in ("time", "error", "from", "to", "G")
-    ]
     return [
-        [*ends, _cell(f"{time:.15g}", "n"), _cell(magnitude(float(error)), "n"), _cell(LABELS[int(start)]),
-         _cell(LABELS[int(stop)]), _cell(f"{size:.6g}")]
-        for time, error, start, stop, size in zip(*columns, strict=True)
-    ]  # fmt: skip
+        [
+            *ends,
+            _cell(f"{crossing.time:.15g}", "n"),
+            _cell(magnitude(crossing.error), "n"),
+            _cell(LABELS[crossing.start]),
+            _cell(LABELS[crossing.end]),
+            _cell(f"{crossing.momentum:.6g}"),
+        ]
+        for crossing in motion.crossings
+    ]
 
 
 def parameters(case: Case) -> str:

@@ -15,7 +15,8 @@ from matplotlib.patches import Polygon
 from .. import HodoError
 from ..models import rigid_body
 from ..models.rigid_body import slope
-from ..results.motion import Motion, Results
+from ..results.dataset import Results
+from ..results.motion import Motion
 from .artists import (
     AXIS_COLOUR,
     BLACK,
@@ -56,7 +57,7 @@ def squares(motion: Motion) -> np.ndarray:
             f"case {motion.name} has no quadrants to draw: its two larger moments of inertia are equal"
         )
     largest, _, smallest = motion.order
-    return np.asarray(motion.data["omega"].values[:, [largest, smallest]] ** 2 * [1, K])
+    return np.asarray(motion.omega[:, [largest, smallest]] ** 2 * [1, K])
 
 
 @kind("quadrants")
@@ -231,7 +232,7 @@ def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
     nearly zero."""
     values = motion[name]
     peak = np.abs(values).max()
-    for when in motion.event_time:
+    for _, when in motion.events:
         value = float(np.interp(when, motion.time, values))
         text = f"${value:.4g}$" if abs(value) > 1e-3 * peak else f"${time} = {when:.4g}$"
         below = value > 0.9 * peak

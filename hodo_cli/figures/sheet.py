@@ -15,7 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
 from .. import HodoError
-from ..results.motion import Results
+from ..results.dataset import Results
 from ..results.staging import replacing
 
 Look = dict[str, Any]
@@ -76,6 +76,15 @@ class Sheet:
                     [item.panel, item.curve, *("" if one is None else one[i] for one in present)]
                 )
         return text.getvalue()
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A figure that was drawn into files, or the reason why it was not."""
+
+    name: str
+    files: tuple[Path, ...] = ()
+    problem: str = ""
 
 
 Kind = Callable[[Sheet, Mapping[str, Any], Results], None]

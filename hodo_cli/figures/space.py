@@ -10,7 +10,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from ..results.motion import Motion, Results
+from ..results.dataset import Results
+from ..results.motion import Motion
 from .artists import (
     COLUMN,
     GREY,
@@ -238,7 +239,7 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
 
 def unit_vectors(motion: Motion) -> np.ndarray:
     """G/|G| (n, 3), nan where the body is at rest."""
-    size = motion["G_norm"][:, None]
+    size = motion["G"][:, None]
     return np.asarray(motion.G / np.where(size > 0, size, np.nan))
 
 

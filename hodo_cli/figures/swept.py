@@ -13,7 +13,7 @@ from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..cases.sweep_block import Axis, axes_of
 from ..schema.kinds import nearest
-from ..sweeps.averages import Labelled, average
+from ..sweeps.averages import average
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -66,12 +66,8 @@ class Swept:
 
     def values(self, variable: str, keep: Sequence[str], at: Mapping[str, int]) -> np.ndarray:
         """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed;
-        `census.average`."""
-        columns = {
-            str(name): Labelled(tuple(map(str, column.dims)), column.values, column.attrs)
-            for name, column in self.data.data_vars.items()
-        }
-        return average(columns, list(self.axes), variable, keep, at)
+        `averages.average`."""
+        return average(self.data, list(self.axes), variable, keep, at)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
         """The values (n,) along an axis, of the first of its keys, and whether they go in even

@@ -1,145 +1,111 @@
-"""Result files as xarray datasets, read through netCDF4: for figures, comparisons and notebooks.
+"""Result files as xarray datasets: for figures, and for whoever reads results in Python. The only
+importer of xarray.
 
-netCDF4 and h5py each bring an HDF5 library of their own, and some pairs of these break each other:
-a process that imports this module should not import `hdf5`, nor the reverse.
+Claims and `compare` read the same groups without it: loading xarray takes longer than they do.
 """
 
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import netCDF4
-import numpy as np
 import xarray as xr
 
 from .. import HodoError
-from ..batch import memory
-from ..cases.case import Case, parse_case
-from ..models import rigid_body
-from .provenance import FORMAT_VERSION
+from ..cases.config import Config, parse
+from ..schema.kinds import nearest
+from .hdf5 import Group, Run, open_run
+from .layout import SHOWN
+from .motion import Motion, motion_of
+from .provenance import typed
 
 
-class Cases(Mapping[str, xr.Dataset]):
-    """The cases of an open result file by name, each read when it is asked for, and the file's
-    `attributes`."""
+def dataset(group: Group) -> xr.Dataset:
+    """A stored group as a dataset; a variable that is named as its only dimension becomes that
+    dimension's coordinate."""
+    arrays = {name: (v.dims, v.data, dict(v.attrs)) for name, v in group.variables.items()}
+    return xr.Dataset(arrays, attrs=dict(group.attributes))
 
-    def __init__(self, path: Path, file: netCDF4.Dataset) -> None:
-        self.path = path
-        self.attributes: dict[str, Any] = dict(file.__dict__)
-        self._file = file
+
+class Datasets(Mapping[str, xr.Dataset]):
+    """The cases of an open result file by name, each read when it is asked for."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
 
     def __getitem__(self, name: str) -> xr.Dataset:
-        """A case, in memory. Raises KeyError if it is not there, HodoError if it is damaged or too
-        large."""
-        group = self._file.groups[name]
+        """A case, in memory; groups that are no cases have names that begin with `_`.
+
+        Raises KeyError if it is not there, HodoError if it is damaged or too large.
+        """
+        if name not in self._run:
+            raise KeyError(name)
+        group = self._run.read(name)
         try:
-            source = xr.backends.NetCDF4DataStore(group)  # type: ignore[no-untyped-call]
-            found = xr.open_dataset(source, decode_cf=False)
-            if found.nbytes > memory.limit():
-                raise HodoError(
-                    f"{self.path}: {name} does not fit into memory: {memory.size(found.nbytes)}"
-                )
-            return found.load()
-        except (OSError, RuntimeError, LookupError, ValueError) as error:
-            raise HodoError(f"{self.path}: {name} is damaged ({error})") from error
+            return dataset(group)
+        except ValueError as error:
+            raise HodoError(f"{self._run.path}: {name} is damaged ({error})") from error
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name in self._file.groups if not name.startswith("_"))
+        return iter(self._run.cases())
 
     def __len__(self) -> int:
-        return sum(1 for _ in self)
+        return len(self._run.cases())
 
     def __contains__(self, name: object) -> bool:
-        return name in self._file.groups
+        return isinstance(name, str) and name in self._run
+
+
+@dataclass
+class Results:
+    """A result file that is open for reading: its cases, and the config that it was made from."""
+
+    path: Path
+    cases: Datasets
+    config: Config
+    _motions: dict[str, Motion] = field(default_factory=dict)
+
+    @property
+    def figures(self) -> Mapping[str, Mapping[str, Any]]:
+        """The entries of the `figures:` block, resolved."""
+        return self.config.figures
+
+    def motion(self, name: str, label: str = "") -> Motion:
+        """One case. Raises HodoError if the file does not hold it, or it is damaged."""
+        if name not in self._motions:
+            if name not in self.cases:
+                raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
+            owner, data = f"{self.path}: {name}", self.cases[name]
+            typed(data.attrs, SHOWN, owner)
+            self._motions[name] = motion_of(data, data.attrs, owner)
+        return replace(self._motions[name], label=label or name)
+
+    def motions(self, spec: Mapping[str, Any]) -> list[Motion]:
+        """The cases of a figure, in order, under the labels that it gives them.
+
+        Raises HodoError if the file does not hold one of them, or has no samples of it.
+        """
+        labels = [*spec["labels"], *[""] * len(spec["cases"])]
+        motions = [
+            self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)
+        ]
+        for motion in motions:
+            if "time" not in motion.data or not len(motion.time):
+                raise HodoError(
+                    f"case {motion.name} has no samples (it {motion.attrs.get('status')})"
+                )
+        return motions
+
+    def figure(self, name: str) -> Mapping[str, Any]:
+        """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
+        if name not in self.figures:
+            raise HodoError(f"{self.path} has no figure {name!r}{nearest(name, self.figures)}")
+        return self.figures[name]
 
 
 @contextmanager
-def open_cases(path: Path | str) -> Iterator[Cases]:
-    """The cases of a result file, which is opened once: netCDF takes 0.7 ms for every group that a
-    file has.
-
-    Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a
-    newer format.
-    """
-    path = Path(path)
-    try:
-        file = netCDF4.Dataset(path)
-    except OSError as error:
-        raise HodoError(f"{path}: {_why_closed(path, error)}") from None
-    except (RuntimeError, LookupError, TypeError, ValueError, AttributeError) as error:
-        raise HodoError(f"{path} is damaged ({error})") from None
-    with file:
-        cases = Cases(path, file)
-        version = cases.attributes.get("format_version")
-        if not isinstance(version, int | np.integer):
-            raise HodoError(
-                f"{path} is netCDF, but not a result of hodo (it has no format_version)"
-            )
-        if version > FORMAT_VERSION:
-            raise HodoError(
-                f"{path} has format version {version}, newer than {FORMAT_VERSION}: update hodo to read it"
-            )
-        yield cases
-
-
-def _why_closed(path: Path, error: OSError) -> str:
-    """Why netCDF does not open a file."""
-    if os.path.isdir(path):
-        return "a folder, not a file"
-    if error.errno and error.errno > 0:
-        return os.strerror(error.errno).lower()
-    return f"not an HDF5 file, truncated, or open for writing elsewhere ({error.strerror})"
-
-
-def open_case(path: Path | str, name: str) -> xr.Dataset:
-    """One case, in memory. Raises HodoError if it is not there, or as `open_cases` does."""
-    with open_cases(path) as cases:
-        if name not in cases:
-            raise HodoError(f"{path}: there is no case {name!r}")
-        return cases[name]
-
-
-def open_root(path: Path | str) -> xr.Dataset:
-    """The attributes of a result file, as those of an empty dataset. Raises HodoError as
-    `open_cases` does."""
-    with open_cases(path) as cases:
-        return xr.Dataset(attrs=cases.attributes)
-
-
-def case_of(dataset: xr.Dataset) -> Case:
-    """The case that a dataset is the motion of. Raises HodoError if it says none."""
-    text = dataset.attrs.get("case")
-    if not isinstance(text, str):
-        raise HodoError("damaged: a group without the text of its case")
-    return parse_case(text)
-
-
-def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """A case with what its angular velocity and its three moments of inertia determine; any other
-    as it is.
-
-    Added: `G` (..., axis), the angular momentum in body axes, `G_norm` = |G|, `G2` = G^2, the
-    kinetic energy `T` and the separatrix function `D` = G^2 - 2 T A_middle. |G| is right also where
-    G^2 underflows.
-    """
-    inertia = case_of(dataset).data.get("inertia") if "omega" in dataset else None
-    if not isinstance(inertia, tuple | list):
-        return dataset
-    omega = dataset["omega"]
-    if "axis" not in omega.dims or omega.sizes["axis"] != 3 or omega.dtype.kind != "f":
-        raise HodoError("damaged: its omega holds no vectors")
-    omega = omega.transpose(..., "axis")
-    A, w = np.array(inertia, dtype=float), omega.values
-    G = rigid_body.angular_momentum(A, w)
-    outer, inner = rigid_body.separatrix_terms(
-        A, np.moveaxis(w, -1, 0), rigid_body.inertia_order(A)
-    )
-    return dataset.assign(
-        G=(omega.dims, G, {"long_name": "angular momentum in body axes"}),
-        G_norm=(omega.dims[:-1], np.hypot.reduce(G, axis=-1), {"long_name": "angular momentum"}),
-        G2=(omega.dims[:-1], (G * G).sum(axis=-1), {"long_name": "square of the angular momentum"}),
-        T=(omega.dims[:-1], rigid_body.kinetic_energy(A, w), {"long_name": "kinetic energy"}),
-        D=(omega.dims[:-1], outer - inner, {"long_name": "separatrix function"}),
-    )
+def open_results(path: Path | str) -> Iterator[Results]:
+    """A result file, open for reading. Raises HodoError as `hdf5.open_run` does."""
+    with open_run(path) as run:
+        yield Results(run.path, Datasets(run), parse(run.text, str(path)))

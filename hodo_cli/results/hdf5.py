@@ -39,7 +39,7 @@ class Variable:
 
     dims: tuple[str, ...]
     data: np.ndarray
-    attributes: Mapping[str, Attribute] = field(default_factory=dict)
+    attrs: dict[str, Attribute] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Output:
                 None if group.late and key in group.late.names else variable.data,
             )
             items[key] = target.create_dataset(key, shape, dtype, data, track_order=True)
-            _set_attributes(items[key], variable.attributes)
+            _set_attributes(items[key], variable.attrs)
         for dim, size in sizes.items():
             if dim in items:
                 items[dim].make_scale(dim)

@@ -1,14 +1,240 @@
-"""The names in a result file."""
+"""The layout of a result file: every stored variable and attribute is declared here, once.
 
-SUMMARY = {
+A case is a group. What the integration stores of it is named by its model (`variables` there); what
+else a group may hold, its labels, crossings, events, the columns of a sweep and the attributes, is
+named below.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..cases.case import Case, dump
+from ..engines.protocol import Status
+from ..integration.classify import Classification
+from ..integration.crossings import Crossing
+from ..integration.trajectory import Occurrence, Trajectory
+from ..models import rigid_body
+from .hdf5 import Attribute, Group, Variable
+
+# Attributes
+
+ATTRIBUTES = {
     "model": str,
     "form": str,
+    "case": str,
+    "hash": str,
     "method": str,
+    "method_reason": str,
+    "tol": float,
     "steps": int,
     "run_time": float,
     "error": float,
+    "error_kind": str,
     "status": str,
     "message": str,
     "warnings": str,
 }
+"""The attributes of every stored case; `case` is its text, `run_time` in seconds."""
+
+
+def typed_as(*names: str) -> dict[str, type]:
+    """Some of the attributes with their types."""
+    return {name: ATTRIBUTES[name] for name in names}
+
+
+SUMMARY = typed_as(
+    "model", "form", "method", "steps", "run_time", "error", "status", "message", "warnings"
+)
 """The attributes of a case that its line in a table shows."""
+
+RESUME = typed_as("hash", "status", "message", "case")
+"""The attributes that tell whether a stored case is still right."""
+
+RECORDED = typed_as("case", "method", "tol", "error")
+"""The attributes that the classification of a stored case rests on."""
+
+SHOWN = SUMMARY | typed_as("case", "error_kind")
+"""The attributes that figures and their page rest on."""
+
+
+def case_attributes(case: Case, mark: str, **others: Any) -> dict[str, Attribute]:
+    """The attributes of a stored case: `mark` is its hash, `others` are the rest by name.
+
+    Raises TypeError if one of `ATTRIBUTES` is missing.
+    """
+    given = {"model": case.model, "form": case.form, "case": dump(case), "hash": mark} | others
+    if missing := ATTRIBUTES.keys() - given.keys():
+        raise TypeError(f"a case is stored without {', '.join(sorted(missing))}")
+    return {name: given[name] for name in [*ATTRIBUTES, *others]}
+
+
+# Variables
+
+
+class Stored(NamedTuple):
+    """How a variable is stored: its meaning, type, dimensions and units."""
+
+    long_name: str
+    dims: tuple[str, ...] = ()
+    dtype: str = "f8"
+    units: str = "1"
+    flags: Mapping[str, Attribute] = {}
+
+    def holding(self, data: Any, **more: Attribute) -> Variable:
+        """These values, labelled; texts are kept as they are, numbers in the declared type."""
+        values = np.asarray(data, dtype=object if self.dtype == "O" else self.dtype)
+        return Variable(self.dims, values, self.attrs | more)
+
+    @property
+    def attrs(self) -> dict[str, Attribute]:
+        """The attributes of the variable; a text has no units."""
+        units: dict[str, Attribute] = {} if self.dtype == "O" else {"units": self.units}
+        return {"long_name": self.long_name, **units, **self.flags}
+
+
+def flags(meanings: Mapping[int, str]) -> dict[str, Attribute]:
+    """The attributes by which CF says what the integers of a variable mean."""
+    return {
+        "flag_values": np.array(list(meanings), dtype=np.int8),
+        "flag_meanings": " ".join(meanings.values()),
+    }
+
+
+AXES = flags(rigid_body.LABELS)
+
+PRINCIPAL_AXES = Stored("principal axis of inertia", ("axis",), "O")
+
+TIME = Stored("time", ("time",))
+
+ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXES)
+
+CROSSINGS = {
+    "crossing_time": ("time", Stored("time of passage through the separatrix", ("crossing",))),
+    "crossing_error": ("error", Stored("measured error of crossing_time", ("crossing",))),
+    "crossing_from": ("start", Stored("axis enclosed before", ("crossing",), "i1", flags=AXES)),
+    "crossing_to": ("end", Stored("axis enclosed after", ("crossing",), "i1", flags=AXES)),
+    "crossing_G": ("momentum", Stored("|G| at the passage", ("crossing",))),
+}
+"""What is stored of each crossing: the field of `Crossing` that it holds, and how."""
+
+EVENTS = {
+    "event_time": ("time", Stored("time of the event", ("event",))),
+    "event_kind": ("kind", Stored("kind of the event", ("event",), "O")),
+}
+"""What is stored of each event of the motion: the field of `Occurrence` that it holds, and how."""
+
+MEMBER_STATUS = {
+    "status": Stored("how the member ended", (), "i1", flags=flags(dict(enumerate(Status))))
+}
+
+MEMBER_CLASSIFIED = {
+    "crossing_time": Stored("time of the first passage through the separatrix"),
+    "crossing_from": Stored("axis enclosed before it", (), "i1", flags=AXES),
+    "crossing_to": Stored("axis enclosed after it", (), "i1", flags=AXES),
+    "crossing_G": Stored("|G| at it"),
+    "crossings": Stored("number of passages", (), "i4"),
+    "start_axis": Stored("axis that the hodograph encloses at the start", (), "i1", flags=AXES),
+    "end_axis": Stored("axis that the hodograph encloses at the end", (), "i1", flags=AXES),
+    "share": Stored("part of the span in which the hodograph encloses an axis", ("axis",)),
+    "separation": Stored("least |D| seen, as a part of the sum of its two terms"),
+}
+"""What is stored of each member of a sweep where a hodograph encloses an axis, over the sweep's
+dimensions."""
+
+MEMBER_STEPS = {"steps": Stored("steps of the integration", (), "i4")}
+
+MEMBER_EVENT = {"event_time": Stored("time of the event that ended the motion")}
+
+UNASKED = ("share", "separation", "steps")
+"""The columns of a sweep that are stored only where the case asks for them."""
+
+
+# Groups
+
+
+def case_variables(
+    labels: Mapping[str, tuple[tuple[str, ...], str, str]],
+    time: np.ndarray,
+    values: Mapping[str, np.ndarray],
+    events: Sequence[Occurrence],
+    errors: Mapping[str, float],
+) -> dict[str, Variable]:
+    """The variables of a motion: what the model stores over the times (n,), and the events.
+
+    `labels` are the dimensions, long name and units of each of the model's variables; one of `time`
+    replaces the plain one. `errors` are the measured errors of some of them.
+    """
+    time_as = Stored(labels["time"][1], units=labels["time"][2]) if "time" in labels else TIME
+    stored = {"time": time_as._replace(dims=("time",)).holding(time)}
+    for name, data in values.items():
+        dims, long_name, units = labels[name]
+        error = {"error": errors[name]} if name in errors else {}
+        # The values keep their own type: a working precision that netCDF lacks must be refused.
+        stored[name] = Variable(dims, data, {"long_name": long_name, "units": units, **error})
+    stored |= principal_axes(stored.values())
+    if events:
+        stored |= columns_of(EVENTS, events)
+        stored["event_time"].attrs["units"] = time_as.units
+    return stored
+
+
+def principal_axes(variables: Iterable[Variable]) -> dict[str, Variable]:
+    """The coordinate `axis`, if one of the variables has this dimension."""
+    if any("axis" in variable.dims for variable in variables):
+        return {"axis": PRINCIPAL_AXES.holding(["x1", "x2", "x3"])}
+    return {}
+
+
+def columns_of(
+    table: Mapping[str, tuple[str, Stored]], items: Sequence[Crossing] | Sequence[Occurrence]
+) -> dict[str, Variable]:
+    """Crossings or events as variables, one for each of the table's fields."""
+    return {
+        name: stored.holding([getattr(item, field) for item in items])
+        for name, (field, stored) in table.items()
+    }
+
+
+def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[str, Variable]:
+    """Labels (n,) and crossings of a motion."""
+    return {"enclosed_axis": ENCLOSED_AXIS.holding(labels)} | columns_of(CROSSINGS, crossings)
+
+
+def case_group(
+    trajectory: Trajectory, labels: Mapping[str, tuple[tuple[str, ...], str, str]], mark: str
+) -> Group:
+    """A case as it is stored, with `mark` for its hash; `labels` as for `case_variables`."""
+    attributes = case_attributes(
+        trajectory.case,
+        mark,
+        method=trajectory.method,
+        method_reason=trajectory.method_reason,
+        tol=trajectory.tol,
+        steps=trajectory.steps,
+        run_time=trajectory.run_time,
+        error=trajectory.error,
+        error_kind=trajectory.error_kind,
+        status=trajectory.status,
+        message=trajectory.message,
+        warnings="\n".join(trajectory.warnings),
+    )
+    return Group(
+        attributes,
+        case_variables(
+            labels,
+            trajectory.time,
+            trajectory.variables,
+            trajectory.events,
+            trajectory.errors,
+        ),
+    )
+
+
+def label_group(found: Classification) -> Group:
+    """What `classify` adds to a stored case."""
+    return Group(
+        {"classify_warnings": "\n".join(found.warnings)},
+        label_variables(found.labels, found.crossings),
+    )

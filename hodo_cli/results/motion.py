@@ -1,42 +1,54 @@
-"""A result file as figures and pages read it: its cases as motions, its figures, what was drawn of
-them."""
+"""A motion as figures and claims see it: a case with its samples, and every quantity that follows
+from them.
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+`QUANTITIES` is the one table of what is derived from stored variables: |G|, T, D and the others are
+computed when they are asked for, from the samples, and by nobody else.
+"""
+
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import Any, Protocol
 
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import Case
-from ..cases.config import Config, parse
+from ..cases.case import Case, parse_case
+from ..integration.crossings import Crossing
 from ..models import rigid_body
-from ..schema.kinds import nearest
-from .dataset import Cases, case_of, derive, open_cases
-from .layout import SUMMARY
+from ..models.lagrange import first_integrals
+from .layout import CROSSINGS, EVENTS
 from .provenance import typed
 
-if TYPE_CHECKING:
-    import xarray as xr
 
+class Array(Protocol):
+    """A labelled array: xarray's, or `hdf5.Variable` where loading xarray would cost more than the
+    work."""
 
-LABELS = {"enclosed_axis": "time"} | {
-    f"crossing_{name}": "crossing" for name in ("time", "error", "from", "to", "G")
-}
-"""What `classify` adds to a motion, each over its dimension."""
+    @property
+    def dims(self) -> tuple[Any, ...]:
+        """The names of the dimensions."""
+
+    @property
+    def data(self) -> Any:
+        """The values."""
+
+    @property
+    def attrs(self) -> Any:
+        """The attributes, such as `units`."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """One case: its dataset with what follows from it (`dataset.derive`), and what a figure calls
-    it."""
+    """A case, its variables by name (an `xarray.Dataset`, or those of an `hdf5.Group`), the
+    attributes that are stored with them, and what a figure calls it."""
 
     case: Case
-    label: str
-    data: "xr.Dataset"
+    data: Mapping[Any, Array]
+    attrs: Mapping[str, Any] = field(default_factory=dict)
+    label: str = ""
 
     @property
     def name(self) -> str:
@@ -44,25 +56,28 @@ class Motion:
         return self.case.name
 
     def __getitem__(self, variable: str) -> np.ndarray:
-        """A variable over time (n,): of the dataset, a component such as "omega.x1", or "D/2T".
+        """Values over time (n,): a name of `QUANTITIES`, a stored variable, or a component such as
+        "omega.x1".
 
-        Raises HodoError if the dataset has no such variable.
+        Raises HodoError if the case has no such variable.
         """
-        if variable == "D/2T":
-            with np.errstate(invalid="ignore"):
-                return np.asarray(self["D"] / (2 * self["T"]))
+        if variable in QUANTITIES:
+            try:
+                return QUANTITIES[variable](self)
+            except KeyError as missing:
+                raise HodoError(
+                    f"case {self.name} has no {missing}, which {variable} needs"
+                ) from None
         name, _, axis = variable.partition(".")
-        if name in self.data and self.data[name].dims == (("time", "axis") if axis else ("time",)):
-            if not axis:
-                return np.asarray(self.data[name].values)
-            if axis in ("x1", "x2", "x3"):
-                return np.asarray(self.data[name].values[:, int(axis[1]) - 1])
-        known = ", ".join(
-            str(each)
-            for each, values in self.data.data_vars.items()
-            if values.dims[:1] == ("time",)
-        )
-        raise HodoError(f"case {self.name} has no variable {variable!r} (it has: {known})")
+        if axis in AXES and name in self.vectors:
+            return self.vectors[name][:, AXES.index(axis)]
+        if not axis and "." not in variable and self._over_time(variable):
+            return self.stored(variable)
+        raise HodoError(f"case {self.name} has no variable {variable!r}: {self._hint(name)}")
+
+    def stored(self, name: str) -> np.ndarray:
+        """The values of a stored variable. Raises KeyError if it is not stored."""
+        return np.asarray(self.data[name].data)
 
     def columns(self, *variables: str) -> dict[str, np.ndarray]:
         """Several variables by name."""
@@ -74,58 +89,111 @@ class Motion:
         return str(self.data[name].attrs.get("units", "1")) if name in self.data else "1"
 
     @cached_property
-    def time(self) -> np.ndarray:
-        """Times (n,)."""
-        return np.asarray(self.data["time"].values)
+    def vectors(self) -> Mapping[str, np.ndarray]:
+        """The variables (n, 3) over the body axes: those stored, and the angular momentum G."""
+        found = {
+            str(name): np.asarray(variable.data)
+            for name, variable in self.data.items()
+            if variable.dims == ("time", "axis")
+        }
+        return found | ({"G": self.G} if "omega" in found and self.case.data.get("inertia") else {})
+
+    def _over_time(self, name: str) -> bool:
+        return name in self.data and self.data[name].dims == ("time",)
+
+    def _hint(self, name: str) -> str:
+        """What to write instead of a name that is none."""
+        if name in self.vectors:
+            return f"it is a vector, name a component: {', '.join(f'{name}.{x}' for x in AXES)}"
+        has = [f"{vector}.{axis}" for vector in self.vectors for axis in AXES]
+        has += [str(name) for name in self.data if name != "time" and self._over_time(str(name))]
+        return f"it has {', '.join([*has, *self._derived()])}"
+
+    def _derived(self) -> list[str]:
+        """The names of `QUANTITIES` that this case has what they need for."""
+        found = []
+        for name, quantity in QUANTITIES.items():
+            try:
+                quantity(self)
+            except (KeyError, HodoError):
+                continue
+            found.append(name)
+        return [name for name in found if not self._over_time(name)]
 
     @cached_property
-    def G(self) -> np.ndarray:
-        """Angular momentum (n, 3) in body axes. Raises HodoError for a case without it."""
-        if "G" not in self.data or self.data["G"].dims != ("time", "axis"):
-            raise HodoError(
-                f"case {self.name} ({self.case.model}, {self.case.form}) has no angular momentum in body axes"
-            )
-        return np.asarray(self.data["G"].values)
+    def time(self) -> np.ndarray:
+        """Times (n,)."""
+        return self.stored("time")
+
+    @property
+    def omega(self) -> np.ndarray:
+        """Angular velocity (n, 3) in body axes. Raises KeyError for a case without it."""
+        return self.stored("omega")
 
     @cached_property
     def inertia(self) -> np.ndarray:
-        """A1, A2, A3 of a case that has `G`."""
-        return np.array(self.case.data["inertia"], dtype=float)
+        """Principal moments of inertia (3,)."""
+        given = self.case.data["inertia"]
+        if isinstance(given, Mapping):  # a top gives A, twice, and C
+            given = (given["A"], given["A"], given["C"])
+        return np.array(given, dtype=float)
 
     @cached_property
     def order(self) -> tuple[int, int, int]:
         """The positions of the largest, middle and smallest moment of inertia."""
         return rigid_body.inertia_order(self.inertia)
 
+    @cached_property
+    def G(self) -> np.ndarray:
+        """Angular momentum (n, 3) in body axes. Raises HodoError for a case without it."""
+        if "omega" not in self.data:
+            what = f"{self.case.model}, {self.case.form}"
+            raise HodoError(f"case {self.name} ({what}) has no angular momentum in body axes")
+        return rigid_body.angular_momentum(self.inertia, self.omega)
+
     @property
     def classified(self) -> bool:
         """Whether `classify` has stored an enclosed axis for each sample."""
-        return "enclosed_axis" in self.data and self.data["enclosed_axis"].dims == ("time",)
+        return self._over_time("enclosed_axis")
 
-    @cached_property
+    @property
     def labels(self) -> np.ndarray:
-        """The enclosed axis (n,) as `classify` stored it. Raises HodoError if it has not."""
+        """The enclosed axis (n,). Raises HodoError if there is none."""
         if not self.classified:
             raise HodoError(
-                f"case {self.name} has no labels of the enclosed axis (`hodo classify` stores them)"
+                f"case {self.name} has no labels of the enclosed axis: run `hodo classify` first"
             )
-        return np.asarray(self.data["enclosed_axis"].values)
+        return self.stored("enclosed_axis")
 
     @cached_property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """The separatrix crossings. Raises as `labels` does: none known is not none there."""
+        if not len(self.labels):
+            return ()
+        fields = {
+            field: self.stored(name).tolist()
+            if name in self.data
+            else [math.nan] * len(self.data["crossing_time"].data)
+            for name, (field, _) in CROSSINGS.items()
+        }
+        return tuple(
+            Crossing(**dict(zip(fields, values, strict=True)))
+            for values in zip(*fields.values(), strict=True)
+        )
+
+    @property
     def crossing_time(self) -> np.ndarray:
         """Times (m,) of the separatrix crossings; none in a case that is not classified."""
-        return (
-            np.asarray(self.data["crossing_time"].values)
-            if "crossing_time" in self.data
-            else np.empty(0)
-        )
+        crossings = self.crossings if self.classified else ()
+        return np.array([crossing.time for crossing in crossings], dtype=float)
 
-    @cached_property
-    def event_time(self) -> np.ndarray:
-        """Times (m,) of the events of the motion itself, such as the end of spin."""
-        return (
-            np.asarray(self.data["event_time"].values) if "event_time" in self.data else np.empty(0)
-        )
+    @property
+    def events(self) -> tuple[tuple[str, float], ...]:
+        """Kind and time of each event of the motion itself, such as the end of spin."""
+        if "event_time" not in self.data or "event_kind" not in self.data:
+            return ()
+        kinds, times = self.stored("event_kind"), self.stored("event_time")
+        return tuple(zip(map(str, kinds), times.tolist(), strict=True))
 
     def at_crossings(self, values: np.ndarray) -> np.ndarray:
         """Values over time (n, k) at the crossings (m, k), interpolated between samples."""
@@ -134,72 +202,104 @@ class Motion:
         )
 
 
-@dataclass
-class Results:
-    """A result file that is open for reading: its cases, and the config that it was made from."""
+AXES = ("x1", "x2", "x3")
 
-    path: Path
-    cases: Cases
-    config: Config
-    _motions: dict[str, Motion] = field(default_factory=dict)
-
-    @property
-    def figures(self) -> Mapping[str, Mapping[str, Any]]:
-        """The entries of the `figures:` block, resolved."""
-        return self.config.figures
-
-    def motion(self, name: str, label: str = "") -> Motion:
-        """One case. Raises HodoError if the file does not hold it, or it is damaged."""
-        if name not in self._motions:
-            if name not in self.cases:
-                raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
-            data = derive(self.cases[name])
-            typed(data.attrs, SUMMARY | {"case": str, "error_kind": str}, f"{self.path}: {name}")
-            if "enclosed_axis" in data and not all(
-                key in data and data[key].dims == (dim,) and data[key].dtype.kind in "fi"
-                for key, dim in LABELS.items()
-            ):
-                raise HodoError(
-                    f"{self.path}: {name} is damaged (its labels and crossings do not fit together)"
-                )
-            self._motions[name] = Motion(case_of(data), name, data)
-        found = self._motions[name]
-        return Motion(found.case, label or name, found.data)
-
-    def motions(self, spec: Mapping[str, Any]) -> list[Motion]:
-        """The cases of a figure, in order, under the labels that it gives them.
-
-        Raises HodoError if the file does not hold one of them, or has no samples of it.
-        """
-        labels = [*spec["labels"], *[""] * len(spec["cases"])]
-        motions = [
-            self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)
-        ]
-        for motion in motions:
-            if not motion.data.sizes.get("time"):
-                raise HodoError(
-                    f"case {motion.name} has no samples (it {motion.data.attrs.get('status')})"
-                )
-        return motions
-
-    def figure(self, name: str) -> Mapping[str, Any]:
-        """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
-        if name not in self.figures:
-            raise HodoError(f"{self.path} has no figure {name!r}{nearest(name, self.figures)}")
-        return self.figures[name]
+LATER = ("crossing_error", "crossing_G")
+"""What early files of format 1 do not have; it is nan in a crossing."""
 
 
-@contextmanager
-def open_results(path: Path | str) -> Iterator[Results]:
-    """A result file, open for reading. Raises HodoError as `dataset.open_cases` does."""
-    with open_cases(path) as cases:
-        yield Results(Path(path), cases, parse(str(cases.attributes.get("config", "")), str(path)))
+def motion_of(
+    data: Mapping[Any, Array], attrs: Mapping[str, Any], owner: str, label: str = ""
+) -> Motion:
+    """The motion in a stored case, whose variables and attributes these are.
+
+    Raises HodoError, which begins with `owner`, if what is stored does not fit together.
+    """
+    case = parse_case(typed(attrs, {"case": str}, owner)["case"])
+    if not case.sweep and (problem := damage(data)):
+        raise HodoError(f"{owner} is damaged ({problem})")
+    return Motion(case, data, attrs, label or case.name)
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """A figure that was drawn into files, or the reason why it was not."""
+def damage(data: Mapping[Any, Array]) -> str:
+    """What is wrong with the variables of a single motion; an empty string if nothing is."""
+    dims = {"time": ("time",), "omega": ("time", "axis"), "enclosed_axis": ("time",)}
+    dims |= dict.fromkeys(CROSSINGS, ("crossing",))
+    present = [
+        name for name in ("time", "omega", "enclosed_axis") if name in data or name == "time"
+    ]
+    if "enclosed_axis" in data:
+        # Labels and crossings are stored together.
+        present += [name for name in CROSSINGS if name not in LATER or name in data]
+    for name in present:
+        if name not in data or data[name].data.dtype.kind not in "fi":
+            return f"its {name} is no array of numbers"
+        if data[name].dims != dims[name]:
+            return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
+    if "omega" in data and data["omega"].data.shape[1:] != (3,):
+        return "its omega holds no vectors"
+    sizes: dict[str, int] = {}
+    for name in [*present, *(name for name in EVENTS if name in data)]:
+        for dim, size in zip(data[name].dims, data[name].data.shape, strict=True):
+            if sizes.setdefault(dim, size) != size:
+                return f"its {name} has {size} values along {dim}, elsewhere {sizes[dim]}"
+    return ""
 
-    name: str
-    files: tuple[Path, ...] = ()
-    problem: str = ""
+
+# What follows from the samples
+
+
+def _momentum(m: Motion) -> np.ndarray:
+    """|G|, right also where G^2 underflows; of the averaged cavity's x = p^2 + q^2 and y = r^2."""
+    if "omega" in m.data:
+        return np.asarray(np.hypot.reduce(m.G, axis=-1))
+    x, y = m.stored("x"), m.stored("y")
+    return np.asarray(np.sqrt(m.inertia[0] ** 2 * x + m.inertia[2] ** 2 * y))
+
+
+def _separatrix(m: Motion) -> np.ndarray:
+    """D = G^2 - 2 T A_middle, without the cancellation of this difference."""
+    outer, inner = rigid_body.separatrix_terms(m.inertia, m.omega.T, m.order)
+    return np.asarray(outer - inner)
+
+
+def _separatrix_ratio(m: Motion) -> np.ndarray:
+    with np.errstate(invalid="ignore"):  # a body at rest has no ratio, and its curve a gap
+        return np.asarray(m["D"] / (2 * m["T"]))
+
+
+def _first_integral(m: Motion, name: str) -> np.ndarray:
+    """Gz or H of a top, in any form."""
+    if name in m.data:
+        return m.stored(name)
+    vertical = [*m.stored("gamma").T]
+    k = SimpleNamespace(**m.case.data["inertia"], mu=m.case.data["mu"])
+    return np.asarray(first_integrals([*m.omega.T], vertical, k)[("Gz", "H").index(name)])
+
+
+def _stored_or(name: str, of_omega: Callable[[np.ndarray], np.ndarray]) -> "Derive":
+    """A variable that some forms store, and others have by their angular velocity (n, 3)."""
+    return lambda m: m.stored(name) if name in m.data else of_omega(m.omega)
+
+
+Derive = Callable[[Motion], np.ndarray]
+
+QUANTITIES: dict[str, Derive] = {
+    "p": lambda m: m.omega[:, 0],
+    "q": lambda m: m.omega[:, 1],
+    "r": _stored_or("r", lambda omega: omega[:, 2]),
+    "G": _momentum,
+    "G2": lambda m: np.asarray((m.G * m.G).sum(axis=-1)),
+    "T": lambda m: rigid_body.kinetic_energy(m.inertia, m.omega),
+    "D": _separatrix,
+    "D/2T": _separatrix_ratio,
+    "x1_direction": lambda m: np.abs(m.inertia[0] * m["p"]) / m["G"],
+    "separatrix_distance": lambda m: np.abs(m["D"]) / m["G"] ** 2,
+    "x": _stored_or("x", lambda omega: omega[:, 0] ** 2 + omega[:, 1] ** 2),
+    "y": _stored_or("y", lambda omega: omega[:, 2] ** 2),
+    "Gz": lambda m: _first_integral(m, "Gz"),
+    "H": lambda m: _first_integral(m, "H"),
+    **{name: lambda m, name=name: m.stored(name) for name in ("u1", "u2", "u3")},  # type: ignore[misc]
+}
+"""Quantities over time (n,) by name, from what is stored of a motion. Each raises KeyError with the
+stored variable that it needs and the case does not have."""

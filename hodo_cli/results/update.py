@@ -89,7 +89,7 @@ def _holds(old: Group, part: Group, whole: bool) -> bool:
         name in old.variables
         and old.variables[name].dims == new.dims
         and _equal(old.variables[name].data, new.data)
-        and _same(old.variables[name].attributes, new.attributes)
+        and _same(old.variables[name].attrs, new.attrs)
         for name, new in part.variables.items()
     )
 

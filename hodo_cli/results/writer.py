@@ -17,10 +17,8 @@ from typing import Any, Self
 
 from .. import HodoError
 from .hdf5 import Attribute, Group, Run, create, open_run
+from .layout import RESUME
 from .staging import Staging, identity, refusals, staging_folders
-
-RESUME = ("hash", "status", "message", "case")
-"""The attributes that tell whether a case is still right, and how it ended."""
 
 KEPT = "; finished cases are kept"
 

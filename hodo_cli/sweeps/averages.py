@@ -1,23 +1,16 @@
 """Averages over the members of a sweep. Numbers only."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from .. import HodoError
-
-
-class Labelled(NamedTuple):
-    """An array with the names of its dimensions, and its attributes."""
-
-    dims: tuple[str, ...]
-    data: np.ndarray
-    attributes: Mapping[str, Any]
+from ..results.motion import Array
 
 
 def average(
-    variables: Mapping[str, Labelled],
+    variables: Mapping[Any, Array],
     axes: Sequence[str],
     variable: str,
     keep: Sequence[str],
@@ -32,9 +25,9 @@ def average(
     """
     name, _, part = variable.partition(".")
     if name not in variables or not set(axes) <= set(variables[name].dims):
-        there = [each for each, column in variables.items() if set(axes) <= set(column.dims)]
+        there = [str(each) for each, column in variables.items() if set(axes) <= set(column.dims)]
         raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(there)})")
-    dims, data, attributes = variables[name]
+    dims, data, attributes = (getattr(variables[name], part) for part in ("dims", "data", "attrs"))
     labels, known = str(attributes.get("flag_meanings", "")).split(), not part
     if part in labels:
         data, known = data == np.asarray(attributes["flag_values"])[labels.index(part)], True

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..cases.case import Case, dump
+from ..cases.case import Case
 from ..cases.sweep_block import axes_of
 from ..engines.protocol import Status
-from ..results.hdf5 import Attribute, Group, Late, Variable
+from ..results.hdf5 import Group, Late, Variable
+from ..results.layout import TIME, Stored, case_attributes, principal_axes
 from .chunk import Chunk, carried
 from .columns import kept, shape
 from .summary import Read, Summary
@@ -29,25 +30,23 @@ def group_of_columns(
         if n
     ]
     lanes = carried(case)
-    attributes: dict[str, Attribute] = {
-        "model": case.model,
-        "form": case.form,
-        "case": dump(case),
-        "hash": mark,
-        "method": "taylor" if lanes else case.method,
-        "method_reason": f"in lanes, {summary.alone} of {total} members by themselves"
+    attributes = case_attributes(
+        case,
+        mark,
+        method="taylor" if lanes else case.method,
+        method_reason=f"in lanes, {summary.alone} of {total} members by themselves"
         if lanes
         else "each by itself",
-        "members": total,
-        "tol": case.tol or 2.0**-52,
-        "steps": summary.steps,
-        "run_time": summary.run_time,
-        "error": math.nan,
-        "error_kind": "none",
-        "status": ending(ok, failed, timeout),
-        "message": "; ".join(words) or ("" if ok else "no member is a body with a start"),
-        "warnings": f"{invalid} of {total} members are no body or have no start" if invalid else "",
-    }
+        members=total,
+        tol=case.tol or 2.0**-52,
+        steps=summary.steps,
+        run_time=summary.run_time,
+        error=math.nan,
+        error_kind="none",
+        status=ending(ok, failed, timeout),
+        message="; ".join(words) or ("" if ok else "no member is a body with a start"),
+        warnings=f"{invalid} of {total} members are no body or have no start" if invalid else "",
+    )
     sizes = shape(case)
     names = [axis.name for axis in axes_of(case.sweep or {})]
     variables = coordinates(case)
@@ -57,11 +56,8 @@ def group_of_columns(
         if "trajectory" in case.store and name in case.system.variables:
             inner, dims = (case.time.samples, *inner), ("time", *dims)
         outline = np.broadcast_to(np.zeros((), dtype=column.dtype), (*sizes, *inner))
-        labels = {"long_name": column.long_name, "units": column.units, **column.attributes}
-        variables[name] = Variable((*names, *dims), outline, labels)
-    if any("axis" in variable.dims for variable in variables.values()):
-        axes = np.array(["x1", "x2", "x3"], dtype=object)
-        variables["axis"] = Variable(("axis",), axes, {"long_name": "principal axis of inertia"})
+        variables[name] = Variable((*names, *dims), outline, column.attrs)
+    variables |= principal_axes(variables.values())
 
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
         for task in tasks:
@@ -85,18 +81,14 @@ def coordinates(case: Case) -> dict[str, Variable]:
     for axis in axes_of(case.sweep or {}):
         numbers = np.arange(len(axis))
         if axis.sphere is not None:
-            label = {"long_name": "direction of G at the start", "units": "1"}
-            found[f"{axis.name}_vector"] = Variable(
-                (axis.name, "axis"), axis.directions(numbers), label
-            )
+            directions = Stored("direction of G at the start", (axis.name, "axis"))
+            found[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
         elif len(axis.ranges) == 1 and axis.name == ".".join(map(str, axis.ranges[0][0])):
-            found[axis.name] = Variable(
-                (axis.name,), axis.values[0], {"long_name": axis.name, "units": "1"}
-            )
+            found[axis.name] = Stored(axis.name, (axis.name,)).holding(axis.values[0])
         else:
             for (path, _), values in zip(axis.ranges, axis.values, strict=True):
                 key = ".".join(map(str, path))
-                found[key] = Variable((axis.name,), values, {"long_name": key, "units": "1"})
+                found[key] = Stored(key, (axis.name,)).holding(values)
     if "trajectory" in case.store:
         time = case.time
         times = (
@@ -104,7 +96,7 @@ def coordinates(case: Case) -> dict[str, Variable]:
             if time.samples > 1
             else np.array([time.end])
         )
-        found["time"] = Variable(("time",), times, {"long_name": "time", "units": "1"})
+        found["time"] = TIME.holding(times)
     return found
 
 
