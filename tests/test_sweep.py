@@ -31,9 +31,9 @@ from hodo_cli.engines.protocol import Status
 from hodo_cli.figures import swept
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.models.linear_diag import LinearDiag
+from hodo_cli.models import rigid_body
 from hodo_cli.results.hdf5 import Variable
-from hodo_cli.sweeps import averages, chunk, columns, ensemble, grid, members, summary, sweep
+from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
@@ -208,22 +208,6 @@ def test_the_papers_crossings_are_found() -> None:
 
 
 @pytest.mark.heyoka
-def test_one_crossing_needs_no_watch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a theorem allows one crossing, the signs of D at the ends of the legs find all that
-    watching does."""
-    case = one(
-        f"{FIG4}, {BALL}, sweep: {{damping.2: {{linspace: [0, 0.01, 5]}}, d: {{sphere: {{count: 60, seed: 5}}}}}}"
-    )
-    quick = computed(case)
-    monkeypatch.setattr(LinearDiag, "crosses_once", False)
-    slow = computed(case)
-    assert quick["crossings"].tolist() == slow["crossings"].tolist()
-    assert 60 < quick["crossings"].sum() < 240
-    assert quick["crossing_time"] == pytest.approx(slow["crossing_time"], rel=1e-10, nan_ok=True)
-    assert quick["crossing_to"].tolist() == slow["crossing_to"].tolist()
-
-
-@pytest.mark.heyoka
 @pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
 def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
     case = one(
@@ -258,14 +242,19 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
 
 
 @pytest.mark.heyoka
-def test_what_lanes_cannot_settle_is_integrated_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_an_ensemble_cannot_settle_is_integrated_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 0.8, q: 0.5, r: 0.74}}, "
                "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
     alone: list[int] = []
     kept = chunk._alone
-    monkeypatch.setattr(
-        chunk, "_alone", lambda case, number, row: (alone.append(number), kept(case, number, row))
-    )
+
+    def watched(case: Case, number: int) -> Any:
+        alone.append(number)
+        return kept(case, number)
+
+    monkeypatch.setattr(chunk, "_alone", watched)
     values = computed(case)
     assert alone == [1]
     assert values["status"].tolist() == [Status.OK.code, Status.OK.code]
@@ -303,7 +292,7 @@ def test_the_limits_of_a_case_are_those_of_each_member() -> None:
     assert computed(case)["status"].tolist() == [Status.TIMEOUT.code, Status.TIMEOUT.code]
 
 
-def test_a_model_without_lanes_is_swept_too() -> None:
+def test_the_end_of_spin_of_members() -> None:
     """The end of spin in the paper on the cavity: kappa = 0.6048, M3 = -0.1 and -0.3."""
     case = one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1, "
                "torque: [0, 0, -0.1], initial: {x: 1, y: 1}, time: {end: 60}, error: off, "
@@ -566,12 +555,12 @@ def test_edges_lie_between() -> None:
     assert swept.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
 
 
-def test_the_separatrix_of_a_leg_is_that_of_the_body() -> None:
+def test_the_separation_is_relative_to_the_terms_of_the_separatrix() -> None:
     A, omega = np.array([[1.0], [0.8], [0.6]]), np.array([[0.8], [0.5], [0.74]])
-    sign, part = ensemble.sides(A, omega, (0, 1, 2))
     outer, inner = 1 * 0.2 * 0.64, 0.6 * 0.2 * 0.74**2
-    assert sign[0] == 1
-    assert part[0] == pytest.approx((outer - inner) / (outer + inner), rel=1e-14)
+    (part,) = rigid_body.separation(A, omega, (0, 1, 2))
+    assert part == pytest.approx((outer - inner) / (outer + inner), rel=1e-14)
+    assert rigid_body.separation(np.ones((3, 1)), omega, (0, 1, 2)) == math.inf
 
 
 def test_every_sweep_that_ships_is_read() -> None:

@@ -44,16 +44,6 @@ class Hit(NamedTuple):
     state: np.ndarray
 
 
-class Passages(NamedTuple):
-    """Zeros of an event's function in many motions: motion, time and direction of each (n,), and
-    its state (m, n)."""
-
-    motion: np.ndarray
-    time: np.ndarray
-    direction: np.ndarray
-    state: np.ndarray
-
-
 class Leg(NamedTuple):
     """One stretch of integration in fixed units: the states at the grid points passed, and where it
     stopped.

@@ -49,6 +49,15 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
     return A[l] * (A[l] - A[m]) * omega[l] * omega[l], A[s] * (A[m] - A[s]) * omega[s] * omega[s]
 
 
+def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
+    """|D| as a part of the sum of its two terms (n,), for omega (3, n); infinite for a spherical
+    body, which has no separatrix."""
+    outer, inner = separatrix_terms(A, omega, order)
+    total = outer + inner
+    part = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
+    return np.where(A[order[0]] == A[order[2]], np.inf, part)
+
+
 def separatrix_roots(A: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
     """a and b of D = (a w_l)^2 - (b w_s)^2."""
     l, m, s = order

@@ -138,7 +138,7 @@ MEMBER_CLASSIFIED = {
     "start_axis": Stored("axis that the hodograph encloses at the start", (), "i1", flags=AXES),
     "end_axis": Stored("axis that the hodograph encloses at the end", (), "i1", flags=AXES),
     "share": Stored("part of the span in which the hodograph encloses an axis", ("axis",)),
-    "separation": Stored("least |D| seen, as a part of the sum of its two terms"),
+    "separation": Stored("smaller |D| of start and end, as a part of the sum of its terms"),
 }
 """What is stored of each member of a sweep where a hodograph encloses an axis, over the sweep's
 dimensions."""

@@ -4,24 +4,39 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import Case, Time
+from ..cases.case import Case
 from ..engines.protocol import Status, have_taylor
 from ..integration.classify import classify
 from ..integration.integrate import integrate
+from ..integration.trajectory import Trajectory
 from ..models import rigid_body
-from ..models.constants import Structure, namespace
+from ..models.base import Event
+from ..models.constants import Structure, flatten
 from ..results.hdf5 import Attribute, Group, Variable
 from . import ensemble
-from .columns import columns, shape
-from .ensemble import Ensemble, Outcome
-from .members import member, member_inputs, starts
+from .columns import (
+    Classified,
+    Crossings,
+    Reduction,
+    columns,
+    enter,
+    shape,
+)
+from .ensemble import Ensemble, Outcome, Passages
+from .members import Inputs, member, member_inputs, starts
 
-CHUNK = 16384
+LARGEST, LEAST = 8192, 256
+"""Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
+spends on each call does not count."""
+
+WORTH = 250
+"""Members for each number among the constants, from which on it is worth seconds to compile the
+step of averaged equations, at about a millisecond for each member by itself. The nodes of a
+quadrature count among the constants."""
 
 
 @dataclass(frozen=True)
@@ -37,20 +52,20 @@ class Chunk:
 def chunks(case: Case) -> Iterator[Chunk]:
     """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
     total = math.prod(shape(case))
-    size = min(CHUNK, max(256, -(-total // 16)))
-    if not carried(case) or "trajectory" in case.store:
+    size = min(LARGEST, max(LEAST, -(-total // 16)))
+    if not fits_ensemble(case) or "trajectory" in case.store:
         size = min(size, 64)
     for first in range(0, total, size):
         yield Chunk(case, first, min(first + size, total))
 
 
-def carried(case: Case) -> bool:
-    """Whether lanes can carry the members: the method is theirs, and the model has units and a
-    separatrix."""
-    system = case.system
+def fits_ensemble(case: Case) -> bool:
+    """Whether the members go side by side: the method is that of `ensemble`, and they are worth the
+    compilation of their step."""
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
     fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
-    return fit and bool(system.degree) and not system.unclassifiable and not system.run_events
+    worth = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
+    return fit and math.prod(shape(case)) >= worth
 
 
 def compute(chunk: Chunk) -> Group:
@@ -65,14 +80,13 @@ def compute(chunk: Chunk) -> Group:
         )
         for name, column in columns(case).items()
     }
-    left = _in_lanes(chunk, values) if carried(case) else np.arange(n)
+    left = _together(chunk, values) if fits_ensemble(case) else np.arange(n)
     for i in left:
         if values["status"][i] != Status.INVALID.code:
-            _alone(
-                case,
-                chunk.first + int(i),
-                {name: column[i : i + 1] for name, column in values.items()},
-            )
+            status, of = _alone(case, chunk.first + int(i))
+            values["status"][i] = status.code
+            if of is not None:
+                enter(values, np.array([i]), of, case.time)
     dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
     if "trajectory" in case.store:
         values |= (paths := _trajectories(chunk, values["status"]))
@@ -81,127 +95,105 @@ def compute(chunk: Chunk) -> Group:
     return Group(attributes, {name: Variable(dims[name], data) for name, data in values.items()})
 
 
-def _in_lanes(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
-    """Fill in the members that lanes settle; returns the places of the others."""
-    case, model = chunk.case, type(chunk.case.system)
-    found, place, direction = member_inputs(case, np.arange(chunk.first, chunk.last))
-    codes = [(Status.OK if given.start else Status.INVALID).code for given in found]
+def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
+    """Fill in the members that an ensemble settles; returns the places of the others."""
+    case = chunk.case
+    given, place, direction = member_inputs(case, np.arange(chunk.first, chunk.last))
+    codes = [(Status.OK if each.start else Status.INVALID).code for each in given]
     values["status"][:] = np.array(codes)[place]
     left = values["status"] == Status.OK.code
-    kinds: dict[tuple[Structure, tuple[int, int, int]], list[int]] = {}
-    for i, given in enumerate(found):
-        if given.start is not None:
-            kinds.setdefault((given.structure, given.order), []).append(i)
-    for (form, order), alike in kinds.items():
-        here = np.flatnonzero(np.isin(place, alike))
-        among = np.searchsorted(alike, place[here])
-        constants = np.array([found[i].constants for i in alike]).T[:, among]
-        start = starts(
-            [found[i] for i in alike], among, None if direction is None else direction[here]
-        )
-        (event,) = model(**found[alike[0]].data).class_events
-        span = (case.time.start, case.time.end)
-        outcome = ensemble.advance(
-            Ensemble(model, form, constants, start, span, order, event), case.tol
-        )
-        _enter(case, form, constants, order, outcome, here, values)
-        left[here[outcome.settled]] = False
+    kinds: dict[tuple[Structure, tuple[Event, ...]], list[int]] = {}
+    for i, each in enumerate(given):
+        if each.start is not None and len(each.events) <= 1:
+            kinds.setdefault((each.structure, each.events), []).append(i)
+    for alike in kinds.values():
+        at = np.flatnonzero(np.isin(place, alike))
+        some, among = [given[i] for i in alike], np.searchsorted(alike, place[at])
+        e = _ensemble(case, some, among, None if direction is None else direction[at])
+        outcome = ensemble.advance(e)
+        enter(values, at[outcome.settled], _reduced(e, outcome), case.time)
+        left[at[outcome.settled]] = False
     return np.flatnonzero(left)
 
 
-def _enter(
-    case: Case, form: Structure, constants: np.ndarray, order: tuple[int, int, int], outcome: Outcome,
-    here: np.ndarray, values: dict[str, np.ndarray],
-) -> None:  # fmt: skip
-    """Enter the settled motions of an ensemble at their places."""
-    well = outcome.settled
-    k = namespace(form, [row[:, None] for row in constants])
-    for name, state in case.system.output(np.array([case.time.end]), outcome.state.T, k).items():
-        values[name][here[well]] = np.ldexp(state, outcome.exponent[:, None])[well]
-    crossings = outcome.crossings
-    names = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
-    start_axis, end_axis = (names[side.astype(int) + 1] for side in (outcome.first, outcome.last))
-    first, at = np.unique(crossings.motion, return_index=True)
-    after = names[np.where(crossings.rises[at], 2, 0)]
-    entries = {
-        "start_axis": start_axis,
-        "end_axis": end_axis,
-        "crossings": np.bincount(crossings.motion, minlength=len(well)),
-        "steps": outcome.steps,
-        "separation": outcome.separation,
-        "share": _shares(case.time, order, outcome),
-    }
-    for name, column in entries.items():
-        values[name][here[well]] = column[well]
-    for name, column in (("crossing_time", crossings.time), ("crossing_G", crossings.momentum)):
-        values[name][here[first]] = column[at]
-    values["crossing_to"][here[first]] = after
-    values["crossing_from"][here[first]] = names[0] + names[2] - after
+def _ensemble(
+    case: Case, given: list[Inputs], among: np.ndarray, direction: np.ndarray | None
+) -> Ensemble:
+    """The motions that have each one of the given data, by their place (n,) among them."""
+    constants = np.array([each.constants for each in given]).T[:, among]
+    start = starts(given, among, direction)
+    event = next(iter(given[0].events), None)
+    span = case.time.start, case.time.end
+    return Ensemble(type(case.system), given[0].structure, constants, start, span, event, case.tol)
 
 
-def _shares(time: Time, order: tuple[int, int, int], outcome: Outcome) -> np.ndarray:
-    """The part of the span (n, 3) for which D > 0, for the axis of largest inertia, and D < 0, for
-    the smallest."""
-    span = time.end - time.start
-    above = np.where(outcome.last > 0, time.end, 0) - np.where(outcome.first > 0, time.start, 0)
-    turns = np.where(outcome.crossings.rises, -1, 1) * outcome.crossings.time
-    above = above + np.bincount(outcome.crossings.motion, turns, minlength=len(above))
-    share = np.zeros((len(above), 3))
-    if span > 0:
-        share[:, order[0]] = np.clip(above / span, 0, 1)
-        share[:, order[2]] = 1 - share[:, order[0]]
-    share[outcome.first == 0] = 0
-    return share
+def _reduced(e: Ensemble, outcome: Outcome) -> Reduction:
+    """The settled motions of an ensemble."""
+    well = np.flatnonzero(outcome.settled)
+    state, exponent = outcome.state[:, well], outcome.exponent[well]
+    final = e.model.output(np.array([e.span[1]]), state.T, e.named(well))
+    if e.model.degree:
+        final = {name: np.ldexp(values, exponent[:, None]) for name, values in final.items()}
+    sure = outcome.settled[outcome.passages.motion]
+    passed = Passages(*(column[..., sure] for column in outcome.passages))
+    passed = passed._replace(motion=np.searchsorted(well, passed.motion))
+    event_time = np.full(len(well), np.nan)
+    event_time[passed.motion] = passed.time  # of several, the last one counts
+    labels = None if e.model.unclassifiable else _labelled(e, outcome, well, passed)
+    return Reduction(final, outcome.steps[well], labels, event_time)
 
 
-def _alone(case: Case, number: int, values: dict[str, np.ndarray]) -> None:
-    """Integrate one member as a single case, and enter it in rows of length one."""
-    model, one = type(case.system), member(case, number)
-    if any(model.check(one.data)):
-        values["status"][0] = Status.INVALID.code
-        return
+def _labelled(e: Ensemble, outcome: Outcome, well: np.ndarray, passed: Passages) -> Classified:
+    """The labels of settled motions, whose event is the separatrix."""
+    k = e.named()
+    A = np.array([k.A1, k.A2, k.A3])
+    order, A = rigid_body.inertia_order(A[:, 0]), A[:, well]
+    axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
+    start, end = (axes[side[well].astype(int) + 1] for side in (outcome.first, outcome.last))
+    ends = e.start[:, well], outcome.state[:, well]
+    part = np.minimum(*(rigid_body.separation(A, omega, order) for omega in ends))
+    G = A[:, passed.motion] * passed.state
+    size = np.ldexp(np.sqrt(np.square(G).sum(axis=0)), passed.exponent)
+    to, from_ = axes[passed.direction + 1], axes[1 - passed.direction]
+    return Classified(start, end, part, Crossings(passed.motion, passed.time, from_, to, size))
+
+
+def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
+    """How one member ends that is integrated as a single case, and what it comes to if it does."""
+    model, single = type(case.system), member(case, number)
+    if any(model.check(single.data)):
+        return Status.INVALID, None
     if not model.unclassifiable:
-        one = replace(one, error=case.error)
+        single = replace(single, error=case.error)
     try:
-        motion = integrate(one)
-        values["status"][0] = motion.status.code
-        values["steps"][0] = motion.steps
+        motion = integrate(single)
         if motion.status is not Status.OK:
-            return
-        for name, variable in motion.variables.items():
-            values[name][0] = variable[-1]
-        if motion.events and model.unclassifiable:
-            values["event_time"][0] = motion.events[-1].time
-        if not model.unclassifiable:
-            found = classify(
-                one, motion.method, motion.tol, motion.error, motion.variables["omega"]
-            )
-            _enter_one(one, found.labels, found.crossings, values)
+            return motion.status, None
+        final = {name: values[-1:] for name, values in motion.variables.items()}
+        event_time = motion.events[-1].time if motion.events else np.nan
+        labels = None if model.unclassifiable else _classified(single, motion)
     except HodoError:
-        values["status"][0] = Status.FAILED.code
+        return Status.FAILED, None
+    return Status.OK, Reduction(final, np.array([motion.steps]), labels, np.array([event_time]))
 
 
-def _enter_one(
-    case: Case, labels: np.ndarray, crossings: Any, values: dict[str, np.ndarray]
-) -> None:
-    """Enter what `classify` says of a single case."""
-    values["start_axis"][0], values["end_axis"][0] = labels[0], labels[-1]
-    values["crossings"][0] = len(crossings)
-    ends = [case.time.start, *(c.time for c in crossings), case.time.end]
-    axes = [labels[0], *(c.end for c in crossings)] if crossings else [labels[0]]
-    values["share"][0] = 0
-    for axis, start, end in zip(axes, ends[:-1], ends[1:], strict=True):
-        if axis > 0 and case.time.end > case.time.start:
-            values["share"][0, axis - 1] += (end - start) / (case.time.end - case.time.start)
+def _classified(case: Case, motion: Trajectory) -> Classified:
+    """The labels of a single case, as those of an ensemble of one."""
+    omega = motion.variables["omega"]
+    found = classify(case, motion.method, motion.tol, motion.error, omega)
     A = np.array(case.data["inertia"])[:, None]
-    omega = np.stack([case.system.start, values["omega"][0]], axis=-1)
-    values["separation"][0] = ensemble.sides(
-        A + 0 * omega, omega, rigid_body.inertia_order(A[:, 0])
-    )[1].min()
-    if crossings:
-        first = crossings[0]
-        values["crossing_time"][0], values["crossing_G"][0] = first.time, first.momentum
-        values["crossing_from"][0], values["crossing_to"][0] = first.start, first.end
+    order = rigid_body.inertia_order(A[:, 0])
+    ends = np.array([case.system.start, omega[-1]])
+    part = rigid_body.separation(A, ends.T, order).min()
+    passed = found.crossings
+    crossings = Crossings(
+        np.zeros(len(passed), dtype=np.int64),
+        np.array([c.time for c in passed]),
+        np.array([c.start for c in passed], dtype=np.int8),
+        np.array([c.end for c in passed], dtype=np.int8),
+        np.array([c.momentum for c in passed]),
+    )
+    return Classified(found.labels[:1], found.labels[-1:], np.array([part]), crossings)
 
 
 def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:

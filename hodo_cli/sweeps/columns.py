@@ -1,6 +1,13 @@
 """What is stored of the members of a sweep, one column each."""
 
-from ..cases.case import Case
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..cases.case import Case, Time
 from ..cases.sweep_block import axes_of
 from ..results.layout import (
     MEMBER_CLASSIFIED,
@@ -37,3 +44,70 @@ def shape(case: Case) -> tuple[int, ...]:
     """The length of each axis."""
     assert case.sweep is not None
     return tuple(len(axis) for axis in axes_of(case.sweep))
+
+
+class Crossings(NamedTuple):
+    """Passages through the separatrix, in order of member and time, (k,) each: of which member,
+    from which axis to which, and |G| there."""
+
+    member: np.ndarray
+    time: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    G: np.ndarray
+
+
+@dataclass(frozen=True)
+class Classified:
+    """What the hodographs of n members enclose: the axes at both ends (n,), and the crossings."""
+
+    start_axis: np.ndarray
+    end_axis: np.ndarray
+    separation: np.ndarray
+    crossings: Crossings
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """What n members come to: their final variables and steps (n, ...), and their labels or, where
+    none apply, the time of the last event (n,)."""
+
+    final: Mapping[str, np.ndarray]
+    steps: np.ndarray
+    classified: Classified | None
+    event_time: np.ndarray
+
+
+def enter(values: Mapping[str, np.ndarray], at: np.ndarray, of: Reduction, time: Time) -> None:
+    """Enter what members come to in the rows `at` of the columns."""
+    for name, final in of.final.items():
+        values[name][at] = final
+    values["steps"][at] = of.steps
+    if of.classified is None:
+        values["event_time"][at] = of.event_time
+        return
+    found, crossings = of.classified, of.classified.crossings
+    values["start_axis"][at], values["end_axis"][at] = found.start_axis, found.end_axis
+    values["separation"][at] = found.separation
+    values["crossings"][at] = np.bincount(crossings.member, minlength=len(at))
+    values["share"][at] = shares(found, time)
+    member, first = np.unique(crossings.member, return_index=True)
+    columns = crossings.time, crossings.start, crossings.end, crossings.G
+    for name, column in zip(("time", "from", "to", "G"), columns, strict=True):
+        values[f"crossing_{name}"][at[member]] = column[first]
+
+
+def shares(found: Classified, time: Time) -> np.ndarray:
+    """The part of the span (n, 3) for which each axis is enclosed."""
+    n, crossings = len(found.start_axis), found.crossings
+    member = np.concatenate((np.arange(n), crossings.member))
+    axis = np.concatenate((found.start_axis, crossings.end))
+    begin = np.concatenate((np.full(n, time.start), crossings.time))
+    order = np.lexsort((begin, member))
+    member, axis, begin = member[order], axis[order], begin[order]
+    last = np.diff(member, append=n) != 0
+    end = np.where(last, time.end, np.roll(begin, -1))
+    share = np.zeros((n, 3))
+    known = (axis > 0) & (time.end > time.start)
+    np.add.at(share, (member[known], axis[known] - 1), (end - begin)[known])
+    return share / max(time.end - time.start, math.ulp(0.0))

@@ -1,321 +1,349 @@
-"""Many motions of one model side by side: their ends, the sides of the separatrix they stand on,
-their crossings.
+"""Many motions of one model side by side: their ends, and the zeros of an event's function.
 
-What `integrate` and `classify` do for one case is done here for arrays of them. A motion about
-which anything is in doubt (too near the separatrix, too stiff, at rest, hits that do not alternate)
-is left unsettled, for these two to decide by themselves.
+What `integrate` and `classify` do for one case is done here for arrays of them, step by step. A
+motion about which anything is in doubt (too near the separatrix, too stiff, at rest, zeros that do
+not alternate) is left unsettled, for these two to decide by themselves.
 """
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..engines.protocol import Passages
+from ..engines.polynomial import TAYLOR, to_bernstein, zeros
+from ..engines.series import motion, value
 from ..integration.choice import MANY_STEPS
 from ..integration.units import Units
-from ..models import rigid_body
 from ..models.base import Event, Model
-from ..models.constants import Structure, namespace
+from ..models.constants import Structure, jacobian, namespace
 
 if TYPE_CHECKING:
-    from ..engines.taylor_batch import Lanes
+    from ..engines.taylor_batch import TaylorStep
 
-FOLD = 16.0
-"""The factor by which |omega| may change before it gets new units."""
+BAND = (1 / 16, 16.0)
+"""The largest component of a scaled state that needs no new units. heyoka's control of the error is
+absolute below 1, so that 1/16 costs a digit at most; new units cost as much as 20 steps."""
 
-MOST_LEGS = 2000
-"""Changes of units beyond which a motion is left to the driver of single cases."""
+HOPELESS = 100 * MANY_STEPS
+"""Steps that a motion needs if it stays as fast as at its start, beyond which it is not tried."""
 
 MOST_STEPS = int(4 * MANY_STEPS)
-"""Steps after which a motion is left to that driver too."""
+"""Steps after which a motion is left to the driver of single cases."""
 
-ROUNDS, TANGENT = 60, 1e-8
-"""Of Newton's method: the most steps, and the size of a step whose square is nothing where all
-rates are at most 1."""
+PAUSE = 4
+"""Steps from one look for motions that are at their end or have outgrown their units to the next.
+In one step a motion changes by a factor of e at most, so that it stays within e^4 of its band."""
 
-DOUBT = 1e-9
-"""Where |D| is a smaller part of the sum of its two terms, its sign may be that of an error."""
+FULL = 0.93
+"""The part of the columns that must be under way; with fewer, the others are dropped. Copying all
+columns costs about as much as one step."""
 
-APART = 1e-4
-"""Zeros of D that are nearer to each other, in units of the fastest time, may be one touch without
-a crossing."""
+DOUBT, PER_TOLERANCE = 1e-9, 1e3
+"""Where an error of this part of the state (DOUBT, or so many tolerances) could turn the sign of an
+event's function, that sign is in doubt: more than the steps before it can have added up to."""
+
+
+class Passages(NamedTuple):
+    """Zeros (k,) of an event's function, in order of motion and time: +1 where it rises through 0,
+    and the state (m, k) there in units of 2**exponent."""
+
+    motion: np.ndarray
+    time: np.ndarray
+    direction: np.ndarray
+    state: np.ndarray
+    exponent: np.ndarray
 
 
 @dataclass(frozen=True)
 class Ensemble:
-    """n motions: the constants of their equations (c, n), flat as `structure` says, states at the
-    start (m, n), span.
-
-    All have one `order` of the axes by inertia, and the separatrix as their `event`.
-    """
+    """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
+    the start (m, n), their span of time, the event that is looked for, and the tolerance."""
 
     model: type[Model]
     structure: Structure
     constants: np.ndarray
     start: np.ndarray
     span: tuple[float, float]
-    order: tuple[int, int, int]
-    event: Event
+    event: Event | None
+    tol: float | None
 
     @property
-    def inertia(self) -> np.ndarray:
-        """A1, A2, A3 of each motion (3, n)."""
-        rows = [
+    def doubt(self) -> float:
+        """The part of a state that its error is taken to stay below."""
+        return max(DOUBT, PER_TOLERANCE * (self.tol or 0.0))
+
+    def named(self, at: Any = slice(None)) -> SimpleNamespace:
+        """The constants of the motions `at` by name."""
+        return namespace(self.structure, list(self.constants[:, at]))
+
+    @cached_property
+    def scaled_rows(self) -> dict[str, int]:
+        """Where among the constants those stand that change with the units."""
+        names = [
             name
             for name, size in self.structure
-            if not isinstance(size, str)
+            if isinstance(size, int)
             for _ in range(max(size, 1))
         ]
-        return self.constants[[rows.index(name) for name in ("A1", "A2", "A3")]]
+        return {name: names.index(name) for name in self.model.degree}
 
-    def degrees(self) -> np.ndarray:
-        """The degree in omega of the terms that each row of the constants multiplies; nan for the
-        other rows."""
-        found: list[float] = []
-        for name, size in self.structure:
-            if not isinstance(size, str):
-                found += [self.model.degree.get(name, math.nan)] * max(size, 1)
-        return np.array(found)
+    def feasible(self) -> np.ndarray:
+        """The motions that are not at rest, nor too stiff for a Taylor series, by their number."""
+        slopes = jacobian(self.model, self.named(), self.span[0], self.start)
+        rate = np.abs(slopes).sum(axis=1).max(axis=0)
+        steps = rate * (self.span[1] - self.span[0]) / 8  # as `choice.taylor_steps` estimates
+        return np.flatnonzero((steps < HOPELESS) & (self.start != 0).any(axis=0))
 
-    def units(self, at: Any, y: np.ndarray, size: Any = 0) -> Units:
-        """The units for the motions `at`, in states y (m, n) in units of 2**size."""
-        k = namespace(self.structure, list(self.constants[:, at]))
-        return Units.fit(self.model, vars(k), y, size)
+    def uncertainty(self, event: Event, y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
+        """How far an event's function (n,) may be off in states y (m, n): its slope along each
+        component, by a complex step, times the error that the largest one may have."""
+        tilts = [y + 1e-100j * (np.arange(len(y)) == i)[:, None] for i in range(len(y))]
+        slopes = [np.abs(np.imag(event.function(0.0, [*tilt], k))) / 1e-100 for tilt in tilts]
+        return np.asarray(self.doubt * np.abs(y).max(axis=0) * sum(slopes))
 
-    def decay(self) -> np.ndarray:
-        """A bound (n,) on the relative rate at which the linear terms change the energy's square
-        root.
-
-        In the coordinates sqrt(A) omega the energy is half the squared length, and its rate of
-        change lies between the extreme eigenvalues of the symmetric part of the linear terms:
-        within Gershgorin's discs.
-        """
-        m = len(self.start)
-        linear = np.where(
-            (self.degrees() == 1)[:, None] | np.isnan(self.degrees())[:, None], self.constants, 0.0
-        )
-        k = namespace(self.structure, list(linear))
-        zero = np.zeros(self.start.shape[1])
-        columns = [self.model.rhs(0.0, [zero + (i == j) for i in range(m)], k) for j in range(m)]
-        matrix = np.array(
-            [[np.broadcast_to(entry, zero.shape) for entry in column] for column in columns]
-        )
-        root = np.sqrt(self.inertia)
-        weighted = matrix * root[None, :] / root[:, None]
-        return np.asarray(np.abs(weighted + weighted.swapaxes(0, 1)).sum(axis=1).max(axis=0) / 2)
-
-
-class Crossings(NamedTuple):
-    """Passages through the separatrix, in order of motion and time, (k,) each: `rises` where D > 0
-    from then on."""
-
-    motion: np.ndarray
-    time: np.ndarray
-    rises: np.ndarray
-    momentum: np.ndarray
+    def side(self, y: np.ndarray) -> np.ndarray:
+        """The sign (n,) of the event's function in states y (m, n) of any size; 0 in doubt."""
+        assert self.event is not None
+        k = self.named()
+        off = self.event.function(0.0, [*y], k)
+        return np.where(np.abs(off) > self.uncertainty(self.event, y, k), np.sign(off), 0)
 
 
 @dataclass
 class Outcome:
-    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), and their
-    crossings.
+    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), and the
+    zeros of the event's function, with its sign at both ends.
 
-    `first` and `last` are the sign of D at both ends (0: a spherical body), `separation` the least
-    part of its two terms that |D| was at the start, the end and the changes of units. Where
-    `settled` is False nothing here counts.
+    A terminal event ends a motion. Where `settled` is False nothing here counts.
     """
 
     state: np.ndarray
     exponent: np.ndarray
     steps: np.ndarray
+    settled: np.ndarray
+    passages: Passages
     first: np.ndarray
     last: np.ndarray
-    separation: np.ndarray
-    settled: np.ndarray
-    crossings: Crossings
+
+    @classmethod
+    def blank(cls, m: int, n: int) -> "Outcome":
+        """Nothing known of n motions."""
+        exponent, steps, first, last = np.zeros((4, n), dtype=np.int64)
+        none = np.empty(0, dtype=np.int64)
+        passages = Passages(none, np.empty(0), none, np.empty((m, 0)), none)
+        settled = np.zeros(n, dtype=bool)
+        return cls(np.full((m, n), np.nan), exponent, steps, settled, passages, first, last)
 
 
-def sides(
-    A: np.ndarray, omega: np.ndarray, order: tuple[int, int, int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The sign of D (n,), and |D| as a part of the sum of its two terms (infinite for a spherical
-    body)."""
-    outer, inner = rigid_body.separatrix_terms(A, omega, order)
-    total = outer + inner
-    part = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
-    spherical = A[order[0]] == A[order[2]]
-    return np.sign(outer - inner), np.where(spherical, np.inf, part)
+class Suspects(NamedTuple):
+    """Steps (k,) in which an event's function may have zeros: of which motion, the columns at their
+    start, the rest of the time left, their length, units and constants."""
+
+    motion: np.ndarray
+    before: np.ndarray
+    rest: np.ndarray
+    length: np.ndarray
+    size: np.ndarray
+    rate: np.ndarray
+    k: np.ndarray
 
 
-def advance(e: Ensemble, tol: float | None) -> Outcome:
-    """All motions of an ensemble through their span.
+@dataclass
+class Underway:
+    """The motions of an ensemble that have not reached their end, in columns.
 
-    Each motion goes in legs of its own, at whose ends its units are renewed, so that it is right
-    relative to its size however far it decays. For a model that crosses the separatrix at most
-    once, D is looked for only in the legs at whose ends its signs differ.
+    Rows of `now`: the state, in units of its own, and the time left. The columns are a multiple of
+    the engine's width; those without a motion have the number -1 and no time left.
     """
-    begin, end = e.span
-    A, n = e.inertia, e.start.shape[1]
-    units = e.units(slice(None), e.start)
-    size, rate = units.size, units.rate
-    y = np.ldexp(e.start, -size)
-    first, separation = sides(A, y, e.order)
-    leg, settled = _legs(e, rate, (end - begin))
-    settled &= (separation > DOUBT) & (y != 0).any(axis=0)
-    side, t, steps = first.copy(), np.full(n, begin), np.zeros(n, dtype=np.int64)
-    forced = bool(np.any(e.constants[e.degrees() == 0]))
-    found: list[Crossings] = []
-    while (active := np.flatnonzero(settled & (t < end))).size:
-        target = np.minimum(t[active] + leg[active], end)
-        passed = _Leg(
-            e,
-            active,
-            size[active],
-            rate[active],
-            target - t[active],
-            y[:, active],
-            side[active],
-            tol,
+
+    ensemble: Ensemble
+    step: "TaylorStep"
+    number: np.ndarray
+    outcome: Outcome
+    suspects: list[Suspects] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        e, m, n, width = self.ensemble, self.m, len(self.number), len(padded(self.number))
+        self.number = padded(self.number)
+        self.now, self.next = np.empty((self.step.rows, width)), np.empty((self.step.rows, width))
+        self.now[:m], self.now[m] = e.start[:, self.number], e.span[1] - e.span[0]
+        self.k = np.empty((len(e.constants) + 1, width))
+        self.k[0], self.k[1:] = e.span[1], e.constants[:, self.number]
+        self.size, self.rate = np.zeros((2, width), dtype=np.int64)
+        self.rest, self.steps = np.zeros(width), np.zeros(width, dtype=np.int64)
+        self.renew(np.arange(width))
+        self.now[m, n:], self.number[n:] = 0, -1
+
+    @property
+    def m(self) -> int:
+        """The number of state variables; the row of the time left."""
+        return len(self.ensemble.start)
+
+    def advance(self) -> None:
+        """One step of every motion."""
+        left = self.m
+        self.step(self.now[: left + 1], self.k, self.next)
+        self.steps += self.now[left] > 0
+        # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
+        self.rest += (self.now[left] - self.next[left]) - self.next[left + 1]
+        if self.step.rows > left + 2:
+            self.watch(np.flatnonzero(self.next[left + 2] < 0))
+        self.now, self.next = self.next, self.now
+
+    def watch(self, at: np.ndarray) -> None:
+        """Remember the steps just taken in the columns `at`, where the event's function may have
+        zeros; a motion that is seen to have passed a terminal event stops."""
+        if not at.size:
+            return
+        before, k, m, event = self.now[: self.m + 1, at], self.k[:, at], self.m, self.ensemble.event
+        units = self.size[at], self.rate[at]
+        length = self.next[m + 1, at]
+        self.suspects.append(Suspects(self.number[at], before, self.rest[at], length, *units, k))
+        if event is not None and event.terminal:
+            named = namespace(self.ensemble.structure, list(k[1:]))
+            ends = (event.function(0.0, [*y[:m]], named) for y in (before, self.next[:m, at]))
+            passed = at[np.multiply(*ends) < 0]
+            self.next[m, passed] = 0
+
+    def pause(self) -> None:
+        """Drop the motions that are at their end, and renew units that no longer fit."""
+        left = self.now[self.m]
+        going = (left > 0) & (self.steps < MOST_STEPS)
+        whole = left + self.rest
+        self.rest += left - whole
+        left[going] = whole[going]
+        if np.count_nonzero(going) < FULL * len(going):
+            self.drop(~going)
+        if self.ensemble.model.degree:
+            largest = np.abs(self.now[: self.m]).max(axis=0)
+            outgrown = (largest < BAND[0]) | (largest > BAND[1])
+            self.renew(np.flatnonzero(outgrown & (self.now[self.m] > 0)))
+
+    def drop(self, done: np.ndarray) -> None:
+        """Enter the columns that are done in the outcome, and keep the others."""
+        ended = np.flatnonzero(done & (self.number >= 0))
+        at, outcome = self.number[ended], self.outcome
+        outcome.state[:, at], outcome.exponent[at] = self.now[: self.m, ended], self.size[ended]
+        outcome.steps[at] = self.steps[ended]
+        outcome.settled[at] = self.now[self.m, ended] == 0
+        going = np.flatnonzero(~done)
+        keep = padded(going)
+        self.now, self.k = (np.ascontiguousarray(a[:, keep]) for a in (self.now, self.k))
+        self.next = np.empty_like(self.now)
+        self.number, self.size, self.rate, self.rest, self.steps = (
+            a[keep] for a in (self.number, self.size, self.rate, self.rest, self.steps)
         )
-        well = passed.well & (
-            forced | (np.abs(np.log2(np.abs(passed.end).max(axis=0) + 1e-300)) < 6)
-        )
-        settled[active] = well
-        found.append(passed.crossings(t[active]))
-        side[active], t[active], y[:, active] = passed.side, target, passed.end
-        separation[active] = np.minimum(separation[active], passed.separation)
-        steps[active] += passed.steps
-        units = e.units(active, passed.end, size[active])
-        y[:, active] = np.ldexp(passed.end, size[active] - units.size)
-        size[active], rate[active] = units.size, units.rate
-    return Outcome(y, size, steps, first, side, separation, settled, _joined(found, settled))
+        self.now[self.m, len(going) :], self.number[len(going) :] = 0, -1
+
+    def renew(self, at: np.ndarray) -> None:
+        """Fit the units of the columns `at` to their motions."""
+        e, m = self.ensemble, self.m
+        if not e.model.degree or not at.size:
+            return
+        y, k = self.now[:m, at], vars(e.named(self.number[at]))
+        y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
+        units = Units.fit(e.model, k, y, self.size[at])
+        faster = units.rate - self.rate[at]
+        self.now[:m, at] = np.ldexp(self.now[:m, at], self.size[at] - units.size)
+        self.now[m, at], self.rest[at] = np.ldexp((self.now[m, at], self.rest[at]), faster)
+        scaled = units.constants(e.model, k)
+        for name, row in e.scaled_rows.items():
+            self.k[row + 1, at] = scaled[name]
+        self.size[at], self.rate[at] = units.size, units.rate
 
 
-def _legs(e: Ensemble, rate: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
-    """The length of each motion's legs (n,), and whether they are few and short enough to be taken
-    here."""
-    decay = e.decay()
-    with np.errstate(divide="ignore"):
-        leg = np.minimum(_rounded(math.log(FOLD) / decay), max(span, 1e-300))
-    steps = span * np.maximum(decay / 8.8, np.ldexp(0.5, rate))
-    return leg, (steps < MANY_STEPS) & (span / leg < MOST_LEGS)
+def padded(numbers: np.ndarray) -> np.ndarray:
+    """Numbers (n,), with copies of the last one up to a multiple of the engine's width."""
+    from ..engines.taylor_batch import WIDTH  # heyoka may be missing
+
+    return np.asarray(np.pad(numbers, (0, -len(numbers) % WIDTH), mode="edge"))
 
 
-def _rounded(values: np.ndarray) -> np.ndarray:
-    """Values cut to four bits, so that small multiples of them are exact."""
-    fraction, power = np.frexp(np.minimum(values, 1e300))
-    return np.asarray(np.ldexp(np.floor(fraction * 16), power - 4))
-
-
-def _lanes(e: Ensemble, watching: bool, tol: float | None) -> "Lanes":
+@np.errstate(all="ignore")  # what overflows is not finite, hence unsettled
+def advance(e: Ensemble) -> Outcome:
+    """All motions of an ensemble through their span."""
     from ..engines import taylor_batch  # heyoka may be missing
 
-    return taylor_batch.build(e.model, e.structure, e.event if watching else None, tol)  # type: ignore[arg-type]
+    step = taylor_batch.build(e.model, e.structure, e.event, e.tol)  # type: ignore[arg-type]
+    outcome, feasible = Outcome.blank(*e.start.shape), e.feasible()
+    if feasible.size:
+        underway = Underway(e, step, feasible, outcome)
+        while underway.number.size:
+            for _ in range(PAUSE):
+                underway.advance()
+            underway.pause()
+        if e.event is not None:
+            judge(e, e.event, underway.suspects, step.order, outcome)
+    outcome.settled &= np.isfinite(outcome.state).all(axis=0)
+    return outcome
 
 
-def _root(
-    e: Ensemble, A: np.ndarray, k: np.ndarray, y: np.ndarray, spans: np.ndarray, guess: np.ndarray, side: np.ndarray,
-    tol: float | None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """When D = 0 (n,) in motions that leave their `side` once within their spans, and the states
-    there (m, n).
+def judge(
+    e: Ensemble, event: Event, suspects: list[Suspects], order: int, outcome: Outcome
+) -> None:
+    """Find the zeros of an event's function in the steps that may have some.
 
-    Newton's method from a guess, kept within the bracket that the signs of D leave; nan where it
-    does not converge. The last of its steps, whose square does not count, is taken along the
-    tangent.
+    A motion is settled if its zeros lead, by turns, from the sign at its start to that at its end,
+    and none of these is in doubt.
     """
-    engine, left = _lanes(e, False, tol), np.arange(len(spans))
-    at, there = np.full(len(spans), np.nan), y.copy()
-    low, high, t = np.zeros_like(spans), spans.copy(), guess
-    state, *_ = engine.leg(k, y, t, MOST_STEPS)
-    for _ in range(ROUNDS):
-        rate = np.array(e.model.rhs(0.0, list(state), namespace(e.structure, list(k[:, left]))))
-        value, faster, slower = (
-            np.subtract(*rigid_body.separatrix_terms(A[:, left], w, e.order))
-            for w in (state, state + rate, state - rate)
-        )
-        before = value * side[left] > 0
-        low[left], high[left] = np.where(before, t, low[left]), np.where(before, high[left], t)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            new = t - 2 * value / (faster - slower)
-        new = np.where((new >= low[left]) & (new <= high[left]), new, (low[left] + high[left]) / 2)
-        step = new - t
-        done = np.abs(step) < TANGENT
-        at[left[done]], there[:, left[done]] = new[done], (state + step * rate)[:, done]
-        left, t, step, state = left[~done], new[~done], step[~done], state[:, ~done]
-        if not left.size:
-            break
-        state, *_ = engine.leg(k[:, left], state, step, MOST_STEPS)
-    return at, there
+    if suspects:
+        found, undecided = passages(e, event, suspects, order)
+        if event.terminal:
+            found = first_of_each(found)
+            outcome.state[:, found.motion] = found.state
+            outcome.exponent[found.motion] = found.exponent
+        outcome.passages = found
+        outcome.settled[undecided] = False
+    passed = outcome.passages
+    outcome.first, outcome.last = e.side(e.start), e.side(outcome.state)
+    if event.terminal:
+        outcome.last[passed.motion] = passed.direction
+    new = np.diff(passed.motion, prepend=-1) != 0
+    before = np.where(new, outcome.first[passed.motion], np.roll(passed.direction, 1))
+    outcome.settled[passed.motion[passed.direction != -before]] = False
+    reached = outcome.first.copy()
+    reached[passed.motion] = passed.direction  # of several, the last one counts
+    outcome.settled &= (reached == outcome.last) & (outcome.first != 0)
 
 
-class _Leg:
-    """One leg of the motions `active`, each in its own units and over its own time."""
+def passages(
+    e: Ensemble, event: Event, suspects: list[Suspects], order: int
+) -> tuple[Passages, np.ndarray]:
+    """The zeros in steps that may have some, and the motions that are undecided.
 
-    def __init__(
-        self, e: Ensemble, active: np.ndarray, size: np.ndarray, rate: np.ndarray, time: np.ndarray, y: np.ndarray,
-        side: np.ndarray, tol: float | None,
-    ) -> None:  # fmt: skip
-        self.active, self.size, self.rate = active, size, rate
-        self.A = e.inertia[:, active]
-        degree = e.degrees()[:, None]
-        shift = np.where(np.isnan(degree), 0, np.nan_to_num(degree - 1) * size - rate).astype(
-            np.int64
-        )
-        k, spans = np.ldexp(e.constants[:, active], shift), np.ldexp(time, rate)
-        plain = _lanes(e, not e.model.crosses_once, tol)
-        self.end, self.steps, self.well, self.found = plain.leg(k, y, spans, MOST_STEPS)
-        self.side, self.separation = sides(self.A, self.end, e.order)
-        self.well &= (self.separation > DOUBT) & np.isfinite(self.end).all(axis=0)
-        if e.model.crosses_once and (turned := np.flatnonzero(self.side * side < 0)).size:
-            before = sides(self.A, y, e.order)[1]
-            guess = (spans * before / (before + self.separation))[turned]
-            at, state = _root(
-                e,
-                self.A[:, turned],
-                k[:, turned],
-                y[:, turned],
-                spans[turned],
-                guess,
-                side[turned],
-                tol,
-            )
-            self.found = Passages(turned, at, self.side[turned].astype(np.int64), state)
-            self.well[turned] &= np.isfinite(at)
-        self.well &= ~self._doubtful(side)
-
-    def _doubtful(self, side: np.ndarray) -> np.ndarray:
-        """The motions whose passages do not lead, in turns, from the side before the leg to the
-        side after it."""
-        motion, time, direction, _ = self.found
-        wrong = np.zeros(len(side), dtype=bool)
-        new = np.diff(motion, prepend=-1) != 0
-        before = np.where(new, side[motion], np.roll(direction, 1))
-        apart = np.where(new, np.inf, np.diff(time, prepend=-np.inf))
-        wrong[motion[(direction != -before) | (apart < APART)]] = True
-        reached = side.copy()
-        reached[motion] = direction  # of several, the last one counts
-        return np.asarray(wrong | (reached != self.side))
-
-    def crossings(self, start: np.ndarray) -> Crossings:
-        """The passages in true units; `start` is the time at which the leg began (n,)."""
-        motion, time, direction, state = self.found
-        momentum = np.ldexp(
-            np.sqrt(np.square(self.A[:, motion] * state).sum(axis=0)), self.size[motion]
-        )
-        at = start[motion] + np.ldexp(time, -self.rate[motion])
-        return Crossings(self.active[motion], at, direction > 0, momentum)
+    The coefficients are computed anew, on arrays: these are few steps, and a second compilation
+    would cost more than 100,000 motions."""
+    steps = Suspects(*(np.concatenate(parts, axis=-1) for parts in zip(*suspects, strict=True)))
+    k, m = namespace(e.structure, list(steps.k[1:])), len(e.start)
+    start = [*steps.before[:m]]
+    time, state = motion(e.model.rhs, steps.k[0] - steps.before[m], start, k)
+    D = coefficients(event.function(time, state, k), order, steps.length)
+    noise = e.uncertainty(event, steps.before[:m], k)
+    powers = D.T * steps.length[:, None] ** np.arange(order + 1)
+    # Row by row: one product of all would round as the number of rows happens to be.
+    bernstein = np.matmul(powers[:, None], to_bernstein(TAYLOR, order, D.dtype))[:, 0]
+    found = zeros(bernstein, noise)
+    at = found.row[found.sure]
+    place = found.x[found.sure] * steps.length[at]
+    slope = value(D[1:, at] * np.arange(1, order + 1)[:, None], place)
+    there = [value(coefficients(y, order, steps.length)[:, at], place) for y in state]
+    left = (steps.before[m, at] - place) + steps.rest[at]
+    times = e.span[1] - np.ldexp(left, -steps.rate[at])
+    by_time = np.lexsort((times, steps.motion[at]))
+    direction = np.sign(slope).astype(np.int64)
+    columns = steps.motion[at], times, direction, np.array(there), steps.size[at]
+    undecided = steps.motion[found.row[~found.sure]]
+    return Passages(*(a[..., by_time] for a in columns)), undecided
 
 
-def _joined(found: list[Crossings], settled: np.ndarray) -> Crossings:
-    """The crossings of all legs, of the settled motions only, in order."""
-    if not found:
-        return Crossings(
-            np.empty(0, dtype=np.int64), np.empty(0), np.empty(0, dtype=bool), np.empty(0)
-        )
-    motion, time, rises, momentum = (np.concatenate(each) for each in zip(*found, strict=True))
-    order = np.lexsort((time, motion))
-    order = order[settled[motion[order]]]
-    return Crossings(motion[order], time[order], rises[order], momentum[order])
+def coefficients(series: Any, order: int, like: np.ndarray) -> np.ndarray:
+    """Those of a series of arrays (order + 1, k), each as long as `like`."""
+    return np.array([np.broadcast_to(series[i], like.shape) for i in range(order + 1)])
+
+
+def first_of_each(passed: Passages) -> Passages:
+    """The first passage of each motion."""
+    first = np.diff(passed.motion, prepend=-1) != 0
+    return Passages(*(a[..., first] for a in passed))

@@ -11,7 +11,7 @@ from ..cases.sweep_block import axes_of
 from ..engines.protocol import Status
 from ..results.hdf5 import Group, Late, Variable
 from ..results.layout import TIME, Stored, case_attributes, principal_axes
-from .chunk import Chunk, carried
+from .chunk import Chunk, fits_ensemble
 from .columns import kept, shape
 from .summary import Read, Summary
 
@@ -29,13 +29,13 @@ def group_of_columns(
         for n, what in ((failed, "failed"), (timeout, "ran out of time"))
         if n
     ]
-    lanes = carried(case)
+    together = fits_ensemble(case)
     attributes = case_attributes(
         case,
         mark,
-        method="taylor" if lanes else case.method,
-        method_reason=f"in lanes, {summary.alone} of {total} members by themselves"
-        if lanes
+        method="taylor" if together else case.method,
+        method_reason=f"side by side, {summary.alone} of {total} members by themselves"
+        if together
         else "each by itself",
         members=total,
         tol=case.tol or 2.0**-52,

@@ -1,9 +1,4 @@
-"""The members of a sweep: their data, and how a chunk of them is carried through and reduced to a
-few numbers each.
-
-The members that heyoka's lanes can carry go there (`ensemble`); the others, and those about which
-anything is in doubt, are integrated and classified one by one, as any single case.
-"""
+"""The members of a sweep: their data, and any one of them as a single case."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,7 +8,7 @@ import numpy as np
 
 from ..cases.case import Case, Time
 from ..cases.sweep_block import Axis, axes_of, put
-from ..models import rigid_body
+from ..models.base import Event
 from ..models.constants import Structure, flatten, structure
 from .columns import shape
 
@@ -29,7 +24,7 @@ class Inputs(NamedTuple):
     structure: Structure = ()
     constants: tuple[float, ...] = ()
     start: tuple[float, ...] | None = None
-    order: tuple[int, int, int] = (0, 1, 2)
+    events: tuple[Event, ...] = ()
 
 
 def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
@@ -42,9 +37,8 @@ def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
     if any(model.check(data)):
         return Inputs(data)
     system = model(**data)
-    order = rigid_body.inertia_order(data["inertia"]) if not model.unclassifiable else (0, 1, 2)
-    k = system.constants
-    return Inputs(data, structure(k), tuple(flatten(k)), system.start, order)
+    k, events = system.constants, (*system.run_events, *system.class_events)
+    return Inputs(data, structure(k), tuple(flatten(k)), system.start, events)
 
 
 def member_inputs(

@@ -17,7 +17,7 @@ from ..integration.solve import solve
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..results.hdf5 import Group, Variable
-from .chunk import Chunk, carried
+from .chunk import Chunk, fits_ensemble
 from .columns import columns
 from .members import member
 
@@ -100,6 +100,12 @@ def lost_part(chunk: Chunk) -> Group:
     return Group({"run_time": 0.0, "alone": 0}, found)
 
 
+def measured(case: Case) -> bool:
+    """Whether the errors of some members are measured: where each is not a single case, with its
+    own, and has an angular velocity."""
+    return case.error == "on" and not case.system.unclassifiable and fits_ensemble(case)
+
+
 @dataclass
 class Summary:
     """What is gathered from the chunks as they lie on the disk, and the members to be probed."""
@@ -127,7 +133,7 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
             found.steps += int(part.variable("steps").sum())
             found.run_time += part.attributes["run_time"]
             found.alone += part.attributes["alone"]
-            if not carried(case):
+            if not measured(case):
                 continue
             omega, crossing = part.variable("omega"), part.variable("crossing_time")
             separation = np.where(status == Status.OK.code, part.variable("separation"), np.inf)

@@ -15,9 +15,9 @@ from ..batch.pool import Pool
 from ..cases.case import Case
 from ..results.hdf5 import Group
 from ..results.writer import Writer
-from .chunk import Chunk, carried, chunks, compute
+from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
-from .summary import Part, lost_part, sampled_errors, summarized
+from .summary import Part, lost_part, measured, sampled_errors, summarized
 
 Say = Callable[[str], None]
 
@@ -51,5 +51,5 @@ def run(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Sa
                 yield Part(part.summary("part"), partial(part.array, "part"))
 
     summary = summarized(case, tasks, read)
-    errors = sampled_errors(case, pool, summary) if case.error == "on" and carried(case) else {}
+    errors = sampled_errors(case, pool, summary) if measured(case) else {}
     return group_of_columns(case, mark, tasks, read, summary, errors, problems)

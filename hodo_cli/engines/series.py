@@ -1,0 +1,144 @@
+"""Power series: the Taylor coefficients of a motion, from the same lines that state its
+equations."""
+
+from collections.abc import Callable, Sequence
+from functools import partial, reduce
+from operator import add
+from typing import Any, ClassVar
+
+import numpy as np
+
+Rule = Callable[[int], Any]
+
+
+class Series:
+    """c[0] + c[1] s + c[2] s^2 + ..., whose coefficients are computed when they are asked for.
+
+    It knows + - * / and ** with a constant on one side, which is all that a model's equations use.
+    A coefficient may be anything that knows them too: a number, an array of one number for each
+    motion, a symbol. A coefficient asks for those of lower order only, so that a series may occur
+    in its own rule: that is how a differential equation is solved.
+
+    Source: A. Jorba and M. Zou, Experimental Mathematics 14 (2005) 99, proposition 2.1.
+    """
+
+    __array_ufunc__ = None  # array * Series must not be taken apart by numpy
+    log: ClassVar[Callable[[Any], Any]] = np.log
+
+    def __init__(self, rule: Rule) -> None:
+        self._rule, self._known = rule, list[Any]()
+
+    def __getitem__(self, k: int) -> Any:
+        while len(self._known) <= k:
+            self._known.append(self._rule(len(self._known)))
+        return self._known[k]
+
+    def _new(self, rule: Rule) -> "Series":
+        return type(self)(rule)
+
+    def __neg__(self) -> "Series":
+        return self._new(lambda k: -self[k])
+
+    def __add__(self, other: Any) -> "Series":
+        if isinstance(other, Series):
+            return self._new(lambda k: self[k] + other[k])
+        return self._new(lambda k: self[k] if k else self[0] + other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> "Series":
+        if isinstance(other, Series):
+            return self._new(lambda k: self[k] - other[k])
+        return self._new(lambda k: self[k] if k else self[0] - other)
+
+    def __rsub__(self, other: Any) -> "Series":
+        return self._new(lambda k: -self[k] if k else other - self[0])
+
+    def __mul__(self, other: Any) -> "Series":
+        if isinstance(other, Series):
+            if other is self:
+                return self._new(self._square)
+            return self._new(lambda k: total([self[i] * other[k - i] for i in range(k + 1)]))
+        return self._new(lambda k: self[k] * other)
+
+    __rmul__ = __mul__
+
+    def _square(self, k: int) -> Any:
+        middle = [self[k // 2] * self[k // 2]] if k % 2 == 0 else []
+        pairs = [self[i] * self[k - i] for i in range((k + 1) // 2)]
+        return total([2.0 * total(pairs), *middle] if pairs else middle)
+
+    def __truediv__(self, other: Any) -> "Series":
+        if not isinstance(other, Series):
+            return self._new(lambda k: self[k] / other)
+
+        def rule(k: int) -> Any:
+            known = [other[i] * quotient[k - i] for i in range(1, k + 1)]
+            return (self[k] - total(known) if known else self[k]) / other[0]
+
+        quotient = self._new(rule)
+        return quotient
+
+    def __rtruediv__(self, other: Any) -> "Series":
+        quotient: Series = self._new(partial(constant, other)) / self
+        return quotient
+
+    def __pow__(self, exponent: Any) -> "Series":
+        def rule(k: int) -> Any:
+            if k == 0:
+                return self[0] ** exponent
+            terms = [(i * exponent - (k - i)) / k * self[i] * power[k - i] for i in range(1, k + 1)]
+            return total(terms) / self[0]
+
+        power = self._new(rule)
+        return power
+
+    def __rpow__(self, base: Any) -> "Series":
+        def rule(k: int) -> Any:
+            if k == 0:
+                return base ** self[0]
+            return rate * total([i / k * self[i] * power[k - i] for i in range(1, k + 1)])
+
+        rate = type(self).log(base)
+        power = self._new(rule)
+        return power
+
+
+def total(terms: Sequence[Any]) -> Any:
+    """The sum of one or more terms, which need not know 0."""
+    return reduce(add, terms)
+
+
+def motion(
+    rhs: Callable[[Any, Sequence[Any], Any], Sequence[Any]],
+    t: Any,
+    y: Sequence[Any],
+    k: Any,
+    kind: type[Series] = Series,
+) -> tuple[Series, list[Series]]:
+    """The time and the state as series in the time from `t`, where the state is `y`."""
+    rates: list[Any] = []
+
+    def coefficient(j: int, i: int) -> Any:
+        return rates[j][i - 1] / i if i else y[j]
+
+    time = kind(lambda i: (t, 1.0)[i] if i < 2 else 0.0)
+    state = [kind(partial(coefficient, j)) for j in range(len(y))]
+    rates += [
+        rate if isinstance(rate, Series) else kind(partial(constant, rate))
+        for rate in rhs(time, state, k)
+    ]
+    return time, state
+
+
+def constant(c: Any, i: int) -> Any:
+    """The rule of a series that is a constant."""
+    return 0.0 if i else c
+
+
+def value(c: Sequence[Any] | np.ndarray, s: Any) -> Any:
+    """c[0] + c[1] s + ... by Horner's scheme."""
+    result = c[-1]
+    for coefficient in c[-2::-1]:
+        result = coefficient + s * result
+    return result

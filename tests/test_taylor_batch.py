@@ -1,0 +1,154 @@
+"""Power series of the model's own equations, and the compiled step that is made of them."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from test_sweep import computed, one
+
+from hodo_cli.engines.protocol import Status
+from hodo_cli.engines.series import Series, motion, value
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.models.constants import flatten, namespace, structure
+from hodo_cli.sweeps import ensemble, members
+
+TOP = (
+    "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, b: [0.1, 1], time: {end: 2}, "
+    "initial: {theta: 60 deg, r: 1.7}, error: off, tol: 1e-12"
+)
+CAVITY = "model: cavity+constant, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1, error: off, tol: 1e-12"
+POLYNOMIAL = "a: [0.125, 1]"
+
+FORMS = {
+    "linear-diag": "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003], "
+    "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 100}, error: off",
+    "tensor": "model: tensor, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, "
+    "resistance: [[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]], time: {end: 100}, error: off",
+    "cavity": f"{CAVITY}, torque: [0.01, 0, -0.1], initial: {{p: 1, q: 0.1, r: 1}}, time: {{end: 9}}",
+    "cavity averaged": f"{CAVITY}, form: averaged, torque: [0, 0, -0.1], initial: {{x: 1, y: 1}}, "
+    "time: {end: 30}",
+    "top": f"{TOP}, {POLYNOMIAL}, form: full, epsilon: 0.05",
+    "top averaged": f"{TOP}, {POLYNOMIAL}",
+    "top, exponential": f"{TOP}, form: full, epsilon: 0.05, "
+    "a: {law: exponential, value: 0.2, rate: 0.3}",
+    "top, power": f"{TOP}, form: full, epsilon: 0.05, "
+    "a: {law: power, value: 0.2, rate: 0.3, exponent: -1.5}",
+    "top averaged-u": f"{TOP}, {POLYNOMIAL}, form: averaged-u",
+    "top averaged-quadrature": f"{TOP}, {POLYNOMIAL}, form: averaged-quadrature, nodes: 2",
+}
+
+
+def coefficients(series: Any, n: int = 8) -> list[float]:
+    return [series[k] for k in range(n)]
+
+
+def test_series_have_the_coefficients_of_the_books() -> None:
+    s = Series(lambda k: float(k == 1))
+    rows = {
+        "1/(1-s)": (1 / (1 - s), [1.0] * 8),
+        "sqrt(1+s)": ((1 + s) ** 0.5, [1, 1 / 2, -1 / 8, 1 / 16, -5 / 128, 7 / 256, -21 / 1024]),
+        "exp(2s)": (math.e ** (2 * s), [2**k / math.factorial(k) for k in range(8)]),
+        "3^s": (3.0**s, [math.log(3) ** k / math.factorial(k) for k in range(8)]),
+        "(1+s)/(2-s)": ((1 + s) / (2 - s), [1 / 2, *(3 / 2 ** (k + 1) for k in range(1, 8))]),
+        "(1-s)^2": ((1 - s) * (1 - s), [1, -2, 1, 0, 0, 0, 0, 0]),
+        "(s+1)^2, as a square": ((lambda x: x * x)(s + 1), [1, 2, 1, 0, 0, 0, 0, 0]),
+        "5 - s/4 - (-s)": (5 - s / 4 - (-s), [5, 3 / 4, 0, 0, 0, 0, 0, 0]),
+    }
+    for name, (series, known) in rows.items():
+        assert coefficients(series, len(known)) == pytest.approx(known, abs=1e-15), name
+
+
+def test_a_motion_is_its_series() -> None:
+    """y'' = -y + t: y = t + cos t - sin t + ..., for arrays of starts at other times than 0."""
+    t0, c = np.array([0.0, 0.7]), np.array([1.0, -2.0])
+
+    def rhs(t: Any, y: Any, k: Any) -> Any:
+        return y[1], t - y[0]
+
+    start = [t0 + c * np.cos(t0), 1 - c * np.sin(t0)]
+    _, (position, _) = motion(rhs, t0, start, None)
+    there = value([position[k] for k in range(24)], 0.5)
+    assert there == pytest.approx(t0 + 0.5 + c * np.cos(t0 + 0.5), rel=1e-15)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("name", FORMS)
+def test_a_step_is_that_of_heyoka(name: str) -> None:
+    """The same length and the same end, for every form of every model and every law: the rule and
+    the coefficients are heyoka's, in another order of operations."""
+    hy = pytest.importorskip("heyoka")
+    from hodo_cli.engines import taylor_batch
+
+    case = one(FORMS[name])
+    model, k = type(case.system), case.system.constants
+    form, y0 = structure(k), case.system.start
+    y = hy.make_vars(*(f"y{i}" for i in range(len(y0))))
+    numbers = [hy.par[i] for i in range(len(flatten(k)))]
+    ta = hy.taylor_adaptive(
+        list(zip(y, model.rhs(hy.time, list(y), namespace(form, numbers)), strict=True)),
+        list(y0),
+        tol=1e-12,
+        compact_mode=True,
+    )
+    ta.pars[:] = flatten(k)[: len(ta.pars)]
+    _, length = ta.step()
+    step = taylor_batch.build(model, form, None, 1e-12)  # type: ignore[arg-type]
+    assert step.order == ta.order
+    end = 50.0
+    inputs = np.tile([[*y0, end]], (taylor_batch.WIDTH, 1)).T.copy()
+    constants = np.tile([[end, *flatten(k)]], (taylor_batch.WIDTH, 1)).T.copy()
+    out = np.empty((step.rows, taylor_batch.WIDTH))
+    step(inputs, constants, out)
+    assert (out == out[:, :1]).all()
+    # The last coefficients have lost some digits, of which the step's length takes the 15th root.
+    assert out[len(y0) + 1, 0] == pytest.approx(length, rel=1e-9)
+    assert out[: len(y0), 0] == pytest.approx(ta.state, rel=1e-9, abs=1e-9)
+    assert out[len(y0), 0] == end - out[len(y0) + 1, 0]
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("name", FORMS)
+def test_members_of_every_form_are_single_cases(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also that they go side by side: none is left to be integrated alone."""
+    from hodo_cli.sweeps import chunk
+
+    monkeypatch.setattr(chunk, "WORTH", 0)
+    monkeypatch.setattr(chunk, "_alone", None)
+    case = one(f"{FORMS[name]}, sweep: {{initial.{'x' if 'x:' in FORMS[name] else 'r'}: "
+               "{linspace: [0.9, 1.1, 3]}}")  # fmt: skip
+    values = computed(case)
+    for number in range(3):
+        single = integrate(members.member(case, number))
+        for variable, known in single.variables.items():
+            assert values[variable][number] == pytest.approx(known[-1], rel=3e-12, abs=3e-12)
+    assert values["status"].tolist() == [Status.OK.code] * 3
+
+
+@pytest.mark.heyoka
+def test_a_touch_is_left_to_the_single_case() -> None:
+    """r falls to 0 and rises again under a constant torque: D = -k r^2 touches 0 and changes no
+    sign. A start whose r stays above 0 is settled."""
+    case = one(f"{CAVITY}, torque: [0, 0, -0.1], initial: {{p: 1e-3, q: 0, r: 0.1}}, "
+               "time: {end: 60}, sweep: {initial.r: {values: [0.1, 0.5]}}")  # fmt: skip
+    alike, place, _ = members.member_inputs(case, np.arange(2))
+    start = members.starts(alike, place, None)
+    constants = np.array([each.constants for each in alike]).T
+    (event,) = alike[0].events
+    e = ensemble.Ensemble(
+        type(case.system), alike[0].structure, constants, start, (0.0, 60.0), event, 1e-12
+    )
+    assert ensemble.advance(e).settled.tolist() == [False, True]
+
+
+@pytest.mark.heyoka
+def test_zeros_are_found_however_near_two_of_them_are() -> None:
+    """The two crossings of Fig. 12's body part at r0 = 1.4030877: the pair before they meet."""
+    text = (
+        "model: tensor, inertia: [1, 0.8, 0.6], resistance: {diagonal: 0.005, off_diagonal: 0.005},"
+        " initial: {p: 0.5, q: 0.25, r: 1.4}, time: {end: 1000}, error: off, tol: 1e-15"
+    )
+    case = one(
+        f"{text}, sweep: {{initial.r: {{values: [1.4, 1.403087, 1.403089, 1.4031, 1.404]}}}}"
+    )
+    assert computed(case)["crossings"].tolist() == [1, 1, 3, 3, 3]
