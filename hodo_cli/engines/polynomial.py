@@ -79,6 +79,7 @@ def _powers(basis: str, degree: int) -> list[list[int]]:
 def _halves(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
     """The matrices (2, degree + 1, degree + 1) from a row of Bernstein coefficients to those on
     each half of the interval (de Casteljau's algorithm at 1/2)."""
+    # Sums of positive numbers that add up to 1, so halving amplifies no rounding.
     left = np.array([[comb(i, j) / 2**i for i in range(degree + 1)] for j in range(degree + 1)])
     return np.array([left, left[::-1, ::-1]]).astype(dtype)
 
@@ -172,6 +173,7 @@ def _refined(b: np.ndarray) -> np.ndarray:
     degree, eps = b.shape[1] - 1, np.finfo(b.dtype).eps
     rising, slopes = b[:, -1] > 0, degree * np.diff(b, axis=1)
     low, high = np.zeros(len(b), dtype=b.dtype), np.ones(len(b), dtype=b.dtype)
+    # The first and the last coefficient are the values at the ends.
     x = b[:, 0] / (b[:, 0] - b[:, -1])
     for turn in range(REFINEMENTS):
         w = weights(x, degree - 1)

@@ -15,6 +15,8 @@ from ..models.constants import structure
 
 IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 METHODS = ("taylor", "collocation", *IVP)
+# A state between 1/8 and 8: an engine's control, absolute below 1, then costs a digit at most, and
+# a decay by e^-100 meets new units some 50 times.
 BAND = (1 / 64, 64.0)
 """The squared norm of a scaled state that needs no new units."""
 
@@ -106,6 +108,7 @@ class Watch:
         self.steps += 1
         if self.steps >= self.max_steps:
             return self.give_up(Status.TIMEOUT, f"max_steps: stopped after {self.steps} steps")
+        # Asking for the time takes about a tenth of a fast step.
         if self.steps % 64 == 0 and perf_counter() > self.deadline:
             spent = f"max_seconds: stopped after {self.max_seconds:g} s"
             return self.give_up(Status.TIMEOUT, spent)

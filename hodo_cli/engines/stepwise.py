@@ -71,6 +71,7 @@ class Stepwise:
             except ValueError as error:  # SciPy's implicit methods, of a matrix that is not finite
                 watch.give_up(Status.FAILED, str(error))
                 break
+            # LSODA returns success with nan where an equation is not Lipschitz.
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 watch.give_up(Status.FAILED, message or "the state became infinite or not a number")
                 break
@@ -112,6 +113,8 @@ class Stepwise:
             for j in np.flatnonzero(signs[:-1] * signs[1:] < 0):
                 root = zero(value, times[j], times[j + 1])
                 found.append(Hit(i, root, int(signs[j + 1]), dense(root)))
+            # A zero that falls exactly on one of the places, which the pairs of signs above do not
+            # show.
             for j in np.flatnonzero((signs[1:-1] == 0) & (signs[:-2] * signs[2:] < 0)) + 1:
                 found.append(Hit(i, times[j], int(signs[j + 1]), states[:, j]))
         return sorted(found, key=lambda hit: hit.time)
@@ -131,6 +134,7 @@ def zero(f: Callable[[Any], Any], a: Any, b: Any) -> Any:
     """A zero of f between a and b, where it differs in sign, to the last bit: bisection is never
     led astray."""
     rising = f(b) > 0
+    # Ends when no number is left between the two.
     while a < (middle := a + (b - a) / 2) < b:
         if (f(middle) > 0) == rising:
             b = middle

@@ -12,15 +12,20 @@ from ..models.constants import Structure, count, flatten, namespace
 from .polynomial import TAYLOR
 from .protocol import BAND, Hit, Leg, Status, Watch
 
+# heyoka warns about its cache on stdout, where commands print their data.
 hy.set_logger_level_error()
 
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
+# numpy has no finfo for the 113 bits of a real128.
 EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
 
-UNROLLED, OPTIMISED = 150, 10_000
-"""The sizes of a system, in nodes of its expressions, up to which it is unrolled, and optimised at
-all. Beyond the first, unrolling takes longer than the steps of most motions; beyond the second are
-averaged systems, which take tens of steps, and are compiled as they stand."""
+UNROLLED = 150
+"""The largest system that is unrolled, in nodes of its expressions: beyond, unrolling takes longer
+than the steps of most motions."""
+
+OPTIMISED = 10_000
+"""The largest system that the compiler optimises. Beyond are averaged systems, which take tens of
+steps."""
 
 
 class Taylor:
@@ -62,6 +67,7 @@ class Taylor:
                 if i not in self.terminal
             ],
             fp_type=fp,
+            # Unrolled code runs a little faster and takes minutes to compile for a large system.
             compact_mode=size > UNROLLED,
             opt_level=3 if size <= OPTIMISED else 0,
         )
@@ -86,6 +92,7 @@ class Taylor:
         ta.state[:] = y
         ta.dtime = (grid[0], zero)
         if ta.with_events:
+            # A cooldown of the last leg would swallow an event at the start of this one.
             ta.reset_cooldowns()
         self.hits.clear()
         state, series, observe, last = ta.state, ta.tc, watch.observer, grid[0]
@@ -117,6 +124,7 @@ def longdouble(values: np.ndarray) -> np.ndarray:
     """Values of any of the three precisions as long doubles."""
     if values.dtype != np.dtype(hy.real128):
         return values.astype(np.longdouble)
+    # There is no direct conversion: the leading 53 bits first, then what they leave.
     high = values.astype(np.float64)
     return np.asarray(
         high.astype(np.longdouble) + (values - high.astype(hy.real128)).astype(np.float64)

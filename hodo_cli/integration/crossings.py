@@ -114,6 +114,7 @@ class Watcher:
         n, self.filled = self.filled, 0
         if not n or not self.two_sided:
             return
+        # In double for all: few steps come near D = 0, and long double is several times slower.
         near = self._near(self.series[:n].astype(float), self.times[:n].astype(float))
         if near.size:
             series, times = self.series[near], self.times[near]

@@ -65,6 +65,7 @@ def solve(
     events = system.run_events
     engine = protocol.build(method, system, events, tol, precision)
     watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
+    # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
     try:
         path = propagate(engine, system, case.time.start, times, watch, witness, events)
@@ -89,6 +90,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
         raise HodoError(f"{case.name}: method exact works in double and extended precision only")
     began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64
     state, exponent = np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
+    # In blocks, for the memory: the closed form makes a dozen arrays of its times.
     for i in range(0, len(times), BLOCK):
         here = slice(i, i + BLOCK)
         state[here], exponent[here] = exact.solve_scaled(case, times[here].astype(fp))

@@ -35,6 +35,7 @@ class Units:
         largest = np.abs(y).max(axis=0)
         with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
             lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
+            # In logarithms, because the products themselves may leave the range of doubles.
             logs = {name: np.log2(np.abs(k[name])) - lightest for name in model.degree}
         new = np.where(largest > 0, np.frexp(largest)[1] + size, -np.inf)
         for name, degree in model.degree.items():
@@ -46,6 +47,8 @@ class Units:
             if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**new
                 rate = np.maximum(rate, logs[name] + (degree - 1) * new)
         most = cls(new.astype(np.int64)[()], np.ceil(rate).astype(np.int64)[()])
+        # The bound above may be far too fast: a body that turns steadily about an axis needs no
+        # steps.
         pace = most.pace(model, k, np.ldexp(y, size - most.size))
         return cls(most.size, most.rate + np.maximum(np.frexp(pace)[1], SLOWEST))
 
@@ -60,6 +63,8 @@ class Units:
         rate = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], scaled)))
         speed = np.abs(rate).max(axis=0)
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
+        # The second derivative by a complex step, as in `jacobian`: it sees what turns at constant
+        # speed.
         turned = np.array(np.broadcast_arrays(*model.rhs(0.0, [*(y + 1e-100j * along)], scaled)))
         turn = np.abs(turned.imag / 1e-100).max(axis=0)
         return np.where(speed > 0, np.maximum(speed, turn), 0.0)
@@ -103,6 +108,7 @@ class Clock:
         for part in elapsed:
             step = part / type(self.high)(self.factor)
             total = self.high + step
+            # Knuth's two-sum: what rounding takes from `total` goes to `low`.
             carried = total - self.high
             self.low += (self.high - (total - carried)) + (step - carried)
             self.high = total
