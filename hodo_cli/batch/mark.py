@@ -7,7 +7,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from .. import HodoError
+from .. import BatchError
 from ..engines.protocol import have_taylor
 
 PACKAGE = Path(__file__).parents[1]
@@ -61,7 +61,7 @@ def mark() -> str:
 
 
 def check_late_imports() -> None:
-    """Raise HodoError if a module was imported after its source had changed.
+    """Raise BatchError if a module was imported after its source had changed.
 
     Engines are imported when they are first needed, which may be long after the mark was taken.
     """
@@ -71,7 +71,7 @@ def check_late_imports() -> None:
         _known.add(name)
         source = name.removeprefix(__package__.partition(".")[0] + ".").replace(".", "/") + ".py"
         if source in _BEGUN and _BEGUN[source] != _sources().get(source):
-            raise HodoError(f"{source} of hodo has changed during the run: run again")
+            raise BatchError(f"{source} of hodo has changed during the run: run again")
 
 
 @cache

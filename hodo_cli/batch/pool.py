@@ -2,37 +2,46 @@
 executors."""
 
 import os
+import pickle
 import signal
+import traceback
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import suppress
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
-from threading import Thread
+from multiprocessing.process import BaseProcess
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any, Self, TypeVar
 
-from .. import HodoError
+from .. import BatchError, HodoError
 from .mark import check_late_imports, mark
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+TOGETHER = 2
+"""How often a task is tried beside others: a worker may be killed for memory that others take."""
+
+STARTS = 3
+"""How often a process may die before it has begun; any process may be killed by chance."""
+
+DIED = "its process died: killed, or out of memory"
+
+
+class WorkerLost(Exception):
+    """The process that did a task has died."""
 
 
 class Pool:
     """Applies functions to tasks, in this process or through an executor. A context manager; may be
     used repeatedly.
 
-    `make` makes the executor (None: no executor); it is called when first needed, and again after a
-    worker's death. `ahead` is the number of tasks that are handed to it before the first of them
-    has to be finished. With `early` it is made on entering, so that it is known at once if there is
-    none to be had.
+    `make` makes the executor (None: no executor); it is called when the executor is first needed,
+    or, with `early`, on entering, so that a failure to connect shows at once. `ahead` is the number
+    of tasks that are handed to it before the first of them has to be finished.
     """
 
     def __init__(
@@ -44,7 +53,7 @@ class Pool:
         self._executor: Executor | None = None
 
     def __enter__(self) -> Self:
-        """Raises HodoError if there is no executor to be had."""
+        """Raises BatchError if there is no executor."""
         if self._early and self._make is not None:
             self._executor = self._make()
         return self
@@ -63,8 +72,8 @@ class Pool:
 
         Tasks are taken from their iterable when they are needed, at most `ahead` of the results.
         With an executor, the function, the tasks and the results must be picklable. A task whose
-        worker dies, and dies again when it has no other task beside it, comes back with a
-        HodoError; what else was lost is done again.
+        worker dies is tried again, at last with no other task beside it, before it comes back with
+        a HodoError. Raises BatchError if the executor itself fails, or computes with other code.
         """
         if self._make is None:
             return ((task, _attempt(function, task)) for task in tasks)
@@ -72,52 +81,43 @@ class Pool:
 
     def _map(
         self, function: Callable[[Task], Result], tasks: Iterator[Task]
-    ) -> Iterator[tuple[Task, Any]]:
-        running: dict[Future[tuple[str, Any]], Task] = {}
+    ) -> Iterator[tuple[Task, Result | Exception]]:
+        running: dict[Future[tuple[str, Result]], tuple[Task, int]] = {}
+        alone: list[Task] = []
         while True:
             # Drawn only as results leave, so that a sweep of a billion members never stands in
             # memory.
             for task in islice(tasks, self._ahead - len(running)):
-                running[self._submit(function, task)] = task
+                running[self._submit(function, task)] = task, 1
             if not running:
-                return
-            ready, _ = wait(running, return_when=FIRST_COMPLETED)
-            if any(map(_is_lost, ready)):
-                ready, _ = wait(running)  # a broken executor gives up all its tasks
-            # What is finished leaves first, and is stored, before a task that may have killed its
-            # worker is tried again.
-            for future in sorted(ready, key=_is_lost):
-                task = running.pop(future)
-                if _is_lost(future):
-                    yield task, self._alone(function, task)
-                else:
+                break
+            for future in wait(running, return_when=FIRST_COMPLETED)[0]:
+                task, tries = running.pop(future)
+                if not _is_lost(future):
                     yield task, _outcome(future)
+                elif tries < TOGETHER:
+                    running[self._submit(function, task)] = task, tries + 1
+                else:
+                    alone.append(task)
+        for task in alone:
+            wait([future := self._submit(function, task)])
+            yield task, HodoError(DIED) if _is_lost(future) else _outcome(future)
 
     def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[tuple[str, Result]]:
         assert self._make is not None
-        try:
-            self._executor = self._executor or self._make()
-            return self._executor.submit(_marked, function, task)
-        # A worker that dies between two tasks is noticed only here.
-        except BrokenExecutor:
-            self.__exit__()
-            self._executor = self._make()
-            return self._executor.submit(_marked, function, task)
-
-    def _alone(self, function: Callable[[Task], Result], task: Task) -> Result | Exception:
-        wait([future := self._submit(function, task)])
-        if _is_lost(future):
-            return HodoError("its process died: killed, or out of memory")
-        return _outcome(future)
+        self._executor = self._executor or self._make()
+        return self._executor.submit(_marked, function, task)
 
 
 def _is_lost(future: Future[Any]) -> bool:
-    return isinstance(future.exception(), BrokenExecutor)
+    return isinstance(future.exception(), WorkerLost)
 
 
 def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
         return _marked(function, task)[1]
+    except BatchError:
+        raise
     except Exception as error:
         return error
 
@@ -133,99 +133,227 @@ def _marked(function: Callable[[Task], Result], task: Task) -> tuple[str, Result
     return taken, result
 
 
-def _outcome(future: Future[tuple[str, Result]]) -> Result | Exception:
-    """The result of a finished task, or its exception. Raises HodoError if another version made
-    it."""
-    if isinstance(error := future.exception(), Exception):
+def _outcome(future: Future[tuple[str, Any]]) -> Any:
+    """The result of a finished task, or its exception.
+
+    Raises BatchError if the executor has given up, or another version computed the result.
+    """
+    if isinstance(error := future.exception(), BatchError):
+        raise error
+    if isinstance(error, Exception):
         return error
     theirs, result = future.result()
     if theirs != mark():
-        raise HodoError(
+        raise BatchError(
             "a worker computes with other code or libraries (hodo, heyoka, numpy, scipy) than this "
             "process: start both anew"
         )
     return result
 
 
-class Processes(ProcessPoolExecutor):
+class Processes(Executor):
     """Spawned processes that end when this executor is shut down, whatever they do, or when this
-    process ends."""
+    process ends.
+
+    Each has a pipe of its own, of which this process holds one end only: when a worker dies, even
+    half way through a result, the pipe ends and the task comes back with `WorkerLost`. (A queue
+    that workers share, as that of the standard library, is read for ever then; and its semaphores
+    outlive a process that is killed.)
+    """
 
     def __init__(self, workers: int) -> None:
-        # Not fork, which would copy locks that threads hold and the state of an HDF5 library with
-        # open files.
-        context = get_context("spawn")
-        leash, self._end = context.Pipe(duplex=False)
-        super().__init__(workers, context, _obey, (leash,))
+        self._calls: SimpleQueue[tuple[Future[Any], bytes] | None] = SimpleQueue()
+        self._workers = [_Worker(self._calls) for _ in range(workers)]
+        try:
+            for worker in self._workers:
+                worker.start()
+        except RuntimeError as error:  # a limit on threads, processes or memory
+            raise BatchError(f"cannot run in {workers} processes: {error}") from None
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Schedule a call. A worker that is started for it never sees Ctrl-C, which is this
-        process's affair."""
-        # A new process inherits the mask, and the executor starts its workers in `submit`.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            return super().submit(function, *args, **kwargs)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        """Schedule a call."""
+        future: Future[Any] = Future()
+        self._calls.put((future, pickle.dumps((function, args, kwargs))))
+        return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the workers, whatever they do."""
-        self._end.close()
-        super().shutdown(wait, cancel_futures=cancel_futures)
+        for worker in self._workers:
+            self._calls.put(None)
+            worker.end()
 
 
-def _obey(leash: Connection) -> None:
-    """End this worker when the other end of `leash` is closed: by `shutdown`, or by the death of
-    its owner."""
+class _Worker(Thread):
+    """Hands calls to a process of its own, which it starts when it is needed and after a death."""
 
-    def watch() -> None:
-        # Blocks until the other end is closed: nothing is ever sent.
-        leash.poll(None)
-        # No exception would do: the main thread is inside an integration, which does not return to
-        # Python.
-        os._exit(1)
+    def __init__(self, calls: SimpleQueue[tuple[Future[Any], bytes] | None]) -> None:
+        super().__init__(daemon=True)
+        self._calls = calls
+        self._lock = Lock()
+        self._ended = False
+        self._process: BaseProcess | None = None
+        self._pipe: Connection | None = None
 
-    # A daemon, or the worker would wait for it when it ends by itself.
-    Thread(target=watch, daemon=True).start()
+    def run(self) -> None:
+        # Processes inherit it: Ctrl-C, which a terminal sends to all of them, is this process's
+        # affair.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        while (item := self._calls.get()) is not None:
+            future, call = item
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                done, value = pickle.loads(self._reply(call))
+            except (EOFError, OSError):
+                self._discard()
+                future.set_exception(WorkerLost())
+            except Exception as error:  # a result that cannot be unpickled here
+                future.set_exception(error)
+            else:
+                (future.set_result if done else future.set_exception)(value)
+        self._discard()
+
+    def _reply(self, call: bytes) -> bytes:
+        if self._pipe is None:
+            self._start()
+        assert self._pipe is not None
+        self._pipe.send_bytes(call)
+        return self._pipe.recv_bytes()
+
+    def _start(self) -> None:
+        """Raises BatchError if no process can be started, EOFError if this executor has ended."""
+        for _ in range(STARTS):
+            try:
+                self._pipe = self._spawned()
+                self._pipe.recv_bytes()
+                return
+            except EOFError:
+                self._discard()
+                if self._ended:
+                    raise
+            except OSError as error:
+                raise BatchError(f"cannot start a process: {error.strerror}") from None
+        raise BatchError("a worker process ends before it has begun (no memory left?)")
+
+    def _spawned(self) -> Connection:
+        """This end of the pipe to a new process, which says at its other end when it is ready."""
+        context = get_context("spawn")
+        ours, theirs = context.Pipe()
+        with theirs, self._lock:
+            if self._ended:
+                raise EOFError
+            self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+            self._process.start()
+        return ours
+
+    def _discard(self) -> None:
+        """Give up the process, dead or alive; the next call has a new one."""
+        if self._pipe is not None:
+            self._pipe.close()
+        with self._lock:
+            process, self._process, self._pipe = self._process, None, None
+        if process is not None and process.pid is not None:
+            process.kill()
+            process.join()
+
+    def end(self) -> None:
+        """Kill the process, in the middle of a call or not."""
+        with self._lock:
+            self._ended = True
+            if self._process is not None and self._process.pid is not None:
+                self._process.kill()
+
+
+def _serve(pipe: Connection) -> None:
+    """Answer calls, one after the other, until the pipe or the process at its other end is gone."""
+
+    def end_with_parent() -> None:
+        if (parent := parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):
+        pipe.send_bytes(b"ready")
+        while True:
+            pipe.send_bytes(_answer(pipe.recv_bytes()))
+
+
+def _answer(call: bytes) -> bytes:
+    """What a call returns or raises, pickled."""
+    try:
+        function, args, kwargs = pickle.loads(call)
+        return pickle.dumps((True, function(*args, **kwargs)))
+    except Exception as error:
+        if not isinstance(error, HodoError):  # a bug, which is looked for where it arose
+            error.add_note(traceback.format_exc())
+        try:
+            return pickle.dumps((False, error))
+        except Exception:
+            return pickle.dumps((False, HodoError(f"{type(error).__name__}: {error}")))
 
 
 class Dask(Executor):
     """The workers of a dask scheduler: those at tcp://HOST:PORT, or, for "dask", so many processes
     of this machine.
 
-    A task whose worker is lost is done again by another one. Raises HodoError if dask is not
+    A task whose worker is lost is done again by another one. Raises BatchError if dask is not
     installed, or no scheduler answers.
     """
 
     def __init__(self, scheduler: str, workers: int) -> None:
         try:
-            from distributed import Client
+            import distributed
         except ImportError:
-            raise HodoError(
+            raise BatchError(
                 "--scheduler needs dask, which is not installed: pip install 'hodo[dask]'"
             ) from None
-        # On the loopback interface and without a dashboard: whoever reaches a port of dask can run
-        # code here.
         local = {
             "n_workers": workers,
             "threads_per_worker": 1,
             "host": "127.0.0.1",
             "dashboard_address": None,
         }
+        self._address = scheduler
+        self._killed = distributed.KilledWorker
+        client: Any = distributed.Client  # it is not typed
         try:
-            # 10 s in place of dask's 30: a mistyped address should show soon.
-            client: Any = Client  # it is not typed
             self._client = client(**local) if scheduler == "dask" else client(scheduler, timeout=10)
-        except (OSError, ValueError, TypeError) as error:
-            raise HodoError(f"no dask scheduler answers at {scheduler}: {error}") from None
-        # A pure task would be looked up by its arguments, and --force is to compute, not to find
-        # again.
+        # What answers at an address may be any program, and dask raises whatever that leads to.
+        except Exception as error:
+            reason = str(error).partition("\n")[0] or type(error).__name__
+            raise BatchError(f"no dask scheduler answers at {scheduler}: {reason}") from None
         self._inner = self._client.get_executor(pure=False)
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Schedule a call."""
-        future: Future[Any] = self._inner.submit(function, *args, **kwargs)
-        return future
+        """Schedule a call. Raises BatchError if the scheduler is gone."""
+        try:
+            theirs = self._inner.submit(function, *args, **kwargs)
+        except Exception as error:
+            raise self._gone(error) from None
+        ours: Future[Any] = Future()
+        theirs.add_done_callback(lambda done: self._pass_on(done, ours))
+        return ours
+
+    def _pass_on(self, theirs: Future[Any], ours: Future[Any]) -> None:
+        """The outcome of a task; dask's own errors by what they mean for a batch."""
+        error = None if theirs.cancelled() else theirs.exception()
+        if theirs.cancelled():
+            ours.set_exception(self._gone("it has dropped a task"))
+        elif isinstance(error, self._killed):
+            ours.set_exception(WorkerLost())
+        elif type(error).__module__.startswith("distributed"):
+            ours.set_exception(self._gone(error))
+        elif error is not None:
+            ours.set_exception(error)
+        else:
+            ours.set_result(theirs.result())
+
+    def _gone(self, error: object) -> BatchError:
+        reason = str(error).partition("\n")[0]
+        return BatchError(
+            f"the dask scheduler at {self._address} has failed: {reason}; what is finished is kept"
+        )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the scheduler; a cluster of this machine ends."""
@@ -247,5 +375,4 @@ def pool(workers: int, scheduler: str | None = None) -> Pool:
             2 * workers if scheduler == "dask" else AHEAD,
             early=True,
         )
-    # A task waits for each that runs, so that no worker idles while this process writes results.
     return Pool(lambda: Processes(workers), 2 * workers) if workers > 1 else Pool()

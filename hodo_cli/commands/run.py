@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import HodoError
+from .. import BatchError, HodoError
 from ..batch.memory import check_memory
 from ..batch.pool import Pool, pool
 from ..batch.progress import Progress
@@ -175,6 +175,8 @@ def outcomes(
             resume = plan.reasons.get(case.name) != FORCED
             try:
                 yield case, sweep.run(case, fingerprint(case), pool, writer, resume, progress.say)
+            except BatchError:
+                raise
             except Exception as error:
                 yield case, error
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from .. import HodoError
+from .. import BatchError, HodoError
 from .disk import refusal
 
 
@@ -103,13 +103,13 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def refusals(path: Path, remark: str = "") -> Iterator[None]:
-    """Make a HodoError of what the operating system refuses."""
+    """Make a BatchError of what the operating system refuses."""
     try:
         yield
     except (OSError, RuntimeError) as error:
         if not (reason := refusal(error)):
             raise
-        raise HodoError(f"cannot write {path}: {reason}{remark}") from error
+        raise BatchError(f"cannot write {path}: {reason}{remark}") from error
 
 
 def destination(path: Path) -> Path:
