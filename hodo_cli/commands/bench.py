@@ -134,6 +134,8 @@ def try_cases(config: Config, cases: Sequence[Case], jobs: int, quiet: bool) -> 
     with Pool(partial(Processes, jobs), jobs) as pool, Progress(len(cases), quiet) as progress:
         for case, outcome in pool.map(work, cases):
             if isinstance(outcome, HodoError):
+                # The process died with the case: all of its trials are lost, not only the one that
+                # ended it.
                 failed = Trial(status="failed with a message", message=str(outcome))
                 trials[case.name] = [failed] * (len(methods) * len(tols))
                 progress.done(case.name, str(outcome))
@@ -173,6 +175,7 @@ def fastest(bench: Bench, case: int, digits: int) -> tuple[str, float, float] | 
     """Method, tolerance and run time of the fastest trial of a case whose error is below
     10^-digits, if any is."""
     error, time = bench.values("error")[case], bench.values("run_time")[case]
+    # A comparison with nan is false, so that a trial without an error is never the fastest.
     time = np.where(error <= 10.0**-digits, time, np.inf)
     m, t = np.unravel_index(np.argmin(time), time.shape)
     return (bench.methods[m], bench.tols[t], float(time[m, t])) if np.isfinite(time[m, t]) else None

@@ -29,6 +29,7 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
         return "it has no result yet"
     if force:
         return FORCED
+    # A timeout may be due to another program's work, so what did not end well is tried again.
     if (status := str(done.attributes.get("status"))) != "ok":
         return f"its status is {status}"
     ours, theirs = fingerprint(case).split("-"), str(done.attributes.get("hash")).split("-")

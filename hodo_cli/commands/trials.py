@@ -98,6 +98,7 @@ def truth(case: Case) -> Truth:
     every = sample_times(case)
     times = every[thinned(every)]
     method, _ = best(case, "extended")
+    # In long double, where the rounding of the integration is far below one ulp of the data.
     path, *moved = [
         solve(each, method, "extended", times=times).path for each in (case, *perturbed(case))
     ]
@@ -130,6 +131,7 @@ def perturbed(case: Case) -> Iterator[Case]:
 
     Numbers that are equal within a list stay so, and 0 stays 0.
     """
+    # Moving all one way alone may cancel: a body that is scaled turns as before.
     yield replace(case, data=_moved(case.data, repeat(math.inf)))
     yield replace(case, data=_moved(case.data, cycle((-math.inf, math.inf))))
 
@@ -207,6 +209,7 @@ def verdict(case: Case, method: str, solution: Solution, error: float, floor: fl
         return "accurate"
     if error <= ULPS * floor:
         return "limited by the data"
+    # Measured only now: a result that is right needs no warning.
     errors, _ = measure(case, method, solution)
     said = any(remarks(case, solution, stored(case, compared(solution.path)), errors))
     return "inaccurate, said so" if said else "SILENT"
@@ -219,6 +222,7 @@ def crossing_error(case: Case, sure: Truth, method: str, solution: Solution) -> 
         return math.nan
     found = cross(case, method, case.precision, solution.tol)[1]
     if [(c.start, c.end) for c in found] != [(c.start, c.end) for c in sure.crossings]:
+        # Times of crossings that are not the true ones cannot be compared.
         return math.inf
     return max(
         abs(a.time - b.time) / abs(b.time) for a, b in zip(found, sure.crossings, strict=True)

@@ -24,6 +24,7 @@ from .provenance import typed
 def dataset(group: Group) -> xr.Dataset:
     """A stored group as a dataset; a variable that is named as its only dimension becomes that
     dimension's coordinate."""
+    # Copies of the attributes: xarray lets them be changed, and a Group is frozen.
     arrays = {name: (v.dims, v.data, dict(v.attrs)) for name, v in group.variables.items()}
     return xr.Dataset(arrays, attrs=dict(group.attributes))
 
@@ -78,6 +79,7 @@ class Results:
                 raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
             owner, data = f"{self.path}: {name}", self.cases[name]
             typed(data.attrs, SHOWN, owner)
+            # Kept, because most cases stand in several figures and on the page.
             self._motions[name] = motion_of(data, data.attrs, owner)
         return replace(self._motions[name], label=label or name)
 

@@ -28,6 +28,7 @@ class Disk(io.FileIO):
                 view = view[super().write(view) :]
         except OSError as error:
             self.error = error
+        # HDF5 takes a short write for the end of everything, so all is taken and the rest kept.
         if view:
             self._unwritten.append((self.tell(), bytes(view)))
         return len(data)
@@ -49,6 +50,7 @@ class Disk(io.FileIO):
         got = super().readinto(view) or 0
         if not self.error:
             return got
+        # Zeros where nothing was ever written, as a sparse file has them.
         view[got:] = bytes(len(view) - got)
         for offset, data in self._unwritten:
             first, last = max(start, offset), min(start + len(view), offset + len(data))
@@ -60,6 +62,7 @@ class Disk(io.FileIO):
 def refusal(error: BaseException) -> str:
     """What the operating system said (no space, no permission), which HDF5 hides in its own errors;
     or nothing."""
+    # HDF5 gives the errno in the text of its error, and nowhere else.
     told = re.search(r"error message = '([^']*)'", str(error))
     number = getattr(error, "errno", None)
     return told[1].lower() if told else os.strerror(number).lower() if number else ""

@@ -252,6 +252,7 @@ def damage(data: Mapping[Any, Array]) -> str:
 def _momentum(m: Motion) -> np.ndarray:
     """|G|, right also where G^2 underflows; of the averaged cavity's x = p^2 + q^2 and y = r^2."""
     if "omega" in m.data:
+        # hypot scales by itself; the square of 1e-170 is 0.
         return np.asarray(np.hypot.reduce(m.G, axis=-1))
     x, y = m.stored("x"), m.stored("y")
     return np.asarray(np.sqrt(m.inertia[0] ** 2 * x + m.inertia[2] ** 2 * y))

@@ -55,6 +55,7 @@ def root_attributes(title: str, references: str, config: str, history: str) -> d
 def versions() -> dict[str, str]:
     """The versions of Python and the libraries that count, and the commit of hodo where it is a git
     checkout."""
+    # Started first and read last: git takes longer than all the rest.
     git = _git_status()
     found = {"python_version": sys.version.split()[0]}
     found |= {f"{library}_version": library_version(library) for library in LIBRARIES}
@@ -70,10 +71,12 @@ def _git_status() -> "subprocess.Popen[str] | None":
     """A process that prints the commit and the changes of the package's own checkout; None if it is
     not in one."""
     package = Path(__file__).parents[1]
+    # An installed package may stand inside a checkout of something else.
     if not (package.parent / ".git").exists():
         return None
     command = [
         "git",
+        # Or git would refresh its index, and get in the way of the user's own git.
         "--no-optional-locks",
         "-C",
         str(package),

@@ -43,12 +43,14 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
         with refusals(path, KEPT), ExitStack() as stack:
             staging = Staging(path)
             stack.callback(staging.close)
+            # Those with finished cases wait for the next run, which takes them over.
             for folder in staging.take_orphans():
                 if not pieces(folder) and not parts_in(folder):
                     shutil.rmtree(folder, ignore_errors=True)
             if changes.parts:
                 check_writable(path)
                 stack.callback(staging.remove)
+                # Opened again under the lock: another process may have replaced the result since.
                 with staging.publishing(), open_run(path) as now:
                     _rewrite(staging / "whole.h5", now, changes, history)
                     staging.publish(staging / "whole.h5")
@@ -100,4 +102,5 @@ def _same(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
 
 def _equal(a: Any, b: Any) -> bool:
     a, b = np.asarray(a), np.asarray(b)
+    # equal_nan by type, because numpy refuses to look for nan among texts.
     return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))

@@ -62,6 +62,7 @@ def resume_attributes(run: Run, name: str) -> dict[str, str]:
 
 def pieces(folder: Path) -> list[Path]:
     """The finished cases in a staging folder, a file each."""
+    # By their numbers: a draft that a kill has left behind is not among them.
     return sorted(folder.glob("[0-9]*.h5"))
 
 
@@ -104,6 +105,8 @@ class Writer:
             if self._seen:
                 self._old = self._open.enter_context(open_run(self.path))
             else:
+                # A folder that cannot be written should show before hours of integration, not
+                # after.
                 self._next_piece()
             self._open = self._open.pop_all()
         return self
@@ -131,6 +134,8 @@ class Writer:
             failed.callback(draft.unlink, missing_ok=True)
             with create(draft, {}) as output:
                 output.write(name, group)
+            # Not synced: a loss of power may cost the last cases, but fsync for each would cost
+            # milliseconds.
             os.replace(draft, piece)
             failed.pop_all()
 
@@ -145,6 +150,7 @@ class Writer:
                     suppress(HodoError),
                     open_run(part),
                 ):
+                    # Linked, not moved: should this process die too, the next one finds both.
                     os.link(part, self._staging / part.name)
         own = self._staging.folder
         return (
@@ -193,6 +199,8 @@ class Writer:
         with self._staging.publishing(), ExitStack() as stack:
             now = self._old
             if (seen := identity(self.path)) != self._seen:
+                # Another process has replaced the result since this one began; what it has added is
+                # not lost.
                 now = stack.enter_context(open_run(self.path)) if seen else None
             sources = self._sources(now)
             if (
