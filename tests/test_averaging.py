@@ -241,7 +241,8 @@ def test_the_predictions_for_the_family_of_figure_4(
 ) -> None:
     lam = [factor * x for x in LAM4]
     found = predicted_passage(BODY, lam, mean_elements(lam, slow_variables(BODY, FIG4)))
-    assert (found.time, found.predicted, found.place, found.sense) == pytest.approx(
+    foreseen = found.foreseen
+    assert (found.time, foreseen.predicted, foreseen.place, foreseen.sense) == pytest.approx(
         (mean, predicted, place, sense), rel=2e-11, abs=5e-6
     )
 
@@ -249,8 +250,8 @@ def test_the_predictions_for_the_family_of_figure_4(
 def test_a_sense_is_undetermined_where_s_is_near_a_whole_number() -> None:
     lam = (0.009, 0.004, 0.007)
     found = predicted_passage(BODY, lam, mean_elements(lam, slow_variables(BODY, FIG4)))
-    assert found.place == pytest.approx(0.987, abs=5e-4)
-    assert found.sense == 0
+    assert found.foreseen.place == pytest.approx(0.987, abs=5e-4)
+    assert found.foreseen.sense == 0
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ class Case:
 
         Raises HodoError if there is no such model.
         """
-        return models.find(self.model, self.form)(**self.data)
+        return models.find(self.model, self.form).of(self.data)
 
 
 def dump(case: Case, remarks: bool = True) -> str:

@@ -9,7 +9,8 @@ from ..models.linear_diag import LinearDiag
 
 def applies(case: Case) -> bool:
     """Whether the case has a closed form here: `linear-diag` with three equal dampings."""
-    return case.model == LinearDiag.name and len(set(case.data["damping"])) == 1
+    full = case.model == LinearDiag.name and case.form == LinearDiag.form
+    return full and len(set(case.data["damping"])) == 1
 
 
 def solve(case: Case, times: np.ndarray) -> np.ndarray:

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..engines.protocol import Engine, Hit, Status, Watch
-from ..models.base import Event, Model
+from ..models.base import Constants, Event, Model, Passed
+from ..models.constants import attributes
 from .trajectory import Occurrence
 from .units import Calendar, Clock, Units
 
@@ -90,7 +91,16 @@ def propagate(
         rows[done : done + passed], exponent[done : done + passed] = leg.rows[1:], units.size
         done += passed
         if leg.hit is not None:
-            end = occurrence(leg.hit)
+            end, way = occurrence(leg.hit), passed_through(events, leg.hit, k, fp)
+            if way is not None:
+                end = Occurrence(end.kind, way.time, way.details)
+            if way is not None and way.state is not None:
+                found.append(end)
+                y, clock = np.array(way.state, dtype=fp), Calendar(fp(way.onward), fp(0))
+                # Samples that the passage has leapt over are taken behind it.
+                here = done + int(np.searchsorted(times[done:], float(way.onward), side="right"))
+                rows[done:here], done = y, here
+                continue
             return Path(
                 np.append(times[:done], end.time),
                 np.concatenate((rows[:done], leg.hit.state[None])),
@@ -105,3 +115,9 @@ def propagate(
             watch.give_up(Status.FAILED, f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
     return Path(times[:done], rows[:done], exponent[:done], tuple(found))
+
+
+def passed_through(events: tuple[Event, ...], hit: Hit, k: Constants, fp: Any) -> Passed | None:
+    """How the motion goes on after a terminal event, in numbers of the type fp; None if it ends."""
+    passage = events[hit.event].passage
+    return passage(hit.time, [*hit.state], attributes(k, fp)) if passage else None

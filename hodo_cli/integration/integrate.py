@@ -26,7 +26,9 @@ def integrate(case: Case) -> Trajectory:
     method, reason, solution = tried(case)
     errors, kind = measure(case, method, solution) if case.error == "on" else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
-    warnings = *case.system.warnings, *remarks(case, solution, variables, errors)
+    system, remarked = case.system, remarks(case, solution, variables, errors)
+    doubts = system.doubts(path.time, path.state.astype(float)) if len(path.time) else []
+    warnings = *system.warnings, *doubts, *remarked
     return Trajectory(
         case=case,
         time=path.time,

@@ -8,13 +8,19 @@ from .. import HodoError
 from .base import Model
 
 
+def _is_form(item: type[Model]) -> bool:
+    """Whether a class states a form that a case can name: what only stands in for one, or has no
+    model's name yet, does not."""
+    return "form" in vars(item) and hasattr(item, "name")
+
+
 @cache
 def catalogue() -> dict[str, dict[str, type[Model]]]:
     """Every model class by its YAML name and form; the first form of a model is its default."""
     found: dict[str, dict[str, type[Model]]] = {}
     for module in pkgutil.iter_modules(__path__):
         for item in vars(import_module(f"{__name__}.{module.name}")).values():
-            if isinstance(item, type) and issubclass(item, Model) and "form" in vars(item):
+            if isinstance(item, type) and issubclass(item, Model) and _is_form(item):
                 found.setdefault(item.name, {})[item.form] = item
     return found
 

@@ -26,12 +26,31 @@ class Variable(NamedTuple):
     units: str = "1"
 
 
+class Passed(NamedTuple):
+    """What an event does to a motion: it goes on from the time `onward` in another state, or ends
+    where that is None.
+
+    `time` is what is stored as the event's time, with the numbers of `details`. `onward` may lie
+    before the time of the event: the motion then goes on as if it had passed sooner.
+    """
+
+    time: float
+    details: Mapping[str, float]
+    onward: Any = 0.0
+    state: tuple[Any, ...] | None = None
+
+
 class Event(NamedTuple):
-    """A zero of `function(t, y, k)`; integration ends there if it is `terminal`."""
+    """A zero of `function(t, y, k)`; integration ends there if it is `terminal`.
+
+    A terminal event with a `passage` ends only one stretch: `passage(t, y, k)`, whose state and
+    constants are numbers of the working precision, says how the motion goes on.
+    """
 
     kind: str
     function: Callable[[Any, Sequence[Any], Any], Any]
     terminal: bool = False
+    passage: Callable[[Any, Sequence[Any], SimpleNamespace], Passed] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,6 +103,11 @@ class Model:
         """
         yield from ()
 
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> "Model":
+        """The object with these data, of this class or of one that stands in for it."""
+        return cls(**data)
+
     @cached_property
     def constants(self) -> Constants:
         """The numbers that `rhs` uses, by name."""
@@ -97,6 +121,10 @@ class Model:
     @property
     def warnings(self) -> list[str]:
         """What the data say against the model's own assumptions."""
+        return []
+
+    def doubts(self, t: np.ndarray, y: np.ndarray) -> list[str]:
+        """What a motion (n,), (n, m) says against the model's own assumptions."""
         return []
 
     @property

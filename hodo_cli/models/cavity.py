@@ -4,13 +4,12 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 
-from ..schema.kinds import Choice, Key, Number, Table, Vector
-from .base import Constants, Event, Model, Variable, Wrong, refusal
+from ..schema.kinds import Key, Number, Table, Vector
+from .base import Constants, Model, Wrong, refusal
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 
 LARGE = 0.1
@@ -254,123 +253,3 @@ class Full(Cavity, BodyFrame):
             (k.g * (k.A3 - k.A1) * p * r + L2 + k.N2) / k.A2,
             (k.g * (k.A1 - k.A2) * p * q + L3 + k.N3) / k.A3,
         )
-
-
-def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """r of an averaged form, as an event."""
-    return y[1]
-
-
-@dataclass(frozen=True)
-class Averaged(Cavity):
-    """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q)
-    about x3.
-
-    a' = -kappa C (C - A) a r^2 / A^3
-    r' = kappa (C - A) a^2 r / (A C) + epsilon M3 / C
-
-    a = sqrt(p^2 + q^2) and r, 1/time; stored are x = a^2 and y = r^2; the other symbols are those
-    of the full form. Without M1 and M2 this is no approximation but an identity of the full
-    equations. With them it is right to first order in epsilon, until r, and with it the frequency
-    |(C - A) r/A|, has become small. r reaches 0 in finite time where M3 opposes it: the end of
-    spin, an event that ends the motion or is passed (`spin_reversal`). In y the equations are not
-    Lipschitz there, and solvers stop or go astray.
-
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
-    (5), (6), with the sign of a' that follows from (2), and +epsilon M3 in r' as in (2) and (6),
-    not - as in (5).
-    """
-
-    spin_reversal: str
-
-    form = "averaged"
-    keys = Cavity.keys | {
-        "spin_reversal": Key(
-            Choice("stop", "continue"), "what to do where r reaches 0", default="stop"
-        ),
-    }
-    state = ("a", "r")
-    variables = {
-        "x": Variable(("time",), "square of the equatorial angular velocity, p^2 + q^2"),
-        "y": Variable(("time",), "square of the axial angular velocity, r^2"),
-    }
-    unclassifiable = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
-
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        a, r = y
-        return (
-            -k.kappa * k.C * (k.C - k.A) / k.A**3 * a * r * r,
-            k.kappa * (k.C - k.A) / (k.A * k.C) * a * a * r + k.N3 / k.C,
-        )
-
-    @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        a, r = y.T
-        return {"x": a * a, "y": r * r}
-
-    @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
-        yield from super().check(data)
-        A = data.get("inertia")
-        if A is not None and A[0] != A[1]:
-            unequal = f"{A[0]:.17g} and {A[1]:.17g}"
-            yield (
-                ("inertia",),
-                f"form {cls.form} wants A1 = A2, not {unequal}; form full does not",
-            )
-
-    @property
-    def start(self) -> tuple[float, ...]:
-        p, q, r = super().start
-        return math.hypot(p, q), r
-
-    @cached_property
-    def constants(self) -> Constants:
-        every = super().constants
-        return {"A": every["A1"], "C": every["A3"], "kappa": every["kappa"], "N3": every["N3"]}
-
-    @property
-    def warnings(self) -> list[str]:
-        A, _, C = self.inertia
-        a, r = self.start
-        dropped = abs(self.epsilon) * math.hypot(*self.torque[:2])
-        turning = abs((C - A) * r) * a
-        if not dropped:
-            return super().warnings
-        ratio = f"{dropped / turning:.3g}" if turning else "infinite"
-        return [
-            *super().warnings,
-            "averaging drops M1 and M2, which is right while "
-            "epsilon |(M1, M2)| / (|C - A| |r| a) is small: "
-            f"it is {ratio} at the start, and grows as r falls",
-        ]
-
-    @property
-    def run_events(self) -> tuple[Event, ...]:
-        if not (self.start[1] or self.constants["N3"]):
-            return ()
-        return (Event("end_of_spin", axial_spin, terminal=self.spin_reversal == "stop"),)
-
-
-@dataclass(frozen=True)
-class AveragedAsPrinted(Averaged):
-    """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the
-    paper's figures.
-
-    a' = +kappa C (C - A) a r^2 / A^3
-
-    With this sign the fluid's torque, though internal, changes |G|: without M, x - C^2 y/A^2 is
-    constant, where it should be x + C^2 y/A^2 = (G/A)^2. Everything else is as in the form
-    averaged.
-
-    Source: D. Leshchenko and T. Kozachenko, Mechanics and Mathematical Methods V(1) (2023) 25, eqs
-    (5), (6).
-    """
-
-    form = "averaged-as-printed"
-
-    @staticmethod
-    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        a, r = Averaged.rhs(t, y, k)
-        return -a, r

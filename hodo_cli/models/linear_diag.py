@@ -6,6 +6,8 @@ from functools import cached_property
 from typing import Any
 
 from ..schema.kinds import Key, Vector
+from .averaging.damped import Damped
+from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame
 
@@ -58,3 +60,28 @@ class LinearDiag(BodyFrame):
     def constants(self) -> Constants:
         names = ("lam1", "lam2", "lam3")
         return {**super().constants, **dict(zip(names, self.damping, strict=True))}
+
+
+@dataclass(frozen=True)
+class LinearDiagAveraged(Damped, LinearDiag):
+    """The rigid body under linear resistance averaged over the turns of its hodograph.
+
+    (ln X)' = -2 [lambda2 + (lambda1 - lambda2) <dn^2>]
+    (ln Y)' = -2 [lambda2 + (lambda3 - lambda2) <cn^2>]      about x1, for A1 > A2 > A3
+
+    and with X and Y, lambda1 and lambda3 exchanged about x3. X = G^2 - 2 T A3, Y = 2 T A1 - G^2;
+    k^2 = (A1 - A2) X/((A2 - A3) Y), or its inverse where that is below 1, is the modulus of the
+    means over a turn; the other symbols are those of the full form. No moment of inertia occurs in
+    the rates. Assumed: max|lambda| K/n small, n the frequency of the turns; then X and Y are right
+    to O(lambda/n), and with `mean_start: yes` to O((lambda/n)^2), up to times of some 1/lambda. The
+    separatrix is passed in finite time, by a formula.
+
+    Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5.
+    """
+
+    form = "averaged"
+    keys = LinearDiag.keys | {"mean_start": MEAN_START}
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        return self.damping

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -212,7 +212,7 @@ class BodyFrame(Model):
     inertia: tuple[float, float, float]
     initial: Mapping[str, float | None]
 
-    state = ("p", "q", "r")
+    state: ClassVar[tuple[str, ...]] = ("p", "q", "r")
     unclassifiable = ""
     variables = {"omega": Variable(("time", "axis"), "angular velocity in body axes")}
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..schema.kinds import Either, Key, Matrix, Number, Table
+from .averaging.damped import Damped
+from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame
 
@@ -83,3 +85,40 @@ class Tensor(BodyFrame):
             return []
         named = ", ".join(f"{value:.6g}" for value in values)
         return [f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"]
+
+
+@dataclass(frozen=True)
+class TensorAveraged(Damped, Tensor):
+    """The rigid body under a constant tensor of resistance, averaged over the turns of its
+    hodograph.
+
+    It is the averaged form of linear-diag with lambda_i = I_ii/A_i: the means of p q, q r and p r
+    are 0, so that to first order the other entries of I drop out. To second order they do not, and
+    the error is of first order, with or without mean elements: a drift whose sign is that of the
+    sense of rotation.
+
+    Source: as of linear-diag; the second order measured on full motions.
+    """
+
+    form = "averaged"
+    keys = Tensor.keys | {"mean_start": MEAN_START}
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        return tuple((np.diag(self.matrix) / np.array(self.inertia)).tolist())
+
+    @property
+    def rate(self) -> float:
+        return float(np.linalg.norm(self.matrix / np.array(self.inertia)[:, None], ord=2))
+
+    @property
+    def warnings(self) -> list[str]:
+        off = self.matrix - np.diag(np.diag(self.matrix))
+        if not off.any():
+            return super().warnings
+        dropped = (
+            "the off-diagonal entries of the tensor average to nothing, to first order; to second"
+            " order they make an error of first order, and may make the true motion cross the"
+            " separatrix several times where the averaged one crosses once"
+        )
+        return [*super().warnings, dropped]

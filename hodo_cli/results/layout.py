@@ -5,6 +5,7 @@ else a group may hold, its labels, crossings, events, the columns of a sweep and
 named below.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -125,6 +126,19 @@ EVENTS = {
 }
 """What is stored of each event of the motion: the field of `Occurrence` that it holds, and how."""
 
+EVENT_DETAILS = {
+    "momentum": Stored("|G| at the passage", ("event",)),
+    "frequency": Stored("frequency n of the turns at the passage", ("event",)),
+    "scatter": Stored("rms of the true time about the averaged one, over phases", ("event",)),
+    "place": Stored("s: where D = 0 falls in the sequence of half turns", ("event",)),
+    "predicted": Stored("predicted time of the true passage", ("event",)),
+    "sense": Stored("predicted sense of rotation afterwards, 0 undetermined", ("event",)),
+    "lag": Stored("predicted delay of the motion after the passage", ("event",)),
+    "probability": Stored("probability of capture about the other axis", ("event",)),
+}
+"""What may be stored with an event as `event_NAME`, by the names in `Occurrence.details`; nan where
+one has none. They are those of passages in averaged motions."""
+
 MEMBER_STATUS = {
     "status": Stored("how the member ended", (), "i1", flags=flags(dict(enumerate(Status))))
 }
@@ -172,10 +186,12 @@ def case_variables(
         dims, long_name, units = labels[name]
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
-        stored[name] = Variable(dims, data, {"long_name": long_name, "units": units, **error})
+        meanings = AXES if name == "enclosed_axis" else {}
+        told = {"long_name": long_name, "units": units, **error, **meanings}
+        stored[name] = Variable(dims, data, told)
     stored |= principal_axes(stored.values())
     if events:
-        stored |= columns_of(EVENTS, events)
+        stored |= columns_of(EVENTS, events) | event_details(events)
         stored["event_time"].attrs["units"] = time_as.units
     return stored
 
@@ -194,6 +210,15 @@ def columns_of(
     return {
         name: stored.holding([getattr(item, field) for item in items])
         for name, (field, stored) in table.items()
+    }
+
+
+def event_details(events: Sequence[Occurrence]) -> dict[str, Variable]:
+    """What comes with the events, one variable for each detail that any of them has."""
+    return {
+        f"event_{name}": stored.holding([event.details.get(name, math.nan) for event in events])
+        for name, stored in EVENT_DETAILS.items()
+        if any(name in event.details for event in events)
     }
 
 

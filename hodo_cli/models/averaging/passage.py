@@ -122,7 +122,8 @@ def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
 
 def shape_distance(gap: Any) -> Any:
     """u = -ln m from 1 - m = gap (...)."""
-    return -np.log1p(-np.minimum(gap, 1 - SMALLEST_GAP))
+    with np.errstate(divide="ignore"):
+        return -np.log1p(-np.asarray(gap))
 
 
 def time_in_band(u: float, pull: float) -> float:
@@ -130,13 +131,29 @@ def time_in_band(u: float, pull: float) -> float:
     return u * (math.log(16 / u) + 1) / (2 * pull)
 
 
-class Passage(NamedTuple):
-    """A crossing as averaging sees it, and what it predicts of the true one. Times count from the
-    start.
+class Foreseen(NamedTuple):
+    """What is predicted of the true motion at its passage; times as that of the passage.
 
-    `time` is t*; E, O and `n` are taken there, with `phase` phi; `place` is s; `sense` is that of
-    the rotation about the new axis, 0 where it is undetermined; `scatter`: the rms over all phases
-    of predicted - time; `lag`: of the motion afterwards.
+    `place` is s; `sense` that of the rotation about the new axis, 0 where it is undetermined;
+    `scatter` the rms over all phases of predicted - t*; `lag` that of the motion afterwards.
+    """
+
+    place: float
+    sense: int
+    predicted: float
+    scatter: float
+    lag: float
+
+    @property
+    def details(self) -> dict[str, float]:
+        """What is stored of it."""
+        return {name: float(value) for name, value in self._asdict().items()}
+
+
+class Passage(NamedTuple):
+    """A passage as averaging sees it, and what is foreseen of the true one.
+
+    `time` is t*, from the start; E, O and `n` are taken there, with `phase` phi.
     """
 
     time: float
@@ -144,15 +161,11 @@ class Passage(NamedTuple):
     O: float
     n: float
     phase: float
-    place: float
-    sense: int
-    predicted: float
-    scatter: float
-    lag: float
+    foreseen: Foreseen
 
 
 def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Passage | None:
-    """The crossing of a motion that starts with these mean elements, or None if it never crosses;
+    """The passage of a motion that starts with these mean elements, or None if it never crosses;
     lam as sorted."""
     u = float(shape_distance(slow.gap))
     if not u < farthest_that_crosses(lam, slow.side):
@@ -163,31 +176,29 @@ def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Passage |
         for value, fall in zip(slow.pair, way[1:], strict=True)
     )
     phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
-    n = float(frequency(body, E, slow.side))
-    pull, small = 2 * abs(lam[0] - lam[2]), max(map(abs, lam))
-    return Passage(
-        float(way.time), E, O, n, phase, *outcome(pull, n, phase, float(way.time), small)
-    )
+    n, time = float(frequency(body, E, slow.side)), float(way.time)
+    foreseen = outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
+    return Passage(time, E, O, n, phase, foreseen)
 
 
-def outcome(
-    pull: float, n: float, phase: float, time: float, small: float
-) -> tuple[float, int, float, float, float]:
-    """place, sense, predicted, scatter and lag of a crossing at `time` t* with frequency n and
-    phase there; `small`: the rate of the perturbation, whose ratio to n is the parameter of
-    averaging."""
+def outcome(pull: float, n: float, phase: float, time: float, small: float) -> Foreseen:
+    """What is foreseen of a passage at `time` t* with frequency n and phase there.
+
+    `small` is the rate of the perturbation, whose ratio to n is the parameter of averaging.
+    """
     place = (phase / math.pi - 0.5) % 1.0
     reach = math.log(8 * n / pull)
     scatter = reach / math.sqrt(12) / n
-    # The measured error of s is a fifth of this; nearer to 0 or 1 the motion may cross a half turn
-    # sooner or later.
-    if not min(place, 1 - place) > small / n:
-        return place, 0, time, scatter, 0.0
+    if not place:  # to the last digit between two half turns: nothing decides
+        return Foreseen(place, 0, time, scatter, 0.0)
     shift = (0.5 - place) * reach + math.lgamma(place) - math.log(2 * math.pi) / 2
     shift += math.log(place / (1 - place)) / 2
     half_turns = round(phase / math.pi - place + 0.5)
+    # The measured error of s is a fifth of small/n. Nearer to 0 or 1 than that, the motion may
+    # cross a half turn sooner or later; the lag, which is even about s = 1/2, hardly changes.
+    sense = (-1) ** half_turns if min(place, 1 - place) > small / n else 0
     lag = -math.log(2 * math.sin(math.pi * place)) / n
-    return place, (-1) ** half_turns, time + shift / n, scatter, lag
+    return Foreseen(place, sense, time + shift / n, scatter, lag)
 
 
 def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float) -> float:

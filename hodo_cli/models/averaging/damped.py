@@ -1,0 +1,171 @@
+"""The averaged motion under linear resistance; see `Damped`."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..base import Constants, Event, Passed
+from .forms import EDGE, AveragedTurns, either, stored_elements, turning_constants, with_part
+from .free_turn import LANDEN, Body, Slow, frequency
+from .means import linear_rates, turn_means
+from .passage import outcome, time_in_band
+from .quadrature import damped_part
+
+NEVER = -1e4
+"""ln O of an exact rotation about the enclosed axis: it stays one, and exp of it is 0."""
+
+SYMMETRIC = 1e4
+"""The size of ln((a - b)/(b - c)) for two equal moments: there m is 0, and one side is missing."""
+
+
+def logarithmic_offset(body: Body) -> float:
+    """ln((a - b)/(b - c)), in u = side * offset + ln E - ln O."""
+    outer, inner = body.a - body.b, body.b - body.c
+    if outer and inner:
+        return math.log(outer / inner)
+    return SYMMETRIC if outer else -SYMMETRIC
+
+
+def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """u less EDGE, of the side that the motion is on: a signed u would change sides in one step."""
+    return y[0] - y[1] + y[3] * k.offset - EDGE
+
+
+def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
+    """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
+
+    At 2 EDGE the event that has found it cannot find it again. Digits beyond a double's are kept,
+    as all that is added is small.
+    """
+    ln_E, ln_O, turned, side = y
+    lam = float(k.l1), float(k.l2), float(k.l3)
+    l_e, l_m, l_o = lam if side > 0 else lam[::-1]
+    pull, scale = 2 * abs(l_e - l_o), float(k.scale)
+    u = float(ln_E - ln_O + side * k.offset)
+    seconds = time_in_band(u, pull)
+    # In the band (ln E)' = -2 (l_m + (l_e - l_m)/K), and the integral of dt/K is u/pull.
+    E, O = (ln - 2 * (l_m * seconds + (l - l_m) * u / pull) for ln, l in ((ln_E, l_e), (ln_O, l_o)))
+    n = float(either(side, k.turns_a, k.turns_c)) * math.exp(float(E) / 2)
+    phase, time = float(turned) / scale + math.pi / 2 * n * u / pull, float(t) + seconds
+    foreseen = outcome(pull, n, phase, time, max(map(abs, lam)))
+    lag, place = (foreseen.lag, foreseen.place) if k.mean else (0.0, 0.0)
+    further, beyond = time_in_band(2 * u, pull), 2 * u / pull
+    # Behind it E and O have changed their parts; the lag is spent near the middle axis, at l_m.
+    linger = l_m * (further + lag)
+    new_E, new_O = O - 2 * (linger + (l_o - l_m) * beyond), E - 2 * (linger + (l_e - l_m) * beyond)
+    new_phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
+    heavy, light = (k.a, k.c) if side > 0 else (k.c, k.a)
+    square = (heavy * math.exp(float(E)) + light * math.exp(float(O))) / (k.a - k.c)
+    details = {"momentum": math.sqrt(float(square)), "frequency": n, "scatter": foreseen.scatter}
+    if k.mean:
+        details |= foreseen.details
+    state = new_E, new_O, 0 * turned + scale * new_phase, -side
+    return Passed(time, details, t + (seconds + lag + further), state)
+
+
+@dataclass(frozen=True)
+class Damped(AveragedTurns):
+    """Linear resistance, averaged over the turns of the hodograph about the enclosed axis e.
+
+    (ln E)' = -2 [l_m + (l_e - l_m) <dn^2>],  (ln O)' = -2 [l_m + (l_o - l_m) <cn^2>],  phi' = n
+    <dn>
+
+    k^2 = w_o O/(w_e E), with w_e, w_o = a - b, b - c or the reverse. The state is ln E, ln O, scale
+    * phi and the side: it has its digits however far the motion has decayed, at both axes and at
+    the separatrix.
+
+    Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5, in
+    other variables.
+    """
+
+    state = ("ln_E", "ln_O", "turned", "side")
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """lambda about x1, x2, x3."""
+        raise NotImplementedError
+
+    @property
+    def sorted_coefficients(self) -> tuple[float, ...]:
+        """lambda about the axes of largest, middle and smallest moment of inertia."""
+        given = self.coefficients
+        return tuple(given[axis] for axis in self.body.order)
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        ln_E, ln_O, _, side = y
+        m = k.e ** (ln_O - ln_E - side * k.offset)
+        mean = turn_means(m, 1 - m)
+        lam = either(side, k.l1, k.l3), k.l2, either(side, k.l3, k.l1)
+        n = either(side, k.turns_a, k.turns_c) * k.e ** (ln_E / 2)
+        return *linear_rates(lam, mean), k.scale * n * mean.pace, 0 * side
+
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        ln_E, ln_O, turned, side = y.T
+        # In units of E: the shape has its digits where E itself is below the smallest double.
+        E, O, unit, above = np.ones_like(ln_E), np.exp(ln_O - ln_E), np.exp(ln_E / 2), side > 0
+        if k.mean:
+            body, square = Body(k.a, k.b, k.c, (0, 1, 2), 1), unit * unit
+            X, Y = np.where(above, square, O * square), np.where(above, O * square, square)
+            gap = -np.expm1(ln_O - ln_E - side * k.offset)
+            with np.errstate(divide="ignore", invalid="ignore"):  # nothing turns any more
+                slow = Slow(X, Y, side, gap, 1, turned / k.scale)
+                dE, dO = damped_part(body, (k.l1, k.l2, k.l3), slow)
+            E, O = with_part(E, dE), with_part(O, dO)
+        return stored_elements(k, E, O, side, unit)
+
+    @cached_property
+    def constants(self) -> Constants:
+        l1, l2, l3 = self.sorted_coefficients
+        # heyoka counts parameters up to the last that the equations use: that has to come last.
+        return {
+            **turning_constants(self.body),
+            "mean": float(self.mean_start == "yes"),
+            "e": math.e,
+            "l1": l1,
+            "l2": l2,
+            "l3": l3,
+            "offset": logarithmic_offset(self.body),
+            "scale": self.scale,
+        }
+
+    @property
+    def scale(self) -> float:
+        """The rate of decay, in whose unit of time the phase is of the size of the other
+        variables."""
+        return max(map(abs, self.coefficients)) or 1.0
+
+    def periodic_start(self, slow: Slow) -> Sequence[float]:
+        parts = damped_part(self.body, self.sorted_coefficients, slow)
+        return [float(value * part) for value, part in zip(slow.pair, parts, strict=True)]
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        slow = self.elements
+        ln_E, ln_O = (math.log(value) if value else NEVER for value in slow.pair)
+        return ln_E, ln_O, self.scale * slow.phase, float(slow.side)
+
+    @property
+    def rate(self) -> float:
+        """How fast the resistance acts: the norm of the matrix of its rates."""
+        return max(map(abs, self.coefficients))
+
+    def smallness(self, y: np.ndarray) -> np.ndarray:
+        ln_E, ln_O, _, side = y.T
+        gap = -np.expm1(ln_O - ln_E - side * logarithmic_offset(self.body))
+        pace = turn_means(1 - gap, gap, LANDEN).pace
+        n = frequency(self.body, np.exp(ln_E), side)
+        return np.asarray(self.rate * np.pi / 2 / (pace * n))
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        l1, _, l3 = self.sorted_coefficients
+        event = Event("separatrix", distance_to_edge, terminal=True, passage=through_separatrix)
+        # With l1 = l3 every motion keeps its side, and a passage would divide by l1 - l3.
+        return (event,) if l1 != l3 else ()

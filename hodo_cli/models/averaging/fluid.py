@@ -1,0 +1,195 @@
+"""The averaged motion of a body with a fluid-filled cavity under a constant torque.
+
+State: g = s sqrt(E), f = sqrt(O), both in units of the start, the phase and the side. E itself
+would be singular where a torque reverses the spin of a symmetric body, which g passes as any other
+value. With L = -h'/O, h = 2T,
+
+    g' = t L f^2/(2 g) + sqrt((a - c)/A_e) M_e <dn>        f' = t' L f/2        t, t' = c, -a or -a,
+    c
+"""
+
+import math
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..base import Passed
+from .capture import Region, capture_shares
+from .forms import EDGE, either, stored_elements, with_part
+from .free_turn import Body, Slow, amplitude, frequency
+from .means import fluid_loss, fluid_weights, turn_means
+from .passage import outcome, time_in_band
+
+FREE, STOP, OTHER, REVERSED = "free", "stop", "other-axis", "reversed"
+"""What happens at the separatrix: without a torque the motion goes through, else as the case
+says."""
+
+
+def fluid_constants(
+    body: Body, kappa: float, torque: Sequence[float], unit: float
+) -> dict[str, float | tuple[float, ...]]:
+    """The constants of the equations, for amplitudes in units of `unit` and the torque as
+    sorted."""
+    a, b, c = body[:3]
+    outer, inner = a - b, b - c
+    ratio_a, ratio_c = (inner / outer if outer else 0.0), (outer / inner if inner else 0.0)
+    above, below = (fluid_weights(a, b, c, kappa * unit * unit, side) for side in (1, -1))
+    return {
+        "unit": unit,
+        "ratio_a": ratio_a,
+        "ratio_c": ratio_c,
+        "weights_a": above,
+        "weights_c": below,
+        "last_a": above[2] / ratio_a if ratio_a else 0.0,
+        "last_c": below[2] / ratio_c if ratio_c else 0.0,
+        "torque_a": math.sqrt((a - c) / a) * torque[0] / unit,
+        "torque_c": math.sqrt((a - c) / c) * torque[2] / unit,
+    }
+
+
+def fluid_rates(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+    """The averaged equations; they stand in the head of this module."""
+    g, f, _, side = y
+    m = either(side, k.ratio_a, k.ratio_c) * f * f / (g * g)
+    mean = turn_means(m, 1 - m)
+    weights = [either(side, x, z) for x, z in zip(k.weights_a, k.weights_c, strict=True)]
+    loss = fluid_loss(weights, m, mean, g * g, f * f)
+    to_E, to_O = either(side, k.c, -k.a), either(side, -k.a, k.c)
+    torque = either(side, k.torque_a, k.torque_c) * mean.pace
+    n = either(side, k.turns_a, k.turns_c) * k.unit * g
+    return (
+        to_E * loss * f * f / (2 * g) + torque,
+        to_O * loss * f / 2,
+        k.scale * n * mean.pace,
+        0 * side,
+    )
+
+
+def fluid_distance(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """(1 - EDGE) w_e E less w_o O, over w_e: 0 where u = EDGE."""
+    g, f, _, side = y
+    return (1 - EDGE) * g * g - either(side, k.ratio_a, k.ratio_c) * f * f
+
+
+def rates_at_separatrix(k: Any, side: int, g: float, f: float) -> tuple[float, float, float]:
+    """g', f' and u', each times K, at the separatrix.
+
+    There K <cn^2 dn^2> = 2/3, the integral of sech^4; K <sn^2 dn^2> = K <sn^2 cn^2> = 1/3; and K
+    <dn> = pi/2.
+    """
+    cd, sd, sc = k.weights_a if side > 0 else k.weights_c
+    loss = (2 * cd + sd) / 3 * g * g + sc / 3 * f * f
+    to_E, to_O = (k.c, -k.a) if side > 0 else (-k.a, k.c)
+    torque = (k.torque_a if side > 0 else k.torque_c) * math.pi / 2
+    dg, df = float(to_E * loss * f * f / (2 * g) + torque), float(to_O * loss * f / 2)
+    return dg, df, 2 * (dg / g - df / f)
+
+
+def drift_by_region(k: Any, side: int, g: float, f: float) -> dict[Region, float]:
+    """The drift of D in the four regions about a point of the separatrix, up to one factor."""
+    drift = {}
+    for there in (1, -1):
+        about, across = (abs(g), f) if there == side else (f, abs(g))
+        for sense in (1, -1):
+            drift[there, sense] = there * rates_at_separatrix(k, there, sense * about, across)[2]
+    return drift
+
+
+def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
+    """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
+
+    Without a torque the motion changes its axis. A torque makes that a matter of chance: it ends
+    the motion here, or the branch is taken which the case names.
+    """
+    side, sense = (1 if y[3] > 0 else -1), (1 if y[0] > 0 else -1)
+    ratio = float(either(side, k.ratio_a, k.ratio_c))
+    u = -math.log(ratio * float(y[1]) ** 2 / float(y[0]) ** 2)
+    dg, df, du = rates_at_separatrix(k, side, float(y[0]), float(y[1]))
+    seconds, at = time_in_band(u, -du), (y[0] - dg * u / du, y[1] - df * u / du)
+    g, f = float(at[0]), float(at[1])
+    n = float(either(side, k.turns_a, k.turns_c) * k.unit) * abs(g)
+    time, phase = float(t) + seconds, sense * float(y[2] / k.scale) - math.pi / 2 * n * u / du
+    # |G| there is sqrt(2 T b), and 2T = (E + O)/(a - c).
+    momentum = float(k.unit) * math.sqrt(float(k.b) * (g * g + f * f) / float(k.a - k.c))
+    details = {"momentum": momentum, "frequency": n}
+    place = lag = 0.0
+    if k.branch == FREE:
+        foreseen = outcome(-du, n, phase, time, -du)
+        region, details["scatter"] = (-side, foreseen.sense or 1), foreseen.scatter
+        if k.mean:
+            place, lag, details = foreseen.place, foreseen.lag, details | foreseen.details
+    else:
+        shares = capture_shares(drift_by_region(k, side, g, f), (side, sense))
+        details["probability"] = shares[-side, 1] + shares[-side, -1]
+        if not (chosen := branch(k.branch, shares, (side, sense))):
+            return Passed(time, details)
+        region = chosen
+    onward, state = behind(k, region, side, at, n, place)
+    turned = 0 * y[2] + state[2] * k.scale
+    return Passed(
+        time, details, t + (seconds + lag + onward), (*state[:2], turned, 0 * y[3] + region[0])
+    )
+
+
+def branch(name: str, shares: dict[Region, float], start: Region) -> Region | None:
+    """The region that a case's word means, or None if the motion is to stop or cannot go there."""
+    side, sense = start
+    onto = {OTHER: [(-side, 1), (-side, -1)], REVERSED: [(side, -sense)]}.get(name, [])
+    likely = max(onto, key=shares.__getitem__, default=start)
+    return likely if likely != start and shares[likely] > 0 else None
+
+
+def behind(
+    k: Any, region: Region, side: int, at: tuple[Any, Any], n: float, place: float
+) -> tuple[float, tuple[Any, Any, float]]:
+    """The time from the separatrix to u = 2 EDGE in a region; g, f and s phi there.
+
+    `at`: g and f at the separatrix, on the side that the motion comes from.
+    """
+    there, sense = region
+    size, f = (at[0] if at[0] > 0 else -at[0]), at[1]
+    about, across = (size, f) if there == side else (f, size)
+    dg, df, du = rates_at_separatrix(k, there, sense * float(about), float(across))
+    beyond = 2 * EDGE / du
+    phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
+    g, f = sense * about + dg * beyond, across + df * beyond
+    return time_in_band(2 * EDGE, du), (g, f, sense * phase)
+
+
+def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
+    """(E - mean E)/E and (O - mean O)/O under the fluid's torque alone, at the phase of `slow`.
+
+    Of sn^2 and of m sn^4 the integrals of zero mean, over n t, are -Z/m and (sn cn dn - 2 (1 + m)
+    Z/m)/3, with Jacobi's zeta. sn^4 comes with a factor m everywhere: in the last term because O =
+    m E/ratio.
+    """
+    E, O = slow.pair
+    above, m = np.asarray(slow.side) > 0, 1 - slow.gap
+    am, zeta = amplitude(slow.phase, slow.gap)
+    sn, cn = np.sin(am), np.cos(am)
+    fourth = (sn * cn * np.sqrt(cn * cn + slow.gap * sn * sn) - 2 * (1 + m) * zeta) / 3
+    cd, sd, sc = (np.where(above, x, z) for x, z in zip(k.weights_a, k.weights_c, strict=True))
+    last = np.where(above, k.last_a, k.last_c)
+    total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - last * fourth
+    n = frequency(Body(k.a, k.b, k.c, (0, 1, 2), 1), E, slow.side)
+    change = (E * total - sc * O * zeta) / n
+    return np.where(above, k.c, -k.a) * change * O / E, np.where(above, -k.a, k.c) * change
+
+
+def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    """The stored variables.
+
+    The periodic part is added where there is no torque: a capture by chance forgets the phase.
+    """
+    g, f, turned, side = y.T
+    E, O, above = g * g, f * f, side > 0
+    if k.mean and k.branch == FREE:
+        ratio, sense = np.where(above, k.ratio_a, k.ratio_c), np.where(g > 0, 1, -1)
+        X, Y = np.where(above, E, O), np.where(above, O, E)
+        slow = Slow(X, Y, side, (E - ratio * O) / E, sense, sense * turned / k.scale)
+        dE, dO = fluid_part(k, slow)
+        # `frequency` takes E in true units, where n is larger by `unit`.
+        E, O = with_part(E, dE / k.unit), with_part(O, dO / k.unit)
+    return stored_elements(k, E, O, side, k.unit)

@@ -1,0 +1,190 @@
+"""What the averaged forms share: what they store, when they apply, how they pass the separatrix.
+
+Their state is (e, o, turned, side): two measures of E and O; the phase in units of the slow time,
+so that it is of the size of the others; and the side, +1 or -1, which only a passage changes.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...schema.kinds import Choice, Key
+from ..base import Variable, Wrong
+from ..rigid_body import BodyFrame, complete
+from .free_turn import Body, Slow, slow_variables
+from .passage import shape_distance
+
+EDGE = 1e-10
+"""The u at which a motion is taken through the separatrix by formula: their error is of the size of
+its square, far below a double's last digit, and so much of u is left that 1 - m as a difference
+costs them nothing."""
+
+LARGE_RATIO = 0.1
+"""Where averaging's small parameter is no longer small: errors are of some per cent from there on."""
+
+MEAN_START = Key(
+    Choice("yes", "no"),
+    "start from mean elements, and store the periodic part with them; no: the first order of"
+    " the literature",
+    default="yes",
+)
+
+STORED = {
+    "kinetic_energy": Variable(("time",), "kinetic energy T", "moment of inertia / time^2"),
+    "momentum": Variable(("time",), "|G|", "moment of inertia / time"),
+    "J": Variable(("time",), "G^2/2T", "moment of inertia"),
+    "k2": Variable(("time",), "k^2 of the turns: 0 at an axis, 1 at the separatrix"),
+    "enclosed_axis": Variable(("time",), "axis that the averaged hodograph encloses"),
+}
+
+
+def stored_elements(k: Any, E: Any, O: Any, side: Any, unit: Any = 1.0) -> dict[str, np.ndarray]:
+    """The variables of STORED from E and O in units of unit**2 and the side, each (n,).
+
+    k has a, b, c and the body axes `largest` and `smallest`. The unit may be below the smallest
+    double: J and k^2 do not know it.
+    """
+    a, b, c, above = k.a, k.b, k.c, side > 0
+    X, Y = np.where(above, E, O), np.where(above, O, E)
+    double_energy, square = (X + Y) / (a - c), (a * X + c * Y) / (a - c)
+    outer, inner = (a - b) * X, (b - c) * Y
+    most = np.maximum(outer, inner)
+    return {
+        "kinetic_energy": double_energy * unit * unit / 2,
+        "momentum": np.sqrt(square) * unit,
+        "J": square / double_energy,
+        "k2": np.divide(np.minimum(outer, inner), most, out=np.zeros_like(most), where=most > 0),
+        "enclosed_axis": np.where(above, k.largest, k.smallest).astype(np.int8),
+    }
+
+
+def with_part(mean: Any, part: Any) -> Any:
+    """Mean elements with their relative periodic part.
+
+    By exp, and bounded: where averaging has long ceased to hold, of which a warning tells, the part
+    outgrows the element, and the sum of both would be no motion.
+    """
+    return mean * np.exp(np.clip(np.nan_to_num(part), -1, 1))
+
+
+def turning_constants(body: Body) -> dict[str, float]:
+    """The constants that every averaged form has: the body, and n/sqrt(E) on either side."""
+    volume = body.a * body.b * body.c
+    return {
+        "a": body.a,
+        "b": body.b,
+        "c": body.c,
+        "largest": body.order[0] + 1.0,
+        "smallest": body.order[2] + 1.0,
+        "turns_a": math.sqrt((body.a - body.b) / volume),
+        "turns_c": math.sqrt((body.b - body.c) / volume),
+    }
+
+
+def either(side: Any, above: Any, below: Any) -> Any:
+    """`above` on side +1, `below` on side -1; for symbols too."""
+    return (above + below) / 2 + side * ((above - below) / 2)
+
+
+@dataclass(frozen=True)
+class AveragedTurns(BodyFrame):
+    """A body-frame model averaged over the turns of its hodograph; see `free_turn` for its
+    variables."""
+
+    mean_start: str
+
+    form = "averaged"
+    variables = STORED
+    degree = {}
+    crosses_once = False
+    unclassifiable = "averaged over the hodograph's turns: run stores its axis and its passages"
+
+    @staticmethod
+    def velocity(
+        inertia: Sequence[float], initial: Mapping[str, float | None]
+    ) -> tuple[float, ...]:
+        """(p, q, r) at the start."""
+        return complete(inertia, initial)
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+        yield from super().check(data)
+        if not {"inertia", "initial"} <= set(data):
+            return
+        if len(set(data["inertia"])) == 1:
+            yield ("inertia",), "with three equal moments nothing turns; form full does not average"
+            return
+        try:
+            omega = cls.velocity(data["inertia"], data["initial"])
+        except ValueError:  # said by the check above
+            return
+        slow = slow_variables(Body.of(data["inertia"]), omega)
+        if not max(slow.pair) or slow.gap < 2 * EDGE:
+            yield (
+                ("initial",),
+                "nothing turns at rest or on the separatrix; form full does not average",
+            )
+
+    @property
+    def body(self) -> Body:
+        """The body with its axes sorted."""
+        return Body.of(self.inertia)
+
+    @property
+    def slow(self) -> Slow:
+        """The slow variables and the phase at the start, as given."""
+        return slow_variables(self.body, self.velocity(self.inertia, self.initial))
+
+    def periodic_start(self, slow: Slow) -> Sequence[float]:
+        """E and O of the start less their means."""
+        raise NotImplementedError
+
+    @property
+    def elements(self) -> Slow:
+        """The slow variables that the motion starts from."""
+        slow = self.slow
+        if self.mean_start == "no":
+            return slow
+        return shifted(self.body, slow, self.periodic_start(slow)) or slow
+
+    @property
+    def warnings(self) -> list[str]:
+        given = self.slow
+        if self.mean_start == "no" or shifted(self.body, given, self.periodic_start(given)):
+            return super().warnings
+        near = "the start is so near the separatrix that it is taken for its own mean element"
+        return [*super().warnings, near]
+
+    def smallness(self, y: np.ndarray) -> np.ndarray:
+        """Averaging's parameter at states (n, 4): the perturbation's rate in quarter turns K/n."""
+        raise NotImplementedError
+
+    def doubts(self, t: np.ndarray, y: np.ndarray) -> list[str]:
+        with np.errstate(all="ignore"):  # where nothing turns any more the ratio is infinite
+            ratio = self.smallness(y)
+        large = np.flatnonzero(~(ratio <= LARGE_RATIO))
+        if not len(large):
+            return []
+        return [
+            "averaging wants the perturbation slow beside the turns: its rate times K/n is "
+            f"{ratio[0]:.2g} at the start, and above {LARGE_RATIO:g} from t = {t[large[0]]:.6g} on"
+        ]
+
+
+def shifted(body: Body, slow: Slow, part: Sequence[float]) -> Slow | None:
+    """Slow variables with their periodic part in E and O taken off.
+
+    None if that is no correction any more, because it takes the motion half the way to the
+    separatrix.
+    """
+    E, O = (float(value - more) for value, more in zip(slow.pair, part, strict=True))
+    w_e, w_o = (float(weight) for weight in body.weight(slow.side))
+    if min(E, O) < 0 or not (gap := 1 - w_o * O / (w_e * E)) > 0:
+        return None
+    if shape_distance(gap) < shape_distance(slow.gap) / 2:
+        return None
+    X, Y = (E, O) if slow.side > 0 else (O, E)
+    return slow._replace(X=X, Y=Y, gap=gap)

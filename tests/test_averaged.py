@@ -1,0 +1,405 @@
+"""The averaged forms of the body-frame models as users run them: against the full equations, in
+order of the small parameter; through the separatrix; where they do not apply."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hodo_cli import HodoError
+from hodo_cli.cases.case import Case
+from hodo_cli.cases.config import parse
+from hodo_cli.engines.protocol import have_taylor
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.solve import solve, stored
+from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.models.averaging.capture import capture_shares
+from hodo_cli.models.averaging.fluid import drift_by_region, fluid_constants, fluid_part
+from hodo_cli.models.averaging.free_turn import Body, free_motion_by_phase, slow_variables
+from hodo_cli.models.averaging.quadrature import periodic_part
+from hodo_cli.models.cavity import fluid_torque
+from hodo_cli.models.cavity_averaged import AveragedTriaxial
+from hodo_cli.models.constants import attributes
+
+FIG4 = {"p": 0.8, "q": 0.5, "r": 0.74}
+FIG12 = {"p": 0.5, "q": 0.25, "r": 1.40435829552939}
+BODY = Body.of((1.0, 0.8, 0.6))
+CLOSE = 1e-13 if have_taylor() else 1e-11
+"""What an averaged motion is right to: some ten roundings, or what collocation leaves of u."""
+
+
+def case(**given: Any) -> Case:
+    """A case of P1's body, by default Fig 4's averaged."""
+    keys = {
+        "model": "linear-diag",
+        "form": "averaged",
+        "inertia": [1, 0.8, 0.6],
+        "damping": [0.005, 0.004, 0.003],
+        "initial": FIG4,
+        "time": {"end": 1000, "samples": 11},
+    } | given
+    if keys["model"] != "linear-diag":
+        del keys["damping"]
+    lines = "".join(f"    {key}: {written(value)}\n" for key, value in keys.items())
+    return parse(f"cases:\n  c:\n{lines}", "test").cases["c"]
+
+
+def written(value: Any) -> str:
+    """A value in YAML's flow style."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {written(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(written, value)) + "]"
+    return str(value)
+
+
+def full(averaged: Case) -> Case:
+    """The same case by the full equations."""
+    own = ("mean_start", "at_separatrix", "spin_reversal")
+    data = {key: value for key, value in averaged.data.items() if key not in own}
+    return replace(averaged, form="full", data=data, max_steps=10**8)
+
+
+@cache
+def motion_of(of: Case) -> np.ndarray:
+    """The angular velocity of a full motion at its samples."""
+    method = "taylor" if have_taylor() else "collocation"
+    return stored(of, solve(of, method).path)["omega"]
+
+
+def omega(averaged: Case) -> np.ndarray:
+    """The angular velocity of the full motion at the samples of an averaged case."""
+    return motion_of(full(averaged))
+
+
+def momentum_and_energy(averaged: Case) -> tuple[np.ndarray, np.ndarray]:
+    """|G| and T of the full motion at the samples of an averaged case."""
+    w, A = omega(averaged), np.array(averaged.data["inertia"])
+    return np.linalg.norm(A * w, axis=1), (A * w * w).sum(axis=1) / 2
+
+
+def off(averaged: Case, outside: tuple[float, float] = (math.inf, math.inf)) -> float:
+    """The largest relative distance of averaged from full G^2 and T, but for a span of time."""
+    motion, (G, T) = integrate(replace(averaged, error="off")), momentum_and_energy(averaged)
+    seen = ~((motion.time > outside[0]) & (motion.time < outside[1]))
+    distance = [
+        np.abs(motion.variables["momentum"] ** 2 / G**2 - 1),
+        np.abs(motion.variables["kinetic_energy"] / T - 1),
+    ]
+    return float(np.max(np.array(distance)[:, seen]))
+
+
+def order(small: Sequence[float], errors: Sequence[float]) -> float:
+    """The slope of a line through log error against log small parameter."""
+    return float(np.polyfit(np.log(small), np.log(errors), 1)[0])
+
+
+def scaled(factor: float, lam: Sequence[float], end: float, **given: Any) -> Case:
+    """A case with all resistance times a factor, up to end/factor."""
+    time = {"end": end / factor, "samples": 2001}
+    return case(damping=[factor * x for x in lam], time=time, **given)
+
+
+RAW = [
+    (0.647249023398635, 0.832921530072842),
+    (0.280780338871132, 0.800340189053686),
+    (0.125372225938923, 0.768650023188276),
+    (0.0194584549198898, 0.670441293835642),
+]
+
+
+@pytest.mark.parametrize("method", ["auto", "collocation"])
+def test_figure_4_from_its_raw_start(method: str) -> None:
+    motion = integrate(case(mean_start="no", method=method))
+    rows = [1, 3, 5, 10]
+    G, J = motion.variables["momentum"][rows], motion.variables["J"][rows]
+    assert np.stack((G, J), axis=1) == pytest.approx(np.array(RAW), rel=CLOSE)
+    assert motion.variables["enclosed_axis"].tolist() == [1] * 4 + [3] * 7
+    (passage,) = motion.events
+    assert passage.time == pytest.approx(304.02105312940017, rel=CLOSE)
+    assert set(passage.details) == {"momentum", "frequency", "scatter"}
+    assert motion.error < CLOSE
+
+
+def test_figure_4_from_mean_elements() -> None:
+    (passage,) = integrate(case()).events
+    found = passage.time, passage.details["predicted"], passage.details["place"]
+    assert found == pytest.approx((303.047880, 305.782994, 0.391022), abs=1e-6)
+    assert passage.details["sense"] == -1
+    n, decrement = passage.details["frequency"], 4 * 2e-3 / passage.details["frequency"]
+    assert passage.details["scatter"] * n == pytest.approx(math.log(16 / decrement) / 12**0.5)
+
+
+@pytest.mark.heyoka
+def test_cost_does_not_depend_on_how_weak_the_resistance_is() -> None:
+    motions = [integrate(scaled(factor, (5e-3, 4e-3, 3e-3), 1000)) for factor in (1, 1e-4, 1e-9)]
+    assert max(motion.steps for motion in motions) <= 1.1 * min(motion.steps for motion in motions)
+    assert max(motion.error for motion in motions) < 1e-13
+    times = [motions[1].events[0].time * 1e-4, motions[2].events[0].time * 1e-9]
+    assert times == pytest.approx([304.020955827, 304.021053129], abs=1e-6)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    ("start", "raw", "corrected"),
+    [(FIG4, [1.21e-2, 1.32e-3, 1.33e-4], [5.7e-4, 5.4e-6, 4.9e-8]),
+     ({"p": 0.5, "q": 0.25, "r": 1.4}, [3.97e-3, 3.99e-4, 4.02e-5], [6.9e-5, 6.8e-7, 6.8e-9])],
+)  # fmt: skip
+def test_orders_of_the_error(
+    start: dict[str, float], raw: list[float], corrected: list[float]
+) -> None:
+    small = [1e-2, 1e-3, 1e-4]
+    for mean, expected, slope in (("no", raw, 1), ("yes", corrected, 2)):
+        errors = [off(scaled(e, (1, 0.5, 0.7), 0.6, initial=start, mean_start=mean)) for e in small]
+        # Samples hit the largest error to some 10 %, and T is a little worse than G^2.
+        assert errors == pytest.approx(expected, rel=0.25)
+        assert order(small, errors) == pytest.approx(slope, abs=0.1)
+
+
+@pytest.mark.heyoka
+def test_the_second_order_is_kept_through_the_separatrix() -> None:
+    small, near = [1e-2, 1e-3, 3e-4], (280.0, 330.0)
+    for mean, slope in (("no", 1), ("yes", 2)):
+        errors = []
+        for e in small:
+            there = near[0] / e, near[1] / e
+            errors.append(off(scaled(e, (5e-3, 4e-3, 3e-3), 500, mean_start=mean), there))
+        assert order(small, errors) == pytest.approx(slope, abs=0.25)
+        assert errors[-1] < {"no": 1.5e-5, "yes": 5e-9}[mean]
+
+
+@pytest.mark.heyoka
+def test_a_tensor_with_entries_off_its_diagonal_is_right_to_first_order_only() -> None:
+    small = [1e-2, 3e-3, 1e-3]
+
+    def tensor(e: float, off_diagonal: float) -> Case:
+        resistance = {"diagonal": 5e-3 * e, "off_diagonal": 5e-3 * e * off_diagonal}
+        time = {"end": 150 / e, "samples": 2001}
+        return case(model="tensor", resistance=resistance, initial=FIG12, time=time)
+
+    slopes = {x: order(small, [off(tensor(e, x)) for e in small]) for x in (0, 1)}
+    assert slopes == pytest.approx({0: 2, 1: 1}, abs=0.15)
+    assert any("off-diagonal" in warning for warning in tensor(1, 1).system.warnings)
+    assert not tensor(1, 0).system.warnings
+
+
+def test_a_tensor_on_its_diagonal_is_linear_resistance() -> None:
+    tensor = case(model="tensor", resistance=[[5e-3, 0, 0], [0, 3.2e-3, 0], [0, 0, 1.8e-3]])
+    for name, values in integrate(tensor).variables.items():
+        assert values == pytest.approx(integrate(case()).variables[name], rel=1e-13)
+
+
+@pytest.mark.heyoka
+def test_senses_after_the_passage_are_foreseen() -> None:
+    """Where s is not near 0 or 1. Each full motion takes some 5000 steps, and ends about x3."""
+    phases = np.arange(40) * 2 * np.pi / 40
+    right = wrong = 0
+    for lam in ((5e-4, 4e-4, 3e-4), (5e-4, 4e-4, 2e-4), (4e-4, 4e-4, 2e-4), (5e-4, 4.5e-4, 3e-4)):
+        slow = slow_variables(BODY, tuple(FIG4.values()))
+        for phase in phases:
+            p, q, r = BODY.unsort(free_motion_by_phase(BODY, slow, phase)).tolist()
+            one = case(
+                damping=list(lam),
+                initial={"p": p, "q": q, "r": r},
+                time={"end": 5000, "samples": 2},
+                error="off",
+            )
+            sense = integrate(one).events[0].details["sense"]
+            seen = math.copysign(1, omega(one)[-1, 2])
+            right, wrong = right + (sense == seen), wrong + (sense == -seen)
+    assert wrong == 0
+    assert right > 140
+
+
+def cavity(**given: Any) -> Case:
+    return case(**{"model": "cavity+constant", "initial": {"p": 0.5, "q": 0.25, "r": 1.4}} | given)
+
+
+@pytest.mark.heyoka
+def test_the_cavity_crosses_when_it_should() -> None:
+    times = []
+    for kappa, seen in ((0.01, 132.566), (1e-3, 1333.771), (1e-4, 13343.529)):
+        time = {"end": 2 / kappa, "samples": 3}
+        raw = integrate(cavity(kappa=kappa, time=time, mean_start="no")).events[0]
+        assert raw.time * kappa == pytest.approx(1.33454550741943, rel=1e-13)
+        times.append(
+            integrate(cavity(kappa=kappa, time=time)).events[0].details["predicted"] - seen
+        )
+    # the prediction closes in on the full motions as kappa does on 0
+    assert np.abs(times) == pytest.approx([0.06, 0.017, 0.003], abs=0.003)
+
+
+@pytest.mark.heyoka
+def test_the_cavity_is_right_to_second_order() -> None:
+    small = [1e-2, 1e-3, 1e-4]
+    for mean, slope in (("no", 1), ("yes", 2)):
+        errors = [
+            off(cavity(kappa=e, time={"end": 1 / e, "samples": 2001}, mean_start=mean))
+            for e in small
+        ]
+        assert order(small, errors) == pytest.approx(slope, abs=0.15)
+
+
+def test_the_periodic_part_of_the_fluid_is_that_of_its_quadrature() -> None:
+    def torque(w: np.ndarray) -> np.ndarray:
+        return np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), axis=-1)
+
+    for start in ((0.5, 0.25, 1.4), (0.8, 0.5, 0.74), (-0.8, -0.3, 0.5)):
+        slow = slow_variables(BODY, start)
+        k = cavity(kappa=1, initial=dict(zip("pqr", start, strict=True))).system.constants
+        unit = k["unit"]
+        assert isinstance(unit, float)
+        small = slow._replace(X=slow.X / unit**2, Y=slow.Y / unit**2)
+        closed = np.array(fluid_part(attributes(k), small)) * np.array(slow.pair) / unit
+        X, Y = periodic_part(BODY, torque, slow, 256)
+        assert closed == pytest.approx([X, Y] if slow.side > 0 else [Y, X], rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("A", "C", "M3", "end", "x"),
+    [(8.0, 4.0, -0.1, 40.008751, 1.237062), (8.0, 4.0, -0.3, 28.875367, 1.215748),
+     (1.3, 1.0, -0.1, 15.311778, 1.537620), (1.3, 1.0, -0.3, 10.627056, 1.455693)],
+)  # fmt: skip
+def test_ends_of_spin_of_symmetric_bodies_by_the_equations_of_all(
+    A: float, C: float, M3: float, end: float, x: float
+) -> None:
+    symmetric = cavity(
+        inertia=[A, A, C],
+        kappa=1260 * 0.48 / 1000,
+        torque=[0, 0, M3],
+        epsilon=0.1,
+        initial={"x": 1, "y": 1},
+        time={"end": 60, "samples": 3},
+        error="off",
+    )
+    general = AveragedTriaxial(**symmetric.data)
+    object.__setattr__(symmetric, "system", general)
+    motion = integrate(symmetric)
+    assert motion.time[-1] == pytest.approx(end, abs=6e-7)
+    f = motion.state[-1, 1] * general.unit
+    assert f * f / (A * (A - C)) == pytest.approx(x, abs=6e-7)
+
+
+def chance(**given: Any) -> Case:
+    """A body without fluid whose spin about x1 a torque opposes."""
+    return cavity(**{"kappa": 0, "initial": FIG4, "time": {"end": 1000, "samples": 11}} | given)
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(0.3, 0.3873), (0.5, 0.6455), (1.0, 1.0)])
+def test_a_torque_makes_the_capture_a_matter_of_chance(ratio: float, expected: float) -> None:
+    torque = [-1e-3, 0, -1e-3 * ratio]
+    stopped = integrate(chance(torque=torque))
+    (passage,) = stopped.events
+    assert stopped.time[-1] == passage.time < 1000
+    assert passage.details["probability"] == pytest.approx(expected, abs=5e-5)
+    other = integrate(chance(torque=torque, at_separatrix="other-axis"))
+    assert other.variables["enclosed_axis"][[0, -1]].tolist() == [1, 3]
+    back = integrate(chance(torque=torque, at_separatrix="reversed"))
+    # With probability 1 of the other axis, the motion cannot be reversed.
+    assert back.variables["enclosed_axis"][-1] == 1
+    assert (back.time[-1] < 1000) == (expected == 1)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(("kappa", "ratio"), [(0, 0.3), (3e-4, 0.5), (1.2e-3, 0.2)])
+def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio: float) -> None:
+    """Drawn are phases, and sizes of all torques together: the periodic part ties the phase of the
+    passage to that of the start, and phases alone would not be spread evenly."""
+    count, draw = 120, np.random.default_rng(1)
+    start = slow_variables(BODY, tuple(FIG4.values()))
+    passage = integrate(chance(kappa=kappa, torque=[-1e-3, 0, -1e-3 * ratio])).events[0]
+    some, captured = full(chance()), 0
+    for size, phase in zip(
+        draw.uniform(0.2, 0.3, count), draw.uniform(0, 2 * np.pi, count), strict=True
+    ):
+        p, q, r = BODY.unsort(free_motion_by_phase(BODY, start, phase)).tolist()
+        torque = (-1e-3 * size, 0.0, -1e-3 * ratio * size)
+        data = some.data | {"kappa": kappa * size, "torque": torque}
+        one = replace(some, data=data | {"initial": {"p": p, "q": q, "r": r}})
+        behind = np.array([(passage.time + 100) / size])
+        w = stored(one, solve(one, "taylor", times=behind).path)["omega"][0]
+        captured += bool(0.2 * w[0] ** 2 < 0.12 * w[2] ** 2)
+    expected = passage.details["probability"]
+    error = math.sqrt(expected * (1 - expected) / count)
+    assert captured / count == pytest.approx(expected, abs=3 * error)
+
+
+def test_a_dissipation_without_a_torque_takes_both_senses_alike() -> None:
+    constants = cavity(kappa=1e-3).system.constants
+    shares = capture_shares(drift_by_region(attributes(constants), -1, 1.0, 1.0), (-1, 1))
+    assert shares == pytest.approx({(1, 1): 0.5, (1, -1): 0.5, (-1, 1): 0, (-1, -1): 0})
+
+
+def test_captures_add_up() -> None:
+    for torque in ((-1, 0, 0.4), (-1, 0, -3), (-0.2, 0, 0.3)):
+        for kappa in (0.0, 0.1, 0.5):
+            k = {"a": 1.0, "b": 0.8, "c": 0.6} | fluid_constants(BODY, kappa, torque, 1.0)
+            drift = drift_by_region(attributes(k), 1, 1.0, 1.0)
+            if drift[1, 1] < 0:
+                assert sum(capture_shares(drift, (1, 1)).values()) == pytest.approx(1)
+
+
+@pytest.mark.heyoka
+def test_the_error_measured_is_that_against_quadruple_precision() -> None:
+    double = integrate(case(mean_start="no"))
+    quadruple = integrate(case(mean_start="no", precision="quadruple", error="off"))
+    for name in ("momentum", "J"):
+        apart = np.abs(double.variables[name] / quadruple.variables[name] - 1).max()
+        assert apart < 1e-14
+    assert double.error < 1e-14
+
+
+def test_a_motion_far_below_the_smallest_double_has_its_shape() -> None:
+    decayed = integrate(case(damping=[5, 4, 3], time={"end": 1000, "samples": 3}))
+    assert decayed.variables["momentum"][-1] == 0
+    assert decayed.variables["J"][-1] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [({"inertia": [0.5, 0.5, 0.5]}, "three equal moments"),
+     ({"initial": {"p": 0, "q": 1, "r": 0}}, "on the separatrix"),
+     ({"initial": {"p": 0, "q": 0, "r": 0}}, "at rest"),
+     ({"mean_start": "maybe"}, "yes or no")],
+)  # fmt: skip
+def test_what_cannot_be_averaged(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(HodoError, match=said):
+        case(**given)
+
+
+def last(motion: Trajectory, name: str) -> float:
+    return float(motion.variables[name][-1])
+
+
+@pytest.mark.parametrize(
+    ("inertia", "initial", "axis", "J"),
+    [((1, 0.8, 0.8), {"p": 0.8, "q": 0.5, "r": 0.56}, 1, 0.813201),
+     ((1, 1, 0.6), {"p": 0.8, "q": 0.5, "r": 0.55}, 3, 0.678491)],
+)  # fmt: skip
+def test_symmetric_bodies_keep_their_side(
+    inertia: Sequence[float], initial: dict[str, float], axis: int, J: float
+) -> None:
+    motion = integrate(case(inertia=list(inertia), initial=initial, mean_start="no"))
+    assert set(motion.variables["enclosed_axis"]) == {axis}
+    assert motion.variables["k2"].max() == 0
+    assert last(motion, "J") == pytest.approx(J, abs=6e-7)
+
+
+def test_exact_rotation_about_an_axis_stays_one() -> None:
+    motion = integrate(case(initial={"p": 0.8, "q": 0, "r": 0}))
+    assert motion.variables["J"] == pytest.approx(1)
+    assert motion.variables["momentum"] == pytest.approx(0.8 * np.exp(-5e-3 * motion.time))
+
+
+def test_equal_resistance_is_no_approximation() -> None:
+    equal = case(damping=[5e-3, 5e-3, 5e-3], initial={"p": 0.5, "q": 0.25, "r": 1.4})
+    assert off(equal) < 1e-13
+
+
+def test_the_late_regime_is_told() -> None:
+    (told,) = integrate(case()).warnings
+    assert "0.027 at the start" in told
