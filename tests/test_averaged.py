@@ -162,14 +162,15 @@ def test_orders_of_the_error(
 
 @pytest.mark.heyoka
 def test_the_second_order_is_kept_through_the_separatrix() -> None:
-    small, near = [1e-2, 1e-3, 3e-4], (280.0, 330.0)
+    # With s = .28, .83, .32 there: near 0 or 1 the lag, and with it the error, are larger.
+    small, near = [1e-2, 1e-3, 2.5e-4], (280.0, 330.0)
     for mean, slope in (("no", 1), ("yes", 2)):
         errors = []
         for e in small:
             there = near[0] / e, near[1] / e
             errors.append(off(scaled(e, (5e-3, 4e-3, 3e-3), 500, mean_start=mean), there))
-        assert order(small, errors) == pytest.approx(slope, abs=0.25)
-        assert errors[-1] < {"no": 1.5e-5, "yes": 5e-9}[mean]
+        assert order(small, errors) == pytest.approx(slope, abs=0.1)
+        assert errors[-1] < {"no": 1.5e-5, "yes": 2e-10}[mean]
 
 
 @pytest.mark.heyoka

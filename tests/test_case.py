@@ -205,7 +205,7 @@ LINES = [
         ("sweep: 3", 12, ".sweep: wants a mapping of keys (damping.2) to {linspace: [first, last, number]}, logspace, "
          "values, zip or sphere, not 3"),
         ("sweep: {damping.2: {values: [1, .nan]}}", 37, ".sweep.damping.2.values.1: wants a finite number, not nan"),
-        ("form: averaged", 11, ".form: wants full, not 'averaged'"),
+        ("form: mean", 11, ".form: wants full or averaged, not 'mean'"),
         ("model: linear-dig", 12, f".model: wants {MODELS}, not 'linear-dig'; did you mean 'linear-diag'?"),
         ("model: [1]", 12, f".model: wants {MODELS}, not a list of 1"),
         ("time: {end: 1, end: 2}", 20, ".time.end: duplicate key; the first is in line 3"),

@@ -217,7 +217,10 @@ def test_the_ways_to_give_the_start_agree() -> None:
         ({"initial": "{x: -1, y: 1}"}, r"initial\.x: wants a number >= 0"),
         ({"initial": "{p: 1, q: 1}"}, "r missing"),
         ({"inertia": "[3, 1, 1]"}, "larger than the sum"),
-        ({"inertia": "[1.3, 1.2, 1]", "form": "averaged"}, "inertia: form averaged wants A1 = A2"),
+        (
+            {"inertia": "[1.3, 1.2, 1]", "form": "averaged-as-printed"},
+            "inertia: form averaged-as-printed wants A1 = A2",
+        ),
         ({"spin_reversal": "stop"}, "spin_reversal"),
     ],
 )
