@@ -22,6 +22,8 @@ from ..schema.write import write
 from .keys import COMMON, REMARKS, all_keys, keys_in
 from .sweep_block import check_axes, storable
 
+# Safe as a group of HDF5 (no slash), as a file, and in a shell; `_` in front is kept for groups
+# that are no cases.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 NAME_RULE = (
     "a name is up to 100 of the characters A-Z a-z 0-9 . _ - and begins with a letter or digit"
@@ -84,6 +86,7 @@ class Case:
 
     def __post_init__(self) -> None:
         for name in ("data", "sweep", "store"):
+            # The way into a frozen dataclass.
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @cached_property
@@ -193,6 +196,7 @@ def _cross_check(found: type[Model], data: Mapping[str, Any], report: Report) ->
         for at, sentence in found.check(data):
             report(at, sentence)
     except KeyError:
+        # With all keys there, a KeyError is a mistake of the model's, not of the case's.
         if data.keys() >= found.keys.keys():
             raise
 

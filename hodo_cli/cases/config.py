@@ -42,6 +42,7 @@ def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
     name = str(path)
     try:
         with open(path, "rb") as file:
+            # One byte more than allowed tells a file that is too large without reading it.
             raw = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         raise HodoError(f"{name!r}: {getattr(error, 'strerror', None) or error}") from None
@@ -49,6 +50,7 @@ def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
     if len(raw) > MAX_BYTES:
         raise mistakes.fatal(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
     try:
+        # Editors on Windows put a byte order mark before the text.
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line, column = (
@@ -67,6 +69,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     mistakes = Mistakes(name)
     document = read_mapping(text, mistakes)
     report = reporter(document, (), Place(1, 1), mistakes)
+    # `figures:` with nothing below it is a section that is left out.
     given = {section: value for section, value in document.items() if value is not None}
     sections = kinds.resolve(SECTIONS, given, (), report)
     cases, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
@@ -123,6 +126,7 @@ def _merge(defaults: Block, given: Block) -> Block:
             )
     own, common = given.get("time"), defaults.get("time")
     if isinstance(own, Block) and isinstance(common, Block):
+        # Key by key: a case that changes `end` keeps the common `samples`.
         merged["time"] = _merge(common, own)
     return merged
 
@@ -132,6 +136,7 @@ def _check_defaults(defaults: Block, blocks: Iterable[Block], report: Report) ->
     found = [keys_in(block) for block in blocks]
     taken = (
         set(all_keys())
+        # A case whose model is not known may take any key; its own mistake says enough.
         if any(form is None for form, _ in found)
         else {key for _, some in found for key in some}
     )
@@ -156,6 +161,7 @@ def _figures(
             continue
         kind = block.get("kind")
         known = isinstance(kind, str) and kind in KINDS
+        # Without a kind the other keys cannot be judged, and would each be called unknown.
         entries = block if known else {key: kind for key in block if key == "kind"}
         taken = {"kind": Key(Choice(*KINDS), "what is drawn")} | (KINDS[kind] if known else {})
         figures[name] = kinds.resolve(taken, entries, ("figures", name), report)

@@ -29,6 +29,8 @@ class Series:
         self._rule, self._known = rule, list[Any]()
 
     def __getitem__(self, k: int) -> Any:
+        # In a loop, because a rule that recursed to order 0 would exceed Python's limit for long
+        # series.
         while len(self._known) <= k:
             self._known.append(self._rule(len(self._known)))
         return self._known[k]
@@ -64,6 +66,7 @@ class Series:
     __rmul__ = __mul__
 
     def _square(self, k: int) -> Any:
+        # Half the products of a general one.
         middle = [self[k // 2] * self[k // 2]] if k % 2 == 0 else []
         pairs = [self[i] * self[k - i] for i in range((k + 1) // 2)]
         return total([2.0 * total(pairs), *middle] if pairs else middle)
@@ -73,6 +76,7 @@ class Series:
             return self._new(lambda k: self[k] / other)
 
         def rule(k: int) -> Any:
+            # q = a/b from a = q b: the new coefficient is the only unknown of order k.
             known = [other[i] * quotient[k - i] for i in range(1, k + 1)]
             return (self[k] - total(known) if known else self[k]) / other[0]
 
@@ -87,6 +91,7 @@ class Series:
         def rule(k: int) -> Any:
             if k == 0:
                 return self[0] ** exponent
+            # From y P' = exponent y' P for P = y^exponent, order by order.
             terms = [(i * exponent - (k - i)) / k * self[i] * power[k - i] for i in range(1, k + 1)]
             return total(terms) / self[0]
 
@@ -99,6 +104,7 @@ class Series:
                 return base ** self[0]
             return rate * total([i / k * self[i] * power[k - i] for i in range(1, k + 1)])
 
+        # From P' = log(base) y' P for P = base^y.
         rate = type(self).log(base)
         power = self._new(rule)
         return power

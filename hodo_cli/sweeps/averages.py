@@ -40,6 +40,7 @@ def average(
             raise HodoError(
                 f"the sweep has no position {i} on an axis {axis!r} (its axes: {', '.join(axes)})"
             )
+    # Members that failed hold nan or 0, and 0 is a label.
     data = np.where(variables["status"].data == 0, data, np.nan)[
         tuple(at.get(axis, slice(None)) for axis in axes)
     ]
@@ -47,7 +48,9 @@ def average(
     rest = tuple(i for i, axis in enumerate(left) if axis not in keep)
     counted = np.isfinite(data).sum(axis=rest)
     total = np.nansum(data, axis=rest)
+    # Not nanmean, which warns on stderr where nothing is left to average.
     means = np.divide(total, counted, out=np.full(np.shape(total), np.nan), where=counted > 0)
+    # What is left stands in the order of the sweep: the axes go into the order that was asked for.
     return np.asarray(
         np.transpose(means, np.argsort(np.argsort([left.index(axis) for axis in keep])))
     )

@@ -52,8 +52,11 @@ class Chunk:
 def chunks(case: Case) -> Iterator[Chunk]:
     """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
     total = math.prod(shape(case))
+    # At least 16 chunks, so that several processes end at about the same time.
     size = min(LARGEST, max(LEAST, -(-total // 16)))
     if not fits_ensemble(case) or "trajectory" in case.store:
+        # Single cases take milliseconds each, and full trajectories megabytes: a kill should cost
+        # neither many.
         size = min(size, 64)
     for first in range(0, total, size):
         yield Chunk(case, first, min(first + size, total))
@@ -104,7 +107,9 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
     left = values["status"] == Status.OK.code
     kinds: dict[tuple[Structure, tuple[Event, ...]], list[int]] = {}
     for i, each in enumerate(given):
+        # One compiled step watches one event; of two or more, single cases keep the order.
         if each.start is not None and len(each.events) <= 1:
+            # Only what differs in numbers alone can share a compiled step.
             kinds.setdefault((each.structure, each.events), []).append(i)
     for alike in kinds.values():
         at = np.flatnonzero(np.isin(place, alike))
@@ -164,6 +169,7 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
     if any(model.check(single.data)):
         return Status.INVALID, None
     if not model.unclassifiable:
+        # Its crossings need the error of the motion; `member` leaves it out for all others.
         single = replace(single, error=case.error)
     try:
         motion = integrate(single)

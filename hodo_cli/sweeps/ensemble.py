@@ -201,6 +201,8 @@ class Underway:
         units = self.size[at], self.rate[at]
         length = self.next[m + 1, at]
         self.suspects.append(Suspects(self.number[at], before, self.rest[at], length, *units, k))
+        # Only the sign at the ends is looked at here; where in the step it ended is found at the
+        # end, for all at once.
         if event is not None and event.terminal:
             named = namespace(self.ensemble.structure, list(k[1:]))
             ends = (event.function(0.0, [*y[:m]], named) for y in (before, self.next[:m, at]))
@@ -211,6 +213,7 @@ class Underway:
         """Drop the motions that are at their end, and renew units that no longer fit."""
         left = self.now[self.m]
         going = (left > 0) & (self.steps < MOST_STEPS)
+        # What rounding took from the time left, back to it before it decides the last steps.
         whole = left + self.rest
         self.rest += left - whole
         left[going] = whole[going]
@@ -230,6 +233,7 @@ class Underway:
         outcome.settled[at] = self.now[self.m, ended] == 0
         going = np.flatnonzero(~done)
         keep = padded(going)
+        # Contiguous, because compiled code reads the columns in registers.
         self.now, self.k = (np.ascontiguousarray(a[:, keep]) for a in (self.now, self.k))
         self.next = np.empty_like(self.now)
         self.number, self.size, self.rate, self.rest, self.steps = (
@@ -245,6 +249,7 @@ class Underway:
         y, k = self.now[:m, at], vars(e.named(self.number[at]))
         y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
         units = Units.fit(e.model, k, y, self.size[at])
+        # By powers of two throughout, so that new units change no digit.
         faster = units.rate - self.rate[at]
         self.now[:m, at] = np.ldexp(self.now[:m, at], self.size[at] - units.size)
         self.now[m, at], self.rest[at] = np.ldexp((self.now[m, at], self.rest[at]), faster)
@@ -271,6 +276,7 @@ def advance(e: Ensemble) -> Outcome:
     if feasible.size:
         underway = Underway(e, step, feasible, outcome)
         while underway.number.size:
+            # Numpy's own work is in the pauses; between them a step is one call of compiled code.
             for _ in range(PAUSE):
                 underway.advance()
             underway.pause()
@@ -330,6 +336,7 @@ def passages(
     slope = value(D[1:, at] * np.arange(1, order + 1)[:, None], place)
     there = [value(coefficients(y, order, steps.length)[:, at], place) for y in state]
     left = (steps.before[m, at] - place) + steps.rest[at]
+    # Counted from the end: the time left is what the steps keep exactly.
     times = e.span[1] - np.ldexp(left, -steps.rate[at])
     by_time = np.lexsort((times, steps.motion[at]))
     direction = np.sign(slope).astype(np.int64)

@@ -55,6 +55,7 @@ def group_of_columns(
         dims = column.dims
         if "trajectory" in case.store and name in case.system.variables:
             inner, dims = (case.time.samples, *inner), ("time", *dims)
+        # The shape and type of an array without its memory: a zero that stands everywhere.
         outline = np.broadcast_to(np.zeros((), dtype=column.dtype), (*sizes, *inner))
         variables[name] = Variable((*names, *dims), outline, column.attrs)
     variables |= principal_axes(variables.values())
@@ -120,6 +121,8 @@ def slabs(
         row = math.prod(sizes[1:])
         while a < b:
             i, inside = divmod(a, row)
+            # Whole rows in one piece: HDF5 takes a selection of few large boxes far faster than one
+            # of many small ones.
             if inside == 0 and b - a >= row:
                 rows = (b - a) // row
                 yield (

@@ -52,6 +52,8 @@ def member_inputs(
     plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
     sizes = [len(axis) for axis, _ in plain] or [1]
     flat = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
+    # Checking the data in Python takes longer than a member's integration, so equal data are
+    # checked once.
     which, place = np.unique(flat, return_inverse=True)
     positions = np.stack(np.unravel_index(which, sizes), axis=-1).tolist()
     found = [inputs(case, [axis for axis, _ in plain], at if plain else []) for at in positions]
@@ -77,6 +79,7 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
     data = given.data
     if direction is not None and given.start is not None:
         omega = starts([given], np.zeros(1, dtype=int), direction)[:, 0].tolist()
+        # The other ways to give the start (|G|, x and y) make way for the components.
         data = {
             **data,
             "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True)),

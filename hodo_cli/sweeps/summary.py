@@ -48,6 +48,7 @@ def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple
     Newton's method."""
     one = member(case, number)
     end = np.array([case.time.end])
+    # nan where there is no crossing, and then the comparison is false.
     times = np.append(crossing, end) if crossing < case.time.end else end
     for precision, method, tol in references(one, "taylor", case.tol or 2.0**-52):
         reference = solve(one, method, precision, tol, times)
@@ -72,6 +73,8 @@ def _newton(case: Case, state: np.ndarray, exponent: int) -> float:
     omega = np.ldexp(state.astype(float), exponent)
     rate = np.ldexp(np.array(system.rhs(0.0, list(omega), k)), -exponent)
     w = state.astype(float)
+    # D is a quadratic form, so this difference of finite steps is its derivative along the motion,
+    # exactly.
     faster, slower = (
         np.subtract(*rigid_body.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1)
     )
@@ -124,6 +127,7 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
     """Counts, shares and messages over all members of a sweep."""
     total = tasks[-1].last
     found = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, 0, [], [], [], {})
+    # Seeded by the number of members: the same sweep has the same sample wherever it runs.
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
     near: list[tuple[float, int, np.ndarray, float]] = []
     for task in tasks:
@@ -143,6 +147,7 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
             (float(separation[i]), task.first + int(i), omega[i], float(crossing[i]))
             for i in nearest
         ]
+        # By separation, then number: the arrays behind them cannot be compared.
         near = sorted(near, key=lambda one: one[:2])[:NEAREST]
         for i in drawn[(drawn >= task.first) & (drawn < task.last)] - task.first:
             if status[i] == Status.OK.code:
@@ -154,6 +159,7 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
 
 
 def _add(found: Summary, number: int, omega: np.ndarray, time: float) -> None:
+    # Smaller, components may be below the smallest normal double, and differ for that alone.
     if np.abs(omega).max() > 1e-290:
         found.members.append(number)
         found.omega.append(omega)
@@ -162,6 +168,8 @@ def _add(found: Summary, number: int, omega: np.ndarray, time: float) -> None:
 
 def sampled_errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
     """Quantiles of the measured errors."""
+    # Tasks of some milliseconds each: enough for any number of processes, few enough for their
+    # overhead.
     step = 16
     tasks = [
         Probe(case, summary.members[i : i + step], np.array(summary.omega[i : i + step]),

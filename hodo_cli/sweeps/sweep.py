@@ -36,6 +36,7 @@ def run(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Sa
         say(f"{case.name}: {len(parts)} of {len(tasks)} chunks are kept")
     for chunk, outcome in pool.map(compute, [task for task in tasks if task.first not in parts]):
         if isinstance(outcome, Exception):
+            # A chunk that fails costs its own members; the sweep goes on and says how many.
             problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
         else:
             writer.add_part(stamp, chunk.first, outcome)
