@@ -22,9 +22,13 @@ from ..models.constants import Structure, jacobian, namespace
 if TYPE_CHECKING:
     from ..engines.taylor_batch import TaylorStep
 
-BAND = (1 / 16, 16.0)
+BAND, WIDE = (1 / 4, 4.0), (1 / 64, 64.0)
 """The largest component of a scaled state that needs no new units. heyoka's control of the error is
-absolute below 1, so that 1/16 costs a digit at most; new units cost as much as 20 steps."""
+absolute below 1, so that a small motion loses digits. Units are renewed outside of BAND at every
+RENEWAL-th pause, since numpy spends more on the call, some 0.1 ms, than on a thousand motions, and
+at every pause outside of WIDE, where few motions ever get. When, does not hang on other motions."""
+
+RENEWAL = 8
 
 HOPELESS = 100 * MANY_STEPS
 """Steps that a motion needs if it stays as fast as at its start, beyond which it is not tried."""
@@ -162,6 +166,7 @@ class Underway:
     step: "TaylorStep"
     number: np.ndarray
     outcome: Outcome
+    pauses: int = 0
     suspects: list[Suspects] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -211,6 +216,7 @@ class Underway:
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
+        self.pauses += 1
         left = self.now[self.m]
         going = (left > 0) & (self.steps < MOST_STEPS)
         # What rounding took from the time left, back to it before it decides the last steps.
@@ -221,7 +227,8 @@ class Underway:
             self.drop(~going)
         if self.ensemble.model.degree:
             largest = np.abs(self.now[: self.m]).max(axis=0)
-            outgrown = (largest < BAND[0]) | (largest > BAND[1])
+            low, high = WIDE if self.pauses % RENEWAL else BAND
+            outgrown = (largest < low) | (largest > high)
             self.renew(np.flatnonzero(outgrown & (self.now[self.m] > 0)))
 
     def drop(self, done: np.ndarray) -> None:
