@@ -163,16 +163,20 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
 @RUNS
 @JSON
 def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
-    """Check the statements of the `claims:` blocks against RUNS; the verdicts go into RUNS.
+    """Check the `claims:` and `errata:` of RUNS against their results; the verdicts go into RUNS.
 
     Exit status 3 if a verdict is not the one that the case file expects.
     """
     from . import text
     from .commands import claims, tables
 
-    rows = claims.judge_results(runs)
-    click.echo(text.as_json(rows) if as_json else tables.claim_table(rows))
-    if any(row["verdict"] != row["expect"] for row in rows):
+    statements, errata = claims.judge_results(runs)
+    if as_json:
+        click.echo(text.as_json({"statements": statements, "errata": errata}))
+    else:
+        click.echo(tables.claim_table(statements))
+        click.echo(tables.erratum_table(errata), nl=bool(errata))
+    if not all(map(claims.as_expected, [*statements, *errata])):
         sys.exit(3)
 
 

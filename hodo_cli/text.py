@@ -41,10 +41,14 @@ def magnitude(value: float) -> str:
     return "-" if math.isnan(value) else "0" if value == 0 else f"{value:.1e}"
 
 
-def as_json(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows as JSON, which has no numbers that are not finite: null stands for them."""
-    finite = [
-        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()}
-        for row in rows
-    ]
-    return json.dumps(finite)
+def as_json(value: Any) -> str:
+    """Plain data as JSON, which has no numbers that are not finite: null stands for them."""
+    return json.dumps(_finite(value))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -468,17 +468,26 @@ def as_printed(value: float) -> Fraction:
 
 
 INERTIA = (1.0, 0.8, 0.6)
+LITERAL = (0.005, 0.0, 0.005, 0.0, 0.0, 0.0, 0.005, 0.0, 0.005)
+UNIT_OMEGA = (0.5, 0.25, 0.82915619758885)
 PAPER1 = {
     "fig4": ((0.005, 0.004, 0.003), (0.8, 0.5, 0.74), 1000),
     "fig8": ((0.003, 0.004, 0.005), (0.8, 0.5, 0.74), 1000),
     "fig9": ((0.005, 0.004, 0.005), (0.8, 0.5, 0.74), 1000),
     "fig11": ((0.005, 0.004, 0.002), (0.8, 0.5, 0.74), 1000),
-    "fig12": ((0.005, 0.005), (0.5, 0.25, None), 1000),
+    "fig12": (LITERAL, (0.5, 0.25, None), 1000),
+    "fig12-unit-omega": (LITERAL, UNIT_OMEGA, 1000),
+    "fig12-all-entries": ((0.005, 0.005), (0.5, 0.25, None), 1000),
+    "fig12-all-entries-unit-omega": ((0.005, 0.005), UNIT_OMEGA, 1000),
     "fig12 from r = 1.404": ((0.005, 0.005), (0.5, 0.25, 1.404), 1000),
     "fig12 from r = 1.4": ((0.005, 0.005), (0.5, 0.25, 1.4), 1000),
-    "fig14": ((0.005, 0.005), (0.8, 0.5, 0.74), 1200),
+    "fig14": (LITERAL, (0.8, 0.5, 0.74), 1200),
+    "fig14-all-entries": ((0.005, 0.005), (0.8, 0.5, 0.74), 1200),
+    "fig14-all-entries-small-r": ((0.005, 0.005), (0.5, 0.25, 0.4), 1200),
     "fig16": ((0.003, 0.001), (0.5, 0.25, None), 1000),
+    "fig16-unit-omega": ((0.003, 0.001), UNIT_OMEGA, 1000),
     "fig18": ((0.001, 0.003), (0.5, 0.25, None), 3000),
+    "fig18-unit-omega": ((0.001, 0.003), UNIT_OMEGA, 1000),
     "fig12 from r one ulp lower": (
         (0.005, 0.005),
         (0.5, 0.25, float.fromhex("0x1.678406772a407p+0")),
@@ -495,7 +504,7 @@ PAPER1 = {
         3000,
     ),
 }
-"""(lambda1, lambda2, lambda3) or (diagonal, off-diagonal); p, q, r at the start; horizon.
+"""(lambda1, lambda2, lambda3), (diagonal, off-diagonal) or all nine entries; p, q, r at the start; horizon.
 
 r = None is the double nearest to the root of |G(0)| = 1, 0x1.678406772a408p+0; sqrt(1 - 0.29) / 0.6
 is one ulp lower.
@@ -524,6 +533,8 @@ def paper1(name: str, number: Number = float) -> tuple[Data, System, Data, float
     p, q = map(number, start[:2])
     r = number(start[2]) if start[2] is not None else completed(p, q, A)
     rows = [[I[0] if i == j else I[1] for j in range(3)] for i in range(3)]
+    if len(I) == 9:
+        rows = [I[:3], I[3:6], I[6:]]
     system = diagonal(A, I) if len(I) == 3 else tensor(A, rows)
     return A, system, (p, q, r if number is as_printed else float(r)), end
 

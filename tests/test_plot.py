@@ -120,15 +120,15 @@ def test_curves_in_space_are_those_stored(runs: Path) -> None:
     alone(
         """
 with open_results(runs / "paper1.h5") as results:
-    sheet = sheets.draw(results.figure("fig12"), results)
-    data = results.cases["fig12"]
+    sheet = sheets.draw(results.figure("fig12-all-entries"), results)
+    data = results.cases["fig12-all-entries"]
     G = data["omega"].values * [1, 0.8, 0.6]
     shown, = sheet.shown
-    assert shown.curve == "fig12" and (shown.values["time"] == data["time"].values).all()
+    assert shown.curve == "fig12-all-entries" and (shown.values["time"] == data["time"].values).all()
     assert (np.stack([shown.values[f"G.x{i}"] for i in (1, 2, 3)], axis=-1) == G).all()
 
     main, zoomed = sheet.figure.axes
-    view = View.toward(results.figure("fig12")["view"])
+    view = View.toward(results.figure("fig12-all-entries")["view"])
     curve, = [each for each in main.collections if isinstance(each, LineCollection)]
     drawn = np.concatenate(curve.get_segments())
     assert {tuple(at) for at in view(G)[:, :2].tolist()} == {tuple(at) for at in drawn.tolist()}
@@ -182,7 +182,7 @@ def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> Non
         """
 with open_results(runs / "paper1.h5") as results:
     limits = set()
-    for name in ("fig9", "fig10", "fig11", "fig13"):
+    for name in ("fig9", "fig10", "fig11", "fig13-all-entries"):
         figure = results.figure(name)
         case = results.cases[figure["cases"][0]]
         sheet = sheets.draw(figure, results)
@@ -202,7 +202,7 @@ with open_results(runs / "paper1.h5") as results:
         marks, = [line for line in axes.lines if line.get_marker() == "D"]
         assert len(marks.get_xdata()) == case.sizes.get("crossing", 0)
         assert (marks.get_xdata() == marks.get_ydata()).all()
-        if name != "fig13":
+        if name != "fig13-all-entries":
             limits.add((axes.get_xlim(), axes.get_ylim()))
     assert len(limits) == 1
     assert "no quadrants" in refused(lambda: sheets.draw({**results.figure("fig10"), "cases": ("fig7",)}, results))
@@ -246,7 +246,7 @@ with open_results(runs / "paper1.h5") as results:
     assert all((shown.values["time"] >= low).all() and (shown.values["time"] < high).all() for shown in sheet.shown)
     figure = {**results.figure("fig12-sensitivity"), "variables": ("omega.x1", "omega.x2", "G.x3"), "span": None}
     sheet = sheets.draw(figure, results)
-    p, q, r = results.cases["fig12"]["omega"].values.T
+    p, q, r = results.cases["fig12-all-entries"]["omega"].values.T
     for axes, values, label in zip(sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True):
         assert (axes.lines[0].get_ydata() == values).all() and axes.get_ylabel().startswith(label)
     sheet = sheets.draw(results.figure("fig4-invariants"), results)
@@ -287,7 +287,7 @@ for paper, name in (("paper1", "fig18"), ("paper1", "fig5"), ("paper3", "figure"
 
 def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
     code = """
-for paper, names in (("paper1", ["fig4", "fig13"]), ("paper3", ["figure"])):
+for paper, names in (("paper1", ["fig4", "fig13-all-entries"]), ("paper3", ["figure"])):
     with open_results(runs / f"{paper}.h5") as results:
         rendered = plot.render(results, names, sheets.FORMATS, Path(sys.argv[2]))
         assert not any(each.problem for each in rendered)
@@ -323,13 +323,13 @@ with open_results(runs / "paper1.h5") as results:
     assert "no case 'gif4'" in refused(lambda: sheets.draw({**spec, "cases": ("gif4",)}, results))
     series = {**results.figure("fig12-sensitivity"), "variables": ("x",)}
     said = refused(lambda: sheets.draw(series, results))
-    assert "fig12 has no variable 'x'" in said and "omega" in said
+    assert "fig12-all-entries has no variable 'x'" in said and "omega" in said
     for wrong in ("omega", "omega.x4", "time.x1", "omega."):
         assert "no variable" in refused(lambda: sheets.draw({**series, "variables": (wrong,)}, results))
 
     said = refused(lambda: sheets.draw({**series, "labels": (r"$\\frac{$",)}, results))
     assert "is not TeX" in said
-    inset = {"panel": "T", "case": "fig12", "variables": ("T",), "box": (0, 0, 1, 1)}
+    inset = {"panel": "T", "case": "fig12-all-entries", "variables": ("T",), "box": (0, 0, 1, 1)}
     said = refused(lambda: sheets.draw({**series, "variables": ("D/2T",), "inset": inset}, results))
     assert "none of the panels (D/2T)" in said
 
@@ -356,7 +356,7 @@ with open_results(runs / "paper1.h5") as results:
     results.config = dataclasses.replace(results.config, title=bad, references=bad)
     results.config.figures["fig4"]["caption"] = bad
     results.config.figures["fig7"]["cases"] = (bad,)
-    rendered = plot.render(results, ["fig4", "fig12", "fig7"], ("png", "csv"), out / "paper1")
+    rendered = plot.render(results, ["fig4", "fig12-all-entries", "fig7"], ("png", "csv"), out / "paper1")
     page.write(out / "index.html", [(results, rendered)])
 text = (out / "index.html").read_text()
 
@@ -378,9 +378,9 @@ class Reader(HTMLParser):
 reader = Reader()
 reader.feed(text)
 assert not reader.open and "script" not in reader.tags and "link" not in reader.tags and "http" not in text
-assert {"paper1", "paper1-fig4", "paper1-fig12"} <= reader.ids
+assert {"paper1", "paper1-fig4", "paper1-fig12-all-entries"} <= reader.ids
 images = [base64.b64decode(source.removeprefix("data:image/png;base64,")) for source in reader.images]
-assert images == [(out / "paper1" / f"{name}.png").read_bytes() for name in ("fig4", "fig12")]
+assert images == [(out / "paper1" / f"{name}.png").read_bytes() for name in ("fig4", "fig12-all-entries")]
 for link in reader.links:
     assert link[1:] in reader.ids if link.startswith("#") else (out / link).resolve().is_file(), link
 assert "Not drawn" in text

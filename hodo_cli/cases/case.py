@@ -8,7 +8,7 @@ are raised together, as one HodoError with a line for each.
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Never
 
@@ -82,10 +82,11 @@ class Case:
     max_seconds: float | None = None
     max_steps: int | None = None
     note: str = ""
+    assumes: Mapping[str, str] = field(default_factory=dict)
     sweep: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("data", "sweep", "store"):
+        for name in ("data", "sweep", "store", "assumes"):
             # The way into a frozen dataclass.
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
@@ -106,7 +107,7 @@ def dump(case: Case, remarks: bool = True) -> str:
     entries = {"name": case.name, "model": case.model, "form": case.form} | _without_none(case.data)
     common = {key: getattr(case, key) for key in COMMON if remarks or key not in REMARKS}
     common["time"] = asdict(case.time)
-    entries |= {key: value for key, value in common.items() if value is not None}
+    entries |= {key: value for key, value in common.items() if value is not None and value != {}}
     return "".join(f"{key}: {write(value)}\n" for key, value in entries.items())
 
 

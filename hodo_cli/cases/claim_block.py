@@ -25,7 +25,13 @@ from .sweep_block import Ranges
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
-VERDICTS = (REPRODUCED, PLOTTING, CONTRADICTED, UNDERDETERMINED, NOT_TESTED)
+AS_PRINTED = "holds as printed only"
+VERDICTS = (REPRODUCED, PLOTTING, AS_PRINTED, UNDERDETERMINED, CONTRADICTED, NOT_TESTED)
+"""The verdicts on a statement. One that inherits an erratum holds as printed only."""
+
+CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading"
+MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
+"""The verdicts on an erratum; a wrong number of an equation, say, is seen by reading."""
 
 QUANTITIES = {
     "p": "angular velocity about x1",
@@ -44,10 +50,12 @@ QUANTITIES = {
     "u3": "third root",
     "crossings": "number of separatrix crossings",
     "first_crossing": "time of the first crossing; infinite without one",
-    "entry_momentum": "largest |G| at a crossing to the axis of smallest inertia; 0 without one",
     "turns": "turns of G about the axis that it encloses at the start",
-    "reach_largest": "largest w_l^2 while the axis of largest inertia is enclosed (l is that axis)",
-    "reach_smallest": "largest K w_s^2 while the axis of smallest inertia is enclosed (s is that axis)",
+    "area_largest": "largest w_l^2 while the axis l of largest inertia is enclosed, "
+    "by the largest coordinate in the plane of w_l^2 and K w_s^2",
+    "area_smallest": "largest K w_s^2 while the axis s of smallest inertia is enclosed, likewise",
+    "growth_largest": "rate at which a small tilt away from the axis of largest inertia grows",
+    "growth_smallest": "rate at which a small tilt away from the axis of smallest inertia grows",
     "end_of_spin": "time at which r reaches 0; infinite if it does not",
     "rebound_u3": "time at which u3 touches 1, where |Gz| = C |r|; infinite if it does not",
 }
@@ -139,15 +147,36 @@ KINDS: dict[str, dict[str, Key]] = {
 }  # fmt: skip
 """What each kind of check takes."""
 
+CHECK = Variant("kind", KINDS)
+ID = Key(Text(), "name")
+CASES = Key(Names(), "cases that it concerns", default=())
+OVER = Key(Ranges(), "the check is made for every member of this sweep of the cases", default=None)
+
+READING = {
+    "cases": CASES,
+    "check": Key(CHECK, "how this reading is checked (default: the claim's check)", default=None),
+    "over": Key(Ranges(), "members of this reading (default: the claim's)", default=None),
+}
+
 CLAIM = {
-    "id": Key(Text(), "name of the claim"),
+    "id": ID,
     "where": Key(Text(), "section, figure or equation of the text"),
+    "original": Key(Text(), "the statement in the words of the text", default=""),
     "statement": Key(Text(), "what the text says, in one sentence"),
-    "cases": Key(Names(), "cases that it concerns"),
-    "check": Key(Variant("kind", KINDS), "how it is checked"),
-    "over": Key(
-        Ranges(), "the check is made for every member of this sweep of the cases", default=None
+    "cases": CASES,
+    "readings": Key(
+        Each(Table(READING), "names to cases, and to a check and members of their own"),
+        "in the place of `cases`: the ways to read the text, each with its cases; "
+        "a statement on which they disagree is under-determined",
+        default={},
     ),
+    "erratum": Key(
+        Text(),
+        "erratum that the statement inherits; its readings are the text as printed, and corrected",
+        default="",
+    ),
+    "check": Key(CHECK, "how it is checked", default=None),
+    "over": OVER,
     "start": Key(
         AXIS, "leave out the members of `over` that start about another axis", default=None
     ),
@@ -165,53 +194,116 @@ CLAIM = {
 }
 """The keys of a claim."""
 
+ERRATUM = {
+    "id": ID,
+    "where": Key(Text(), "section, figure or equation of the text"),
+    "printed": Key(Text(), "what is printed"),
+    "should_be": Key(Text(), "what it should be"),
+    "cases": CASES,
+    "check": Key(
+        CHECK,
+        "shows the printed form wrong and the corrected one right (if left out: seen by reading)",
+        default=None,
+    ),
+    "note": Key(Text(), "remark", default=""),
+}
+"""The keys of an erratum."""
 
 SweepCheck = Callable[[Mapping[str, Any], Report], None]
 """Reports what keeps a case from making a sweep."""
 
 
-def cross_check(given: Any, cases: Mapping[str, SweepCheck | None], report: Report) -> None:
-    """Report what joins several keys of the claims as they are given.
+def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The claim under each of its readings, by name; under none, the claim itself."""
+    found: dict[str, Mapping[str, Any]] = {}
+    for name, reading in claim["readings"].items():
+        own = {key: value for key, value in reading.items() if value is not None}
+        found[name] = {**claim, **own, "readings": {}}
+    return found or {"": claim}
 
-    That is ids given twice, cases that are not there, quantities and their numbers, sweeps that a case cannot make.
-    A case with mistakes of its own is None.
+
+def cross_check(
+    claims: Any, errata: Any, cases: Mapping[str, SweepCheck | None], report: Report
+) -> None:
+    """Report what joins several keys of the claims and errata as they are given.
+
+    That is ids given twice, cases that are not there, quantities and their numbers, sweeps that a
+    case cannot make. A case with mistakes of its own is None.
     """
+    wrong = _entries("errata", errata, ERRATUM, report)
+    for i, erratum in wrong.items():
+        _check_cases(erratum, ("errata", i), cases, report)
+    known = [str(erratum.get("id")) for erratum in wrong.values()]
+    for i, claim in _entries("claims", claims, CLAIM, report).items():
+        _check_claim(claim, ("claims", i), cases, report)
+        if (name := claim.get("erratum")) and name not in known:
+            report(("claims", i, "erratum"), kinds.unknown(f"erratum {name!r}", name, known))
+
+
+def _entries(
+    section: str, given: Any, keys: Mapping[str, Key], report: Report
+) -> dict[int, dict[str, Any]]:
+    """The entries of a section that are mappings, by position; an id given twice is reported."""
+    found = {}
     seen: set[str] = set()
     for i, item in enumerate(given if isinstance(given, list) else ()):
-        claim = Table(CLAIM).check(item, (), lambda at, message: None)
-        at = ("claims", i)
-        if claim.get("id") in seen:
-            report((*at, "id"), f"a second claim {claim['id']!r}")
-        seen.add(claim.get("id", ""))
-        named = claim.get("cases", ())
-        for j, name in enumerate(named):
-            if name not in cases:
-                report((*at, "cases", j), kinds.unknown(f"case {name!r}", name, cases))
-        _check_values(claim.get("check", {}).get("values", {}), len(named), at, report)
-        if over := claim.get("over"):
-            _check_over(over, [cases.get(name) for name in named], at, report)
+        found[i] = Table(keys).check(item, (), lambda at, message: None)
+        name = found[i].get("id", "")
+        if name in seen:
+            report((section, i, "id"), f"a second entry {name!r}")
+        seen.add(name)
+    return found
+
+
+def _check_claim(
+    claim: Mapping[str, Any], at: Path, cases: Mapping[str, SweepCheck | None], report: Report
+) -> None:
+    """One claim, under each of its readings."""
+    if claim.get("erratum") and len(claim.get("readings", {})) != 2:
+        report((*at, "readings"), "wants two readings: the text as printed, and corrected")
+    if claim.get("readings") and claim.get("cases"):
+        report((*at, "cases"), "each reading has its own cases, so leave these out")
+    for name, reading in (claim.get("readings") or {"": {}}).items():
+        place = (*at, "readings", name) if name else at
+        named = (reading if name else claim).get("cases", ())
+        if not named:
+            report((*place, "cases") if "cases" in claim else at, "names no case")
+        _check_cases({"cases": named}, place, cases, report)
+        check = reading.get("check") or claim.get("check") or {}
+        if not check:
+            report(place, "has no check")
+        values = (*(place if reading.get("check") else at), "check", "values")
+        _check_values(check.get("values", {}), len(named), values, report)
+        over = (*(place if reading.get("over") else at), "over")
+        if ranges := reading.get("over") or claim.get("over"):
+            _check_over(ranges, [cases.get(case) for case in named], over, report)
+
+
+def _check_cases(
+    entry: Mapping[str, Any], at: Path, cases: Mapping[str, Any], report: Report
+) -> None:
+    for j, name in enumerate(entry.get("cases", ())):
+        if name not in cases:
+            report((*at, "cases", j), kinds.unknown(f"case {name!r}", name, cases))
 
 
 def _check_values(values: Mapping[str, Any], count: int, at: Path, report: Report) -> None:
     for name, numbers in values.items():
         if name not in QUANTITIES:
-            report(
-                (*at, "check", "values", Misnamed(name)),
-                kinds.unknown("quantity", name, QUANTITIES),
-            )
+            report((*at, Misnamed(name)), kinds.unknown("quantity", name, QUANTITIES))
         elif len(numbers) != count:
-            report((*at, "check", "values", name), f"wants {count} numbers, one for each case")
+            report((*at, name), f"wants {count} numbers, one for each case")
 
 
 def _check_over(
     over: Mapping[str, Any], cases: list[SweepCheck | None], at: Path, report: Report
 ) -> None:
-    """The sweep of a claim against each of its cases; what several cases lack is reported once."""
+    """The sweep of a claim against each of its cases; what several lack is reported once."""
     told: set[Path] = set()
 
     def note(where: Path, message: str) -> None:
         # A case's own sweep stands at `sweep`, a claim's at `over`.
-        place = (*at, "over", *where[1:])
+        place = (*at, *where[1:])
         if place not in told:
             told.add(place)
             report(place, message)

@@ -29,6 +29,7 @@ class Config:
     cases: dict[str, Case]
     figures: dict[str, dict[str, Any]]
     claims: tuple[dict[str, Any], ...]
+    errata: tuple[dict[str, Any], ...] = ()
     bench: dict[str, Any] | None = None
 
 
@@ -91,7 +92,8 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     _check_defaults(defaults, blocks.values(), report)
     figures = _figures(sections.get("figures") or {}, cases, report)
     sweepable = {case.name: partial(check_sweep, case) for case in checked if case}
-    claim_block.cross_check(given.get("claims"), {**dict.fromkeys(cases), **sweepable}, report)
+    known = {**dict.fromkeys(cases), **sweepable}
+    claim_block.cross_check(given.get("claims"), given.get("errata"), known, report)
     mistakes.raise_any()
     return Config(
         path=name,
@@ -101,6 +103,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         cases={case.name: case for case in checked if case},
         figures=figures,
         claims=sections["claims"],
+        errata=sections["errata"],
         bench=sections["bench"],
     )
 
@@ -124,10 +127,11 @@ def _merge(defaults: Block, given: Block) -> Block:
             merged.put(
                 key, value, defaults.key_places[key], defaults.value_places[key], inherited=True
             )
-    own, common = given.get("time"), defaults.get("time")
-    if isinstance(own, Block) and isinstance(common, Block):
-        # Key by key: a case that changes `end` keeps the common `samples`.
-        merged["time"] = _merge(common, own)
+    for key in ("time", "assumes"):
+        own, common = given.get(key), defaults.get(key)
+        if isinstance(own, Block) and isinstance(common, Block):
+            # Key by key: a case that changes `end` keeps the common `samples`.
+            merged[key] = _merge(common, own)
     return merged
 
 

@@ -10,6 +10,7 @@ from ..schema import kinds
 from ..schema.document import Block
 from ..schema.kinds import Choice, Data, Integer, Key, Names, Number, Path, Report, Table, Text
 from . import claim_block
+from .claim_block import Each
 from .sweep_block import Ranges
 
 METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
@@ -59,8 +60,11 @@ COMMON = {
         "number of steps after which the case stops, unfinished",
         default=None,
     ),
-    "note": Key(
-        Text(), "remark to be stored with the results: an assumption, a misprint", default=""
+    "note": Key(Text(), "remark to be stored with the results", default=""),
+    "assumes": Key(
+        Each(Text(), "names to texts"),
+        "what the case takes that its source does not print",
+        default={},
     ),
     "sweep": Key(
         Ranges(), "ranges of numeric keys: the case becomes a grid or an ensemble", default=None
@@ -105,7 +109,7 @@ SECTIONS = {
     "references": Key(Text(), "where its cases come from", default=""),
     "defaults": Key(
         Section(),
-        "values for every case that takes the key; `time` is merged key by key",
+        "values for every case that takes the key; `time` and `assumes` are merged key by key",
         default=None,
     ),
     "cases": Key(Section(), "the experiments, by name"),
@@ -113,6 +117,11 @@ SECTIONS = {
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
     "claims": Key(
         kinds.Sequence(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()
+    ),
+    "errata": Key(
+        kinds.Sequence(Table(claim_block.ERRATUM)),
+        "misprints of the source, each with a check of it and of its correction",
+        default=(),
     ),
 }
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,12 +31,16 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim with its verdict, the number that decides it, and this in words."""
+    """What stands of a claim or an erratum, the number that decides, and this in words.
+
+    `readings` holds the verdicts under each reading of the text, by its name.
+    """
 
     claim: Mapping[str, Any]
     verdict: str
     number: float
     evidence: str
+    readings: Mapping[str, "Verdict"] = field(default_factory=dict)
 
 
 def degree(deviation: float) -> str:
@@ -83,3 +87,11 @@ def agreement(pairs: Sequence[Pair], within: float) -> Finding:
     """A formula beside motions; decided by the largest relative difference."""
     worst = difference(pairs)
     return Finding(beyond(worst, within), worst, f"differs by {worst:.2g}")
+
+
+def erratum(printed: float, corrected: float, within: float) -> Finding:
+    """A printed form that is wrong and a corrected one that is right to `within`, by the relative
+    error of each; decided by that of the printed form.
+    """
+    words = f"as printed off by {printed:.3g}, corrected by {corrected:.2g}"
+    return Finding(if_true(corrected <= within < printed), printed, words)

@@ -3,19 +3,23 @@
 Equation numbers are the paper's. Its body axes are ordered: A1 > A2 > A3.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from ..engines.protocol import have_taylor
 from ..integration.classify import EPS
 from ..integration.solve import solve, stored
+from ..models import closed_form
 from ..models.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion
-from .finding import Finding, agreement, if_true, listed
-from .paper import check
-from .quantities import first, reach, zeros
+from .finding import Finding, agreement, difference, erratum, if_true, listed
+from .paper import check, trend
+from .quantities import first, number, reach, swept_angle, zeros
 
 
 def integrated(m: Motion) -> np.ndarray:
@@ -85,35 +89,38 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
 
 
 @check
-def equation_6(motions: Sequence[Motion]) -> Finding:
-    """For equal coefficients and q0 = 0 the motion is (5)-(6), in the better of the two signs that are printed."""
-    return agreement([(integrated(m), as_in_equation_6(m)) for m in motions], 1e-10)
+def equal_damping(motions: Sequence[Motion]) -> Finding:
+    """omega(t) = exp(-lambda t) Omega((1 - exp(-lambda t))/lambda), Omega free from the same start.
+
+    Source: E. Padova 1885, as cited; the paper's eq (5) with the time that meets the initial data.
+    """
+    return agreement([(integrated(m), by_equal_damping(m)) for m in motions], 1e-10)
 
 
-def as_in_equation_6(m: Motion) -> np.ndarray:
-    """omega (n, 3) by (5)-(6) as printed, for D < 0 or D > 0, with that of its two signs which is nearer."""
-    A1, A2, A3 = A = m.inertia
-    start, lam = m.omega[0], m.case.data["damping"][0]
-    h, G2 = (A * start * start).sum(), (A * A * start * start).sum()
-    X, Y = G2 - h * A3, h * A1 - G2
-    about_x3 = h * A2 > G2
-    n = math.sqrt(((A2 - A3) * Y if about_x3 else (A1 - A2) * X) / (A1 * A2 * A3))
-    modulus = (A1 - A2) * X / ((A2 - A3) * Y)
-    decay = np.exp(-lam * (m.time - m.time[0]))
-    sn, cn, dn = sn_cn_dn(n * decay / lam, math.sqrt(1 - (modulus if about_x3 else 1 / modulus)))
-    size1, size3 = math.sqrt(X / (A1 * (A1 - A3))), math.sqrt(Y / (A3 * (A1 - A3)))
-    size2 = math.sqrt(X / (A2 * (A2 - A3)) if about_x3 else Y / (A2 * (A1 - A2)))
-    outer, inner = (cn, dn) if about_x3 else (dn, cn)
-    signs = [(s, -s, 1) if about_x3 else (1, s, -s) for s in (1, -1)]
-    shapes = [
-        np.stack([a * size1 * outer, b * size2 * sn, c * size3 * inner], axis=-1)
-        for a, b, c in signs
-    ]
-    omega = integrated(m)
-    return min(
-        (decay[:, None] * shape for shape in shapes),
-        key=lambda found: float(np.abs(found - omega).max()),
-    )
+def by_equal_damping(m: Motion) -> np.ndarray:
+    """omega (n, 3) by the closed form for three equal coefficients."""
+    lam = m.case.data["damping"][0]
+    return closed_form.equal_damping(m.inertia, m.omega[0], lam, m.time - m.time[0])
+
+
+@check
+def turns_about_x1_only(motions: Sequence[Motion]) -> Finding:
+    """G makes no full turn about x2 or x3, followed over the whole motion."""
+    return turns_about_others(motions, 0)
+
+
+@check
+def turns_about_x3_only(motions: Sequence[Motion]) -> Finding:
+    """G makes no full turn about x1 or x2, followed over the whole motion."""
+    return turns_about_others(motions, 2)
+
+
+def turns_about_others(motions: Sequence[Motion], axis: int) -> Finding:
+    """How far G turns about the other two axes; decided by the largest, in turns."""
+    others = [abs(swept_angle(m, i)) for m in motions for i in range(3) if i != axis]
+    own = [abs(swept_angle(m, axis)) for m in motions]
+    words = f"{listed(own)} turns about x{axis + 1}, at most {max(others):.3g} about another axis"
+    return Finding(if_true(max(others) < 1), max(others), words)
 
 
 @check
@@ -178,4 +185,195 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
         words.append(listed(times))
     return Finding(
         if_true(min(steps) > 0), min(steps), f"last of r, crossing, first of p: {'; '.join(words)}"
+    )
+
+
+@trend
+def difference_decides(members: Sequence[Sequence[Motion]]) -> Finding:
+    """A start about x1 turns to x3 for lambda1 > lambda3 alone; decided by the share that does."""
+    differences, times = crossing_times(members)
+    up, down = times[differences > 0], times[differences <= 0]
+    crossed, wrong = int(np.isfinite(up).sum()), int(np.isfinite(down).sum())
+    words = (
+        f"{crossed} of {len(up)} cross where lambda1 > lambda3, "
+        f"{wrong} of {len(down)} where lambda1 <= lambda3"
+    )
+    return Finding(if_true(crossed > 0 and wrong == 0), crossed / len(up), words)
+
+
+@trend
+def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
+    """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all coefficients.
+
+    Decided by the rank correlation (Spearman's) of the difference and the time of the crossing,
+    among the members that cross: below -0.8.
+    """
+    differences, times = crossing_times(members)
+    differences, times = differences[np.isfinite(times)], times[np.isfinite(times)]
+    correlation = float(np.corrcoef(ranks(differences), ranks(times))[0, 1])
+    pairs = [(i, j) for i, j in itertools.combinations(range(len(times)), 2)]
+    apart = [(i, j) for i, j in pairs if differences[i] != differences[j]]
+    reversed_ = sum((differences[i] < differences[j]) == (times[i] < times[j]) for i, j in apart)
+    share = reversed_ / len(apart)
+    words = f"rank correlation {correlation:.2f}, {share:.1%} of {len(apart)} pairs reversed"
+    return Finding(if_true(correlation < -0.8), correlation, words)
+
+
+def ranks(values: np.ndarray) -> np.ndarray:
+    """The mean rank (n,) of each value; equal values share theirs."""
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - (count - 1) / 2)[place])
+
+
+def crossing_times(members: Sequence[Sequence[Motion]]) -> tuple[np.ndarray, np.ndarray]:
+    """lambda1 - lambda3 and the time of the first crossing, infinite without one, of members of one
+    motion each.
+    """
+    motions = [m for (m,) in members]
+    damping = np.array([m.case.data["damping"] for m in motions])
+    times = np.array([number(m, "first_crossing") for m in motions])
+    # To the last digit but three, so that 0.003 - 0.001 and 0.005 - 0.003 are one difference.
+    return np.round(damping[:, 0] - damping[:, 2], 12), times
+
+
+EXPLICIT = 0.1
+"""The |G|, of about 1 at the start, above which a turn can be seen in a figure of the motion."""
+
+
+@check
+def explicitly_about_x3(motions: Sequence[Motion]) -> Finding:
+    """G never makes a full turn about x3 while x3 is enclosed and |G| > EXPLICIT; decided by the
+    largest part of a turn that it makes.
+    """
+    turns = [longest_turn(m, 2, EXPLICIT) for m in motions]
+    most = max(turns)
+    return Finding(if_true(most < 1), most, f"{listed(turns)} turns about x3")
+
+
+def longest_turn(m: Motion, axis: int, least: float) -> float:
+    """The turns about an axis in the longest stretch that encloses it with |G| above `least`."""
+    inside = (m.labels == axis + 1) & (m["G"] > least)
+    edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
+    stretches = [np.arange(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return max((abs(swept_angle(m, axis, part)) for part in stretches), default=0.0)
+
+
+# Errata: each check shows the printed form wrong and the corrected one right.
+
+
+@check
+def unit_of_angular_velocity(motions: Sequence[Motion]) -> Finding:
+    """|omega(0)| = 1, as omega0 = |omega(0)| makes it, is farther off in the printed starts than
+    |G(0)| = 1.
+    """
+    speed = [float(np.linalg.norm(m.omega[0])) for m in motions]
+    size = [float(m["G"][0]) for m in motions]
+    off, corrected = (float(np.abs(np.array(values) - 1).max()) for values in (speed, size))
+    words = (
+        f"|omega(0)| from {min(speed):.4g} to {max(speed):.4g}, "
+        f"|G(0)| from {min(size):.4g} to {max(size):.4g}"
+    )
+    return Finding(if_true(corrected < off / 5), off, words)
+
+
+@check
+def slow_time(motions: Sequence[Motion]) -> Finding:
+    """omega changes in tau = omega0 t much faster than it is damped: tau is no slow time."""
+    (m,) = motions
+    k = SimpleNamespace(**m.case.system.constants)
+    rate = np.linalg.norm(m.case.system.rhs(0.0, [*m.omega[0]], k))
+    fast = float(rate / np.linalg.norm(m.omega[0]))
+    slow = max(m.case.data["damping"])
+    words = f"omega turns at the rate {fast:.3g} and is damped at {slow:.3g}"
+    return Finding(if_true(fast > 10 * slow), fast / slow, words)
+
+
+DIMENSIONAL = {"A1": 3.0, "omega0": 7.0}
+"""Units far from 1, in which a factor that is left out shows."""
+
+
+@check
+def damping_in_equations_4(motions: Sequence[Motion]) -> Finding:
+    """Eqs (3) in other units are (4) with lambda/omega0, and not with the printed lambda."""
+    return scaled(motions, "lam")
+
+
+@check
+def resistance_in_equations_11(motions: Sequence[Motion]) -> Finding:
+    """Eqs (10) in other units are (11) with I/(A1 omega0), and not with the printed I/A1."""
+    return scaled(motions, "I")
+
+
+def scaled(motions: Sequence[Motion], letter: str) -> Finding:
+    """The derivative of omega in a body of DIMENSIONAL size, made dimensionless, beside that of the
+    dimensionless equations with the coefficients as printed and as corrected.
+    """
+    (m,) = motions
+    rhs = m.case.system.rhs
+    A1, omega0 = DIMENSIONAL["A1"], DIMENSIONAL["omega0"]
+    small: dict[str, Any] = dict(m.case.system.constants)
+    coefficients = [name for name in small if name.startswith(letter)]
+    body = {name: value * A1 for name, value in small.items() if name in ("A1", "A2", "A3")}
+    # lambda is a rate; I is a rate times a moment of inertia.
+    unit = A1 if letter == "I" else 1.0
+    large = {name: small[name] * unit * omega0 for name in coefficients}
+    start = m.omega[0]
+    true = np.array(rhs(0.0, [*(omega0 * start)], SimpleNamespace(**{**small, **body, **large})))
+    true /= omega0**2
+    as_printed = {name: value / unit for name, value in large.items()}
+    printed = np.array(rhs(0.0, [*start], SimpleNamespace(**{**small, **as_printed})))
+    corrected = np.array(rhs(0.0, [*start], SimpleNamespace(**small)))
+    return erratum(difference([(true, printed)]), difference([(true, corrected)]), 1e-12)
+
+
+@check
+def curve_3(motions: Sequence[Motion]) -> Finding:
+    """|D|/G^2 of curve 3 with the printed and with the corrected r0; near is up to 0.001."""
+    printed, corrected = (number(m, "separatrix_distance", "start") for m in motions)
+    return erratum(printed, corrected, 0.001)
+
+
+@check
+def third_coefficient(motions: Sequence[Motion]) -> Finding:
+    """lambda1 has one value: with 0.005 for it and 0.003 for lambda3 the motion turns to x3, as the
+    text says; with 0.003 for it and 0.005 for lambda3 it does not.
+    """
+    exchanged, corrected = (len(m.crossings) for m in motions)
+    words = f"{corrected} crossing with lambda3 = 0.003, {exchanged} with lambda1 = 0.003"
+    return Finding(if_true(corrected == 1 and exchanged == 0), float(corrected), words)
+
+
+@check
+def equation_6(motions: Sequence[Motion]) -> Finding:
+    """(5)-(6) as printed, in the better of their two signs, and the closed form that meets the
+    initial data, each beside the motion.
+    """
+    printed = difference([(integrated(m), as_in_equation_6(m)) for m in motions])
+    corrected = difference([(integrated(m), by_equal_damping(m)) for m in motions])
+    return erratum(printed, corrected, 1e-10)
+
+
+def as_in_equation_6(m: Motion) -> np.ndarray:
+    """omega (n, 3) by (5)-(6) as printed, for D < 0 or D > 0, with that of its two signs which is nearer."""
+    A1, A2, A3 = A = m.inertia
+    start, lam = m.omega[0], m.case.data["damping"][0]
+    h, G2 = (A * start * start).sum(), (A * A * start * start).sum()
+    X, Y = G2 - h * A3, h * A1 - G2
+    about_x3 = h * A2 > G2
+    n = math.sqrt(((A2 - A3) * Y if about_x3 else (A1 - A2) * X) / (A1 * A2 * A3))
+    modulus = (A1 - A2) * X / ((A2 - A3) * Y)
+    decay = np.exp(-lam * (m.time - m.time[0]))
+    sn, cn, dn = sn_cn_dn(n * decay / lam, math.sqrt(1 - (modulus if about_x3 else 1 / modulus)))
+    size1, size3 = math.sqrt(X / (A1 * (A1 - A3))), math.sqrt(Y / (A3 * (A1 - A3)))
+    size2 = math.sqrt(X / (A2 * (A2 - A3)) if about_x3 else Y / (A2 * (A1 - A2)))
+    outer, inner = (cn, dn) if about_x3 else (dn, cn)
+    signs = [(s, -s, 1) if about_x3 else (1, s, -s) for s in (1, -1)]
+    shapes = [
+        np.stack([a * size1 * outer, b * size2 * sn, c * size3 * inner], axis=-1)
+        for a, b, c in signs
+    ]
+    omega = integrated(m)
+    return min(
+        (decay[:, None] * shape for shape in shapes),
+        key=lambda found: float(np.abs(found - omega).max()),
     )

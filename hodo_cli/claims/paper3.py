@@ -1,96 +1,183 @@
-"""Checks for L. D. Akulenko et al., Evolution of motions of a rigid body close to the Lagrange case under a non-stationary
-torque (2017).
+"""Checks for L. D. Akulenko et al., Evolution of motions of a rigid body close to the Lagrange case
+under a non-stationary torque (2017).
 
 Equation numbers are the paper's. The time of every motion is tau = epsilon t.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
+from ..models.lagrange import mean_cosine
 from ..results.motion import Motion
-from .finding import Finding, Pair, agreement, beyond, if_true, listed
+from .finding import Finding, Pair, agreement, beyond, difference, erratum, if_true, listed
 from .paper import check
-from .quantities import integrate, series
+from .quantities import integrate, number, series
 from .variations import changed
+
+ROOTS = ("u1", "u2", "u3")
+INTEGRALS = ("Gz", "H", "r")
+HALF_THE_DIGITS = 1e-6
+"""What (2.5) is right to: half the digits are lost where one of its square roots is 0."""
 
 
 @check
 def ordering(motions: Sequence[Motion]) -> Finding:
-    """-1 <= u1 <= u2 <= 1 <= u3 throughout, to rounding; decided by the least of the four distances."""
+    """-1 <= u1 <= u2 <= 1 <= u3 throughout, to rounding; decided by the least of the four
+    distances.
+    """
     least = np.inf
     for m in motions:
-        u1, u2, u3 = (series(m, name) for name in ("u1", "u2", "u3"))
+        u1, u2, u3 = (series(m, name) for name in ROOTS)
         least = min(least, float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])))
     return Finding(beyond(-least, 1e-12), least, f"the least distance is {least:.2g}")
 
 
-def from_roots(m: Motion, frozen: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gz, H and r from u1, u2, u3 by (2.5).
+def signs(m: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """The signs of R, which is that of Gz^2 - C^2 r^2, and of r over time, each (n,)."""
+    Gz, r = series(m, "Gz"), series(m, "r")
+    return np.sign(Gz**2 - (m.inertia[2] * r) ** 2), np.sign(r)
 
-    The signs of R and delta are those at the start, or follow sign(Gz^2 - C^2 r^2) and sign(1 + u1u2 + u1u3 + u2u3).
-    chi has the sign of r.
-    """
-    Gz, r, u1, u2, u3 = (series(m, name) for name in ("Gz", "r", "u1", "u2", "u3"))
+
+def from_roots(m: Motion, u: Any, sign_R: Any, sign_r: Any) -> tuple[Any, Any, Any]:
+    """Gz, H and r by (2.5) from the roots u = (u1, u2, u3) and the signs of `signs`."""
+    u1, u2, u3 = u
     A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
-    sign = np.sign(Gz**2 - (C * r) ** 2)
+    # Rounding may bring what is under a root below 0 where it vanishes.
+    R = sign_R * np.sqrt(np.maximum((1 - u1**2) * (1 - u2**2) * (u3**2 - 1), 0))
     delta = np.sign(1 + u1 * u2 + u1 * u3 + u2 * u3)
-    sign, delta = (np.full(len(u1), s[0]) if frozen else s for s in (sign, delta))
-    R = sign * np.sqrt(np.maximum((1 - u1**2) * (1 - u2**2) * (u3**2 - 1), 0))
     total, product = u1 + u2 + u3, u1 * u2 * u3
-    chi = np.sign(r) * np.sqrt(A * mu)
+    chi = sign_r * math.sqrt(A * mu)
     Gz = chi * delta * np.sqrt(np.maximum(total + product + R, 0))
     H = mu / 2 * (total * (1 + A / C) + (R - product) * (1 - A / C))
     return Gz, H, chi / C * np.sqrt(np.maximum(total + product - R, 0))
 
 
 def by_2_5(m: Motion, frozen: bool) -> list[Pair]:
-    """Gz, H and r of a motion, each beside its value by (2.5)."""
-    return [
-        (series(m, name), values)
-        for name, values in zip(("Gz", "H", "r"), from_roots(m, frozen), strict=True)
-    ]
+    """Gz, H and r of a motion, each beside its value by (2.5), with the signs of R and r at each
+    moment or at the start.
+    """
+    followed = signs(m)
+    taken = tuple(np.full(len(s), s[0]) for s in followed) if frozen else followed
+    values = from_roots(m, [series(m, name) for name in ROOTS], *taken)
+    return [(series(m, name), found) for name, found in zip(INTEGRALS, values, strict=True)]
 
 
 @check
 def inverse(motions: Sequence[Motion]) -> Finding:
-    """(2.5) gives Gz, H and r from u1, u2, u3, with the signs of R and delta followed in time.
+    """(2.5) gives Gz, H and r from u1, u2, u3, with the signs of R and r followed in time."""
+    return agreement([pair for m in motions for pair in by_2_5(m, frozen=False)], HALF_THE_DIGITS)
 
-    Half the digits are lost where a square root of (2.5) is 0.
+
+@check
+def signs_change(motions: Sequence[Motion]) -> Finding:
+    """The signs in (2.5) may change in mid-motion: in every motion R does, where |Gz| = C |r|;
+    until then (2.5) holds with the signs at the start, and not after it. Decided by the first time.
     """
-    return agreement([pair for m in motions for pair in by_2_5(m, frozen=False)], 1e-6)
+    before, after = [], []
+    for m in motions:
+        sign, _ = signs(m)
+        until = int(np.argmax(sign != sign[0])) or len(sign)
+        pairs = by_2_5(m, frozen=True)
+        before.append(difference([(a[:until], b[:until]) for a, b in pairs]))
+        after.append(difference(pairs))
+    times = [number(m, "rebound_u3") for m in motions]
+    words = (
+        f"R changes its sign at {listed(times)}; with the signs at the start (2.5) is off by "
+        f"{max(before):.1g} until then, and by {', '.join(f'{x:.1g}' for x in after)} after it"
+    )
+    right = max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf
+    return Finding(if_true(right), min(times), words)
+
+
+STEPS = 1000
+"""Runge-Kutta steps of a motion: their error in r is 1e-9, far below what is allowed."""
 
 
 @check
-def inverse_with_initial_signs(motions: Sequence[Motion]) -> Finding:
-    """The same with the signs of R and delta at the start."""
-    return agreement([pair for m in motions for pair in by_2_5(m, frozen=True)], 1e-6)
+def r_by_2_5(motions: Sequence[Motion]) -> Finding:
+    """r found as the text finds it agrees with the exact (3.3): (3.5) is integrated, with Gz, H and
+    r by (2.5), up to nine tenths of the time at which R changes its sign.
+    """
+    worst = []
+    for m in motions:
+        end = min(0.9 * number(m, "rebound_u3"), float(m.time[-1]))
+        times, r = integrate_3_5(m, end)
+        integral = sum(c * times ** (n + 1) / (n + 1) for n, c in enumerate(m.case.data["b"]))
+        exact = series(m, "r")[0] * np.exp(-integral / m.inertia[2])
+        worst.append(float(np.abs(r - exact).max()))
+    words = f"r differs by {', '.join(f'{x:.1g}' for x in worst)}"
+    return Finding(beyond(max(worst), HALF_THE_DIGITS), max(worst), words)
+
+
+def integrate_3_5(m: Motion, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """The times (n,) of the steps of (3.5) closed by (2.5), and r (n,) there, by the classical
+    Runge-Kutta method.
+    """
+    times, h = np.linspace(0, end, STEPS + 1), end / STEPS
+    fixed = tuple(s[0] for s in signs(m))
+    u = np.array([series(m, name)[0] for name in ROOTS])
+    r = [from_roots(m, u, *fixed)[2]]
+    for t in times[:-1]:
+        k1 = rates_3_5(m, t, u, fixed)
+        k2 = rates_3_5(m, t + h / 2, u + h / 2 * k1, fixed)
+        k3 = rates_3_5(m, t + h / 2, u + h / 2 * k2, fixed)
+        k4 = rates_3_5(m, t + h, u + h * k3, fixed)
+        u = u + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        r.append(from_roots(m, u, *fixed)[2])
+    return times, np.array(r)
+
+
+def rates_3_5(m: Motion, t: float, u: np.ndarray, fixed: tuple[Any, Any]) -> np.ndarray:
+    """du/dtau (3,) by (3.5), with Gz, H and r by (2.5)."""
+    A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
+    a, b = (np.polyval(m.case.data[name][::-1], t) for name in "ab")
+    Gz, H, r = from_roots(m, u, *fixed)
+    s, e = (u[0] + u[1]) / 2, (u[1] - u[0]) / 2
+    v = s + e * e * mean_cosine(e, u[2] - s)
+    delta = mu * (u - np.roll(u, -1)) * (u - np.roll(u, -2))
+    equatorial = (Gz - C * r * u) * (Gz - C * r * v) / A
+    equatorial += (u**2 - 1) * (2 * H - C * r**2 - 2 * mu * v)
+    return np.asarray(-(a * equatorial + b * r * (Gz - C * r * u) * (v - u)) / (A * delta))
 
 
 @check
-def equation_3_3(motions: Sequence[Motion]) -> Finding:
-    """r from u1, u2, u3 by (2.5) is r by (3.3)."""
-    return agreement([(from_roots(m, frozen=False)[2], r_by_3_3(m)) for m in motions], 1e-6)
+def equation_3_5(motions: Sequence[Motion]) -> Finding:
+    """(3.5) is the averaged system: cases in pairs, by (3.5) and by the equations for Gz, H and r
+    that do not divide by u1 - u2.
+    """
+    pairs = in_pairs(motions)
+    # (3.5) loses digits as u1 and u2 meet.
+    return agreement([(series(a, n), series(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)
 
 
-def r_by_3_3(m: Motion) -> np.ndarray:
-    """r by (3.3) with (3.4)."""
-    integral = sum(c * m.time ** (n + 1) / (n + 1) for n, c in enumerate(m.case.data["b"]))
-    return np.asarray(series(m, "r")[0] * np.exp(-integral / m.inertia[2]))
+@check
+def equation_2_8(motions: Sequence[Motion]) -> Finding:
+    """The mean over the phase of nutation by quadrature is that in closed form."""
+    pairs = in_pairs(motions)
+    return agreement([(series(a, n), series(b, n)) for a, b in pairs for n in INTEGRALS], 1e-10)
+
+
+def in_pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
+    """Motions two by two."""
+    return [*zip(motions[::2], motions[1::2], strict=True)]
 
 
 @check
 def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
-    """Gz and H of the full equations tend to those of the averaged ones as epsilon; cases in pairs, averaged first.
+    """Gz and H of the full equations tend to those of the averaged ones as epsilon; cases in pairs,
+    averaged first.
 
     Decided by the smallest power, which must be 0.9 of 1 at least.
     """
     epsilons = (0.02, 0.005, 0.00125)
     powers, words = [], []
-    for limit, full in zip(motions[::2], motions[1::2], strict=True):
+    for limit, full in in_pairs(motions):
         time = {"time": asdict(limit.case.time)}
-        near = [integrate(changed(full.case, time | {"epsilon": epsilon})) for epsilon in epsilons]
+        near = [integrate(changed(full.case, time | {"epsilon": value})) for value in epsilons]
         for name in ("Gz", "H"):
             errors = [float(np.abs(series(m, name) - series(limit, name)).max()) for m in near]
             powers.append(float((np.diff(np.log(errors)) / np.diff(np.log(epsilons))).min()))
@@ -99,26 +186,87 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(least >= 0.9), least, f"power {least:.3g}: {'; '.join(words)}")
 
 
+@check
+def u3_quickly(motions: Sequence[Motion]) -> Finding:
+    """u3 comes within 1 % of 1 sooner in the first case than in the others; decided by the time."""
+    return sooner(motions, "u3", 1.0)
+
+
+@check
+def H_quickly(motions: Sequence[Motion]) -> Finding:
+    """H comes within 1 % of -mu, -0.5, sooner in the last case than in the others; decided by the
+    time.
+    """
+    return sooner(motions[::-1], "H", -0.5)
+
+
+def sooner(motions: Sequence[Motion], name: str, limit: float) -> Finding:
+    """Whether a quantity first comes within 1 % of a limit sooner in the first motion."""
+    times = []
+    for m in motions:
+        near = np.abs(series(m, name) - limit) <= 0.01 * abs(limit)
+        times.append(float(m.time[np.argmax(near)]) if near.any() else math.inf)
+    words = f"within 1 % of {limit:g} at {listed(times)}"
+    return Finding(if_true(times[0] < min(times[1:])), times[0], words)
+
+
 def roughness(m: Motion) -> float:
-    """The largest second derivative of Gz, H, u1, u2, u3, in units of the range and of the time for 9/10 of it."""
+    """The largest second derivative of Gz, H, u1, u2, u3, in units of the range and of the time for
+    9/10 of it.
+    """
 
     def one(values: np.ndarray) -> float:
         way = np.abs(values - values[0])
         span = m.time[np.argmax(way >= 0.9 * np.ptp(values))] - m.time[0]
-        return float(
-            np.abs(np.diff(values, 2)).max()
-            * (span / (m.time[1] - m.time[0])) ** 2
-            / np.ptp(values)
-        )
+        steps = span / (m.time[1] - m.time[0])
+        return float(np.abs(np.diff(values, 2)).max() * steps**2 / np.ptp(values))
 
-    return max(one(series(m, name)) for name in ("Gz", "H", "u1", "u2", "u3"))
+    return max(one(series(m, name)) for name in ("Gz", "H", *ROOTS))
 
 
 @check
 def smoothing(motions: Sequence[Motion]) -> Finding:
-    """Coefficients that grow make the motion smoother; cases in pairs, constant coefficients first."""
-    values = [roughness(m) for m in motions]
-    pairs = [*zip(values[::2], values[1::2], strict=True)]
+    """Coefficients that grow make the motion smoother; cases in pairs, constant coefficients
+    first.
+    """
+    pairs = [(roughness(a), roughness(b)) for a, b in in_pairs(motions)]
     steps = [growing - constant for constant, growing in pairs]
-    words = f"roughness {'; '.join(listed(pair) for pair in pairs)}"
+    words = f"roughness {'; '.join(map(listed, pairs))}"
     return Finding(if_true(max(steps) < 0), min(map(abs, steps)), words)
+
+
+@check
+def period(motions: Sequence[Motion]) -> Finding:
+    """An erratum: the period of u = cos theta in free motion, by the full equations, beside K/alpha
+    as printed and 2 K/alpha.
+    """
+    (m,) = motions
+    A, mu = m.inertia[0], m.case.data["mu"]
+    theta, r = (m.case.data["initial"][name] for name in ("theta", "r"))
+    epsilon = 1e-3
+    free = {"a": 0.0, "b": 0.0, "epsilon": epsilon}
+    found = integrate(changed(m.case, {**free, "time.end": 0.05, "time.samples": 20001}))
+    u = found.stored("gamma")[:, 2]
+    # The top is released at u2, its highest point, to which it comes back after each period.
+    i = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:]))[:2] + 1
+    true = float(np.diff([peak(found.time, u, j) for j in i])[0] / epsilon)
+    half = half_period(A, m.inertia[2], mu, math.cos(theta), r)
+    return erratum(abs(half - true) / true, abs(2 * half - true) / true, 1e-4)
+
+
+def peak(time: np.ndarray, values: np.ndarray, i: int) -> float:
+    """The time of a maximum near sample i, by the parabola through three samples."""
+    low, middle, high = values[i - 1 : i + 2]
+    step = time[i + 1] - time[i]
+    return float(time[i] + step / 2 * (low - high) / (low - 2 * middle + high))
+
+
+def half_period(A: float, C: float, mu: float, u2: float, r: float) -> float:
+    """K(k)/alpha by (1.3) for a top released at u2 with spin r, p = q = 0."""
+    # u1 + u3 and u1 u3 by (1.5), where u2 is known.
+    c = (C * r) ** 2 / (2 * A * mu)
+    u1, u3 = sorted(np.roots([1.0, -c, c * u2 - 1]).real)
+    a, b = 1.0, math.sqrt((u3 - u2) / (u3 - u1))
+    while abs(a - b) > 1e-15:
+        a, b = (a + b) / 2, math.sqrt(a * b)
+    return float(math.pi / (2 * a) / math.sqrt(mu * (u3 - u1) / (2 * A)))

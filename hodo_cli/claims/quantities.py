@@ -60,11 +60,6 @@ def number(m: Motion, name: str, at: str = "end") -> float:
     return float(series(m, name)[0 if at == "start" else -1])
 
 
-def entry_momentum(m: Motion) -> float:
-    """The largest |G| at a crossing to the axis of smallest inertia; 0 without one."""
-    return max((c.momentum for c in m.crossings if c.end == m.order[2] + 1), default=0.0)
-
-
 def swept_angle(m: Motion, about: int, where: slice | np.ndarray = slice(None)) -> float:
     """The turns that G makes about axis `about` (0, 1, 2) over the samples `where`, with their sign."""
     one, other = ((m.inertia * m.omega)[where, i] for i in range(3) if i != about)
@@ -73,10 +68,31 @@ def swept_angle(m: Motion, about: int, where: slice | np.ndarray = slice(None)) 
 
 
 def reach(m: Motion, side: int) -> float:
-    """The largest w_i^2 while axis i is enclosed, in the quadrants' scale; `side` 0 is x_largest, 2 x_smallest."""
+    """The largest coordinate of region `side` that the motion reaches in the plane of the
+    quadrants: w_l^2 in A (0), where the axis of largest inertia is enclosed, K w_s^2 in B (2).
+    """
     axis = m.order[side]
-    scale = slope(m.inertia.tolist()) if side == 2 else 1.0
-    return float(np.max(scale * m.omega[m.labels == axis + 1, axis] ** 2, initial=0))
+    return float(np.max(coordinate(m, side)[m.labels == axis + 1], initial=0))
+
+
+def coordinate(m: Motion, side: int) -> np.ndarray:
+    """w_l^2 (side 0) or K w_s^2 (side 2) over time (n,)."""
+    scale = slope(m.inertia) if side == 2 else 1.0
+    return np.asarray(scale * m.omega[:, m.order[side]] ** 2)
+
+
+def area(m: Motion, side: int) -> float:
+    """`reach` relative to the largest coordinate of the motion, by which a figure is scaled."""
+    return reach(m, side) / float(max(coordinate(m, 0).max(), coordinate(m, 2).max()))
+
+
+def growth(m: Motion, side: int) -> float:
+    """The rate at which a small tilt away from the axis of largest (0) or smallest (2) inertia
+    grows."""
+    rates = m.case.system.damping_rates
+    if rates is None:
+        raise HodoError(f"case {m.name} has no medium, which the growth of a tilt needs")
+    return float(rigid_body.growth_rates(m.inertia, rates)[m.order[side]])
 
 
 def zeros(time: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -105,10 +121,11 @@ def rebound(m: Motion) -> float:
 NUMBERS: dict[str, Callable[[Motion], float]] = {
     "crossings": lambda m: len(m.crossings),
     "first_crossing": lambda m: m.crossings[0].time if m.crossings else math.inf,
-    "entry_momentum": entry_momentum,
     "turns": lambda m: abs(swept_angle(m, int(m.labels[0]) - 1)),
-    "reach_largest": lambda m: reach(m, 0),
-    "reach_smallest": lambda m: reach(m, 2),
+    "area_largest": lambda m: area(m, 0),
+    "area_smallest": lambda m: area(m, 2),
+    "growth_largest": lambda m: growth(m, 0),
+    "growth_smallest": lambda m: growth(m, 2),
     "end_of_spin": end_of_spin,
     "rebound_u3": rebound,
 }

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import HodoError
 from ..cases.case import Case, Time, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of, put
 from ..models import rigid_body
@@ -21,7 +22,8 @@ def members(
 ) -> Iterator[tuple[str, list[Case]]]:
     """The members of a sweep of several cases, which vary alike, each with a name.
 
-    With `start`, only those in which every case starts about this axis. Raises HodoError for a member that is no body.
+    With `start`, only those in which every case starts about this axis. Raises HodoError for a
+    member that is no body.
     """
     axes = axes_of(over)
     shape = tuple(map(len, axes))
@@ -31,9 +33,15 @@ def members(
             yield named(axes, np.unravel_index(i, shape)), varied
 
 
-def varied_case(case: Case, over: Mapping[str, Any], number: int) -> Case:
-    """One member of a sweep of a case, with the samples of the case; checked like any case."""
-    return parse_case(dump(member(replace(case, sweep=dict(over)), number, case.time.samples)))
+def varied_case(case: Case, over: Mapping[str, Any], index: int) -> Case:
+    """One member of a sweep of a case, with the samples of the case. Raises HodoError if it is no
+    body, or has no start.
+    """
+    found = member(replace(case, sweep=dict(over)), index, case.time.samples)
+
+    for wrong in type(found.system).check(found.data):
+        raise HodoError(f"member {index} of {case.name}: {wrong}")
+    return found
 
 
 def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
@@ -75,8 +83,8 @@ class Motions:
         self._known: dict[Case, Motion] = {}
 
     def __call__(self, case: Case) -> Motion:
-        # A member's name is made of its number in one sweep; the same motion may stand elsewhere in another.
-        nameless = replace(case, name="variation")
-        if nameless not in self._known:
-            self._known[nameless] = integrate(case)
-        return self._known[nameless]
+        # A member's name is its number in one sweep; the same motion may have another elsewhere.
+        unnamed = replace(case, name="variation")
+        if unnamed not in self._known:
+            self._known[unnamed] = integrate(case)
+        return self._known[unnamed]

@@ -10,7 +10,18 @@ from typing import Any
 
 from .. import HodoError
 from ..cases.case import parse_case
-from ..cases.claim_block import CONTRADICTED, NOT_TESTED, REPRODUCED, UNDERDETERMINED
+from ..cases.claim_block import (
+    AS_PRINTED,
+    BY_READING,
+    CONFIRMED,
+    CONTRADICTED,
+    NOT_CONFIRMED,
+    NOT_TESTED,
+    PLOTTING,
+    REPRODUCED,
+    UNDERDETERMINED,
+    readings,
+)
 from ..results.hdf5 import Run
 from ..results.motion import Motion, motion_of
 from ..schema.kinds import unknown
@@ -25,23 +36,63 @@ PAPERS = (paper1, paper2, paper3)
 
 
 def judge(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
-    """The verdict on one claim by the cases of a result; `known` holds the motions that claims have varied.
+    """The verdict on one claim by the cases of a result; `known` holds the motions that claims have
+    varied.
 
     Raises HodoError if a case is not classified, or does not have what the check needs.
     """
-    for name in claim["cases"]:
-        ended = (
-            run.row(name, {"status": str, "message": str})
-            if name in run
-            else {"status": "missing", "message": ""}
-        )
+    found = {name: judge_reading(one, run, known) for name, one in readings(claim).items()}
+    if not claim["readings"]:
+        return found[""]
+    first = next(iter(found.values()))
+    evidence = "; ".join(
+        f"{name}: {each.verdict} ({each.evidence})" for name, each in found.items()
+    )
+    return Verdict(claim, together(claim, found), first.number, evidence, found)
+
+
+def together(claim: Mapping[str, Any], found: Mapping[str, Verdict]) -> str:
+    """The verdict over the readings of a claim."""
+    verdicts = [each.verdict for each in found.values()]
+    holds = [verdict in (REPRODUCED, PLOTTING) for verdict in verdicts]
+    if NOT_TESTED in verdicts:
+        return NOT_TESTED
+    if claim["erratum"] and holds == [True, False]:
+        return AS_PRINTED
+    if all(holds):
+        return PLOTTING if PLOTTING in verdicts else REPRODUCED
+    return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
+
+
+def judge_erratum(erratum: Mapping[str, Any], run: Run) -> Verdict:
+    """Whether the printed form is wrong and the corrected one right. Raises as `judge` does."""
+    if erratum["check"] is None:
+        return Verdict(erratum, BY_READING, math.nan, "")
+    if missing := unusable(erratum["cases"], run):
+        return Verdict(erratum, NOT_TESTED, math.nan, missing)
+    try:
+        finding = decide(erratum["check"], [stored_motion(run, name) for name in erratum["cases"]])
+    except HodoError as error:
+        raise HodoError(f"{run.path}: erratum {erratum['id']}: {error}") from error
+    verdict = CONFIRMED if finding.deviation <= PLOTTING_ACCURACY else NOT_CONFIRMED
+    return Verdict(erratum, verdict, finding.number, finding.words)
+
+
+def unusable(cases: Sequence[str], run: Run) -> str:
+    """Which of some cases has no result, and why; an empty string if each has one."""
+    for name in cases:
+        ended = {"status": "missing", "message": ""}
+        if name in run:
+            ended = run.row(name, {"status": str, "message": str})
         if ended["status"] != "ok":
-            return Verdict(
-                claim,
-                NOT_TESTED,
-                math.nan,
-                f"{name}: {ended['status']} {ended['message']}".rstrip(),
-            )
+            return f"{name}: {ended['status']} {ended['message']}".rstrip()
+    return ""
+
+
+def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
+    """The verdict on a claim without readings. Raises as `judge` does."""
+    if missing := unusable(claim["cases"], run):
+        return Verdict(claim, NOT_TESTED, math.nan, missing)
     try:
         if claim["check"]["kind"] == "average":
             finding = of_sweep(claim, run)

@@ -1,4 +1,4 @@
-"""`hodo claims`: verdicts on the claims of a result file."""
+"""`hodo claims`: verdicts on the claims and errata of a result file."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -6,67 +6,78 @@ from typing import Any
 
 import numpy as np
 
-from ..cases.config import parse
+from ..cases.claim_block import BY_READING, CONFIRMED
+from ..cases.config import Config, parse
 from ..claims.finding import Verdict
 from ..claims.variations import Motions
-from ..claims.verdicts import judge
+from ..claims.verdicts import judge, judge_erratum
 from ..results.hdf5 import Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
 
+Rows = list[dict[str, Any]]
 
-def judge_results(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """Judge and store the claims of result files; the lines of the table.
+
+def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
+    """Judge and store the claims and the errata of result files; the lines of both tables.
 
     Raises HodoError as `judge` does, or if a file cannot be read or replaced.
     """
-    rows: list[dict[str, Any]] = []
+    statements: Rows = []
+    misprints: Rows = []
     for path in paths:
         with update(path, stamp(f"hodo claims {path}")) as changes:
-            config = parse(changes.run.text, str(path))
-            verdicts = judged(config.claims, changes.run)
-            rows += [{"run": str(path), **claim_row(verdict)} for verdict in verdicts]
+            verdicts, errata = judged(parse(changes.run.text, str(path)), changes.run)
+            statements += [{"run": str(path), **claim_row(verdict)} for verdict in verdicts]
+            misprints += [{"run": str(path), **claim_row(verdict)} for verdict in errata]
             if verdicts:
-                changes.write("_claims", claim_group(verdicts))
-    return rows
+                changes.write("_claims", claim_group(verdicts, STATEMENT))
+            if errata:
+                changes.write("_errata", claim_group(errata, ERRATUM))
+    return statements, misprints
 
 
-def judged(claims: Sequence[Mapping[str, Any]], run: Run) -> list[Verdict]:
-    """The verdicts on the claims of one result. Raises HodoError as `judge` does."""
+STATEMENT = ("where", "original", "statement", "verdict", "expect", "evidence", "measured", "note")
+ERRATUM = ("where", "printed", "should_be", "verdict", "evidence", "note")
+"""What is stored of a claim and of an erratum as text, besides its id."""
+
+
+def judged(config: Config, run: Run) -> tuple[list[Verdict], list[Verdict]]:
+    """The verdicts on the claims and on the errata of one result. Raises HodoError as `judge`
+    does."""
     known = Motions()
-    return [judge(claim, run, known) for claim in claims]
-
-
-COLUMNS = ("id", "where", "statement", "verdict", "expect", "evidence", "measured", "note")
-"""What is stored of a claim as text, besides the number."""
+    verdicts = [judge(claim, run, known) for claim in config.claims]
+    return verdicts, [judge_erratum(erratum, run) for erratum in config.errata]
 
 
 def claim_row(verdict: Verdict) -> dict[str, Any]:
     """A verdict as plain data."""
-    claim = verdict.claim
-    texts = {
-        name: claim[name] for name in ("id", "where", "statement", "expect", "measured", "note")
+    entry = {key: value for key, value in verdict.claim.items() if isinstance(value, str)}
+    readings = {
+        name: {"verdict": each.verdict, "number": each.number, "evidence": each.evidence}
+        for name, each in verdict.readings.items()
     }
-    found = {"verdict": verdict.verdict, "evidence": verdict.evidence, "number": verdict.number}
-    return {**texts, **found, "kind": claim["check"]["kind"], "cases": list(claim["cases"])}
+    found = {"verdict": verdict.verdict, "number": verdict.number, "evidence": verdict.evidence}
+    return {**entry, **found, "cases": list(verdict.claim["cases"]), "readings": readings}
 
 
-def claim_group(verdicts: Sequence[Verdict]) -> Group:
+def as_expected(row: Mapping[str, Any]) -> bool:
+    """Whether a claim has the verdict that its file expects, or an erratum is confirmed."""
+    if "expect" in row:
+        return bool(row["verdict"] == row["expect"])
+    return row["verdict"] in (CONFIRMED, BY_READING)
+
+
+def claim_group(verdicts: Sequence[Verdict], columns: Sequence[str]) -> Group:
     """Verdicts as they are stored: texts and `number` over the dimension `claim`, whose coordinate
     is the id."""
     rows = [claim_row(verdict) for verdict in verdicts]
-    names = {"claim": "id", **{name: name for name in COLUMNS[1:]}}
     texts = {
         name: Variable(
             ("claim",), np.array([row[key] for row in rows], dtype=object), {"long_name": name}
         )
-        for name, key in names.items()
+        for name, key in {"claim": "id", **{name: name for name in columns}}.items()
     }
     numbers = np.array([row["number"] for row in rows], dtype=float)
-    return Group(
-        {},
-        {
-            **texts,
-            "number": Variable(("claim",), numbers, {"long_name": "the number that decides"}),
-        },
-    )
+    decides = Variable(("claim",), numbers, {"long_name": "the number that decides"})
+    return Group({}, {**texts, "number": decides})

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..cases.claim_block import MISPRINTS, VERDICTS
 from ..text import magnitude, seconds, table
 
 
@@ -56,21 +57,33 @@ def passage(crossing: Mapping[str, Any]) -> str:
 
 
 def claim_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Statements with their verdicts and what decides them; a verdict that is not the one expected
-    is marked."""
-    return table(
-        ("claim", "where", "verdict", "decided by"),
-        [
-            (
-                row["id"],
-                row["where"],
-                row["verdict"]
-                + ("" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"),
-                row["evidence"],
-            )
-            for row in rows
-        ],
-    )
+    """Statements with their verdicts and what decides them, and how many have which verdict; one
+    that is not the one expected is marked."""
+    lines = []
+    for row in rows:
+        unexpected = "" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"
+        lines.append((row["id"], row["where"], row["verdict"] + unexpected, row["evidence"]))
+    statements = table(("claim", "where", "verdict", "decided by"), lines)
+    return f"{statements}\n{totals('statement', rows, VERDICTS)}" if rows else statements
+
+
+def erratum_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Misprints with what should stand in their place and what shows it; nothing without any."""
+    if not rows:
+        return ""
+    lines = [
+        (row["id"], row["where"], row["printed"], row["should_be"], row["verdict"], row["evidence"])
+        for row in rows
+    ]
+    header = ("erratum", "where", "printed", "should be", "verdict", "shown by")
+    return f"\n{table(header, lines)}\n{totals('erratum', rows, MISPRINTS)}"
+
+
+def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]) -> str:
+    """How many rows there are, and how many have which verdict."""
+    counts = [(sum(row["verdict"] == verdict for row in rows), verdict) for verdict in verdicts]
+    plural = what if len(rows) == 1 else {"erratum": "errata"}.get(what, f"{what}s")
+    return f"{len(rows)} {plural}: {', '.join(f'{n} {verdict}' for n, verdict in counts if n)}"
 
 
 def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:

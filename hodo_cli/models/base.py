@@ -119,6 +119,16 @@ class Model:
         raise NotImplementedError
 
     @property
+    def damping_rates(self) -> np.ndarray | None:
+        """The rates (3,) at which a medium damps rotation about each body axis; None without."""
+        return None
+
+    @property
+    def final_axis(self) -> int | None:
+        """The axis enclosed in the end, where theory predicts it from the data alone."""
+        return None
+
+    @property
     def warnings(self) -> list[str]:
         """What the data say against the model's own assumptions."""
         return []

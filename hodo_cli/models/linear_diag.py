@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from ..schema.kinds import Key, Vector
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
@@ -60,6 +62,10 @@ class LinearDiag(BodyFrame):
     def constants(self) -> Constants:
         names = ("lam1", "lam2", "lam3")
         return {**super().constants, **dict(zip(names, self.damping, strict=True))}
+
+    @property
+    def damping_rates(self) -> np.ndarray:
+        return np.array(self.damping)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..schema.kinds import Either, Key, Matrix, Number, Table
+from . import rigid_body
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
@@ -76,6 +77,26 @@ class Tensor(BodyFrame):
     def constants(self) -> Constants:
         entries = zip(self.entries, self.matrix.ravel().tolist(), strict=True)
         return {**super().constants, **dict(entries)}
+
+    @property
+    def damping_rates(self) -> np.ndarray:
+        return np.asarray(np.diag(self.matrix) / np.array(self.inertia))
+
+    @property
+    def final_axis(self) -> int | None:
+        """The axis that is enclosed in the end, when the rotation has become slower than its
+        damping: A omega' = -I omega then, and omega turns to the eigenvector of A^-1 I that decays
+        most slowly. None unless I is symmetric and takes energy out of every motion.
+        """
+        A, I = np.array(self.inertia), self.matrix
+        values = np.linalg.eigvalsh(I)
+        # A kernel, or an eigenvalue that is rounding, stops no motion: omega x A omega decides.
+        if (I != I.T).any() or values[0] <= 1e-12 * values[-1]:
+            return None
+        # A^-1 I has the eigenvalues of this symmetric matrix, and its eigenvectors times A^(1/2).
+        root = np.sqrt(A)
+        _, vectors = np.linalg.eigh(I / np.outer(root, root))
+        return int(rigid_body.enclosed_axis(A, vectors[:, 0] / root, 1e-12))
 
     @property
     def warnings(self) -> list[str]:
