@@ -21,6 +21,7 @@ def _end(number: int, frame: object) -> NoReturn:
     Results survive that at any moment. An exception would not do: where it arises inside a
     destructor or a callback of HDF5, it is lost.
     """
+    # Not click's echo: a signal may arrive while the stream is locked.
     os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; finished cases are kept\n")
     os._exit(128 + number)
 
@@ -40,6 +41,7 @@ class Hodo(click.Group):
                 click.echo(str(error), err=True)
             ctx.exit(2)
         except ModuleNotFoundError as error:
+            # A module of hodo itself that is missing is a bug, and keeps its traceback.
             if (error.name or "").startswith(__package__):
                 raise
             click.echo(

@@ -2,9 +2,12 @@
 
 import inspect
 import re
+import sys
+import textwrap
 from collections.abc import Iterator
 
 from hodo_cli import models
+from hodo_cli.models.base import Model
 
 
 def markdown(docstring: str) -> str:
@@ -14,9 +17,21 @@ def markdown(docstring: str) -> str:
         if "=" in paragraph and not paragraph.endswith((".", ":")):
             paragraphs.append(f"```text\n{paragraph}\n```")
         else:
-            # Products and powers are no emphasis.
-            paragraphs.append(re.sub(r"([*_<>])(?=[^`]*(?:`[^`]*`[^`]*)*$)", r"\\\1", paragraph))
+            # Products, powers and inequalities are no markup, nor is a minus that begins a line.
+            text = re.sub(r"([*_<>])(?=[^`]*(?:`[^`]*`[^`]*)*$)", r"\\\1", paragraph)
+            lines = textwrap.wrap(text, 118, break_long_words=False, break_on_hyphens=False)
+            paragraphs.append("\n".join(re.sub(r"^([-+#])", r"\\\1", line) for line in lines))
     return "\n\n".join(paragraphs)
+
+
+def accounts(cls: type[Model]) -> Iterator[str]:
+    """The docstring of a form, and those of other classes that it names as taking its place."""
+    docstring = inspect.getdoc(cls) or ""
+    yield markdown(docstring)
+    for name in re.findall(r"`([A-Z]\w+)`", docstring):
+        other = getattr(sys.modules[cls.__module__], name, None)
+        if isinstance(other, type) and issubclass(other, Model) and other is not cls:
+            yield f"`{name}`: " + markdown(inspect.getdoc(other) or "")
 
 
 def sections() -> Iterator[str]:
@@ -25,10 +40,9 @@ def sections() -> Iterator[str]:
         yield f"## `model: {name}`"
         for form, cls in forms.items():
             if len(forms) > 1:
-                yield f"### `form: {form}`" + (
-                    " (the default)" if form == next(iter(forms)) else ""
-                )
-            yield markdown(inspect.getdoc(cls) or "")
+                default = " (the default)" if form == next(iter(forms)) else ""
+                yield f"### `form: {form}`{default}"
+            yield from accounts(cls)
 
 
 if __name__ == "__main__":

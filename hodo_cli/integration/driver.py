@@ -63,12 +63,15 @@ def propagate(
     """
     model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
     units = Units.fit(model, k, np.array(y0))
+    # In double, which is exact: a power of two.
     y = np.ldexp(np.array(y0), -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
     rows, exponent = np.empty((len(times), len(y0)), dtype=fp), np.full(len(times), units.size)
+    # The start itself is a sample that no step reaches.
     done = int(np.searchsorted(times, start, side="right"))
     rows[:done] = y
     found: list[Occurrence] = []
+    # A torque keeps a body from decaying, and its units were fitted to it at the start.
     forced = any(k[name] for name, degree in model.degree.items() if degree == 0)
     watch.band = engine.band if model.degree and any(y0) and not forced else None
 
@@ -79,6 +82,7 @@ def propagate(
     while done < len(times) and watch.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
         grid = clock.grid(times[done : done + BLOCK].astype(fp))
+        # In the units of a very fast motion the end may be beyond the largest double.
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
         if witness is not None:
@@ -109,6 +113,7 @@ def propagate(
             )
         clock.advance(leg.time)
         new = Units.fit(model, k, leg.state.astype(float), units.size)
+        # At rest for good: what follows is 0 in any precision, and would take steps for nothing.
         if new.size < -LIMIT:
             rows[done:], exponent[done:], done = 0, -LIMIT, len(times)
         elif new.size > LARGEST:

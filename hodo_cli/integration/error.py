@@ -33,8 +33,11 @@ def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, floa
         times = sample_times(case)
     for precision, reference_method, tol in references(case, method, solution.tol):
         reference = solve(case, reference_method, precision, tol, times[thinned(times)])
+        # The engine has cut the tolerance at its limit: the same integration again would show no
+        # error.
         if tol is not None and reference.tol == solution.tol:
             continue
+        # A reference that stops early still judges a motion that stopped as well.
         if reference.whole or not solution.whole:
             kind = (
                 "refined"

@@ -55,6 +55,7 @@ def remarks(
     """What a result does not show by itself: an error larger than was asked for, or unknown, and
     infinite values."""
     asked, worst = max(solution.tol, ASKED), max(errors.values(), default=math.nan)
+    # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if worst > 10 * asked:
         yield f"the measured error {worst:.1e} exceeds ten times the {asked:.0e} asked for"
     if case.error == "on" and math.isnan(worst):
@@ -72,6 +73,7 @@ def tried(case: Case) -> tuple[str, str, Solution]:
     if (
         case.method == "auto"
         and method == "taylor"
+        # Not after a timeout: the user has said how long a case may take.
         and solution.status is Status.FAILED
         and case.precision != "quadruple"
     ):

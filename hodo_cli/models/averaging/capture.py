@@ -40,7 +40,10 @@ def capture_shares(drift: Mapping[Region, float], start: Region) -> dict[Region,
     """
     theta = arc_changes(drift)
     side, sense = start
+    # Farther than two half turns can carry it, D keeps its sign until the drift of its region
+    # brings it back.
     beyond = 2 * max(map(abs, theta.values()))
+    # All phases of a motion that comes in: an interval as wide as one turn shifts D.
     turn = 2 * abs(drift[start])
     low = beyond if side > 0 else -beyond - turn
     arc = (sense, 1) if side > 0 else (1, sense)

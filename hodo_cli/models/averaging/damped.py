@@ -99,6 +99,8 @@ class Damped(AveragedTurns):
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         ln_E, ln_O, _, side = y
+        # The state holds logarithms: E and O themselves would be 0 long before the shape of the
+        # motion is lost.
         m = k.e ** (ln_O - ln_E - side * k.offset)
         mean = turn_means(m, 1 - m)
         lam = either(side, k.l1, k.l3), k.l2, either(side, k.l3, k.l1)

@@ -111,6 +111,7 @@ def slow_variables(body: Body, omega: Sequence[float]) -> Slow:
     side = 1 if D > 0 else -1
     about, across = (p, r) if side > 0 else (r, p)
     scale = float(body.weight(side)[0]) * (X if side > 0 else Y)
+    # A body at rest has no scale; any m serves it.
     gap = (a - c) * abs(D) / scale if scale else 1.0
     sense = -1 if about < 0 else 1
     opposite, inner = (c, a - b) if side > 0 else (a, b - c)
@@ -132,6 +133,7 @@ def landen(gap: Any) -> list[tuple[Any, Any, Any]]:
     small m.
     """
     gap = np.maximum(gap, SMALLEST_GAP)
+    # From k' = sqrt(1 - m), never from k, which has no digits of 1 - m left near the separatrix.
     a, b, m = np.ones_like(gap), np.sqrt(gap), 1 - gap
     levels = [(a, b, np.zeros_like(gap))]
     c = 1 / (2 * (1 + b))
@@ -162,6 +164,8 @@ def amplitude(phase: Any, gap: Any) -> tuple[Any, Any]:
     """
     levels = landen(gap)
     m = 1 - np.maximum(gap, SMALLEST_GAP)
+    # Where the mean has converged, an amplitude is 2^n times the phase; Landen's steps lead back
+    # from there.
     phi, zeta = 2**LANDEN * phase, 0.0
     for a, _, c in levels[:0:-1]:
         sine = np.sin(phi)
@@ -176,6 +180,7 @@ def free_motion_by_phase(body: Body, slow: Slow, phase: Any) -> np.ndarray:
     a, b, c = body[:3]
     am, _ = amplitude(phase, slow.gap)
     sn, cn = np.sin(am), np.cos(am)
+    # A sum of squares: 1 - m sn^2 would cancel at the separatrix.
     dn = np.sqrt(cn * cn + slow.gap * sn * sn)
     above, (E, O) = np.asarray(slow.side) > 0, slow.pair
     outer, inner = np.where(above, a, c), np.where(above, c, a)

@@ -35,6 +35,7 @@ def turn_means(m: Any, gap: Any, steps: int = AGM) -> Means:
     a, b = (1 + root) / 2, root**0.5
     square, factor = 1 / (4 * (1 + root) * (1 + root)), 1  # c_n^2/m^2 and 2^(n-1)
     total = square
+    # A fixed number of steps, because symbols of an engine cannot be compared with a tolerance.
     for _ in range(steps - 1):
         a, b = (a + b) / 2, (a * b) ** 0.5
         square, factor = m * m * square * square / (16 * a * a), 2 * factor
@@ -71,6 +72,7 @@ def fluid_loss(weights: Sequence[Any], m: Any, mean: Means, E: Any, O: Any) -> A
     h', Y' = a h'.
     """
     cd, sd, sc = weights
+    # <sn^2 cn^2> and <sn^2 dn^2>, by sn^2 + cn^2 = 1 and dn^2 = 1 - m sn^2.
     ss_cc, ss_dd = mean.ss - mean.ssss, mean.ss - m * mean.ssss
     return (cd * (mean.cc - m * ss_cc) + sd * ss_dd) * E + sc * ss_cc * O
 
@@ -90,6 +92,7 @@ def fluid_weights(
         # Exchanging a and c exchanges the sides; the three products of the identity keep their
         # signs.
         a, c = c, a
+    # Two equal moments leave one side only.
     if a == b:
         return 0.0, 0.0, 0.0
     unit = 2 * kappa / (a * b * c)

@@ -46,6 +46,8 @@ def tanh_sinh() -> tuple[np.ndarray, np.ndarray]:
     """
     x = REACH / HALF * np.arange(-HALF, HALF + 1)
     argument = np.pi * np.sinh(x)
+    # As fractions of the interval they stay exact near 0, where 1 - nodes near 1 would have no
+    # digits.
     nodes = 1 / (1 + np.exp(-argument))
     return nodes, REACH / HALF * np.pi * np.cosh(x) * nodes / (1 + np.exp(argument))
 
@@ -71,6 +73,7 @@ def resting_shape(lam: Sequence[float]) -> tuple[int, float] | None:
     if l3 == l2 or not 0.5 < (rho := (l1 - l2) / (l3 - l2)) < 2 or rho == 1:
         return None
     side, target = (1, rho) if rho < 1 else (-1, 1 / rho)
+    # Bisected in the logarithm of 1 - m, because the root may lie as near to 1 as doubles reach.
     low, high = 0.0, -math.log(SMALLEST_GAP)  # of -ln(1 - m)
     while low < (middle := (low + high) / 2) < high:
         mean = turn_means(-math.expm1(-middle), math.exp(-middle), LANDEN)

@@ -33,6 +33,8 @@ def nodes_for(gap: float) -> int:
     K, other = (
         math.pi / 2 / turn_means(1 - x, x, LANDEN).pace for x in (gap, max(1 - gap, SMALLEST_GAP))
     )
+    # From exp(-pi N K'/(2 K)) = 1e-16, that is N = 23.4 K/K'; whole quarters of a turn, so that the
+    # nodes share the symmetry of sn and cn.
     return max(24, 4 * math.ceil(float(23.4 * K / other) / 4))
 
 
@@ -60,6 +62,8 @@ def periodic_part(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) ->
     """
     pace = turn_means(1 - slow.gap, np.maximum(slow.gap, SMALLEST_GAP), LANDEN).pace
     turning = frequency(body, slow.pair[0], slow.side) * pace
+    # Without the constant, which averaging keeps, and the last frequency, whose phase the nodes
+    # cannot tell.
     k = np.arange(1, nodes // 2)
     wave = np.exp(1j * k * np.asarray(slow.phase)[..., None]) / (
         1j * k * np.asarray(turning)[..., None]
