@@ -56,12 +56,12 @@ class Hodo(click.Group):
 
 @click.group(cls=Hodo, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="hodo")
-@click.option("--traceback", is_flag=True, help="Show where an error arose.")
+@click.option("--traceback", is_flag=True, help="Show the traceback of an error.")
 def main(traceback: bool) -> None:
-    """Batches of rigid-body rotation experiments: integrated, classified, plotted and checked.
+    """Run rigid-body rotation experiments from case files; classify, plot and check the results.
 
-    Exit status: 0 all well, 1 a case failed, 2 bad input, 3 a difference or a contradicted
-    expectation, 130 interrupted.
+    Exit status: 0 all went well, 1 a case failed, 2 bad input, 3 a difference from what was
+    expected, 130 interrupted.
     """
 
 
@@ -76,7 +76,7 @@ GLOBS = click.option(
     "globs",
     multiple=True,
     metavar="GLOB",
-    help="Only cases whose name matches (repeatable).",
+    help="Take only cases whose name matches (repeatable).",
 )
 
 
@@ -87,7 +87,7 @@ def _folder(default: str) -> Callable[[Command], Command]:
         type=click.Path(path_type=Path),
         default=default,
         show_default=True,
-        help="Folder of what is written.",
+        help="Folder to write into.",
     )
 
 
@@ -99,17 +99,17 @@ def _folder(default: str) -> Callable[[Command], Command]:
     "overrides",
     multiple=True,
     metavar="CASE.KEY=VALUE",
-    help="Change a value (repeatable).",
+    help="Change a value: fig4.damping.2=0.002 (repeatable).",
 )
 @_folder("runs")
-@click.option("--force", is_flag=True, help="Run finished cases again.")
+@click.option("--force", is_flag=True, help="Run finished cases again too.")
 @click.option(
     "-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes."
 )
 @click.option(
     "--scheduler",
     metavar="dask|tcp://HOST:PORT",
-    help="Run on dask: in N processes, or on its workers.",
+    help="Run on dask: dask starts N processes here, tcp://HOST:PORT joins a scheduler.",
 )
 @click.option("--dry-run", is_flag=True, help="Print what would run, and why; run nothing.")
 @click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")
@@ -128,8 +128,10 @@ def _run(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Integrate the cases of CONFIGS into runs/NAME.h5; finished cases that have not changed are
-    kept."""
+    """Integrate the cases of CONFIGS into runs/NAME.h5.
+
+    Finished cases that have not changed are kept.
+    """
     from .cases.config import load
     from .commands import run, tables
 
@@ -149,8 +151,10 @@ def _run(
 @RUNS
 @JSON
 def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
-    """Label the axis that each hodograph encloses and find the separatrix crossings; both go into
-    RUNS."""
+    """Label the axis that each hodograph encloses, and find every separatrix crossing.
+
+    Both are added to RUNS.
+    """
     from .commands import classify, tables
 
     rows, problems = classify.classify_results(runs)
@@ -190,11 +194,11 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     multiple=True,
     default=("png",),
     show_default=True,
-    help="png, svg, pdf or csv.",
+    help="png, svg, pdf or csv (repeatable).",
 )
 @_folder("runs/figures")
 def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
-    """Draw the figures of each RUN (*.h5), all or those named, and a page with all of them."""
+    """Draw the figures of each RUN (*.h5): those named, or all, with a page that shows them."""
     from .commands import plot
 
     files = [Path(name) for name in runs if name.endswith(".h5")]
@@ -218,7 +222,7 @@ def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
 )
 @JSON
 def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
-    """Compare the result A with the reference B: every case, label, crossing and value that B has.
+    """Compare the result A with the reference B: each case, label, crossing and value of B.
 
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
     Times of crossings and events may be off by 100 times rtol.
@@ -243,16 +247,16 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
     type=click.IntRange(1),
     default=1,
     show_default=True,
-    help="Cases tried at once.",
+    help="Try N cases at once.",
 )
 @click.option("--markdown", is_flag=True, help="Print the table in Markdown.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr.")
 def _bench(
     config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool
 ) -> None:
-    """Measure error against run time: every case of CONFIG by the methods and tolerances of its
-    bench: section.
+    """Measure error against run time for every case of CONFIG.
 
+    Its bench: section names the methods and tolerances.
     The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/.
     Exit status 1 if auto gave a wrong result without saying so, or took longer than 10 s.
     """
