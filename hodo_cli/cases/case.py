@@ -37,6 +37,7 @@ class Time:
     start: float = 0.0
     end: float
     samples: int = 1001
+    unit: str = "1"
 
 
 class FrozenDict(dict[str, Any]):

@@ -24,6 +24,7 @@ TIME = Table(
             "number of stored times, evenly spaced from start to end; 1 stores the end alone",
             default=1001,
         ),
+        "unit": Key(Text(), "unit of time, where the data have one", default="1"),
     }
 )
 

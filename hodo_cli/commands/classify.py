@@ -72,10 +72,18 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         "case": name,
         "start": ends[0],
         "end": ends[1],
+        "growth": growth(found.growth),
+        "final": "" if found.final is None else rigid_body.LABELS[found.final],
         "crossings": table,
         "warnings": list(found.warnings),
     }
     return label_group(found), row
+
+
+def growth(rates: np.ndarray | None) -> dict[str, float]:
+    """The rates at which a tilt away from each axis grows, by the axis, but for the middle one."""
+    found = enumerate(() if rates is None else rates.tolist(), 1)
+    return {rigid_body.LABELS[i]: rate for i, rate in found if not np.isnan(rate)}
 
 
 def inapplicable(case: Case, group: Group) -> str:

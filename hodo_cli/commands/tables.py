@@ -8,24 +8,25 @@ from ..text import magnitude, seconds, table
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases with their method, cost, error and what is to be said about them."""
-    return table(
-        ("case", "model", "form", "method", "steps", "run time", "error", "warnings"),
+    """Cases with their method, cost, error, warnings, and what they assume where that is known."""
+    header = ["case", "model", "form", "method", "steps", "run time", "error", "warnings"]
+    lines = [
         [
-            (
-                row["case"],
-                row["model"],
-                row["form"],
-                row["method"],
-                str(row["steps"]),
-                seconds(row["run_time"]),
-                magnitude(row["error"]),
-                remark(row),
-            )
-            for row in rows
-        ],
-        right=("steps", "run time", "error"),
-    )
+            row["case"],
+            row["model"],
+            row["form"],
+            row["method"],
+            str(row["steps"]),
+            seconds(row["run_time"]),
+            magnitude(row["error"]),
+            remark(row),
+        ]
+        for row in rows
+    ]
+    if any(row.get("assumes") for row in rows):
+        header.append("assumes")
+        lines = [[*line, row["assumes"]] for line, row in zip(lines, rows, strict=True)]
+    return table(header, lines, right=("steps", "run time", "error"))
 
 
 def remark(row: Mapping[str, Any]) -> str:
@@ -35,14 +36,17 @@ def remark(row: Mapping[str, Any]) -> str:
 
 
 def crossing_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases with the axes enclosed at start and end, and the crossings between."""
+    """Cases with the axes enclosed at start and end, the growth rates of a small tilt away from an
+    axis, the axis that theory predicts in the end, and the crossings."""
     return table(
-        ("case", "start", "end", "crossings"),
+        ("case", "start", "end", "growth of a tilt", "predicted", "crossings"),
         [
             (
                 row["case"],
                 row["start"],
                 row["end"],
+                ", ".join(f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()),
+                row.get("final", ""),
                 "; ".join([*map(passage, row["crossings"]), *row["warnings"]]),
             )
             for row in rows

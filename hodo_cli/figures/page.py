@@ -127,6 +127,8 @@ def _card(figure: Rendered, results: Results, motions: Mapping[str, Motion], bas
     shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
     files = " ".join(_link(file, base, file.suffix[1:].upper()) for file in figure.files)
     rows = [[_cell(motion.name), *_numbers(motion)] for motion in shown]
+    taken = dict.fromkeys(f"{key}: {said}" for m in shown for key, said in m.case.assumes.items())
+    assumed = f'<p class="soft">Assumed: {escape("; ".join(taken))}</p>' if taken else ""
     numbers = (
         f"<details><summary>{_summary(shown)}</summary>{_table(CARD_HEADER, rows)}</details>"
         if shown
@@ -135,7 +137,7 @@ def _card(figure: Rendered, results: Results, motions: Mapping[str, Motion], bas
     picture, wide = _picture(figure, base, spec["caption"] or figure.name)
     return (
         f'<figure id="{_anchor(results)}-{escape(figure.name)}"{" class=wide" if wide else ""}>{picture}'
-        f"<figcaption><b>{escape(figure.name)}</b> {escape(spec['caption'])}"
+        f"<figcaption><b>{escape(figure.name)}</b> {escape(spec['caption'])}{assumed}"
         f'<p class="soft">{files}</p>{numbers}</figcaption></figure>'
     )
 
@@ -179,6 +181,7 @@ CASE_HEADER = (
     "notes and warnings",
 )
 CLAIM_HEADER = ("where", "statement", "verdict", "decided by", "measured, notes")
+ERRATUM_HEADER = ("where", "printed", "should be", "verdict", "shown by")
 CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|")
 
 
@@ -196,7 +199,8 @@ def _case_row(motion: Motion) -> list[str]:
     attrs = motion.attrs
     given, error, run_time = _numbers(motion)
     ended = "" if attrs["status"] == "ok" else f"{attrs['status']}: {attrs['message']}"
-    notes = [ended, motion.case.note, *str(attrs["warnings"]).splitlines()]
+    assumed = [f"assumed {key}: {said}" for key, said in motion.case.assumes.items()]
+    notes = [ended, *assumed, motion.case.note, *str(attrs["warnings"]).splitlines()]
     return [
         _cell(motion.name, "n"), _cell(f"{attrs['model']}, {attrs['form']}", "n"), _cell(str(attrs["method"])),
         _cell(str(attrs["steps"])), error, run_time, given, _cell(". ".join(filter(None, notes)), "text"),
@@ -217,7 +221,18 @@ def _claims(results: Results) -> str:
          _cell(". ".join(filter(None, remarks)), "text")]
         for where, statement, verdict, evidence, *remarks in zip(*columns, strict=True)
     ]  # fmt: skip
-    return f"<h3>What the text says</h3>{_table(CLAIM_HEADER, rows)}"
+    return f"<h3>What the text says</h3>{_table(CLAIM_HEADER, rows)}{_errata(results)}"
+
+
+def _errata(results: Results) -> str:
+    """The table of misprints; none without any."""
+    if "_errata" not in results.cases:
+        return ""
+    errata = results.cases["_errata"]
+    names = ("where", "printed", "should_be", "verdict", "evidence")
+    columns = [map(str, errata[name].values) for name in names]
+    rows = [[_cell(text, "text") for text in row] for row in zip(*columns, strict=True)]
+    return f"<h3>Errata</h3>{_table(ERRATUM_HEADER, rows)}"
 
 
 def _crossings(motions: Mapping[str, Motion]) -> str:

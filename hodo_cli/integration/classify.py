@@ -32,12 +32,17 @@ reach, see DOP853 and LSODA in `hodo bench`."""
 
 @dataclass(frozen=True)
 class Classification:
-    """Labels (n,) of a motion's samples, as in `rigid.LABELS`, its crossings, and what is to be
-    said about them."""
+    """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
+
+    `growth` (3,) are the rates at which a small tilt away from each axis grows, None without a
+    medium; `final` is the label in the end where theory predicts it.
+    """
 
     labels: np.ndarray
     crossings: tuple[Crossing, ...] = ()
     warnings: tuple[str, ...] = ()
+    growth: np.ndarray | None = None
+    final: int | None = None
 
 
 def classify(
@@ -69,7 +74,9 @@ def classify(
     )
     if len(samples) < len(omega):
         warnings += (f"no labels after {len(samples)} samples: {motion.solution.message}",)
-    return Classification(labels, tuple(crossings), warnings)
+    rates, final = case.system.damping_rates, case.system.final_axis
+    growth = None if rates is None else rigid_body.growth_rates(A, rates)
+    return Classification(labels, tuple(crossings), warnings, growth, final)
 
 
 class Watched(NamedTuple):

@@ -161,7 +161,27 @@ class Cavity(Model):
         # The start of the body, also in a form whose state is something else.
         A, omega = np.array(self.inertia), np.array(velocity(self.inertia, self.initial))
         kappa = coefficient(self.cavity, self.kappa)
-        return [*slow_flow(self.cavity, omega), *weak(A, omega, kappa, self.applied)]
+        limits = [*slow_flow(self.cavity, omega), *weak(A, omega, kappa, self.applied)]
+        return [*limits, *heavy_fluid(self.cavity, A)]
+
+
+def heavy_fluid(cavity: Mapping[str, float | None] | None, A: np.ndarray) -> list[str]:
+    """A warning if the fluid's own moment of inertia exceeds that of body and fluid together: there
+    is no such body.
+
+    b is the radius of the sphere with the cavity's P0; a sphere of fluid has 2/5 m b^2.
+    """
+    if cavity is None or cavity["density"] is None:
+        return []
+    b = (525 * shape_factor(cavity) / (8 * math.pi)) ** (1 / 7)
+    mass = 4 / 3 * math.pi * b**3 * cavity["density"]
+    own = 0.4 * mass * b * b
+    if own <= A.min():
+        return []
+    return [
+        f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid a mass of {mass:.5g} and a "
+        f"moment of inertia of {own:.5g}, more than the {A.min():g} of body and fluid together"
+    ]
 
 
 def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:

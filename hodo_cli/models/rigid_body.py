@@ -148,8 +148,8 @@ def growth_rates(A: np.ndarray, rates: np.ndarray) -> np.ndarray:
     constant shape on the same side.
     """
     found = rates - (rates.sum() - rates) / 2
-    found[inertia_order(A)[1]] = np.nan
-    return np.asarray(found)
+    # Nor for an axis whose moment is the middle one too: a symmetric body has no such turn.
+    return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, found))
 
 
 SMALLEST = 1e-100

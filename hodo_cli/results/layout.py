@@ -120,6 +120,12 @@ CROSSINGS = {
 }
 """What is stored of each crossing: the field of `Crossing` that it holds, and how."""
 
+GROWTH_RATE = Stored(
+    "rate at which a small tilt away from the axis grows, on the mean over a turn", ("axis",)
+)
+
+FINAL_AXIS = Stored("axis enclosed in the end, predicted from the data", (), "i1", flags=AXES)
+
 EVENTS = {
     "event_time": ("time", Stored("time of the event", ("event",))),
     "event_kind": ("kind", Stored("kind of the event", ("event",), "O")),
@@ -231,6 +237,9 @@ def case_group(
     trajectory: Trajectory, labels: Mapping[str, tuple[tuple[str, ...], str, str]], mark: str
 ) -> Group:
     """A case as it is stored, with `mark` for its hash; `labels` as for `case_variables`."""
+    if (unit := trajectory.case.time.unit) != "1":
+        meaning = labels["time"][1] if "time" in labels else TIME.long_name
+        labels = {**labels, "time": (("time",), meaning, unit)}
     attributes = case_attributes(
         trajectory.case,
         mark,
@@ -259,7 +268,10 @@ def case_group(
 
 def label_group(found: Classification) -> Group:
     """What `classify` adds to a stored case."""
-    return Group(
-        {"classify_warnings": "\n".join(found.warnings)},
-        label_variables(found.labels, found.crossings),
-    )
+    variables = label_variables(found.labels, found.crossings)
+    if found.growth is not None:
+        variables["growth_rate"] = GROWTH_RATE.holding(found.growth)
+        variables |= principal_axes(variables.values())
+    if found.final is not None:
+        variables["final_axis"] = FINAL_AXIS.holding(found.final)
+    return Group({"classify_warnings": "\n".join(found.warnings)}, variables)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..cases.case import Case, Time
+from ..cases.case import Case
 from ..cases.sweep_block import Axis, axes_of, put
 from ..models.base import Event
 from ..models.constants import Structure, flatten, structure
@@ -84,7 +84,7 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
             **data,
             "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True)),
         }
-    time = Time(start=case.time.start, end=case.time.end, samples=samples)
+    time = replace(case.time, samples=samples)
     return replace(
         case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off"
     )
