@@ -365,7 +365,7 @@ def test_the_full_top_is_regular_at_the_vertical() -> None:
     ("given", "message"),
     [
         ({"inertia": "{A: 1, C: 2.5}"}, r"inertia\.C: no body has C = 2.5 larger than 2 A"),
-        ({"mu": "0"}, "mu: wants a number > 0"),
+        ({"mu": "0"}, "mu: expected a positive number"),
         ({"initial": "{theta: 1}"}, "missing 'r'"),
         ({"initial": "{theta: 1, r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
@@ -378,7 +378,7 @@ def test_the_full_top_is_regular_at_the_vertical() -> None:
         ({"initial": "{theta: 0, r: 2}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
         ({"initial": "{theta: 1, r: 0}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
         ({"form": "full"}, "missing 'epsilon'"),
-        ({"a": "[]"}, "a: wants"),
+        ({"a": "[]"}, "a: expected"),
         ({"a": "{law: sine, value: 1}"}, "exponential or power"),
         ({"a": "{law: exponential, value: 1}"}, "missing 'rate'"),
         (

@@ -60,25 +60,28 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
     [
         (
             "{damping.2: 3}",
-            "cases.a.sweep.damping.2: wants one of linspace, logspace, values, zip, sphere, not 3",
+            "cases.a.sweep.damping.2: expected one of linspace, logspace, values, zip, sphere, got 3",
         ),
         ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
         (
             "{damping.2: {linspace: [1, 2]}}",
-            "wants [first, last, number of values], not a list of 2",
+            "expected [first, last, number of values], got a list of 2",
         ),
         (
             "{damping.2: {logspace: [0, 2, 5]}}",
-            "sweep.damping.2.logspace.0: wants a number > 0, not 0",
+            "sweep.damping.2.logspace.0: expected a positive number, got 0",
         ),
         ("{damping.3: {values: [1]}}", "cases.a.sweep.damping.3: unknown key 'damping.3'"),
         ("{dampng: {values: [1]}}", "did you mean 'damping'?"),
-        ("{inertia.0: {values: [1, -1]}}", "sweep.inertia.0.values.1: wants a number > 0, not -1"),
+        (
+            "{inertia.0: {values: [1, -1]}}",
+            "sweep.inertia.0.values.1: expected a positive number, got -1",
+        ),
         ("{initial: {values: [1]}}", "sweep.initial: is not a number"),
         ("{time: {sphere: {count: 2}}}", "time is a dimension of every result"),
         (
             "{d: {sphere: {count: 0}}}",
-            "sweep.d.sphere.count: wants an integer >= 1, <= 1e+09, not 0",
+            "sweep.d.sphere.count: expected an integer >= 1, <= 1e+09, got 0",
         ),
         ("{d: {sphere: {count: 2}}, e: {sphere: {count: 2}}}", "one axis may be a sphere"),
         (

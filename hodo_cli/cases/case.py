@@ -6,17 +6,18 @@ mistake is reported with its file, line, column, key and nearest spelling; all m
 are raised together, as one HodoError with a line for each.
 """
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any, Never
+from typing import Any
 
 from .. import models
 from ..models.base import Model
-from ..schema import kinds
 from ..schema.document import Block, locate, read
-from ..schema.kinds import Key, Misnamed, Path, Report
+from ..schema.frozen import frozen
+from ..schema.kinds import Key, KeyPath, Misnamed, Mistake, Wrong, resolve, shown, unknown
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
 from .keys import COMMON, REMARKS, all_keys, keys_in
@@ -38,29 +39,6 @@ class Time:
     end: float
     samples: int = 1001
     unit: str = "1"
-
-
-class FrozenDict(dict[str, Any]):
-    """A dict that cannot be changed, so that it has a hash: what holds it can be a key itself."""
-
-    def __hash__(self) -> int:  # type: ignore[override]
-        return hash(frozenset(self.items()))
-
-    def __reduce__(self) -> tuple[type["FrozenDict"], tuple[dict[str, Any]]]:
-        return FrozenDict, (dict(self),)  # or else pickle fills it entry by entry
-
-    def _refuse(self, *_: Any, **__: Any) -> Never:
-        raise TypeError("the data of a case do not change: make another with dataclasses.replace")
-
-    __setitem__ = __delitem__ = __ior__ = _refuse
-    clear = pop = popitem = setdefault = update = _refuse
-
-
-def frozen(value: Any) -> Any:
-    """Plain data with every mapping in them frozen, and every list a tuple."""
-    if isinstance(value, Mapping):
-        return FrozenDict({key: frozen(item) for key, item in value.items()})
-    return tuple(map(frozen, value)) if isinstance(value, list | tuple) else value
 
 
 @dataclass(frozen=True)
@@ -118,10 +96,13 @@ def parse_case(text: str) -> Case:
     block = read_mapping(text, mistakes)
     name = block.pop("name", None)
     if not isinstance(name, str) or not NAME.fullmatch(name):
-        raise mistakes.fatal(Place(1, 1), f"{NAME_RULE}, not {kinds.shown(name)}")
-    case = checked_case(name, block, reporter(block, (), Place(1, 1), mistakes))
-    mistakes.raise_any()
-    assert case is not None
+        raise mistakes.fatal(Place(1, 1), f"{NAME_RULE}, not {shown(name)}")
+    try:
+        case = checked_case(name, block)
+    except Wrong as error:
+        note(error.mistakes, block, (), Place(1, 1), mistakes)
+        raise mistakes.error() from None
+    mistakes.raise_any()  # a key that is given twice, say
     return case
 
 
@@ -130,9 +111,8 @@ def read_mapping(text: str, mistakes: Mistakes) -> Block:
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document
-    raise mistakes.fatal(
-        Place(1, 1), f"wants a mapping of keys to values, not {kinds.shown(document)}"
-    )
+    said = f"expected a mapping of keys to values, got {shown(document)}"
+    raise mistakes.fatal(Place(1, 1), said)
 
 
 def _without_none(data: Any) -> Any:
@@ -142,88 +122,81 @@ def _without_none(data: Any) -> Any:
     return {key: _without_none(value) for key, value in data.items() if value is not None}
 
 
-def reporter(root: Block, label: Path, place: Place, mistakes: Mistakes) -> Report:
-    """A report for paths within `root`, which stands at `place` and is called `label`."""
+def note(
+    found: Iterable[Mistake], root: Block, label: KeyPath, place: Place, mistakes: Mistakes
+) -> None:
+    """Add what is wrong within `root`, which stands at `place` and is called `label`."""
+    for at, sentence in found:
+        where, inherited = locate(root, at, place)
+        mistakes.add(where, ("defaults", *at) if inherited else (*label, *at), sentence)
 
-    def report(at: Path, message: str) -> None:
-        found, inherited = locate(root, at, place)
-        mistakes.add(found, ("defaults", *at) if inherited else (*label, *at), message)
 
-    return report
-
-
-def checked_case(name: str, block: Block, report: Report) -> Case | None:
-    """The case that a merged block describes, or None after reporting what is wrong with it."""
-    wrong = False
-
-    def note(at: Path, message: str) -> None:
-        nonlocal wrong
-        wrong = True
-        report(at, message)
-
-    found, taken = keys_in(block)
-    values = kinds.resolve(taken, _own(block, found, taken, note), (), note)
-    data = {key: values[key] for key in found.keys if key in values} if found else {}
-    if found:
-        _cross_check(found, data, note)
-        sweep = values.get("sweep")
-        if sweep and not wrong:
-            check_axes(sweep, found.keys, data, not found.unclassifiable, note)
-        known = (
-            storable(found.variables, not found.unclassifiable) if sweep else list(found.variables)
-        )
-        for i, kept in enumerate(values.get("store", ())):
-            if kept not in known:
-                note(("store", i), kinds.unknown(f"variable {kept!r}", kept, known))
-    if "time" in values and not 0 <= values["time"]["end"] - values["time"]["start"] < float("inf"):
-        note(
-            ("time", "end"),
-            f"the span from {values['time']['start']:g} to {values['time']['end']:g} is not possible",
-        )
-    if wrong or not found:
-        return None
+def checked_case(name: str, block: Block) -> Case:
+    """The case that a merged block describes. Raises Wrong with all that is wrong with it."""
+    model, keys = keys_in(block)
+    own, mistakes = _own(block, model, keys)
+    values, more = resolve(keys, own)
+    mistakes += [*more, *_of_time(values)]
+    if model is None:
+        raise Wrong(*mistakes)
+    data = {key: values[key] for key in model.keys if key in values}
+    mistakes += [*model.check(data), *_of_store(model, values)]
+    if values.get("sweep") and not mistakes:
+        mistakes += check_axes(values["sweep"], model, data)
+    if mistakes:
+        raise Wrong(*mistakes)
     common = {key: values[key] for key in COMMON} | {"time": Time(**values["time"])}
-    return Case(name=name, model=found.name, form=found.form, data=data, **common)
+    return Case(name=name, model=model.name, form=model.form, data=data, **common)
 
 
-def check_sweep(case: Case, sweep: Mapping[str, Any], report: Report) -> None:
-    """Report what keeps a case from making a sweep that is not its own."""
-    model = type(case.system)
-    check_axes(sweep, model.keys, case.data, not model.unclassifiable, report)
+def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:
+    """What keeps a case from making a sweep that is not its own."""
+    return check_axes(sweep, type(case.system), case.data)
 
 
-def _cross_check(found: type[Model], data: Mapping[str, Any], report: Report) -> None:
-    """A model's own check, which ends where it needs a value that has a mistake of its own."""
-    try:
-        for at, sentence in found.check(data):
-            report(at, sentence)
-    except KeyError:
-        # With all keys there, a KeyError is a mistake of the model's, not of the case's.
-        if data.keys() >= found.keys.keys():
-            raise
+def _of_time(values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """An end before the start, or so far behind it that the span is no double."""
+    if time := values.get("time"):
+        start, end = time["start"], time["end"]
+        if not 0 <= end - start < math.inf:
+            yield ("time", "end"), f"the span from {start:g} to {end:g} is not possible"
+
+
+def _of_store(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Variables that the model does not have."""
+    valid = list(model.variables)
+    if values.get("sweep"):
+        valid = storable(valid, not model.unclassifiable)
+    for i, name in enumerate(values.get("store", ())):
+        if name not in valid:
+            yield ("store", i), unknown(f"variable {name!r}", name, valid)
 
 
 def _own(
-    block: Block, found: type[Model] | None, taken: Mapping[str, Key], report: Report
-) -> dict[str, Any]:
-    """The entries of a case that are to be resolved.
+    block: Block, model: type[Model] | None, keys: Mapping[str, Key]
+) -> tuple[dict[str, Any], list[Mistake]]:
+    """The entries of a case that are to be resolved, and keys of another form of its model.
 
-    Left out are defaults that its model does not take; keys of another form of the model, which are
-    reported; and, where the model is not known, the keys of every model.
+    Left out besides are defaults that its model does not take and, where the model is not known,
+    the keys of every model.
     """
-    own = {}
+    own: dict[str, Any] = {}
+    mistakes: list[Mistake] = []
     for key, value in block.items():
-        forms = models.catalogue()[found.name].items() if found and key not in taken else ()
-        others = [form for form, other in forms if key in other.keys]
-        if key in taken:
+        others = _takers(model, key) if model and key not in keys else ""
+        if key in keys:
             own[key] = value
-        elif key in block.inherited or (found is None and key in all_keys()):
+        elif key in block.inherited or (model is None and key in all_keys()):
             continue
-        elif found and others:
-            report(
-                (Misnamed(key),),
-                f"is a key of form {' or '.join(others)}, and this is form {found.form}",
-            )
+        elif model and others:
+            said = f"is a key of form {others}, and this is form {model.form}"
+            mistakes.append(((Misnamed(key),), said))
         else:
             own[key] = value
-    return own
+    return own, mistakes
+
+
+def _takers(model: type[Model], key: str) -> str:
+    """The forms of a model that take a key."""
+    forms = models.catalogue()[model.name].items()
+    return " or ".join(name for name, form in forms if key in form.keys)

@@ -1,27 +1,26 @@
 """What a case file's `claims:` block takes: the statements of a text, and how each of them is checked."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
-from ..schema import kinds
 from ..schema.kinds import (
+    NAMES,
     Choice,
+    Each,
     Integer,
     Key,
-    Kind,
+    KeyPath,
+    ListOf,
     Misnamed,
-    Names,
+    Mistake,
     Number,
-    Path,
-    Report,
-    Sequence,
     Table,
     Text,
     Variant,
-    shown,
+    resolve,
+    unknown,
 )
-from .sweep_block import Ranges
+from .sweep_block import SWEEP
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
@@ -62,38 +61,10 @@ QUANTITIES = {
 """The quantities that a check may name, over time or one number for a motion; `claims.quantities` computes them."""
 
 
-@dataclass(frozen=True)
-class Each:
-    """A mapping of any names to values of one kind."""
-
-    kind: Kind
-    what: str
-
-    def check(self, value: Any, at: Path, report: Report) -> dict[str, Any]:
-        if not isinstance(value, Mapping) or not value:
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return {}
-        return {name: self.kind.check(item, (*at, name), report) for name, item in value.items()}
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "object", "additionalProperties": self.kind.schema(), "minProperties": 1}
-
-    def describe(self) -> str:
-        return f"a mapping of {self.what}"
-
-
-@dataclass(frozen=True, init=False)
-class Quantity(Choice):
-    """The name of a quantity."""
-
-    def describe(self) -> str:
-        return "a quantity"
-
-
 AXIS = Choice("x1", "x2", "x3")
-QUANTITY = Quantity(*QUANTITIES)
+QUANTITY = Choice(*QUANTITIES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
-SEVERAL = Key(Sequence(QUANTITY), "quantities over time")
+SEVERAL = Key(ListOf(QUANTITY), "quantities over time")
 
 KINDS: dict[str, dict[str, Key]] = {
     "axis": {
@@ -107,7 +78,7 @@ KINDS: dict[str, dict[str, Key]] = {
         "to": Key(AXIS, "axis that every crossing goes to", default=None),
     },
     "value": {
-        "values": Key(Each(Sequence(Number()), "quantities to lists of numbers"), "the values, one for each case"),
+        "values": Key(Each(ListOf(Number()), "quantities to lists of numbers"), "the values, one for each case"),
         "at": AT,
         "within": Key(Number(least=0), "difference that is allowed: half a unit of the last digit given, say"),
     },
@@ -131,12 +102,12 @@ KINDS: dict[str, dict[str, Key]] = {
     "average": {
         "variable": Key(Text(), "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)"),
         "at": Key(
-            Sequence(Each(Integer(least=0), "axes to positions, from zero")),
+            ListOf(Each(Integer(least=0), "axes to positions, from zero")),
             "positions at which it is averaged over the other axes",
             default=(),
         ),
         "along": Key(
-            Names(), "axes; along each, how much the average over the other axes varies is compared", default=()
+            NAMES, "axes; along each, how much the average over the other axes varies is compared", default=()
         ),
         "sense": Key(Choice("falls", "rises", "equal"), "how the averages follow each other", default=None),
         "least": Key(Number(), "lower bound of each average", default=None),
@@ -149,13 +120,13 @@ KINDS: dict[str, dict[str, Key]] = {
 
 CHECK = Variant("kind", KINDS)
 ID = Key(Text(), "name")
-CASES = Key(Names(), "cases that it concerns", default=())
-OVER = Key(Ranges(), "the check is made for every member of this sweep of the cases", default=None)
+CASES = Key(NAMES, "cases that it concerns", default=())
+OVER = Key(SWEEP, "the check is made for every member of this sweep of the cases", default=None)
 
 READING = {
     "cases": CASES,
     "check": Key(CHECK, "how this reading is checked (default: the claim's check)", default=None),
-    "over": Key(Ranges(), "members of this reading (default: the claim's)", default=None),
+    "over": Key(SWEEP, "members of this reading (default: the claim's)", default=None),
 }
 
 CLAIM = {
@@ -209,8 +180,8 @@ ERRATUM = {
 }
 """The keys of an erratum."""
 
-SweepCheck = Callable[[Mapping[str, Any], Report], None]
-"""Reports what keeps a case from making a sweep."""
+SweepCheck = Callable[[Mapping[str, Any]], Iterable[Mistake]]
+"""What keeps a case from making a sweep."""
 
 
 def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
@@ -223,91 +194,87 @@ def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def cross_check(
-    claims: Any, errata: Any, cases: Mapping[str, SweepCheck | None], report: Report
-) -> None:
-    """Report what joins several keys of the claims and errata as they are given.
+    claims: Any, errata: Any, cases: Mapping[str, SweepCheck | None]
+) -> Iterator[Mistake]:
+    """What is wrong with several keys of the claims and errata, as they are given, together.
 
     That is ids given twice, cases that are not there, quantities and their numbers, sweeps that a
     case cannot make. A case with mistakes of its own is None.
     """
-    wrong = _entries("errata", errata, ERRATUM, report)
-    for i, erratum in wrong.items():
-        _check_cases(erratum, ("errata", i), cases, report)
-    known = [str(erratum.get("id")) for erratum in wrong.values()]
-    for i, claim in _entries("claims", claims, CLAIM, report).items():
-        _check_claim(claim, ("claims", i), cases, report)
+    known: list[str] = []
+    for at, erratum in _entries(errata, ERRATUM):
+        yield from _within(("errata", at), _check_id(erratum, known))
+        yield from _within(("errata", at), _check_cases(erratum.get("cases", ()), cases))
+    seen: list[str] = []
+    for at, claim in _entries(claims, CLAIM):
+        yield from _within(("claims", at), _check_id(claim, seen))
+        yield from _within(("claims", at), _check_claim(claim, cases))
         if (name := claim.get("erratum")) and name not in known:
-            report(("claims", i, "erratum"), kinds.unknown(f"erratum {name!r}", name, known))
+            yield ("claims", at, "erratum"), unknown(f"erratum {name!r}", name, known)
 
 
-def _entries(
-    section: str, given: Any, keys: Mapping[str, Key], report: Report
-) -> dict[int, dict[str, Any]]:
-    """The entries of a section that are mappings, by position; an id given twice is reported."""
-    found = {}
-    seen: set[str] = set()
+def _entries(given: Any, keys: Mapping[str, Key]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """What is right in each entry of a section that is a mapping, with its position."""
     for i, item in enumerate(given if isinstance(given, list) else ()):
-        found[i] = Table(keys).check(item, (), lambda at, message: None)
-        name = found[i].get("id", "")
-        if name in seen:
-            report((section, i, "id"), f"a second entry {name!r}")
-        seen.add(name)
-    return found
+        if isinstance(item, Mapping):
+            yield i, resolve(keys, item)[0]
+
+
+def _within(place: KeyPath, found: Iterable[Mistake]) -> Iterator[Mistake]:
+    """Mistakes in what stands at a place."""
+    for at, said in found:
+        yield (*place, *at), said
+
+
+def _check_id(entry: Mapping[str, Any], seen: list[str]) -> Iterator[Mistake]:
+    name = entry.get("id", "")
+    if name in seen:
+        yield ("id",), f"a second entry {name!r}"
+    seen.append(name)
 
 
 def _check_claim(
-    claim: Mapping[str, Any], at: Path, cases: Mapping[str, SweepCheck | None], report: Report
-) -> None:
+    claim: Mapping[str, Any], cases: Mapping[str, SweepCheck | None]
+) -> Iterator[Mistake]:
     """One claim, under each of its readings."""
-    if claim.get("erratum") and len(claim.get("readings", {})) != 2:
-        report((*at, "readings"), "wants two readings: the text as printed, and corrected")
-    if claim.get("readings") and claim.get("cases"):
-        report((*at, "cases"), "each reading has its own cases, so leave these out")
-    for name, reading in (claim.get("readings") or {"": {}}).items():
-        place = (*at, "readings", name) if name else at
+    given = claim.get("readings") or {}
+    if claim.get("erratum") and len(given) != 2:
+        yield ("readings",), "expected two readings: the text as printed, and corrected"
+    if given and claim.get("cases"):
+        yield ("cases",), "each reading has its own cases, so leave these out"
+    for name, reading in (given or {"": {}}).items():
+        place: KeyPath = ("readings", name) if name else ()
         named = (reading if name else claim).get("cases", ())
         if not named:
-            report((*place, "cases") if "cases" in claim else at, "names no case")
-        _check_cases({"cases": named}, place, cases, report)
+            yield (*place, "cases") if "cases" in claim else (), "names no case"
+        yield from _within(place, _check_cases(named, cases))
         check = reading.get("check") or claim.get("check") or {}
         if not check:
-            report(place, "has no check")
-        values = (*(place if reading.get("check") else at), "check", "values")
-        _check_values(check.get("values", {}), len(named), values, report)
-        over = (*(place if reading.get("over") else at), "over")
-        if ranges := reading.get("over") or claim.get("over"):
-            _check_over(ranges, [cases.get(case) for case in named], over, report)
+            yield place, "has no check"
+        values = _check_values(check.get("values", {}), len(named))
+        yield from _within((*(place if reading.get("check") else ()), "check", "values"), values)
+        ranges = reading.get("over") or claim.get("over") or {}
+        over = _check_over(ranges, [cases.get(case) for case in named])
+        yield from _within((*(place if reading.get("over") else ()), "over"), over)
 
 
-def _check_cases(
-    entry: Mapping[str, Any], at: Path, cases: Mapping[str, Any], report: Report
-) -> None:
-    for j, name in enumerate(entry.get("cases", ())):
+def _check_cases(named: Iterable[str], cases: Mapping[str, Any]) -> Iterator[Mistake]:
+    for i, name in enumerate(named):
         if name not in cases:
-            report((*at, "cases", j), kinds.unknown(f"case {name!r}", name, cases))
+            yield ("cases", i), unknown(f"case {name!r}", name, cases)
 
 
-def _check_values(values: Mapping[str, Any], count: int, at: Path, report: Report) -> None:
+def _check_values(values: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     for name, numbers in values.items():
         if name not in QUANTITIES:
-            report((*at, Misnamed(name)), kinds.unknown("quantity", name, QUANTITIES))
+            yield (Misnamed(name),), unknown("quantity", name, QUANTITIES)
         elif len(numbers) != count:
-            report((*at, name), f"wants {count} numbers, one for each case")
+            yield (name,), f"expected {count} numbers, one for each case, got {len(numbers)}"
 
 
-def _check_over(
-    over: Mapping[str, Any], cases: list[SweepCheck | None], at: Path, report: Report
-) -> None:
-    """The sweep of a claim against each of its cases; what several lack is reported once."""
-    told: set[Path] = set()
-
-    def note(where: Path, message: str) -> None:
+def _check_over(ranges: Mapping[str, Any], checks: list[SweepCheck | None]) -> Iterator[Mistake]:
+    """The sweep of a claim against each of its cases; what several lack is said once."""
+    if ranges:
+        found = dict(mistake for check in checks if check for mistake in check(ranges))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
-        place = (*at, *where[1:])
-        if place not in told:
-            told.add(place)
-            report(place, message)
-
-    for check in cases:
-        if check:
-            check(over, note)
+        yield from ((at[1:], said) for at, said in found.items())

@@ -1,18 +1,17 @@
 """Case files as a whole: from YAML text to a checked Config."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..schema import kinds
 from ..schema.document import MAX_BYTES, Block
-from ..schema.kinds import Choice, Key, Misnamed, Report
+from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, resolve, shown, unknown
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
-from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, read_mapping, reporter
+from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
 from .figure_block import KINDS
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
@@ -33,7 +32,7 @@ class Config:
     bench: dict[str, Any] | None = None
 
 
-def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
+def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     """The config in a file, with overrides such as "fig4.damping.2=0.001" applied to its cases.
 
     An override is CASE.KEY.PATH=VALUE: a case's name or a glob, a key, further keys or zero-based
@@ -54,13 +53,10 @@ def load(path: str | FilePath, overrides: Sequence[str] = ()) -> Config:
         # Editors on Windows put a byte order mark before the text.
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line, column = (
-            raw.count(b"\n", 0, error.start) + 1,
-            error.start - raw.rfind(b"\n", 0, error.start),
-        )
-        raise mistakes.fatal(
-            Place(line, column), f"not UTF-8 text (byte {raw[error.start]:#04x})"
-        ) from None
+        line = raw.count(b"\n", 0, error.start) + 1
+        column = error.start - raw.rfind(b"\n", 0, error.start)
+        said = f"not UTF-8 text (byte {raw[error.start]:#04x})"
+        raise mistakes.fatal(Place(line, column), said) from None
     return parse(text, name, overrides)
 
 
@@ -69,38 +65,29 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     does."""
     mistakes = Mistakes(name)
     document = read_mapping(text, mistakes)
-    report = reporter(document, (), Place(1, 1), mistakes)
     # `figures:` with nothing below it is a section that is left out.
     given = {section: value for section, value in document.items() if value is not None}
-    sections = kinds.resolve(SECTIONS, given, (), report)
-    cases, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
-    if "cases" in sections and not cases:
-        report(("cases",), "there is no case")
-    blocks = {
-        case: _merge(defaults, block)
-        for case, block in cases.items()
-        if _is_entry("cases", case, block, report)
-    }
+    sections, found = resolve(SECTIONS, given)
+    named, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
+    if "cases" in sections and not named:
+        found.append((("cases",), "there is no case"))
+    entries, not_cases = _entries("cases", named)
+    blocks = {case: _merge(defaults, block) for case, block in entries.items()}
     for override in overrides:
         apply_override(override, blocks, mistakes)
-    checked = [
-        checked_case(
-            case, block, reporter(block, ("cases", case), cases.value_places[case], mistakes)
-        )
-        for case, block in blocks.items()
-    ]
-    _check_defaults(defaults, blocks.values(), report)
-    figures = _figures(sections.get("figures") or {}, cases, report)
-    sweepable = {case.name: partial(check_sweep, case) for case in checked if case}
-    known = {**dict.fromkeys(cases), **sweepable}
-    claim_block.cross_check(given.get("claims"), given.get("errata"), known, report)
+    cases = _checked(blocks, named.value_places, mistakes)
+    figures, not_figures = _figures(sections.get("figures") or {}, named)
+    checks = {case: partial(check_sweep, cases[case]) if case in cases else None for case in named}
+    of_claims = claim_block.cross_check(given.get("claims"), given.get("errata"), checks)
+    found += [*not_cases, *_of_defaults(defaults, blocks.values()), *not_figures, *of_claims]
+    note(found, document, (), Place(1, 1), mistakes)
     mistakes.raise_any()
     return Config(
         path=name,
         text=text,
         title=sections["title"],
         references=sections["references"],
-        cases={case.name: case for case in checked if case},
+        cases=cases,
         figures=figures,
         claims=sections["claims"],
         errata=sections["errata"],
@@ -108,15 +95,32 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     )
 
 
-def _is_entry(section: str, name: str, value: Any, report: Report) -> bool:
-    """Whether an entry of a section has a proper name and is a mapping; reports it otherwise."""
-    if not NAME.fullmatch(name):
-        report((section, Misnamed(name)), NAME_RULE)
-    elif not isinstance(value, Block):
-        report((section, name), f"wants a mapping, not {kinds.shown(value)}")
-    else:
-        return True
-    return False
+def _checked(
+    blocks: Mapping[str, Block], places: Mapping[str, Place], mistakes: Mistakes
+) -> dict[str, Case]:
+    """The cases without a mistake; the mistakes of the others are noted."""
+    cases: dict[str, Case] = {}
+    for name, block in blocks.items():
+        try:
+            cases[name] = checked_case(name, block)
+        except Wrong as error:
+            note(error.mistakes, block, ("cases", name), places[name], mistakes)
+    return cases
+
+
+def _entries(section: str, given: Mapping[str, Any]) -> tuple[dict[str, Block], list[Mistake]]:
+    """The entries of a section that have a proper name and are mappings, and what is wrong with the
+    others."""
+    entries: dict[str, Block] = {}
+    mistakes: list[Mistake] = []
+    for name, value in given.items():
+        if not NAME.fullmatch(name):
+            mistakes.append(((section, Misnamed(name)), NAME_RULE))
+        elif not isinstance(value, Block):
+            mistakes.append(((section, name), f"expected a mapping, got {shown(value)}"))
+        else:
+            entries[name] = value
+    return entries, mistakes
 
 
 def _merge(defaults: Block, given: Block) -> Block:
@@ -135,42 +139,39 @@ def _merge(defaults: Block, given: Block) -> Block:
     return merged
 
 
-def _check_defaults(defaults: Block, blocks: Iterable[Block], report: Report) -> None:
-    """Report the defaults that no case takes."""
+def _of_defaults(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
+    """The defaults that no case takes."""
     found = [keys_in(block) for block in blocks]
-    taken = (
-        set(all_keys())
-        # A case whose model is not known may take any key; its own mistake says enough.
-        if any(form is None for form, _ in found)
-        else {key for _, some in found for key in some}
-    )
+    # A case whose model is not known may take any key.
+    models_known = all(model is not None for model, _ in found)
+    taken = {key for _, keys in found for key in keys} if models_known else set(all_keys())
     for key in defaults:
-        if key not in taken:
-            message = (
-                "no case here takes this key"
-                if key in all_keys()
-                else kinds.unknown("key", key, sorted(taken))
-            )
-            report(("defaults", Misnamed(key)), message)
+        if key in taken:
+            continue
+        known = key in all_keys()
+        said = "no case here takes this key" if known else unknown("key", key, sorted(taken))
+        yield ("defaults", Misnamed(key)), said
 
 
 def _figures(
-    given: Mapping[str, Any], cases: Mapping[str, Any], report: Report
-) -> dict[str, dict[str, Any]]:
+    given: Mapping[str, Any], cases: Mapping[str, Any]
+) -> tuple[dict[str, dict[str, Any]], list[Mistake]]:
     """The figures, each checked by the keys of its kind; the cases and figures that they name must
     exist."""
+    entries, mistakes = _entries("figures", given)
     figures = {}
-    for name, block in given.items():
-        if not _is_entry("figures", name, block, report):
-            continue
+    for name, block in entries.items():
         kind = block.get("kind")
-        known = isinstance(kind, str) and kind in KINDS
-        # Without a kind the other keys cannot be judged, and would each be called unknown.
-        entries = block if known else {key: kind for key in block if key == "kind"}
-        taken = {"kind": Key(Choice(*KINDS), "what is drawn")} | (KINDS[kind] if known else {})
-        figures[name] = kinds.resolve(taken, entries, ("figures", name), report)
+        keys = {"kind": Key(Choice(*KINDS), "what is drawn")}
+        if isinstance(kind, str) and kind in KINDS:
+            figures[name], wrong = resolve(keys | KINDS[kind], block)
+        else:
+            # Which other keys are right is not known without the kind.
+            figures[name], wrong = resolve(keys, {key: kind for key in block if key == "kind"})
+        mistakes += [(("figures", name, *at), said) for at, said in wrong]
         for key, valid in (("cases", cases), ("scale_with", given)):
             for i, item in enumerate(figures[name].get(key, ())):
                 if item not in valid:
-                    report(("figures", name, key, i), kinds.unknown(f"name {item!r}", item, valid))
-    return figures
+                    said = unknown(f"name {item!r}", item, valid)
+                    mistakes.append((("figures", name, key, i), said))
+    return figures, mistakes

@@ -1,11 +1,11 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
 `kind`."""
 
-from ..schema.kinds import Choice, Integer, Key, Names, Number, Sequence, Table, Text, Vector
+from ..schema.kinds import NAMES, Choice, Integer, Key, ListOf, Number, Table, Text, Vector
 
-CASES = Key(Names(), "cases to draw, in this order")
+CASES = Key(NAMES, "cases to draw, in this order")
 LABELS = Key(
-    Names(), "names of the cases in the legend, in their order (default: their own)", default=()
+    NAMES, "names of the cases in the legend, in their order (default: their own)", default=()
 )
 CAPTION = Key(Text(), "what the figure shows; assumptions and misprints of its cases", default="")
 TIME = Key(Text(), "symbol of time, in TeX", default=r"\tau")
@@ -24,7 +24,7 @@ INSET = Table(
     {
         "panel": Key(Text(), "panel that holds it: a variable or, with `panels: case`, a case"),
         "case": Key(Text(), "case drawn in it"),
-        "variables": Key(Names(), "variables drawn in it"),
+        "variables": Key(NAMES, "variables drawn in it"),
         "box": Key(
             Vector(4),
             "left, bottom, width, height within the panel, as fractions",
@@ -37,7 +37,7 @@ HODOGRAPH = {
     "colour": Key(Choice("axis", "time", "case"), COLOUR, default="axis"),
     "view": VIEW,
     "projections": Key(
-        Sequence(Choice("x1x2", "x1x3", "x2x3")),
+        ListOf(Choice("x1x2", "x1x3", "x2x3")),
         "planes onto which the curve is projected, a panel each",
         default=(),
     ),
@@ -50,22 +50,20 @@ SPHERE = {
 }
 
 QUADRANTS = {
-    "scale_with": Key(
-        Names(), "figures of this file that share one scale with this one", default=()
-    ),
+    "scale_with": Key(NAMES, "figures of this file that share one scale with this one", default=()),
     "zoom": Key(Number(above=0), ZOOM, "1/time^2", None),
 }
 
 SKETCH = {
     "bodies": Key(
-        Sequence(Vector(3, above=0)), "principal moments of inertia of each body, a panel each"
+        ListOf(Vector(3, above=0)), "principal moments of inertia of each body, a panel each"
     ),
-    "labels": Key(Names(), "title of each panel, in the order of `bodies`", default=()),
+    "labels": Key(NAMES, "title of each panel, in the order of `bodies`", default=()),
     "caption": CAPTION,
 }
 
 SERIES = {
-    "variables": Key(Names(), "variables of the result, components such as `omega.x1`, or `D/2T`"),
+    "variables": Key(NAMES, "variables of the result, components such as `omega.x1`, or `D/2T`"),
     "panels": Key(
         Choice("variable", "case"), "one panel a variable, or one panel a case", default="variable"
     ),
@@ -81,7 +79,7 @@ PHASE = {
 }
 
 MAP = {
-    "cases": Key(Names(), "sweeps to draw, a row of panels each"),
+    "cases": Key(NAMES, "sweeps to draw, a row of panels each"),
     "labels": LABELS,
     "caption": CAPTION,
     "variable": Key(
@@ -98,7 +96,7 @@ MAP = {
     "y": Key(Text(), "axis of the sweep on the vertical axis", default=None),
     "panels": Key(Text(), "axis of the sweep that the panels follow", default=None),
     "at": Key(
-        Sequence(Integer(least=0)),
+        ListOf(Integer(least=0)),
         "positions on that axis, counted from zero (default: all)",
         default=(),
     ),

@@ -32,7 +32,7 @@ def _within(key: Key) -> Iterator[tuple[str, Mapping[str, Key]]]:
 
 def _rows(path: str, key: Key, chosen: str = "") -> Iterator[Row]:
     """The row of a key, then those of the keys inside it."""
-    yield f"`{path}`{chosen}", key.kind.describe(), key.unit, _default(key), key.doc
+    yield f"`{path}`{chosen}", str(key.kind), key.unit, _default(key), key.doc
     for words, keys in _within(key):
         for name, inner in keys.items():
             yield from _rows(f"{path}.{name}", inner, words)

@@ -1,17 +1,13 @@
 """The keys of case files: those of every case, and the sections of a file."""
 
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 from .. import models
 from ..models.base import Model
-from ..schema import kinds
 from ..schema.document import Block
-from ..schema.kinds import Choice, Data, Integer, Key, Names, Number, Path, Report, Table, Text
+from ..schema.kinds import NAMES, Choice, Each, Integer, Key, ListOf, Mapped, Number, Table, Text
 from . import claim_block
-from .claim_block import Each
-from .sweep_block import Ranges
+from .sweep_block import SWEEP
 
 METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
 
@@ -52,7 +48,7 @@ COMMON = {
         "on: the error is measured against a finer integration",
         default="on",
     ),
-    "store": Key(Names(), "variables to store (default: the state)", default=()),
+    "store": Key(NAMES, "variables to store (default: the state)", default=()),
     "max_seconds": Key(
         Number(above=0), "run time after which the case stops, unfinished", "s", None
     ),
@@ -68,31 +64,17 @@ COMMON = {
         default={},
     ),
     "sweep": Key(
-        Ranges(), "ranges of numeric keys: the case becomes a grid or an ensemble", default=None
+        SWEEP, "ranges of numeric keys: the case becomes a grid or an ensemble", default=None
     ),
 }
 """The keys that a case of any model takes besides `model` and `form`."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """A mapping whose entries are checked one by one."""
-
-    def check(self, value: Any, at: Path, report: Report) -> Any:
-        return value if isinstance(value, Block) else Data().check(value, at, report)
-
-    def schema(self) -> dict[str, Any]:
-        return Data().schema()
-
-    def describe(self) -> str:
-        return Data().describe()
-
-
 BENCH = Table(
     {
-        "methods": Key(kinds.Sequence(Choice(*METHODS)), "methods to compare"),
+        "methods": Key(ListOf(Choice(*METHODS)), "methods to compare"),
         "tols": Key(
-            kinds.Sequence(Number(above=0, below=1)),
+            ListOf(Number(above=0, below=1)),
             "tolerances (default: each method's own)",
             default=(),
         ),
@@ -109,18 +91,18 @@ SECTIONS = {
     "title": Key(Text(), "title of the config", default=""),
     "references": Key(Text(), "where its cases come from", default=""),
     "defaults": Key(
-        Section(),
+        Mapped(),
         "values for every case that takes the key; `time` and `assumes` are merged key by key",
         default=None,
     ),
-    "cases": Key(Section(), "the experiments, by name"),
-    "figures": Key(Section(), "what `hodo plot` draws, by name", default=None),
+    "cases": Key(Mapped(), "the experiments, by name"),
+    "figures": Key(Mapped(), "what `hodo plot` draws, by name", default=None),
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
     "claims": Key(
-        kinds.Sequence(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()
+        ListOf(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()
     ),
     "errata": Key(
-        kinds.Sequence(Table(claim_block.ERRATUM)),
+        ListOf(Table(claim_block.ERRATUM)),
         "misprints of the source, each with a check of it and of its correction",
         default=(),
     ),

@@ -13,30 +13,37 @@ count from zero.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from ..models.base import Model
 from ..schema.kinds import (
     REQUIRED,
+    Angle,
+    Each,
     Either,
     Integer,
     Key,
+    KeyPath,
     Kind,
+    ListOf,
     Matrix,
+    Mistake,
     Number,
-    Path,
-    Report,
+    OneOf,
     Table,
     Variant,
     Vector,
-    shown,
+    expected,
+    gather,
+    gathered,
+    is_list,
     unknown,
 )
-from ..schema.kinds import Sequence as ListOf
 
 MOST = 10**9
 """Members that one sweep may have."""
@@ -56,24 +63,28 @@ axis."""
 
 
 @dataclass(frozen=True)
-class Span:
+class Span(Kind):
     """First value, last value and number of values, all in one list."""
 
     positive: bool = False
 
-    def check(self, value: Any, at: Path, report: Report) -> tuple[float, float, int]:
-        if not isinstance(value, list | tuple) or len(value) != 3:
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return 0.0, 0.0, 1
-        number = Number(above=0 if self.positive else None)
-        first, last = (number.check(value[i], (*at, i), report) for i in (0, 1))
-        return first, last, Integer(1, MOST).check(value[2], (*at, 2), report)
+    def check(self, value: Any) -> tuple[float, float, int]:
+        if not is_list(value) or len(value) != 3:
+            raise expected(self, value)
+        kinds = (self._ends(), self._ends(), Integer(least=1, most=MOST))
+        first, last, number = gathered(zip(range(3), kinds, value, strict=True)).values()
+        return first, last, number
 
     def schema(self) -> dict[str, Any]:
-        number = Number(above=0 if self.positive else None).schema()
-        return {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
+        return {"type": "array", "items": self._ends().schema(), "minItems": 3, "maxItems": 3}
 
-    def describe(self) -> str:
+    def takes(self, value: Any) -> bool:
+        return is_list(value)
+
+    def _ends(self) -> Number:
+        return Number(above=0 if self.positive else None)
+
+    def __str__(self) -> str:
         return "[first, last, number of values]" + (", first and last > 0" if self.positive else "")
 
 
@@ -82,66 +93,18 @@ RANGES: dict[str, Kind] = {
     "logspace": Span(positive=True),
     "values": ListOf(Number()),
 }
+ZIPPED = Each(OneOf(RANGES, "range"), "keys to ranges")
 SPHERE = Table(
     {
-        "count": Key(Integer(1, MOST), "number of directions"),
-        "seed": Key(Integer(0, 2**63), "seed of the generator", default=0),
+        "count": Key(Integer(least=1, most=MOST), "number of directions"),
+        "seed": Key(Integer(least=0, most=2**63), "seed of the generator", default=0),
     }
 )
-
-
-@dataclass(frozen=True)
-class Ranges:
-    """The `sweep:` block by itself; `check_axes` holds it against the case that it stands in."""
-
-    def check(self, value: Any, at: Path, report: Report) -> dict[str, Any]:
-        if not isinstance(value, Mapping) or not value:
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return {}
-        return {name: _entry(entry, (*at, name), report) for name, entry in value.items()}
-
-    def schema(self) -> dict[str, Any]:
-        each = [_one(name, kind.schema()) for name, kind in RANGES.items()]
-        together = {"type": "object", "minProperties": 1, "additionalProperties": {"oneOf": each}}
-        entries = [*each, _one("zip", together), _one("sphere", SPHERE.schema())]
-        return {"type": "object", "minProperties": 1, "additionalProperties": {"oneOf": entries}}
-
-    def describe(self) -> str:
-        return "a mapping of keys (damping.2) to {linspace: [first, last, number]}, logspace, values, zip or sphere"
-
-
-def _one(name: str, schema: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "properties": {name: schema},
-        "required": [name],
-        "additionalProperties": False,
-    }
-
-
-def _entry(entry: Any, at: Path, report: Report, inner: bool = False) -> dict[str, Any]:
-    """One axis, or one of the keys that are zipped to an axis."""
-    words = [*RANGES, *([] if inner else ["zip", "sphere"])]
-    if not isinstance(entry, Mapping) or len(entry) != 1:
-        report(at, f"wants one of {', '.join(words)}, not {shown(entry)}")
-        return {}
-    ((word, value),) = entry.items()
-    if word not in words:
-        report((*at, word), unknown("range", word, words))
-    elif word == "sphere":
-        return {word: SPHERE.check(value, (*at, word), report)}
-    elif word in RANGES:
-        return {word: RANGES[word].check(value, (*at, word), report)}
-    elif not isinstance(value, Mapping) or not value:
-        report((*at, word), f"wants a mapping of keys to ranges, not {shown(value)}")
-    else:
-        return {
-            word: {
-                key: _entry(each, (*at, word, key), report, inner=True)
-                for key, each in value.items()
-            }
-        }
-    return {}
+SWEEP = Each(
+    OneOf({**RANGES, "zip": ZIPPED, "sphere": SPHERE}, "range"),
+    "keys (damping.2) to {linspace: [first, last, number]}, logspace, values, zip or sphere",
+)
+"""The `sweep:` block by itself; `check_axes` holds it against the case in which it stands."""
 
 
 @dataclass(frozen=True)
@@ -226,76 +189,68 @@ def _path(key: str) -> tuple[str | int, ...]:
 
 
 def check_axes(
-    sweep: Mapping[str, Any],
-    keys: Mapping[str, Key],
-    data: Mapping[str, Any],
-    oriented: bool,
-    report: Report,
-) -> None:
-    """Report what a checked `sweep:` block says against the case: keys that are not there or no
-    numbers, values that the keys do not take, zipped ranges of unequal lengths, too many members.
+    sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
+) -> Iterator[Mistake]:
+    """What a checked `sweep:` block says against a case with these data.
 
-    `keys` and `data` are the keys and values of the case's model, `oriented` says whether its start
-    has a direction.
+    That is keys that are not there or no numbers, values that the keys do not take, zipped ranges
+    of unequal lengths, too many members.
     """
-    swept: dict[tuple[str | int, ...], str] = {}
-    spheres = 0
-    for axis in axes_of(sweep):
-        at: Path = ("sweep", axis.name)
+    axes = axes_of(sweep)
+    for axis in axes:
         if axis.name in RESERVED:
-            report(at, f"{axis.name} is a dimension of every result; call the axis otherwise")
-        if axis.sphere is not None:
-            spheres += 1
-            if not oriented or spheres > 1:
-                why = (
-                    "one axis may be a sphere"
-                    if oriented
-                    else "only the start of a body-frame model has a direction"
-                )
-                report((*at, "sphere"), why)
-            continue
-        lengths = {_length(given) for _, given in axis.ranges}
-        if len(lengths) > 1:
-            report(
-                (*at, "zip"),
-                f"ranges of {' and '.join(map(str, sorted(lengths)))} values cannot be zipped",
-            )
+            said = f"{axis.name} is a dimension of every result; call the axis otherwise"
+            yield ("sweep", axis.name), said
+    yield from _check_spheres(axes, not model.unclassifiable)
+    swept: dict[KeyPath, str] = {}
+    for axis in axes:
+        place: KeyPath = ("sweep", axis.name)
+        zipped = "zip" in sweep[axis.name]
+        if len(lengths := {_length(given) for _, given in axis.ranges}) > 1:
+            counts = " and ".join(map(str, sorted(lengths)))
+            yield (*place, "zip"), f"ranges of {counts} values cannot be zipped"
         for path, given in axis.ranges:
             key = ".".join(map(str, path))
-            place: Path = at if "zip" not in sweep[axis.name] else (*at, "zip", key)
+            at = (*place, "zip", key) if zipped else place
             if path in swept:
-                report(place, f"{key} varies along {swept[path]} already")
+                yield at, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            _check_range(given, path, place, Table(keys), data, report)
-    if math.prod(map(len, axes_of(sweep))) > MOST:
-        report(("sweep",), f"more than {MOST:.0e} members")
+            for inner, said in _check_range(given, path, Table(model.keys), data):
+                yield (*at, *inner), said
+    if math.prod(map(len, axes)) > MOST:
+        yield ("sweep",), f"more than {MOST:.0e} members"
+
+
+def _check_spheres(axes: Iterable[Axis], oriented: bool) -> Iterator[Mistake]:
+    """Directions of a start that has none, and spheres beyond the first."""
+    for i, axis in enumerate(axis for axis in axes if axis.sphere is not None):
+        if not oriented:
+            said = "only the start of a body-frame model has a direction"
+            yield ("sweep", axis.name, "sphere"), said
+        elif i:
+            yield ("sweep", axis.name, "sphere"), "one axis may be a sphere"
 
 
 def _check_range(
-    given: Mapping[str, Any],
-    path: tuple[str | int, ...],
-    at: Path,
-    kind: Kind,
-    data: Any,
-    report: Report,
-) -> None:
-    """Report a key that is not there or takes no number, or the values of a range that it does not
+    given: Mapping[str, Any], path: KeyPath, kind: Kind, data: Any
+) -> Iterator[Mistake]:
+    """A key that is not there or takes no number, or the values of a range that it does not
     take."""
     inner = kind
     for i, part in enumerate(path):
         found, data = _within(inner, part, data)
         if found is None:
             known = list(kind.keys) if i == 0 and isinstance(kind, Table) else []
-            report(at, unknown(f"key {'.'.join(map(str, path))!r}", str(path[0]), known))
+            yield (), unknown(f"key {'.'.join(map(str, path))!r}", str(path[0]), known)
             return
         inner = found
-    if not (isinstance(inner, Number | Integer) or type(inner).__name__ == "Angle" or
-            isinstance(inner, Vector) and inner.scalar):  # fmt: skip
-        report(at, "is not a number, so it cannot be swept")
+    if not isinstance(inner, Number | Integer | Angle | Vector) or not inner.takes(0.0):
+        yield (), "is not a number, so it cannot be swept"
         return
     ((word, value),) = given.items()
-    for i in range(len(value)) if word == "values" else (0, 1):
-        inner.check(value[i], (*at, word, i), report)
+    values = value if word == "values" else value[:2]  # a span ends with the number of values
+    mistakes = gather((i, inner, each) for i, each in enumerate(values))[1]
+    yield from (((word, *at), said) for at, said in mistakes)
 
 
 def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:

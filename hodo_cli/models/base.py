@@ -8,11 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..schema.kinds import Key
-
-Wrong = tuple[tuple[str | int, ...], str]
-"""A mistake in the data of a case: the path to it, and a sentence that says what is right."""
-
+from ..schema.kinds import Key, KeyPath, Mistake
 
 Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
@@ -96,7 +92,7 @@ class Model:
         raise NotImplementedError
 
     @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         """What is wrong with values that are each right by themselves.
 
         Keys whose values are wrong by themselves are missing from `data`.
@@ -148,9 +144,7 @@ class Model:
         return ()
 
 
-def refusal(
-    at: tuple[str | int, ...], function: Callable[..., object], *arguments: Any
-) -> Iterator[Wrong]:
+def refusal(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:
     """The sentence of the ValueError that a function of the data raises, as a mistake at a path."""
     try:
         function(*arguments)

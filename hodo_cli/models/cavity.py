@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..schema.kinds import Key, Number, Table, Vector
-from .base import Constants, Model, Wrong, refusal
+from ..schema.kinds import Key, Mistake, Number, Table, Vector
+from .base import Constants, Model, refusal
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 
 LARGE = 0.1
@@ -133,7 +133,7 @@ class Cavity(Model):
     }
 
     @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from BodyFrame.check({k: value for k, value in data.items() if k != "initial"})
         if {"cavity", "kappa"} <= set(data):
             cavity = data["cavity"]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..schema.kinds import Choice, Key
+from ..schema.kinds import Choice, Key, Mistake
 from .averaging.fluid import (
     FREE,
     OTHER,
@@ -25,7 +25,7 @@ from .averaging.fluid import (
 from .averaging.forms import MEAN_START, AveragedTurns, turning_constants
 from .averaging.free_turn import Slow
 from .averaging.quadrature import nodes_for, periodic_part
-from .base import Constants, Event, Model, Variable, Wrong
+from .base import Constants, Event, Model, Variable
 from .cavity import Cavity, coefficient, fluid_torque, velocity
 from .constants import attributes
 
@@ -64,14 +64,14 @@ class Symmetric(Cavity):
         return {"x": a * a, "y": r * r}
 
     @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from super().check(data)
         A = data.get("inertia")
         if A is not None and A[0] != A[1]:
             unequal = f"{A[0]:.17g} and {A[1]:.17g}"
             yield (
                 ("inertia",),
-                f"form {cls.form} wants A1 = A2, not {unequal}; form full does not",
+                f"form {cls.form} needs A1 = A2, not {unequal}; form full does not",
             )
 
     @property
@@ -152,7 +152,7 @@ class Averaged(Symmetric):
         )
 
     @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         inertia = data.get("inertia", (1.0, 1.0, 1.0))
         symmetric = inertia[0] == inertia[1]
         yield from super().check(data) if symmetric else AveragedTriaxial.check(data)

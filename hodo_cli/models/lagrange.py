@@ -9,9 +9,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..schema.kinds import Angle, Choice, Either, Integer, Key, Number, Table, Variant
-from ..schema.kinds import Sequence as Several
-from .base import Constants, Event, Model, Variable, Wrong, refusal
+from ..schema.kinds import (
+    Angle,
+    Choice,
+    Either,
+    Integer,
+    Key,
+    ListOf,
+    Mistake,
+    Number,
+    Table,
+    Variant,
+)
+from .base import Constants, Event, Model, Variable, refusal
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
@@ -20,7 +30,7 @@ ROUNDING = 1e-13
 """How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
 
 LAW = Either(
-    Several(Number()),
+    ListOf(Number()),
     Variant(
         "law",
         {
@@ -310,7 +320,7 @@ class Top(Model):
     )
 
     @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         inertia = data.get("inertia")
         if inertia and inertia["C"] > 2 * inertia["A"]:
             limit = f"2 A = {2 * inertia['A']:g}"

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .. import HodoError
-from ..schema.kinds import Key, Number, Table, Vector
-from .base import Constants, Event, Model, Variable, Wrong, refusal
+from ..schema.kinds import Key, Mistake, Number, Table, Vector
+from .base import Constants, Event, Model, Variable, refusal
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
@@ -158,7 +158,7 @@ SMALLEST = 1e-100
 INERTIA = Key(
     Vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia"
 )
-"""Three moments in any order; `BodyFrame.check` wants the triangle inequality and the range of
+"""Three moments in any order; `BodyFrame.check` asks for the triangle inequality and the range of
 SMALLEST besides."""
 
 INITIAL = Key(
@@ -236,7 +236,7 @@ class BodyFrame(Model):
         return {"omega": y}
 
     @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         A = data.get("inertia")
         if A is None:
             return

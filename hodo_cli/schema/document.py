@@ -4,7 +4,7 @@ PyYAML's own constructor is not used: it follows YAML 1.1 (`1e-3` text, `no` a b
 number, the last of two equal keys wins), recurses, and expands aliases without a bound. Here the
 parser's events are read in one loop. Scalars follow the core schema of YAML 1.2, in which `010` is
 the integer ten. Documents may come from strangers: their size, depth and number of values are
-limited, and tags beyond the core schema are refused.
+limited, and tags are refused: what a value is, follows from how it is written.
 
 Source: YAML 1.2.2, section 10.3 (core schema).
 """
@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from .kinds import Misnamed, Path, shown
+from .kinds import KeyPath, Misnamed, shown
 from .mistakes import Mistakes, Place
 
 # Half a million values take 100 MB of memory and some seconds; the papers' files hold 1,300 at
@@ -76,7 +76,7 @@ class Items(list[Any]):
         return Items(list(self), list(self.places))
 
 
-def locate(root: Any, at: Path, place: Place) -> tuple[Place, bool]:
+def locate(root: Any, at: KeyPath, place: Place) -> tuple[Place, bool]:
     """The place of what stands at a path, or of its nearest ancestor, and whether it is
     inherited."""
     node, inherited = root, False
@@ -145,12 +145,16 @@ class _Reader:
     def place(self, mark: Any) -> Place:
         return Place(mark.line + 1, mark.column + 1, self.override)
 
-    def path(self) -> Path:
+    def path(self) -> KeyPath:
         parts = ((o.key or "") if isinstance(o.node, Block) else len(o.node) for o in self.open)
         return tuple(part for part in parts if part != "")
 
     def fail(self, place: Place, message: str) -> NoReturn:
         raise self.mistakes.fatal(place, message, self.path())
+
+    def refuse_tag(self, event: Any, place: Place) -> None:
+        if event.tag:
+            self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
 
     def take(self, event: Any) -> None:
         """Take the next event."""
@@ -177,16 +181,11 @@ class _Reader:
         if top and isinstance(top.node, Block) and top.key is None:
             self.take_key(top, event, place)
             return
+        self.refuse_tag(event, place)
         if _UNPRINTABLE.search(event.value):
             self.mistakes.add(place, self.path(), "control characters are not allowed in text")
-        plain = (
-            event.implicit[0]
-            if event.tag is None
-            else event.tag not in ("!", "tag:yaml.org,2002:str")
-        )
-        value = resolve_scalar(event.value) if plain else event.value
-        if event.tag and not _agrees(event.tag, value):
-            self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
+        unquoted = event.implicit[0]
+        value = resolve_scalar(event.value) if unquoted else event.value
         if event.anchor:
             self.anchors[event.anchor] = (value, 1)
         # An empty value has no place of its own: the parser's mark stands behind the next line
@@ -203,7 +202,7 @@ class _Reader:
                 place,
                 "merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:",
             )
-        if event.anchor or event.tag not in (None, "tag:yaml.org,2002:str"):
+        if event.anchor or event.tag:
             self.fail(place, "a key takes no anchor and no tag")
         first = top.node.key_places.get(key) if isinstance(top.node, Block) else None
         top.key, top.key_place = key, place
@@ -220,8 +219,7 @@ class _Reader:
         if len(self.open) >= MAX_DEPTH:
             raise self.mistakes.fatal(place, f"nested deeper than {MAX_DEPTH} levels")
         node: Block | Items = Block() if isinstance(event, yaml.MappingStartEvent) else Items()
-        if event.tag and not _agrees(event.tag, node):
-            self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
+        self.refuse_tag(event, place)
         if event.anchor:
             # Not yet a value: an alias inside its own anchor would be a value that contains itself.
             self.anchors[event.anchor] = None
@@ -303,20 +301,3 @@ def resolve_scalar(text: str) -> Any:
     if _INTEGER.fullmatch(text):
         return int(text[2:], {"o": 8, "x": 16}[text[1]]) if text[1:2] in ("o", "x") else int(text)
     return float(text) if _FLOAT.fullmatch(text) else text
-
-
-_TAGGED: dict[str, tuple[type, ...]] = {
-    "!": (str, Block, Items),
-    "tag:yaml.org,2002:null": (type(None),),
-    "tag:yaml.org,2002:bool": (bool,),
-    "tag:yaml.org,2002:int": (int,),
-    "tag:yaml.org,2002:float": (int, float),
-    "tag:yaml.org,2002:str": (str,),
-    "tag:yaml.org,2002:map": (Block,),
-    "tag:yaml.org,2002:seq": (Items,),
-}
-
-
-def _agrees(tag: str, value: Any) -> bool:
-    """Whether a tag is one of the core schema that says what the value is anyway."""
-    return type(value) in _TAGGED.get(tag, ())

@@ -1,22 +1,31 @@
 """The vocabulary in which models, figures and cases declare the keys that they take.
 
-A kind checks plain values (None, bool, int, float, str, list, dict). Its `check(value, at, report)`
-never raises: it calls `report(at, message)` for every mistake and returns the resolved value, or
-something to go on with. `schema()` is the same rule as JSON Schema, `describe()` the same in a few
-words.
+A kind checks plain values (None, bool, int, float, str, list, dict): `check(value)` returns the
+resolved value, or raises Wrong with every mistake within it. `schema()` is the same rule as JSON
+Schema, `str(kind)` the same in a few words.
 """
 
 import math
+import operator
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
-Path = tuple[str | int, ...]
-"""Where a value stands within its case: keys and zero-based positions."""
+KeyPath = tuple[str | int, ...]
+"""Where a value stands within another: keys and zero-based positions."""
 
-Report = Callable[[Path, str], None]
+Mistake = tuple[KeyPath, str]
+"""Where something is wrong, and a sentence that says what is right."""
+
+
+class Wrong(Exception):
+    """The mistakes in one value."""
+
+    def __init__(self, *mistakes: Mistake) -> None:
+        super().__init__(*mistakes)
+        self.mistakes = mistakes
 
 
 class Misnamed(str):
@@ -32,17 +41,30 @@ REQUIRED: Any = _Required()
 """The default of a key that must be given."""
 
 
-class Kind(Protocol):
+def is_list(value: Any) -> bool:
+    """Whether a value is a list, as YAML has it."""
+    return isinstance(value, list | tuple)
+
+
+def is_scalar(value: Any) -> bool:
+    """Whether a value is neither a list nor a mapping."""
+    return not is_list(value) and not isinstance(value, Mapping)
+
+
+class Kind:
     """What every kind offers."""
 
-    def check(self, value: Any, at: Path, report: Report) -> Any:
-        """The resolved value; every mistake is reported."""
+    def check(self, value: Any) -> Any:
+        """The resolved value. Raises Wrong."""
+        raise NotImplementedError
 
     def schema(self) -> dict[str, Any]:
         """JSON Schema of the values that `check` takes."""
+        raise NotImplementedError
 
-    def describe(self) -> str:
-        """The values that `check` takes, in a few words."""
+    def takes(self, value: Any) -> bool:
+        """Whether a value has the outer shape of this kind: mapping, list or scalar."""
+        return is_scalar(value)
 
 
 @dataclass(frozen=True)
@@ -57,44 +79,61 @@ class Key:
 
     def schema(self) -> dict[str, Any]:
         """The kind's schema with the key's meaning and default."""
-        default = (
-            {} if self.default is REQUIRED or self.default is None else {"default": self.default}
-        )
-        return self.kind.schema() | {"description": self.doc} | default
+        entries = {"description": self.doc, "default": self.default}
+        none: tuple[Any, ...] = ("", None, REQUIRED)
+        return self.kind.schema() | {
+            word: entry for word, entry in entries.items() if entry not in none
+        }
+
+
+Part = tuple[str | int, Kind, Any]
+"""A value, with the key or the position at which it stands and the kind that it should be."""
+
+
+def gather(parts: Iterable[Part]) -> tuple[dict[Any, Any], list[Mistake]]:
+    """Every part checked: the resolved values by key, without those that are wrong, and all
+    mistakes."""
+    values: dict[Any, Any] = {}
+    mistakes: list[Mistake] = []
+    for key, kind, value in parts:
+        try:
+            values[key] = kind.check(value)
+        except Wrong as error:
+            mistakes += [((key, *at), sentence) for at, sentence in error.mistakes]
+    return values, mistakes
+
+
+def gathered(parts: Iterable[Part]) -> dict[Any, Any]:
+    """`gather` where all parts are right. Raises Wrong."""
+    values, mistakes = gather(parts)
+    if mistakes:
+        raise Wrong(*mistakes)
+    return values
 
 
 def resolve(
-    keys: Mapping[str, Key], given: Mapping[str, Any], at: Path, report: Report
-) -> dict[str, Any]:
-    """The values of `keys`, checked, with defaults filled in; keys that are missing or wrong are
-    left out."""
-    for name in given:
-        if name not in keys:
-            report((*at, Misnamed(name)), unknown("key", name, keys))
-    missing = [name for name, key in keys.items() if name not in given and key.default is REQUIRED]
-    if missing:
-        report(at, f"missing {', '.join(map(repr, missing))}")
-    resolved: dict[str, Any] = {}
-    for name, key in keys.items():
-        if name in given:
-            wrong = False
-
-            def note(place: Path, message: str) -> None:
-                nonlocal wrong
-                wrong = True
-                report(place, message)
-
-            value = key.kind.check(given[name], (*at, name), note)
-            if not wrong:
-                resolved[name] = value
-        elif key.default is not REQUIRED:
-            resolved[name] = key.default
-    return resolved
+    keys: Mapping[str, Key], given: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[Mistake]]:
+    """The values of `keys` with defaults filled in, without those that are missing or wrong, and
+    all mistakes."""
+    values, mistakes = gather(
+        (name, key.kind, given[name]) for name, key in keys.items() if name in given
+    )
+    mistakes += [
+        ((Misnamed(name),), unknown("key", name, keys)) for name in given if name not in keys
+    ]
+    absent = {name: key.default for name, key in keys.items() if name not in given}
+    if missing := [name for name, default in absent.items() if default is REQUIRED]:
+        mistakes.append(((), f"missing {', '.join(map(repr, missing))}"))
+    values |= {name: default for name, default in absent.items() if default is not REQUIRED}
+    # In the order in which the keys are declared, which is that in a stored case.
+    return {name: values[name] for name in keys if name in values}, mistakes
 
 
 def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     """The sentence for a name that is none of `valid`, with the nearest spelling."""
     names = list(valid)
+    # A line of a terminal or two; beyond that a list hides the mistake.
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
     return f"unknown {what}{nearest(name, names)}{listed}"
 
@@ -127,15 +166,12 @@ def shown(value: Any) -> str:
     return "a mapping"
 
 
-def _is_list(value: Any) -> bool:
-    return isinstance(value, list | tuple)
+def expected(what: object, value: Any, hint: str = "") -> Wrong:
+    """The mistake of a value that is something else than it should be."""
+    return Wrong(((), f"expected {what}, got {shown(value)}{hint}"))
 
 
-def _is_scalar(value: Any) -> bool:
-    return not _is_list(value) and not isinstance(value, Mapping)
-
-
-def _real(value: Any) -> float | None:
+def as_finite(value: Any) -> float | None:
     """The value as a finite double, or None if it is none; a bool is no number."""
     # Python's bool is an int, so `true` would pass as 1.
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -147,150 +183,145 @@ def _real(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _bounds(kind: "Number | Integer") -> list[tuple[str, str, float]]:
-    """The bounds that a kind has: sign, JSON Schema's word, value."""
-    words = (("above", ">", "exclusiveMinimum"), ("least", ">=", "minimum"),
-             ("below", "<", "exclusiveMaximum"), ("most", "<=", "maximum"))  # fmt: skip
-    values = ((sign, word, getattr(kind, name, None)) for name, sign, word in words)
-    return [(sign, word, value) for sign, word, value in values if value is not None]
-
-
-_HOLDS: dict[str, Callable[[float, float], bool]] = {
-    ">": lambda a, b: a > b,
-    ">=": lambda a, b: a >= b,
-    "<": lambda a, b: a < b,
-    "<=": lambda a, b: a <= b,
-}
+Holds = Callable[[float, float], bool]
+BOUNDS: tuple[tuple[str, str, str, Holds], ...] = (
+    ("above", ">", "exclusiveMinimum", operator.gt),
+    ("least", ">=", "minimum", operator.ge),
+    ("below", "<", "exclusiveMaximum", operator.lt),
+    ("most", "<=", "maximum", operator.le),
+)
+"""The bounds that a number can have: name, sign, JSON Schema's word, and when it holds."""
 
 
 @dataclass(frozen=True)
-class Number:
-    """A finite number, resolved to a float."""
+class Bounded(Kind):
+    """What numbers share: their bounds."""
 
     above: float | None = None
     least: float | None = None
     below: float | None = None
     most: float | None = None
+    word: ClassVar[str]
 
-    def check(self, value: Any, at: Path, report: Report) -> float:
-        number = _real(value)
-        if number is None:
-            report(at, f"wants a finite {self.describe()}, not {shown(value)}")
-            return math.nan
-        if not all(_HOLDS[sign](number, bound) for sign, _, bound in _bounds(self)):
-            report(at, f"wants a {self.describe()}, not {shown(value)}")
-        return number
+    def bounds(self) -> Iterator[tuple[float, str, str, Holds]]:
+        """The bounds that are set: value, sign, JSON Schema's word, and when it holds."""
+        for name, *rest in BOUNDS:
+            if (bound := getattr(self, name)) is not None:
+                yield bound, *rest
+
+    def bounded(self, number: float, article: str) -> float:
+        """A number within the bounds. Raises Wrong."""
+        if all(holds(number, bound) for bound, _, _, holds in self.bounds()):
+            return number
+        raise expected(f"{article} {self}", number)
 
     def schema(self) -> dict[str, Any]:
-        return {"type": "number"} | {word: bound for _, word, bound in _bounds(self)}
+        return {"type": self.word} | {rule: bound for bound, _, rule, _ in self.bounds()}
 
-    def describe(self) -> str:
-        return " ".join(
-            ["number", ", ".join(f"{sign} {bound:g}" for sign, _, bound in _bounds(self))]
-        ).rstrip()
+    def __str__(self) -> str:
+        signs = (f"{sign} {bound:g}" for bound, sign, _, _ in self.bounds())
+        limits = ", ".join(sign for sign in signs if sign != "> 0")
+        return f"{'positive ' if self.above == 0 else ''}{self.word} {limits}".rstrip()
 
 
 @dataclass(frozen=True)
-class Integer:
+class Number(Bounded):
+    """A finite number, resolved to a float."""
+
+    word = "number"
+
+    def check(self, value: Any) -> float:
+        number = as_finite(value)
+        if number is None:
+            raise expected(f"a finite {self}", value)
+        self.bounded(value, "a")
+        return number
+
+
+@dataclass(frozen=True)
+class Integer(Bounded):
     """A whole number; 5e3 is one too."""
 
-    least: int | None = None
-    most: int | None = None
+    word = "integer"
 
-    def check(self, value: Any, at: Path, report: Report) -> int:
-        number = _real(value)
+    def check(self, value: Any) -> int:
+        number = as_finite(value)
         if number is None or number != int(number):
-            report(at, f"wants an {self.describe()}, not {shown(value)}")
-            return 0
-        if not all(_HOLDS[sign](number, bound) for sign, _, bound in _bounds(self)):
-            report(at, f"wants an {self.describe()}, not {shown(value)}")
+            raise expected(f"an {self}", value)
         # Not int(number): a double has lost the last digits of integers beyond 2^53.
-        return int(value)
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "integer"} | {word: bound for _, word, bound in _bounds(self)}
-
-    def describe(self) -> str:
-        return " ".join(
-            ["integer", ", ".join(f"{sign} {bound:g}" for sign, _, bound in _bounds(self))]
-        ).rstrip()
+        return int(self.bounded(value, "an"))
 
 
 @dataclass(frozen=True, init=False)
-class Choice:
-    """One of a few words."""
+class Choice(Kind):
+    """One of a few words; a title stands for a list of them that is too long to read."""
 
     names: tuple[str, ...]
+    title: str
 
-    def __init__(self, *names: str) -> None:
+    def __init__(self, *names: str, title: str = "") -> None:
         object.__setattr__(self, "names", names)
+        object.__setattr__(self, "title", title)
 
-    def check(self, value: Any, at: Path, report: Report) -> str:
+    def check(self, value: Any) -> str:
         if isinstance(value, str) and value in self.names:
             return str(value)
-        near = nearest(value, self.names) if isinstance(value, str) else ""
-        report(at, f"wants {self.describe()}, not {shown(value)}{near}")
-        return self.names[0]
+        raise expected(self, value, nearest(value, self.names) if isinstance(value, str) else "")
 
     def schema(self) -> dict[str, Any]:
         return {"enum": list(self.names)}
 
-    def describe(self) -> str:
+    def __str__(self) -> str:
         *names, last = self.names
-        return f"{', '.join(names)} or {last}" if names else last
+        return self.title or (f"{', '.join(names)} or {last}" if names else last)
 
 
 @dataclass(frozen=True)
-class Text:
+class Text(Kind):
     """Any text."""
 
-    def check(self, value: Any, at: Path, report: Report) -> str:
-        if not isinstance(value, str):
-            report(
-                at,
-                f"wants text, not {shown(value)}"
-                + ("; put it in quotes" if _real(value) is not None else ""),
-            )
-            return ""
-        return str(value)
+    def check(self, value: Any) -> str:
+        if isinstance(value, str):
+            return str(value)
+        raise expected(self, value, "; put it in quotes" if as_finite(value) is not None else "")
 
     def schema(self) -> dict[str, Any]:
         return {"type": "string"}
 
-    def describe(self) -> str:
+    def __str__(self) -> str:
         return "text"
 
 
 @dataclass(frozen=True)
-class Angle:
+class Angle(Kind):
     """An angle in radians, or text such as "60 deg"; resolved to radians, degrees by
     `math.radians`."""
 
-    def check(self, value: Any, at: Path, report: Report) -> float:
-        if isinstance(value, str) and (
-            match := re.fullmatch(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?(deg|rad)", value)
-        ):
-            try:
-                number = _real(float(match[1]))
-            except ValueError:
-                number = None
-            if number is not None:
-                return math.radians(number) if match[2] == "deg" else number
-        elif (number := _real(value)) is not None:
-            return number
-        report(at, f"wants {self.describe()}, not {shown(value)}")
-        return 0.0
+    def check(self, value: Any) -> float:
+        text = re.fullmatch(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?(deg|rad)", str(value))
+        try:
+            number = as_finite(float(text[1]) if text else value)
+        except ValueError:  # "1.2.3 deg"
+            number = None
+        if number is None:
+            raise expected(self, value)
+        return math.radians(number) if text and text[2] == "deg" else number
 
     def schema(self) -> dict[str, Any]:
         text = {"type": "string", "pattern": r"^[-+]?[0-9.]+([eE][-+]?[0-9]+)? ?(deg|rad)$"}
         return {"anyOf": [{"type": "number"}, text]}
 
-    def describe(self) -> str:
+    def __str__(self) -> str:
         return "an angle in radians, or such as '60 deg'"
 
 
+def several(kind: Kind, values: Iterable[Any]) -> tuple[Any, ...]:
+    """Values of one kind. Raises Wrong."""
+    return tuple(gathered((i, kind, value) for i, value in enumerate(values)).values())
+
+
 @dataclass(frozen=True)
-class Vector:
+class Vector(Kind):
     """A list of n numbers, resolved to a tuple; with `scalar` one number means that all are
     equal."""
 
@@ -298,61 +329,111 @@ class Vector:
     above: float | None = None
     scalar: bool = False
 
-    def check(self, value: Any, at: Path, report: Report) -> tuple[float, ...]:
-        if self.scalar and _is_scalar(value):
-            return (Number(self.above).check(value, at, report),) * self.n
-        if not _is_list(value) or len(value) != self.n:
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return (math.nan,) * self.n
-        return tuple(
-            Number(self.above).check(item, (*at, i), report) for i, item in enumerate(value)
-        )
+    def check(self, value: Any) -> tuple[float, ...]:
+        if self.scalar and is_scalar(value):
+            return (Number(self.above).check(value),) * self.n
+        if not is_list(value) or len(value) != self.n:
+            raise expected(self, value)
+        return several(Number(self.above), value)
 
     def schema(self) -> dict[str, Any]:
         one = Number(self.above).schema()
         many = {"type": "array", "items": one, "minItems": self.n, "maxItems": self.n}
         return {"anyOf": [one, many]} if self.scalar else many
 
-    def describe(self) -> str:
-        bound = "" if self.above is None else f" > {self.above:g}"
-        return f"{self.n} numbers{bound}" + (" or one for all" if self.scalar else "")
+    def takes(self, value: Any) -> bool:
+        return is_list(value) or (self.scalar and is_scalar(value))
+
+    def __str__(self) -> str:
+        word, _, limits = str(Number(self.above)).partition("number")
+        return f"{self.n} {word}numbers{limits}" + (" or one for all" if self.scalar else "")
 
 
 @dataclass(frozen=True)
-class Matrix:
+class Matrix(Kind):
     """A list of n rows of n numbers, resolved to a tuple of tuples."""
 
     n: int
 
-    def check(self, value: Any, at: Path, report: Report) -> tuple[tuple[float, ...], ...]:
-        if not _is_list(value) or len(value) != self.n:
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return ((math.nan,) * self.n,) * self.n
-        return tuple(Vector(self.n).check(row, (*at, i), report) for i, row in enumerate(value))
+    def check(self, value: Any) -> tuple[tuple[float, ...], ...]:
+        if not is_list(value) or len(value) != self.n:
+            raise expected(self, value)
+        return several(Vector(self.n), value)
 
     def schema(self) -> dict[str, Any]:
-        return {
-            "type": "array",
-            "items": Vector(self.n).schema(),
-            "minItems": self.n,
-            "maxItems": self.n,
-        }
+        row = Vector(self.n).schema()
+        return {"type": "array", "items": row, "minItems": self.n, "maxItems": self.n}
 
-    def describe(self) -> str:
+    def takes(self, value: Any) -> bool:
+        return is_list(value)
+
+    def __str__(self) -> str:
         return f"{self.n} rows of {self.n} numbers"
 
 
 @dataclass(frozen=True)
-class Table:
+class ListOf(Kind):
+    """A list of at least so many values of a kind, resolved to a tuple; with `alone` a value by
+    itself means a list of one."""
+
+    kind: Kind
+    least: int = 1
+    alone: bool = False
+    title: str = ""
+
+    def check(self, value: Any) -> tuple[Any, ...]:
+        if self.alone and self.kind.takes(value):
+            return (self.kind.check(value),)
+        if not is_list(value) or len(value) < self.least:
+            raise expected(self, value)
+        return several(self.kind, value)
+
+    def schema(self) -> dict[str, Any]:
+        one = self.kind.schema()
+        many = {"type": "array", "items": one} | ({"minItems": self.least} if self.least else {})
+        return {"anyOf": [one, many]} if self.alone else many
+
+    def takes(self, value: Any) -> bool:
+        return is_list(value) or (self.alone and self.kind.takes(value))
+
+    def __str__(self) -> str:
+        return self.title or f"a list of one or more: {self.kind}"
+
+
+NAMES = ListOf(Text(), least=0, alone=True, title="a name or a list of names")
+"""A name or a list of names, resolved to a tuple."""
+
+
+@dataclass(frozen=True)
+class Mapped(Kind):
+    """What mappings share; by itself a mapping whose entries are checked elsewhere."""
+
+    def check(self, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return value
+        raise expected(self, value)
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "object"}
+
+    def takes(self, value: Any) -> bool:
+        return isinstance(value, Mapping)
+
+    def __str__(self) -> str:
+        return "a mapping"
+
+
+@dataclass(frozen=True)
+class Table(Mapped):
     """A mapping with fixed keys."""
 
     keys: Mapping[str, Key]
 
-    def check(self, value: Any, at: Path, report: Report) -> dict[str, Any]:
-        if not isinstance(value, Mapping):
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return {}
-        return resolve(self.keys, value, at, report)
+    def check(self, value: Any) -> dict[str, Any]:
+        values, mistakes = resolve(self.keys, super().check(value))
+        if mistakes:
+            raise Wrong(*mistakes)
+        return values
 
     def schema(self) -> dict[str, Any]:
         required = [name for name, key in self.keys.items() if key.default is REQUIRED]
@@ -362,91 +443,83 @@ class Table:
             "additionalProperties": False,
         } | ({"required": required} if required else {})
 
-    def describe(self) -> str:
+    def __str__(self) -> str:
         return f"a mapping of {', '.join(self.keys)}"
 
 
 @dataclass(frozen=True)
-class Variant:
+class Variant(Mapped):
     """A mapping in which one key, `tag`, names the set of the other keys."""
 
     tag: str
     tables: Mapping[str, Mapping[str, Key]]
 
-    def check(self, value: Any, at: Path, report: Report) -> dict[str, Any]:
-        if not isinstance(value, Mapping):
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return {}
-        choice = Choice(*self.tables)
-        name = value.get(self.tag)
-        if self.tag not in value or not isinstance(name, str) or name not in self.tables:
-            return resolve(
-                {self.tag: Key(choice, "")},
-                {k: v for k, v in value.items() if k == self.tag},
-                at,
-                report,
-            )
-        return resolve({self.tag: Key(choice, ""), **self.tables[name]}, value, at, report)
+    def check(self, value: Any) -> dict[str, Any]:
+        name = super().check(value).get(self.tag)
+        head = {self.tag: Key(Choice(*self.tables), "")}
+        if isinstance(name, str) and name in self.tables:
+            return Table({**head, **self.tables[name]}).check(value)
+        # Which other keys are right is not known without the name.
+        return Table(head).check({key: name for key in value if key == self.tag})
 
     def schema(self) -> dict[str, Any]:
-        tables = self.tables.items()
-        return {
-            "oneOf": [
-                Table({self.tag: Key(Choice(name), "which law"), **keys}).schema()
-                for name, keys in tables
-            ]
-        }
+        tables = [
+            Table({self.tag: Key(Choice(name), "which law"), **keys}).schema()
+            for name, keys in self.tables.items()
+        ]
+        return {"oneOf": tables}
 
-    def describe(self) -> str:
-        return f"a mapping with {self.tag}: {Choice(*self.tables).describe()}"
+    def __str__(self) -> str:
+        return f"a mapping with {self.tag}: {Choice(*self.tables)}"
 
 
 @dataclass(frozen=True)
-class Sequence:
-    """A list of one or more values of a kind, resolved to a tuple."""
+class Each(Mapped):
+    """A mapping of any names, one or more, to values of one kind."""
 
     kind: Kind
+    title: str
 
-    def check(self, value: Any, at: Path, report: Report) -> tuple[Any, ...]:
-        if not _is_list(value) or not value:
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return ()
-        return tuple(self.kind.check(item, (*at, i), report) for i, item in enumerate(value))
+    def check(self, value: Any) -> dict[str, Any]:
+        if not super().check(value):
+            raise expected(self, value)
+        return gathered((name, self.kind, item) for name, item in value.items())
 
     def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": self.kind.schema(), "minItems": 1}
+        return {"type": "object", "additionalProperties": self.kind.schema(), "minProperties": 1}
 
-    def describe(self) -> str:
-        return f"a list of one or more: {self.kind.describe()}"
+    def __str__(self) -> str:
+        return f"a mapping of {self.title}"
 
 
 @dataclass(frozen=True)
-class Names:
-    """A name or a list of names, resolved to a tuple."""
+class OneOf(Mapped):
+    """A mapping with exactly one key, which is one of a few with a kind each."""
 
-    def check(self, value: Any, at: Path, report: Report) -> tuple[str, ...]:
-        if isinstance(value, str):
-            return (str(value),)
-        if not _is_list(value):
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return ()
-        return tuple(Text().check(item, (*at, i), report) for i, item in enumerate(value))
+    kinds: Mapping[str, Kind]
+    what: str
+
+    def check(self, value: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping) or len(value) != 1:
+            raise expected(self, value)
+        ((name, item),) = value.items()
+        if name not in self.kinds:
+            raise Wrong(((name,), unknown(self.what, name, self.kinds)))
+        return gathered([(name, self.kinds[name], item)])
 
     def schema(self) -> dict[str, Any]:
-        return {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
+        singles = [Table({name: Key(kind, "")}) for name, kind in self.kinds.items()]
+        return {"oneOf": [single.schema() for single in singles]}
 
-    def describe(self) -> str:
-        return "a name or a list of names"
+    def __str__(self) -> str:
+        return f"one of {', '.join(self.kinds)}"
 
 
 @dataclass(frozen=True, init=False)
-class Either:
-    """One of several kinds, chosen by the shape of the value (mapping, list, scalar), so that
-    errors stay precise.
+class Either(Kind):
+    """One of several kinds, chosen by the shape of the value, so that messages stay precise.
 
-    Where several kinds take the shape, the first without a mistake counts; a Variant or Table takes
-    mappings, a Vector, Matrix or Sequence lists, Names and a Vector with `scalar` both lists and
-    scalars.
+    Where several kinds take the shape, the first without a mistake counts.
     """
 
     kinds: tuple[Kind, ...]
@@ -454,66 +527,22 @@ class Either:
     def __init__(self, *kinds: Kind) -> None:
         object.__setattr__(self, "kinds", kinds)
 
-    def check(self, value: Any, at: Path, report: Report) -> Any:
-        fitting = [kind for kind in self.kinds if _takes(kind, value)]
-        for kind in fitting:
-            mistakes: list[tuple[Path, str]] = []
-            # Bound as a default, because the loop rebinds the name before a later call.
-            resolved = kind.check(value, at, lambda *mistake, to=mistakes: to.append(mistake))
-            if not mistakes:
-                return resolved
+    def check(self, value: Any) -> Any:
+        problems = []
+        for kind in self.kinds:
+            if kind.takes(value):
+                try:
+                    return kind.check(value)
+                except Wrong as error:
+                    problems.append(error)
         # Only one kind was meant, so its own mistakes say more than a list of all kinds.
-        if len(fitting) == 1:
-            return fitting[0].check(value, at, report)
-        report(at, f"wants {self.describe()}, not {shown(value)}")
-        return None
+        raise problems[0] if len(problems) == 1 else expected(self, value)
 
     def schema(self) -> dict[str, Any]:
         return {"anyOf": [kind.schema() for kind in self.kinds]}
 
-    def describe(self) -> str:
-        return ", or ".join(kind.describe() for kind in self.kinds)
+    def takes(self, value: Any) -> bool:
+        return any(kind.takes(value) for kind in self.kinds)
 
-
-def _takes(kind: Kind, value: Any) -> bool:
-    """Whether a value has the outer shape that a kind wants."""
-    match kind:
-        case Either():
-            return any(_takes(inner, value) for inner in kind.kinds)
-        case Table() | Variant() | Data():
-            return isinstance(value, Mapping)
-        case Matrix() | Sequence():
-            return _is_list(value)
-        case Vector():
-            return _is_list(value) or kind.scalar and _is_scalar(value)
-        case Names():
-            return not isinstance(value, Mapping)
-    return _is_scalar(value)
-
-
-@dataclass(frozen=True)
-class Data:
-    """A mapping of plain data that is kept as given; only its numbers must be finite."""
-
-    def check(self, value: Any, at: Path, report: Report) -> dict[str, Any]:
-        if not isinstance(value, Mapping):
-            report(at, f"wants {self.describe()}, not {shown(value)}")
-            return {}
-        return {str(name): plain(item, (*at, name), report) for name, item in value.items()}
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "object"}
-
-    def describe(self) -> str:
-        return "a mapping"
-
-
-def plain(value: Any, at: Path, report: Report) -> Any:
-    """A copy of nested lists and mappings; a number that is not finite is reported."""
-    if isinstance(value, Mapping):
-        return {str(name): plain(item, (*at, name), report) for name, item in value.items()}
-    if _is_list(value):
-        return [plain(item, (*at, i), report) for i, item in enumerate(value)]
-    if isinstance(value, float) and not math.isfinite(value):
-        report(at, f"wants a finite number, not {shown(value)}")
-    return value
+    def __str__(self) -> str:
+        return ", or ".join(map(str, self.kinds))

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from .. import HodoError
-from .kinds import Path
+from .kinds import KeyPath
 
 # A file that is no case file at all has a mistake in every line; nobody reads a thousand.
 MAX_MISTAKES = 1000
@@ -26,14 +26,14 @@ class Mistakes:
         # inherits it. The flag sorts overrides behind the file's own mistakes.
         self.found: dict[tuple[bool, Place, str], None] = {}
 
-    def add(self, place: Place, path: Path, message: str) -> None:
+    def add(self, place: Place, path: KeyPath, message: str) -> None:
         """Note a mistake; raises them all when there are too many to go on."""
         where = ".".join(str(part) for part in path)
         self.found[bool(place.override), place, f"{where}: {message}" if where else message] = None
         if len(self.found) >= MAX_MISTAKES:
             raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
 
-    def fatal(self, place: Place, message: str, path: Path = ()) -> HodoError:
+    def fatal(self, place: Place, message: str, path: KeyPath = ()) -> HodoError:
         """The error to raise for a mistake after which reading cannot go on, with all mistakes so
         far."""
         self.add(place, path, message)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...schema.kinds import Choice, Key
-from ..base import Variable, Wrong
+from ...schema.kinds import Choice, Key, Mistake
+from ..base import Variable
 from ..rigid_body import BodyFrame, complete
 from .free_turn import Body, Slow, slow_variables
 from .passage import shape_distance
@@ -110,7 +110,7 @@ class AveragedTurns(BodyFrame):
         return complete(inertia, initial)
 
     @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Wrong]:
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from super().check(data)
         if not {"inertia", "initial"} <= set(data):
             return
@@ -169,7 +169,7 @@ class AveragedTurns(BodyFrame):
         if not len(large):
             return []
         return [
-            "averaging wants the perturbation slow beside the turns: its rate times K/n is "
+            "averaging needs a perturbation slow beside the turns: its rate times K/n is "
             f"{ratio[0]:.2g} at the start, and above {LARGE_RATIO:g} from t = {t[large[0]]:.6g} on"
         ]
 
