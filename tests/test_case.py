@@ -247,7 +247,7 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
         ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
         ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
         (GOOD + "titel: t\n", ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
-                               "cases, figures, bench, claims)"]),
+                               "cases, figures, bench, claims, errata)"]),
         (GOOD + "claims: [1]\n", [f"4:10: claims.0: expected a mapping of {', '.join(CLAIM)}, got 1"]),
         (GOOD + "defaults: {inertia: 3, tol: 2}\n", ["4:29: defaults.tol: expected a positive number < 1, got 2"]),
         (GOOD + "defaults: {resistance: 3}\n", ["4:12: defaults.resistance: no case here takes this key"]),
