@@ -63,6 +63,11 @@ class Plan:
         """
         for line in self.lines():
             progress.say(line)
+        # Before the run: a motion that the data feed energy into may take until its last step.
+        for name, case in self.config.cases.items():
+            if name in self.reasons and not case.sweep:
+                for warning in case.system.warnings:
+                    progress.say(f"{name}: warning: {warning}")
         history = stamp(f"hodo run {self.config.path}")
         attributes = root_attributes(
             self.config.title, self.config.references, self.config.text, history

@@ -15,6 +15,10 @@ from ..models.constants import structure
 
 IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 METHODS = ("taylor", "collocation", *IVP)
+MOST_STEPS = {"taylor": 10_000_000, "collocation": 100_000} | dict.fromkeys(IVP, 1_000_000)
+"""Steps after which a motion is given up unless its case says otherwise: some 10 s of heyoka's, one
+to two minutes of those taken in Python."""
+
 # A state between 1/8 and 8: an engine's control, absolute below 1, then costs a digit at most, and
 # a decay by e^-100 meets new units some 50 times.
 BAND = (1 / 64, 64.0)
@@ -107,7 +111,10 @@ class Watch:
         """Count a step that ended in `y`; False to stop."""
         self.steps += 1
         if self.steps >= self.max_steps:
-            return self.give_up(Status.TIMEOUT, f"max_steps: stopped after {self.steps} steps")
+            lifts = "max_steps in the case allows more"
+            return self.give_up(
+                Status.TIMEOUT, f"max_steps: stopped after {self.steps} steps; {lifts}"
+            )
         # Asking for the time takes about a tenth of a fast step.
         if self.steps % 64 == 0 and perf_counter() > self.deadline:
             spent = f"max_seconds: stopped after {self.max_seconds:g} s"

@@ -88,14 +88,20 @@ class Watched(NamedTuple):
 
 
 def watched(
-    case: Case, method: str, precision: str, tol: float | None, doubt: float = 0.0
+    case: Case,
+    method: str,
+    precision: str,
+    tol: float | None,
+    doubt: float = 0.0,
+    until: float = math.inf,
 ) -> Watched:
     """Integrate a case with a search for zeros of D, through its samples and CHECKS other times.
 
-    `doubt` is that of the `Watcher`.
+    `doubt` is that of the `Watcher`. Nothing is looked at after the time `until`.
     """
     samples = sample_times(case)
     times = np.union1d(samples, np.linspace(case.time.start, case.time.end, CHECKS))
+    times = times[times <= until]
     watcher = Watcher(np.array(case.data["inertia"]), doubt)
     solution = solve(case, method, precision, tol, times, watcher)
     sampled = np.searchsorted(times, samples)
@@ -124,10 +130,11 @@ def compared(
     Without a reference the error is `expected` everywhere but at the start, and nothing is said.
     """
     solution, path = motion.solution, motion.solution.path
+    end = math.inf if solution.whole else float(path.time[-1])
     for precision, other, tol in (
         references(case, method, solution.tol) if case.error == "on" else ()
     ):
-        reference = watched(case, other, precision, tol)
+        reference = watched(case, other, precision, tol, until=end)
         if (solution.whole and not reference.solution.whole) or (
             tol is not None and reference.solution.tol == solution.tol
         ):
@@ -163,7 +170,9 @@ def own_errors(case: Case, motion: Watched, reference: Watched, precision: str) 
     """
     rough = motion.solution
     if rough.tol > AT_ITS_LIMIT:
-        rough = watched(case, best(case, case.precision)[0], case.precision, None).solution
+        end = float(reference.solution.path.time[-1])
+        method, _ = best(case, case.precision)
+        rough = watched(case, method, case.precision, None, until=end).solution
     ratio = math.sqrt(PRECISION[precision] / PRECISION[case.precision])
     return ratio * distances(reference.solution.path, rough.path)
 

@@ -9,7 +9,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines import exact, protocol
-from ..engines.protocol import Status, Watch
+from ..engines.protocol import MOST_STEPS, Status, Watch
 from ..models.constants import attributes
 from .driver import BLOCK, LARGEST, OUTGROWN, Path, Witness, propagate
 
@@ -64,7 +64,7 @@ def solve(
         return closed_form(case, times, precision)
     events = system.run_events
     engine = protocol.build(method, system, events, tol, precision)
-    watch = Watch(case.max_steps or math.inf, case.max_seconds or math.inf)
+    watch = Watch(case.max_steps or MOST_STEPS[method], case.max_seconds or math.inf)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
     try:

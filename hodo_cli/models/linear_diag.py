@@ -67,6 +67,11 @@ class LinearDiag(BodyFrame):
     def damping_rates(self) -> np.ndarray:
         return np.array(self.damping)
 
+    @property
+    def warnings(self) -> list[str]:
+        negative = ", ".join(f"lambda{i + 1} = {x:g}" for i, x in enumerate(self.damping) if x < 0)
+        return [f"negative damping feeds energy in: {negative}"] if negative else []
+
 
 @dataclass(frozen=True)
 class LinearDiagAveraged(Damped, LinearDiag):

@@ -102,10 +102,16 @@ class Tensor(BodyFrame):
     def warnings(self) -> list[str]:
         I = self.matrix
         values = np.linalg.eigvalsh(I / 2 + I.T / 2)
-        if values[0] >= -1e-12 * abs(values[-1]):
-            return []
-        named = ", ".join(f"{value:.6g}" for value in values)
-        return [f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"]
+        found = []
+        if values[0] < -1e-12 * abs(values[-1]):
+            named = ", ".join(f"{value:.6g}" for value in values)
+            found.append(
+                f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"
+            )
+        # A tensor given in decimals, turned into other axes, is symmetric to its last digits.
+        if np.abs(I - I.T).max() > 1e-9 * np.abs(I).max():
+            found.append("the tensor is not symmetric")
+        return found
 
 
 @dataclass(frozen=True)

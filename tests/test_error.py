@@ -1,0 +1,57 @@
+"""The measured error: of what is stored, at the samples that both motions have."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hodo_cli.cases.case import Case, Time
+from hodo_cli.cases.config import parse
+from hodo_cli.integration.error import COMPARED, thinned
+from hodo_cli.integration.integrate import integrate
+
+SPIN = parse(
+    """\
+cases:
+  spin: {model: cavity+constant, form: averaged, inertia: [8, 8, 4], cavity: {kappa: 0.6048},
+         torque: [0, 0, -0.1], epsilon: 0.1, initial: {x: 1, y: 1}, time: {end: 60}}
+""",
+    "spin.yaml",
+).cases["spin"]
+FIG4 = Case(
+    "fig4",
+    "linear-diag",
+    "full",
+    {
+        "inertia": (1.0, 0.8, 0.6),
+        "damping": (0.005, 0.004, 0.003),
+        "initial": {"p": 0.8, "q": 0.5, "r": 0.74, "G": None},
+    },
+    Time(end=100.0, samples=101),
+)
+
+
+@pytest.mark.parametrize("samples", [COMPARED + 1, 150_001])
+def test_an_event_that_ends_a_thinned_motion_costs_no_digits(samples: int) -> None:
+    """The motion ends at two thirds of its samples: thinned by themselves, it and its reference
+    would keep different ones."""
+    motion = integrate(replace(SPIN, time=Time(end=60.0, samples=samples)))
+    assert len(motion.time) < samples
+    assert motion.errors
+    assert motion.error < 1e-12
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("precision", ["extended", "quadruple"])
+def test_the_error_is_that_of_the_stored_doubles(precision: str) -> None:
+    motion = integrate(replace(FIG4, precision=precision))
+    rounded = np.array(motion.variables["omega"])
+    assert rounded.dtype == np.float64
+    assert 2**-60 < motion.error < 2**-52
+
+
+def test_a_thinned_motion_keeps_its_ends() -> None:
+    rows = thinned(np.arange(250_000.0))
+    assert rows[0] == 0
+    assert rows[-1] == 249_999
+    assert len(rows) <= COMPARED + 1

@@ -1,0 +1,51 @@
+"""Motions that the data feed energy into: they end, and the data are warned of before the run."""
+
+from pathlib import Path
+
+import pytest
+
+from hodo_cli.cases.case import Case, Time
+from hodo_cli.engines import protocol
+from hodo_cli.integration.integrate import integrate
+
+SPINS_UP = """\
+cases:
+  grows:
+    {model: tensor, inertia: [1, 0.8, 0.6], initial: {p: 0.5, q: 0.25, G: 1}, time: {end: 100},
+     resistance: [[-0.5, 0, 0], [0.001, 0.01, 0], [0, 0, 0.01]], max_steps: 2000}
+  fed: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [-0.01, 0, 0],
+        initial: {p: 0.5, q: 0.25, G: 1}, time: {end: 10, samples: 3}}
+"""
+
+
+def test_what_the_data_do_is_said_before_the_run(hodo, tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(SPINS_UP)
+    ran = hodo("run", "a.yaml")
+    assert ran.returncode == 1
+    said = [line for line in ran.stderr.splitlines() if ": warning: " in line]
+    assert [line.split("warning: ")[1].split(":")[0] for line in said] == [
+        "the tensor is not dissipative",
+        "the tensor is not symmetric",
+        "negative damping feeds energy in",
+    ]
+    assert ran.stderr.index(said[-1]) < ran.stderr.index("[1/2]")
+    assert "max_steps in the case allows more" in ran.stdout
+
+
+@pytest.mark.parametrize("method", protocol.METHODS)
+def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if method == "taylor" and not protocol.have_taylor():
+        pytest.skip("needs heyoka")
+    assert 1e5 <= protocol.MOST_STEPS[method] <= 1e7
+    monkeypatch.setitem(protocol.MOST_STEPS, method, 50)
+    data = {
+        "inertia": (1.0, 0.8, 0.6),
+        "resistance": ((-0.5, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01)),
+        "initial": {"p": 0.5, "q": 0.25, "r": 1.6, "G": None},
+    }
+    case = Case(
+        "grows", "tensor", "full", data, Time(end=1000.0, samples=3), method=method, error="off"
+    )
+    motion = integrate(case)
+    assert motion.steps == 50
+    assert motion.message.startswith("max_steps: stopped after 50 steps")
