@@ -139,8 +139,13 @@ def test_every_model_is_documented() -> None:
 @documents
 def test_case_files_are_right(name: str) -> None:
     for text in snippets(name, "yaml"):
-        cases = "cases: {turning: {model: linear-diag, inertia: [1, 1, 1], time: {end: 1}, "
-        alone = text if "cases:\n" in text else f"{cases}initial: {{G: 1, p: 0, q: 0}}}}}}\n{text}"
+        case = (
+            "{model: linear-diag, inertia: [1, 1, 1], time: {end: 1}, initial: {G: 1, p: 0, q: 0}}"
+        )
+        cases = "\n".join(
+            f"  {case_name}: {case}" for case_name in ("turning", "printed", "corrected")
+        )
+        alone = text if "cases:\n" in text else f"cases:\n{cases}\n{text}"
         assert parse(alone, name).cases
 
 
@@ -187,13 +192,14 @@ def test_the_result_format_is_documented_whole(hodo: Hodo, tmp_path: Path) -> No
     store = "    store: [omega, crossing_time, crossings, start_axis, share, separation, steps]\n"
     sweep = "    sweep: {direction: {sphere: {count: 3}}, damping.0: {values: [0, 1]}}\n"
     claim = snippets("docs/claims.md", "yaml")[0].replace("[turning]", "[plain]")
+    claim += "errata: [{id: sign, where: eq. 1, printed: +, should_be: -}]\n"
     text = f"cases:\n  plain:\n{body}  ends:\n{ends}  swept:\n{body}{sweep}  stored:\n{body}{store}"
     (tmp_path / "all.yaml").write_text(f"{text}{sweep}{claim}", encoding="utf-8")
     for command in ("run all.yaml", "classify runs/all.h5", "claims runs/all.h5"):
         done = hodo(*command.split())
         assert done.returncode in (0, 3), done.stderr
     named = set(re.findall(r"`(\w+)`", DOCUMENTS["docs/results.md"]))
-    own = {"turning", "crossing", "claim", "event", "time", "damping_0", "damping.0", "direction"}
+    own = {"turning", "crossing", "claim", "event", "time", "damping.0", "direction"}
     with h5py.File(tmp_path / "runs" / "all.h5") as file:
         assert set(file.attrs) - named == {"_NCProperties"} & set(file.attrs)
         for group in file.values():
