@@ -28,7 +28,8 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
 from hodo_cli.engines import exact
 from hodo_cli.engines.protocol import Status
-from hodo_cli.figures import swept
+from hodo_cli.figures.geometry import edges
+from hodo_cli.figures.maps import GRID, sphere_cells, unbroken
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
@@ -541,21 +542,30 @@ claims:
 # Maps
 
 
-def test_the_map_of_the_sphere_keeps_areas_and_comes_back() -> None:
+def test_a_cell_of_the_sphere_has_the_value_of_the_nearest_direction() -> None:
     directions = sweep_block.Axis("d", (), {"count": 4000, "seed": 1}).directions(np.arange(4000))
-    points = swept.hammer(directions)
-    assert swept.hammer_back(points) == pytest.approx(directions, abs=1e-9)
-    # A cap of one tenth of the sphere about each axis fills one tenth of the ellipse (to the pixels
-    # of the image).
-    for axis in range(3):
-        image = swept.hammer_image(directions, directions[:, axis], 200)
-        share = np.nanmean(np.where(np.isnan(image), np.nan, image > 0.8))
-        assert share == pytest.approx((directions[:, axis] > 0.8).mean(), abs=0.01)
+    longitude, latitude, values = sphere_cells(directions, directions[:, 2])
+    assert values.shape == (GRID // 2, GRID) == (len(latitude) - 1, len(longitude) - 1)
+    middle = (latitude[1:] + latitude[:-1]) / 2
+    # 4000 directions: the nearest one is 6 degrees away at most.
+    assert np.abs(np.arcsin(values) - middle[:, None]).max() < 0.11
+    # x1 in the middle, x2 to the right of it.
+    _, _, first = sphere_cells(directions, directions[:, 0])
+    _, _, second = sphere_cells(directions, directions[:, 1])
+    assert first[GRID // 4, GRID // 2] > 0.99
+    assert second[GRID // 4, 3 * GRID // 4] > 0.99
+
+
+def test_a_curve_that_leaves_the_map_comes_back_without_a_line_across() -> None:
+    turn = np.linspace(0, 2 * np.pi, 361)
+    longitude, latitude = unbroken(np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1))
+    assert np.isnan(longitude).sum() == np.isnan(latitude).sum() == 1
+    assert np.nanmax(np.abs(np.diff(longitude))) < 0.02
 
 
 def test_edges_lie_between() -> None:
-    assert swept.edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
-    assert swept.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
+    assert edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
+    assert edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
 
 
 def test_the_separation_is_relative_to_the_terms_of_the_separatrix() -> None:

@@ -8,7 +8,6 @@ from fnmatch import fnmatchcase
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -49,7 +48,6 @@ class Bench:
     """The trials of a config, in the order case, method, tolerance; a tolerance of nan is the
     method's own."""
 
-    verdicts: ClassVar[tuple[str, ...]] = TRIAL_VERDICTS
     cases: tuple[str, ...]
     methods: tuple[str, ...]
     tols: tuple[float, ...]
@@ -98,7 +96,7 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
     bench = try_cases(config, chosen(config, globs), jobs, quiet)
     name = Path(config.path).stem
     store(bench, config, out / f"{name}.bench.h5")
-    save(draw_bench(bench), out / "figures" / f"{name}.png")
+    save(draw_bench(bench.group(), TRIAL_VERDICTS), out / "figures" / f"{name}.png")
     return bench
 
 

@@ -6,14 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..figures import maps, page, plane, space
-from ..figures.sheet import FORMATS, Rendered, draw, save
+from ..figures import draw, page
+from ..figures.sheet import FORMATS, Rendered, save
 from ..results.dataset import Results, open_results
 from ..schema.kinds import nearest
-
-KINDS_DRAWN_BY = (maps, plane, space)
-"""The modules whose functions draw the kinds of figures; importing one enters its kinds into
-`sheet.DRAW`."""
 
 
 def draw_results(

@@ -1,1 +1,44 @@
-"""Drawings, and the page that holds them; the only importer of matplotlib."""
+"""Drawings of motions and sweeps, and the page that shows them. They read datasets and know no
+command, no engine and no claim; matplotlib is loaded nowhere else.
+
+A kind of figure is a function that draws an entry of a `figures:` block on a sheet. `DRAW` lists
+them all; `cases.figure_block` declares the keys that each takes.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import matplotlib.style
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from ..results.dataset import Results
+from .maps import sweep_map
+from .plane import invariants, phase, quadrant_sketch, quadrants, series
+from .sheet import STYLE, Sheet, check_tex
+from .space import hodograph, sphere
+
+DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
+    "hodograph": hodograph,
+    "sphere": sphere,
+    "quadrants": quadrants,
+    "quadrant-sketch": quadrant_sketch,
+    "series": series,
+    "phase": phase,
+    "invariants": invariants,
+    "map": sweep_map,
+}
+
+
+def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
+    """The figure that one entry of a `figures:` block describes.
+
+    Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for
+    it, or a text is not TeX as matplotlib knows it.
+    """
+    for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
+        check_tex(text)
+    with matplotlib.style.context(["default", STYLE]):
+        sheet = Sheet(Figure(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
+        DRAW[spec["kind"]](sheet, spec, results)
+    return sheet

@@ -32,7 +32,11 @@ GREY = "#666666"
 AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#999999"}
 CYCLE = ((BLUE, "-"), (RED, (0, (5, 1.5))), (GREEN, (0, (5, 1.5, 1, 1.5))), (PURPLE, (0, (1, 1))), (ORANGE, "-"),
          (SKY, (0, (5, 1.5))), (BLACK, (0, (1, 1))), (GREY, "-"))  # fmt: skip
-VIRIDIS_END = 0.93  # its yellow end is too pale on white
+VIRIDIS_END = 0.93
+"""Where the colour map is cut: its yellow end is too pale on white."""
+
+TIME_COLOURS = 64
+"""Colours along a curve that is coloured by time; more cannot be told apart."""
 
 START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
 END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "mew": 0.6}
@@ -42,6 +46,11 @@ HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 
 
 # What several kinds draw
+
+
+def hues(n: int = 256) -> ListedColormap:
+    """The colours of every scale, from early or small to late or large."""
+    return ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, n)))
 
 
 def unit(motion: Motion, variable: str, power: int = 1) -> str:
@@ -91,8 +100,8 @@ def palette(motion: Motion, colour: str, place: int) -> tuple[np.ndarray, np.nda
     says."""
     if colour == "time":
         since = motion.time - motion.time[0]
-        hues = matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 64))[:, :3]
-        return hues, (since / (since[-1] or 1.0) * 63).astype(int)
+        colours = np.asarray(hues(TIME_COLOURS).colors)[:, :3]
+        return colours, (since / (since[-1] or 1.0) * (TIME_COLOURS - 1)).astype(int)
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)
         return np.array([to_rgb(AXIS_COLOUR[x]) for x in labels]), np.searchsorted(
@@ -216,8 +225,7 @@ def everywhere(points: np.ndarray) -> np.ndarray:
 
 def time_bar(sheet: Sheet, panels: list[Axes], motion: Motion, spec: Mapping[str, Any]) -> None:
     """The colour bar of a curve that is coloured by time."""
-    hues = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 256)))
-    scale = ScalarMappable(Normalize(motion.time[0], motion.time[-1]), hues)
+    scale = ScalarMappable(Normalize(motion.time[0], motion.time[-1]), hues())
     bar = sheet.figure.colorbar(
         scale, ax=panels, location="bottom", fraction=0.03, pad=0.02, shrink=0.6, aspect=50
     )

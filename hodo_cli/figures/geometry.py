@@ -68,6 +68,18 @@ def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
     return places
 
 
+def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
+    """The edges (n + 1,) of cells about values (n,), half way between them, in even ratios or
+    not."""
+    x = np.log(values) if ratios else values
+    if len(x) == 1:
+        x = np.array([x[0] - 0.5, x[0] + 0.5])
+    else:
+        middle = (x[1:] + x[:-1]) / 2
+        x = np.concatenate([[2 * x[0] - middle[0]], middle, [2 * x[-1] - middle[-1]]])
+    return np.asarray(np.exp(x) if ratios else x)
+
+
 def graticule() -> list[np.ndarray]:
     """Parallels and meridians of the unit sphere about x3, 30 degrees apart, (181, 3) each."""
     turn = np.linspace(0, 2 * np.pi, 181)

@@ -1,60 +1,82 @@
-"""Maps of sweeps."""
+"""Figures of sweeps: one variable over two axes, or over the directions of a sphere."""
 
-import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse, Patch
+from matplotlib.patches import Patch
+from scipy.spatial import cKDTree
 
 from .. import HodoError
 from ..results.dataset import Results
-from .artists import COLUMN, GREY, HALO, PAGE, SEPARATRIX, VIRIDIS_END, legend, pair
-from .geometry import separatrix_circles
-from .sheet import Sheet, kind
-from .swept import Swept, edges, hammer, hammer_curve, hammer_image
-
-# Sweeps
+from ..sweeps.swept import Swept
+from .artists import COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair
+from .geometry import edges, separatrix_circles
+from .sheet import Sheet
 
 GAP = "#E4E4E4"
+"""The colour of members without a value: a grey that the colour map does not contain."""
+
+GRID = 360
+"""Cells around the sphere: a degree each, some two pixels of a panel in print."""
 
 
-@kind("map")
 def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """A variable of sweeps over two axes, or over the directions of the start, a panel for each
     position asked for."""
     sweeps = [Swept.of(name, results.cases) for name in spec["cases"]]
-    rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
     flat = spec["x"] is None or spec["y"] is None
+    rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
     cells = [cell for row in rows for cell in row]
-    most = max(map(len, rows))
-    columns = most if len(rows) > 1 and most > 1 else 2 if len(cells) == 4 else min(len(cells), 3)
-    lines = -(-len(cells) // columns)
-    width = COLUMN if columns == 1 else PAGE
-    sheet.figure.set_size_inches(width, lines * width / columns * (0.6 if flat else 0.85) + 0.55)
-    panels = sheet.figure.subplots(lines, columns, squeeze=False, sharex=not flat, sharey=not flat)
     values = [map_values(swept, spec, at) for swept, at in cells]
     every = np.concatenate([value.ravel() for value in values])
     scale = Normalize(*(spec["range"] or (np.nanmin(every), np.nanmax(every))))
-    for spare in panels.ravel()[len(cells) :]:
-        spare.remove()
     labels = [*spec["labels"], *[""] * len(cells)]
-    for axes, (swept, at), value, label in zip(panels.ravel(), cells, values, labels, strict=False):
-        title = label or ", ".join(swept.at(name, i) for name, i in at.items())
+    panels = map_panels(sheet, [len(row) for row in rows], flat)
+    for axes, (swept, at), value, label in zip(panels, cells, values, labels, strict=False):
+        title = label or ", ".join(position(swept, name, i) for name, i in at.items())
         (map_sphere if flat else map_image)(sheet, axes, swept, spec, value, scale, title)
         axes.set_title(title)
-    hues = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 256)))
-    bar = sheet.figure.colorbar(ScalarMappable(scale, hues), ax=sheet.figure.axes, location="bottom", fraction=0.04,
-                                pad=0.02, shrink=0.7, aspect=45)  # fmt: skip
+    bar = sheet.figure.colorbar(
+        ScalarMappable(scale, hues()),
+        ax=sheet.figure.axes,
+        location="bottom",
+        fraction=0.04,
+        pad=0.02,
+        shrink=0.7,
+        aspect=45,
+    )
     bar.set_label(map_label(sweeps[0], spec["variable"]))
     if flat:
         gap = [Patch(fc=GAP, ec=GREY, lw=0.4, label="none")] if np.isnan(every).any() else []
         legend(sheet, [Line2D([], [], **SEPARATRIX, label="$D = 0$"), *gap], 2)
+
+
+def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
+    """Panels for sweeps with so many positions each: a row a sweep, or up to three in a row."""
+    n, most = sum(rows), max(rows)
+    columns = most if len(rows) > 1 and most > 1 else min(n, 3)
+    if len(rows) == 1 and n == 4:
+        columns = 2  # two by two, rather than three and one
+    lines = -(-n // columns)
+    width = COLUMN if columns == 1 else PAGE
+    sheet.figure.set_size_inches(width, lines * width / columns * (0.6 if flat else 0.85) + 0.55)
+    panels = sheet.figure.subplots(
+        lines,
+        columns,
+        squeeze=False,
+        sharex=not flat,
+        sharey=not flat,
+        subplot_kw={"projection": "hammer"} if flat else {},
+    ).ravel()
+    for spare in panels[n:]:
+        spare.remove()
+    return list(panels[:n])
 
 
 def positions(swept: Swept, spec: Mapping[str, Any]) -> list[dict[str, int]]:
@@ -65,14 +87,17 @@ def positions(swept: Swept, spec: Mapping[str, Any]) -> list[dict[str, int]]:
     for i in spec["at"]:
         if i >= n:
             raise HodoError(
-                f"axis {spec['panels']} of sweep {swept.case.name} has positions 0 to {n - 1}, not {i}"
+                f"axis {spec['panels']} of sweep {swept.case.name} has positions 0 to {n - 1}, "
+                f"not {i}"
             )
     return [{spec["panels"]: i} for i in spec["at"] or range(n)]
 
 
 def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> np.ndarray:
-    """What one panel shows: (x, y), or (directions,). Raises HodoError if there is nothing but
-    gaps."""
+    """What one panel shows: (x, y), or (directions,).
+
+    Raises HodoError if there is nothing but gaps.
+    """
     if spec["x"] is None or spec["y"] is None:
         keep = [swept.sphere()]
         if not keep[0]:
@@ -102,18 +127,17 @@ def map_image(
         title,
         **{spec["x"]: across, spec["y"]: up, spec["variable"]: values.ravel()},
     )
-    hues = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 256)))
     axes.pcolormesh(
-        edges(x, even_x), edges(y, even_y), values.T, norm=scale, cmap=hues, rasterized=True
+        edges(x, even_x), edges(y, even_y), values.T, norm=scale, cmap=hues(), rasterized=True
     )
     if spec["level"] is not None and min(values.shape) > 1:
         axes.contour(x, y, values.T, [spec["level"]], colors="white", linewidths=0.9)
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     subplot = axes.get_subplotspec()
     if subplot is None or subplot.is_last_row():
-        axes.set_xlabel(f"${swept.symbol(spec['x'])}$")
+        axes.set_xlabel(f"${key_symbol(swept.key(spec['x']))}$")
     if subplot is None or subplot.is_first_col():
-        axes.set_ylabel(f"${swept.symbol(spec['y'])}$")
+        axes.set_ylabel(f"${key_symbol(swept.key(spec['y']))}$")
 
 
 def map_sphere(
@@ -126,21 +150,18 @@ def map_sphere(
     title: str,
 ) -> None:
     """An equal-area map of the directions of G at the start, with the separatrix; grey where there
-    is no value."""
+    is no value. x1 is in the middle, x2 to the right of it, x3 on top."""
     name = swept.sphere()
     directions = swept.axis(name).directions(np.arange(len(swept.axis(name))))
     g = dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
     sheet.record(swept.case.name, title, **g, **{spec["variable"]: values})
-    hues = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, 256)))
-    reach = (-math.sqrt(8), math.sqrt(8), -math.sqrt(2), math.sqrt(2))
-    rim = Ellipse((0, 0), 2 * math.sqrt(8), 2 * math.sqrt(2), fc=GAP, ec=GREY, lw=0.6)
-    axes.add_patch(rim)
-    image = axes.imshow(hammer_image(directions, values, 360), origin="lower", extent=reach, norm=scale, cmap=hues,
-                        interpolation="nearest", zorder=2)  # fmt: skip
-    image.set_clip_path(rim)
+    axes.set_facecolor(GAP)
+    axes.grid(False)
+    axes.set(xticks=[], yticks=[])
+    axes.spines["geo"].set(color=GREY, lw=0.6)
+    axes.pcolormesh(*sphere_cells(directions, values), norm=scale, cmap=hues(), rasterized=True)
     for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
-        for piece in hammer_curve(circle):
-            axes.plot(*piece.T, **SEPARATRIX, zorder=3)
+        axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3)
     for i, direction in (
         (1, (1, 0, 0)),
         (2, (0, 1, 0)),
@@ -148,24 +169,79 @@ def map_sphere(
         (2, (0, -1, 0)),
         (3, (0, 0, -1)),
     ):
-        (point,) = hammer(np.array([direction], dtype=float))
+        point = np.stack(angles(np.array(direction, dtype=float)))
         sign = "" if sum(direction) > 0 else "-"
-        axes.plot(*point, "k.", ms=2.5, zorder=4)
-        axes.annotate(f"${sign}x_{i}$", pair(point), (3, 3), textcoords="offset points", size=7, path_effects=HALO,
-                      zorder=5)  # fmt: skip
-    axes.set(xlim=(-2.9, 2.9), ylim=(-1.62, 1.62), aspect="equal")
-    axes.set_axis_off()
+        axes.plot(*point, "k.", ms=2.5, zorder=4, clip_on=False)
+        axes.annotate(
+            f"${sign}x_{i}$",
+            pair(point),
+            (3, 3),
+            textcoords="offset points",
+            size=7,
+            path_effects=HALO,
+            zorder=5,
+        )
+
+
+def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Longitude from x1 and latitude above the x1 x2 plane (n,) of unit vectors (n, 3), radians."""
+    x, y, z = directions.T
+    return np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))
+
+
+def sphere_cells(
+    directions: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges of longitude and latitude, and the value in each cell: that of the nearest of the
+    directions (n, 3)."""
+    longitude = np.linspace(-np.pi, np.pi, GRID + 1)
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, GRID // 2 + 1)
+    middle = [(edge[1:] + edge[:-1]) / 2 for edge in (longitude, latitude)]
+    along, up = np.meshgrid(*middle)
+    cells = np.stack([np.cos(up) * np.cos(along), np.cos(up) * np.sin(along), np.sin(up)], axis=-1)
+    return longitude, latitude, values[cKDTree(directions).query(cells)[1]]
+
+
+def unbroken(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Longitude and latitude of a curve of directions (n, 3), with a gap where it leaves the map on
+    one side and comes back on the other."""
+    longitude, latitude = angles(curve)
+    jumps = np.flatnonzero(np.abs(np.diff(longitude)) > np.pi) + 1
+    return np.insert(longitude, jumps, np.nan), np.insert(latitude, jumps, np.nan)
 
 
 def map_label(swept: Swept, variable: str) -> str:
-    """What the colours of a map say."""
+    """What the colours of a map show."""
     name, _, part = variable.partition(".")
-    said = str(swept.data[name].attrs.get("long_name", name))
-    labels = str(swept.data[name].attrs.get("flag_meanings", "")).split()
-    return (
-        f"share of members: {said} is {part}"
-        if part in labels
-        else f"{said}: {part}"
-        if part
-        else said
-    )
+    meaning = str(swept.data[name].attrs.get("long_name", name))
+    if part in str(swept.data[name].attrs.get("flag_meanings", "")).split():
+        return f"share of members: {meaning} is {part}"
+    return f"{meaning}: {part}" if part else meaning
+
+
+def position(swept: Swept, name: str, i: int) -> str:
+    """A position on an axis: symbol = value."""
+    return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}$"
+
+
+KEY_SYMBOLS = {
+    "resistance.diagonal": "I_{ii}",
+    "resistance.off_diagonal": "I_{ij}",
+    "epsilon": r"\varepsilon",
+    "kappa": r"\kappa",
+    "cavity.kappa": r"\kappa",
+    "mu": r"\mu",
+    "damping": r"\lambda",
+}
+
+VECTOR_SYMBOLS = {"damping": r"\lambda", "inertia": "A", "torque": "M"}
+
+
+def key_symbol(key: str) -> str:
+    """The symbol of a key in TeX: damping.2 is lambda_3."""
+    head, _, last = key.rpartition(".")
+    if head in VECTOR_SYMBOLS and last.isdecimal():
+        return f"{VECTOR_SYMBOLS[head]}_{int(last) + 1}"
+    if key in KEY_SYMBOLS:
+        return KEY_SYMBOLS[key]
+    return last if re.fullmatch(r"[A-Za-z]\w?", last) else rf"\mathrm{{{last}}}".replace("_", r"\_")

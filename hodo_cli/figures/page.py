@@ -8,6 +8,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from string import Template
 from typing import Any
 from urllib.parse import quote
 
@@ -18,62 +19,6 @@ from ..results.motion import Motion
 from ..results.staging import replacing
 from ..text import magnitude, seconds
 from .sheet import Rendered
-
-STYLE = """
-:root { color-scheme: light dark; --ink: #1c1d20; --soft: #5d6068; --line: #d9dbe0; --card: #ffffff; --page: #f4f5f7;
-  --link: #005a94; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e7e8ea; --soft: #a3a7b0; --line: #3a3d44; --card: #24262b;
-  --page: #18191c; --link: #7cc0f0; } }
-* { box-sizing: border-box; }
-body { margin: 0; padding: 1.5rem clamp(0.75rem, 3vw, 3rem) 4rem; background: var(--page); color: var(--ink);
-  font: 16px/1.5 Georgia, "Times New Roman", serif; }
-header, main > section { max-width: 76rem; margin: 0 auto; }
-h1 { font-size: 1.7rem; margin: 0 0 0.3rem; line-height: 1.2; }
-h2 { font-size: 1.35rem; margin: 2.5rem 0 0.2rem; line-height: 1.25; border-top: 1px solid var(--line);
-  padding-top: 1.5rem; }
-h3 { font-size: 1.1rem; margin: 2rem 0 0.5rem; }
-p { margin: 0.3rem 0; } a { color: var(--link); } .soft { color: var(--soft); }
-nav ul { list-style: none; margin: 0.5rem 0 0; padding: 0; display: flex; flex-wrap: wrap; gap: 0.25rem 1.5rem; }
-.figures { display: grid; grid-template-columns: 1fr 1fr; grid-auto-flow: dense; gap: 1rem; margin-top: 1rem; }
-figure { margin: 0; background: var(--card); border: 1px solid var(--line); border-radius: 6px; overflow: hidden;
-  display: flex; flex-direction: column; }
-figure.wide { grid-column: span 2; }
-@media (max-width: 56rem) { .figures { grid-template-columns: minmax(0, 1fr); } figure.wide { grid-column: auto; }
-  figure.wide > a { overflow-x: auto; justify-content: flex-start; }
-  figure.wide img { max-width: none; width: 44rem; } }
-figure > a { background: #ffffff; padding: 0.75rem; display: flex; justify-content: center; align-items: center;
-  flex: 1; }
-figure img { max-width: 100%; height: auto; display: block; }
-figcaption { padding: 0.75rem 1rem; border-top: 1px solid var(--line); font-size: 0.95rem; }
-figcaption b { font-size: 1.02rem; }
-.problem { color: #b3261e; padding: 1rem; } @media (prefers-color-scheme: dark) { .problem { color: #ff9d94; } }
-details { margin-top: 0.4rem; } summary { cursor: pointer; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font: 0.84rem/1.4 system-ui, sans-serif; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.9rem 0.25rem 0;
-  border-bottom: 1px solid var(--line); }
-th { color: var(--soft); font-weight: 600; white-space: nowrap; } td.n { white-space: nowrap; }
-td.text { min-width: 16rem; }
-"""
-
-SHELL = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>{style}</style>
-</head>
-<body>
-<header>
-<h1>{title}</h1>
-<p class="soft">{summary}</p>
-<nav><ul>{contents}</ul></nav>
-</header>
-<main>{sections}</main>
-</body>
-</html>
-"""
 
 MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 
@@ -91,12 +36,21 @@ def write(
         for results, _ in runs
     ]
     count = sum(len(rendered) for _, rendered in runs)
-    page = SHELL.format(
-        title=escape(title), style=STYLE, contents="".join(contents), sections="".join(sections),
-        summary=f"{count} figures, with the parameters, measured errors and run times of what they show.",
-    )  # fmt: skip
+    page = template("page.html").substitute(
+        title=escape(title),
+        style=template("page.css").template,
+        contents="".join(contents),
+        sections="".join(sections),
+        summary=f"{count} figures, with the parameters, measured errors and run times of what "
+        "they show.",
+    )
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
+
+
+def template(name: str) -> Template:
+    """A file that lies beside this module, with $names to fill in."""
+    return Template((Path(__file__).parent / name).read_text(encoding="utf-8"))
 
 
 def _section(results: Results, rendered: Sequence[Rendered], base: Path) -> str:

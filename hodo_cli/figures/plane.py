@@ -1,5 +1,4 @@
-"""Figures from result files: each kind of figure is one function here. The only importer of
-matplotlib."""
+"""Plane figures: quadrants, series over time, one variable against another, invariants."""
 
 import math
 import re
@@ -43,9 +42,7 @@ from .artists import (
     unit,
 )
 from .geometry import centroid, sectors
-from .sheet import Look, Sheet, kind
-
-# Plane figures
+from .sheet import Look, Sheet
 
 
 def squares(motion: Motion) -> np.ndarray:
@@ -60,7 +57,6 @@ def squares(motion: Motion) -> np.ndarray:
     return np.asarray(motion.omega[:, [largest, smallest]] ** 2 * [1, K])
 
 
-@kind("quadrants")
 def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
     motions, zoom = results.motions(spec), spec["zoom"]
@@ -119,7 +115,6 @@ def regions(axes: Axes, motion: Motion, limit: float) -> None:
     axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
 
 
-@kind("quadrant-sketch")
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """r^2 against p^2 for each body, with the line p^2 = K r^2, region A above it and B below,
     without scale."""
@@ -157,7 +152,6 @@ def sketch(axes: Axes, body: Sequence[float]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-@kind("series")
 def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """Variables against time, a panel for each variable or for each case."""
     motions, variables = results.motions(spec), spec["variables"]
@@ -260,7 +254,6 @@ def inset(
     axes.margins(x=0)
 
 
-@kind("phase")
 def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """One variable against another."""
     motions, x, y = results.motions(spec), spec["x"], spec["y"]
@@ -278,7 +271,6 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     legend(sheet, handles + mark_handles(motions, spec["time"]), 2)
 
 
-@kind("invariants")
 def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping,
     those of G^2."""

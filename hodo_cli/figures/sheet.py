@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,9 @@ import matplotlib.style
 import numpy as np
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
 from .. import HodoError
-from ..results.dataset import Results
 from ..results.staging import replacing
 
 Look = dict[str, Any]
@@ -85,35 +83,6 @@ class Rendered:
     name: str
     files: tuple[Path, ...] = ()
     problem: str = ""
-
-
-Kind = Callable[[Sheet, Mapping[str, Any], Results], None]
-DRAW: dict[str, Kind] = {}
-
-
-def kind(name: str) -> Callable[[Kind], Kind]:
-    """Make a function the one that draws figures of this kind; `figures.KINDS` declares its
-    keys."""
-
-    def enter(function: Kind) -> Kind:
-        DRAW[name] = function
-        return function
-
-    return enter
-
-
-def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
-    """The figure that one entry of a `figures:` block describes.
-
-    Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for
-    it, or a text is not TeX as matplotlib knows it.
-    """
-    for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
-        check_tex(text)
-    with matplotlib.style.context(["default", STYLE]):
-        sheet = Sheet(Figure(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
-        DRAW[spec["kind"]](sheet, spec, results)
-    return sheet
 
 
 def check_tex(text: str) -> None:

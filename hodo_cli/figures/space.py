@@ -35,12 +35,9 @@ from .artists import (
     time_bar,
 )
 from .geometry import View, freest, graticule, round_step, separatrix_circles, stretches, windings
-from .sheet import Sheet, kind
-
-# Curves in space
+from .sheet import Sheet
 
 
-@kind("hodograph")
 def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """The curve of G in body axes; beside it, if wanted, its neighbourhood of the origin and its
     projections."""
@@ -194,7 +191,6 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
     )
 
 
-@kind("sphere")
 def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """The curves of G/|G| on the unit sphere, with the two separatrix circles."""
     motions, view = results.motions(spec), View.toward(spec["view"])

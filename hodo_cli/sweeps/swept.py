@@ -1,0 +1,82 @@
+"""A stored sweep as figures read it: its axes, and any of its variables over some of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import HodoError
+from ..cases.case import Case, parse_case
+from ..cases.sweep_block import Axis, axes_of
+from ..results.motion import Array
+from ..results.provenance import typed
+from ..schema.kinds import nearest
+from .averages import average
+
+
+@dataclass(frozen=True)
+class Swept:
+    """A sweep as it is stored: its case, and its variables by name (an `xarray.Dataset`, say)."""
+
+    case: Case
+    data: Mapping[Any, Array]
+
+    @classmethod
+    def of(cls, name: str, cases: Mapping[str, Any]) -> "Swept":
+        """A sweep among the datasets of a result file.
+
+        Raises HodoError if there is no such case, or it is no sweep.
+        """
+        if name not in cases:
+            raise HodoError(f"there is no case {name!r}{nearest(name, cases)}")
+        data = cases[name]
+        case = parse_case(typed(data.attrs, {"case": str}, name)["case"])
+        if not case.sweep:
+            raise HodoError(f"case {name} is no sweep")
+        return cls(case, data)
+
+    @property
+    def axes(self) -> dict[str, Axis]:
+        """The axes by name, in order."""
+        return {axis.name: axis for axis in axes_of(self.case.sweep or {})}
+
+    def axis(self, name: str) -> Axis:
+        """One axis. Raises HodoError if the sweep has none of this name."""
+        if name not in self.axes:
+            raise HodoError(
+                f"sweep {self.case.name} has no axis {name!r} (it has: {', '.join(self.axes)})"
+            )
+        return self.axes[name]
+
+    def body(self) -> np.ndarray | None:
+        """A1, A2, A3 if all members have the same body."""
+        keys = [path for axis in self.axes.values() for path, _ in axis.ranges]
+        if "inertia" not in self.case.data or any(path[0] == "inertia" for path in keys):
+            return None
+        return np.array(self.case.data["inertia"], dtype=float)
+
+    def sphere(self) -> str:
+        """The name of the axis that is a sphere; empty if none is."""
+        return next((name for name, axis in self.axes.items() if axis.sphere is not None), "")
+
+    def values(self, variable: str, keep: Sequence[str], at: Mapping[str, int]) -> np.ndarray:
+        """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed;
+        see `averages.average`."""
+        return average(self.data, list(self.axes), variable, keep, at)
+
+    def ticks(self, name: str) -> tuple[np.ndarray, bool]:
+        """The values (n,) along an axis, of the first of its keys, and whether they go in even
+        ratios.
+
+        Raises HodoError if there is no such axis, or it is a sphere.
+        """
+        axis = self.axis(name)
+        if axis.sphere is not None:
+            raise HodoError(f"axis {name} is a sphere: it has no values along a line")
+        return axis.values[0], "logspace" in axis.ranges[0][1]
+
+    def key(self, name: str) -> str:
+        """The first key that varies along an axis."""
+        axis = self.axis(name)
+        return ".".join(map(str, axis.ranges[0][0])) if axis.ranges else name
