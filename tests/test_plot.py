@@ -1,25 +1,30 @@
-"""Figures and their page, from the papers' own result files.
+"""Figures and their page, from the papers' own result files."""
 
-netCDF4 brings an HDF5 library of its own and must not meet that of h5py, which other tests load:
-what reads result files runs in fresh interpreters.
-"""
-
+import base64
+import csv
+import dataclasses
 import hashlib
-import json
 import math
 import os
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Callable
+from html.parser import HTMLParser
 from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
 
-from hodo_cli import HodoError
+from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load
 from hodo_cli.cases.figure_block import KINDS
+from hodo_cli.commands import plot
+from hodo_cli.figures import artists, page
 from hodo_cli.figures.geometry import (
     View,
     centroid,
@@ -29,41 +34,12 @@ from hodo_cli.figures.geometry import (
     separatrix_circles,
     stretches,
 )
+from hodo_cli.figures.sheet import FORMATS
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
+from hodo_cli.results.dataset import open_results
 
-ROOT = Path(__file__).parents[1]
 PAPERS = ("paper1", "paper2", "paper3")
-HEAD = """
-import csv, json, re, sys
-from pathlib import Path
-import numpy as np
-from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
-from hodo_cli import HodoError
-from hodo_cli.commands import plot
-from hodo_cli.figures import artists, sheet as sheets
-from hodo_cli.figures.geometry import View
-from hodo_cli.results.motion import open_results
-runs = Path(sys.argv[1])
-
-def refused(call):
-    try:
-        call()
-    except HodoError as error:
-        assert "\\n" not in str(error)
-        return str(error)
-    raise AssertionError("no error")
-"""
-
-
-def alone(code: str, *arguments: object, **environment: str) -> str:
-    """What a fresh interpreter prints when it runs the code."""
-    command = [sys.executable, "-c", HEAD + code, *map(str, arguments)]
-    env = os.environ | environment
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module")
@@ -83,316 +59,366 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_figure_of_the_papers_is_defined() -> None:
-    figures = {name: load(ROOT / "configs" / f"{name}.yaml").figures for name in PAPERS}
-    assert {f"fig{i}" for i in range(1, 20)} <= set(figures["paper1"])
-    assert {f"fig{i}" for i in range(1, 5)} <= set(figures["paper2"])
-    panels = figures["paper3"]["figure"]
+    defined = {name: load(ROOT / "configs" / f"{name}.yaml").figures for name in PAPERS}
+    assert {f"fig{i}" for i in range(1, 20)} <= set(defined["paper1"])
+    assert {f"fig{i}" for i in range(1, 5)} <= set(defined["paper2"])
+    panels = defined["paper3"]["figure"]
     assert set(panels["variables"]) == {"Gz", "H", "r", "u1", "u2", "u3"}
     assert panels["inset"]["case"] == "case3"
-    assert all(figure["caption"] for each in figures.values() for figure in each.values())
+    assert all(figure["caption"] for each in defined.values() for figure in each.values())
 
 
-def test_all_figures_are_drawn_without_pyplot_or_h5py(runs: Path, tmp_path: Path) -> None:
-    said = alone(
-        """
-assert set(sheets.DRAW) == set(json.loads(sys.argv[3]))
-drawn = {}
-for path in sorted(runs.glob("*.h5")):
-    with open_results(path) as results:
-        rendered = plot.render(results, [], ("png",), Path(sys.argv[2]) / path.stem)
-        assert [each.name for each in rendered] == list(results.figures)
+def refused(call: Callable[[], object]) -> str:
+    """The one line that a mistake is refused with."""
+    with pytest.raises(HodoError) as raised:
+        call()
+    assert "\n" not in str(raised.value)
+    return str(raised.value)
+
+
+def test_every_kind_that_is_declared_is_drawn() -> None:
+    assert set(figures.DRAW) == set(KINDS)
+
+
+def test_all_figures_are_drawn(runs: Path, tmp_path: Path) -> None:
+    drawn = {}
+    for path in sorted(runs.glob("*.h5")):
+        with open_results(path) as results:
+            rendered = plot.render(results, [], ("png",), tmp_path / path.stem)
+            assert [each.name for each in rendered] == list(results.figures)
         drawn |= {f"{path.stem}/{each.name}": each.problem for each in rendered}
         for each in rendered:
-            assert all(file.stat().st_size > 100 for file in each.files) and len(each.files) == 1
-assert "matplotlib.pyplot" not in sys.modules and "h5py" not in sys.modules
-print(json.dumps(drawn))
-""",
-        runs, tmp_path, json.dumps(list(KINDS)),
-    )  # fmt: skip
-    drawn = json.loads(said)
+            (file,) = each.files
+            assert file.stat().st_size > 100
     assert len(drawn) >= 24
     assert not any(drawn.values())
+
+
+def test_drawing_loads_neither_pyplot_nor_netCDF4(runs: Path, tmp_path: Path) -> None:
+    """pyplot would keep every figure in memory; netCDF4 brings an HDF5 library that may break
+    h5py's."""
+    script = f"""
+import sys
+from hodo_cli.cli import main
+main(["plot", {str(runs / "paper2.h5")!r}, "fig1", "--out", {str(tmp_path)!r}], standalone_mode=False)
+print("loaded:", *({{"matplotlib.pyplot", "netCDF4", "heyoka"}} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "loaded:", done.stdout + done.stderr
 
 
 def test_curves_in_space_are_those_stored(runs: Path) -> None:
     """Every vertex drawn is a stored sample in the view; its colour is that of the label; no sample
     is left out."""
-    alone(
-        """
-with open_results(runs / "paper1.h5") as results:
-    sheet = sheets.draw(results.figure("fig12-all-entries"), results)
-    data = results.cases["fig12-all-entries"]
-    G = data["omega"].values * [1, 0.8, 0.6]
-    shown, = sheet.shown
-    assert shown.curve == "fig12-all-entries" and (shown.values["time"] == data["time"].values).all()
-    assert (np.stack([shown.values[f"G.x{i}"] for i in (1, 2, 3)], axis=-1) == G).all()
+    with open_results(runs / "paper1.h5") as results:
+        sheet = figures.draw(results.figure("fig12-all-entries"), results)
+        data = results.cases["fig12-all-entries"]
+        G = data["omega"].values * [1, 0.8, 0.6]
+        (shown,) = sheet.shown
+        assert shown.curve == "fig12-all-entries"
+        assert (shown.values["time"] == data["time"].values).all()
+        assert (np.stack([shown.values[f"G.x{i}"] for i in (1, 2, 3)], axis=-1) == G).all()
 
-    main, zoomed = sheet.figure.axes
-    view = View.toward(results.figure("fig12-all-entries")["view"])
-    curve, = [each for each in main.collections if isinstance(each, LineCollection)]
-    drawn = np.concatenate(curve.get_segments())
-    assert {tuple(at) for at in view(G)[:, :2].tolist()} == {tuple(at) for at in drawn.tolist()}
+        main, zoomed = sheet.figure.axes
+        view = View.toward(results.figure("fig12-all-entries")["view"])
+        (curve,) = [each for each in main.collections if isinstance(each, LineCollection)]
+        drawn = np.concatenate(curve.get_segments())
+        assert {tuple(at) for at in view(G)[:, :2].tolist()} == {tuple(at) for at in drawn.tolist()}
 
-    blue, orange = (np.array(to_rgb(artists.AXIS_COLOUR[axis])) for axis in (1, 3))
-    label = {tuple(at): axis for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].values, strict=True)}
-    for segment, colour in zip(curve.get_segments(), curve.get_colors(), strict=True):
-        # paler toward white: the colour's distances from white keep their ratio
-        axis, = {label[tuple(at)] for at in segment[:-1].tolist()}
-        full = 1 - (blue if axis == 1 else orange)
-        faded = (1 - colour[:3])[full > 0.1] / full[full > 0.1]
-        assert np.ptp(faded) < 1e-12 and 0.49 < faded[0] <= 1
-    crossings, = [line for line in main.lines if line.get_marker() == "D"]
-    assert len(crossings.get_xdata()) == data.sizes["crossing"] == 3
-    assert main.get_aspect() == zoomed.get_aspect() == 1
-""",
-        runs,
-    )
+        blue, orange = (np.array(to_rgb(artists.AXIS_COLOUR[axis])) for axis in (1, 3))
+        label = {
+            tuple(at): axis
+            for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].values, strict=True)
+        }
+        for segment, colour in zip(curve.get_segments(), curve.get_colors(), strict=True):
+            # paler toward white: the colour's distances from white keep their ratio
+            (axis,) = {label[tuple(at)] for at in segment[:-1].tolist()}
+            full = 1 - (blue if axis == 1 else orange)
+            faded = (1 - colour[:3])[full > 0.1] / full[full > 0.1]
+            assert np.ptp(faded) < 1e-12
+            assert 0.49 < faded[0] <= 1
+        (crossings,) = [line for line in main.lines if line.get_marker() == "D"]
+        assert len(crossings.get_xdata()) == data.sizes["crossing"] == 3
+        assert main.get_aspect() == zoomed.get_aspect() == 1
 
 
 def test_time_colour_projections_and_sphere(runs: Path) -> None:
-    alone(
-        """
-with open_results(runs / "paper1.h5") as results:
-    sheet = sheets.draw(results.figure("fig4-projections"), results)
-    G = results.cases["fig4"]["omega"].values * [1, 0.8, 0.6]
-    for axes, (i, j) in zip(sheet.figure.axes[1:4], [(0, 1), (0, 2), (1, 2)], strict=True):
-        curve, = [each for each in axes.collections if isinstance(each, LineCollection)]
-        pieces = curve.get_segments()
-        assert len(pieces) == 64   # as many stretches of time as colours
-        joined = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
-        assert (joined == G[:, [i, j]]).all()
-        assert axes.get_xlabel().startswith(f"$G_{i + 1}$") and axes.get_ylabel().startswith(f"$G_{j + 1}$")
-    brightness = curve.get_colors()[:, :3].sum(axis=1)
-    assert brightness[-1] > brightness[0]
+    with open_results(runs / "paper1.h5") as results:
+        sheet = figures.draw(results.figure("fig4-projections"), results)
+        G = results.cases["fig4"]["omega"].values * [1, 0.8, 0.6]
+        for axes, (i, j) in zip(sheet.figure.axes[1:4], [(0, 1), (0, 2), (1, 2)], strict=True):
+            (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
+            pieces = curve.get_segments()
+            assert len(pieces) == 64  # as many stretches of time as colours
+            joined = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
+            assert (joined == G[:, [i, j]]).all()
+            assert axes.get_xlabel().startswith(f"$G_{i + 1}$")
+            assert axes.get_ylabel().startswith(f"$G_{j + 1}$")
+        brightness = curve.get_colors()[:, :3].sum(axis=1)
+        assert brightness[-1] > brightness[0]
 
-    sheet = sheets.draw(results.figure("fig1"), results)
-    assert [each.curve for each in sheet.shown] == ["1", "2", "3′", "3", "4"]
-    for shown, name in zip(sheet.shown, results.figure("fig1")["cases"], strict=True):
-        g = np.stack([shown.values[f"G.x{i}/|G|"] for i in (1, 2, 3)], axis=-1)
-        G = results.cases[name]["omega"].values * [1, 0.8, 0.6]
-        np.testing.assert_allclose(np.linalg.norm(g, axis=1), 1, rtol=1e-15)
-        np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
-""",
-        runs,
-    )
+        sheet = figures.draw(results.figure("fig1"), results)
+        assert [each.curve for each in sheet.shown] == ["1", "2", "3′", "3", "4"]
+        for shown, name in zip(sheet.shown, results.figure("fig1")["cases"], strict=True):
+            g = np.stack([shown.values[f"G.x{i}/|G|"] for i in (1, 2, 3)], axis=-1)
+            G = results.cases[name]["omega"].values * [1, 0.8, 0.6]
+            np.testing.assert_allclose(np.linalg.norm(g, axis=1), 1, rtol=1e-15)
+            np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
 
 
 def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> None:
-    alone(
-        """
-with open_results(runs / "paper1.h5") as results:
-    limits = set()
-    for name in ("fig9", "fig10", "fig11", "fig13-all-entries"):
-        figure = results.figure(name)
-        case = results.cases[figure["cases"][0]]
-        sheet = sheets.draw(figure, results)
-        axes = sheet.figure.axes[0]
-        curve, = [each for each in axes.collections if isinstance(each, LineCollection)]
-        pieces = curve.get_segments()
-        across, up = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])]).T
-        p, _, r = case["omega"].values.T
-        assert (across == p**2).all()
-        np.testing.assert_allclose(up, 0.6 * (0.8 - 0.6) / (1 - 0.8) * r**2, rtol=1e-15)
-        assert (np.where(across > up, 1, 3) == case["enclosed_axis"].values).all()
-        A, B = (patch.get_xy() for patch in axes.patches[:2])
-        assert (A[:, 0] >= A[:, 1]).all() and (B[:, 0] <= B[:, 1]).all()
-        assert [text.get_text()[0] for text in axes.texts] == ["A", "B"]
-        for text in axes.texts:
-            assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
-        marks, = [line for line in axes.lines if line.get_marker() == "D"]
-        assert len(marks.get_xdata()) == case.sizes.get("crossing", 0)
-        assert (marks.get_xdata() == marks.get_ydata()).all()
-        if name != "fig13-all-entries":
-            limits.add((axes.get_xlim(), axes.get_ylim()))
-    assert len(limits) == 1
-    assert "no quadrants" in refused(lambda: sheets.draw({**results.figure("fig10"), "cases": ("fig7",)}, results))
-""",
-        runs,
-    )
+    with open_results(runs / "paper1.h5") as results:
+        limits = set()
+        for name in ("fig9", "fig10", "fig11", "fig13-all-entries"):
+            figure = results.figure(name)
+            case = results.cases[figure["cases"][0]]
+            sheet = figures.draw(figure, results)
+            axes = sheet.figure.axes[0]
+            (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
+            pieces = curve.get_segments()
+            across, up = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])]).T
+            p, _, r = case["omega"].values.T
+            assert (across == p**2).all()
+            np.testing.assert_allclose(up, 0.6 * (0.8 - 0.6) / (1 - 0.8) * r**2, rtol=1e-15)
+            assert (np.where(across > up, 1, 3) == case["enclosed_axis"].values).all()
+            A, B = (patch.get_xy() for patch in axes.patches[:2])
+            assert (A[:, 0] >= A[:, 1]).all()
+            assert (B[:, 0] <= B[:, 1]).all()
+            assert [text.get_text()[0] for text in axes.texts] == ["A", "B"]
+            for text in axes.texts:
+                assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
+            (marks,) = [line for line in axes.lines if line.get_marker() == "D"]
+            assert len(marks.get_xdata()) == case.sizes.get("crossing", 0)
+            assert (marks.get_xdata() == marks.get_ydata()).all()
+            if name != "fig13-all-entries":
+                limits.add((axes.get_xlim(), axes.get_ylim()))
+        assert len(limits) == 1
+        assert "no quadrants" in refused(
+            lambda: figures.draw({**results.figure("fig10"), "cases": ("fig7",)}, results)
+        )
 
 
 def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
-    alone(
-        """
-with open_results(runs / "paper2.h5") as results:
-    figure = results.figure("fig1")
-    sheet = sheets.draw(figure, results)
-    ends = ("0.767", "1.237")
-    for axes, name, title, end in zip(sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True):
-        case = results.cases[name]
-        x, _, y, _ = axes.lines   # each followed by the mark of its end
-        assert axes.get_title() == title and (x.get_xdata() == case["time"].values).all()
-        assert (x.get_ydata() == case["x"].values).all() and (y.get_ydata() == case["y"].values).all()
-        assert [text.get_text() for text in axes.texts] == [f"${end}$", f"$t = {case['event_time'].values[0]:.4g}$"]
-    sheet = sheets.draw(results.figure("phase"), results)
-    lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
-    for line, name in zip(lines, results.figure("phase")["cases"], strict=True):
-        assert (line.get_xdata() == results.cases[name]["x"].values).all()
-        assert (line.get_ydata() == results.cases[name]["y"].values).all()
+    with open_results(runs / "paper2.h5") as results:
+        figure = results.figure("fig1")
+        sheet = figures.draw(figure, results)
+        ends = ("0.767", "1.237")
+        for axes, name, title, end in zip(
+            sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True
+        ):
+            case = results.cases[name]
+            x, _, y, _ = axes.lines  # each followed by the mark of its end
+            assert axes.get_title() == title
+            assert (x.get_xdata() == case["time"].values).all()
+            assert (x.get_ydata() == case["x"].values).all()
+            assert (y.get_ydata() == case["y"].values).all()
+            assert [text.get_text() for text in axes.texts] == [
+                f"${end}$",
+                f"$t = {case['event_time'].values[0]:.4g}$",
+            ]
+        sheet = figures.draw(results.figure("phase"), results)
+        lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
+        for line, name in zip(lines, results.figure("phase")["cases"], strict=True):
+            assert (line.get_xdata() == results.cases[name]["x"].values).all()
+            assert (line.get_ydata() == results.cases[name]["y"].values).all()
 
-with open_results(runs / "paper3.h5") as results:
-    sheet = sheets.draw(results.figure("figure"), results)
-    for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
-        for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
-            assert (line.get_ydata() == results.cases[name][variable].values).all()
-    inset, = sheet.figure.axes[2].child_axes
-    u1, u2 = inset.lines
-    case = results.cases["case3"]
-    assert (u1.get_ydata() == case["u1"].values).all() and (u2.get_ydata() == case["u2"].values).all()
+    with open_results(runs / "paper3.h5") as results:
+        sheet = figures.draw(results.figure("figure"), results)
+        for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
+            for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
+                assert (line.get_ydata() == results.cases[name][variable].values).all()
+        (inset,) = sheet.figure.axes[2].child_axes
+        u1, u2 = inset.lines
+        case = results.cases["case3"]
+        assert (u1.get_ydata() == case["u1"].values).all()
+        assert (u2.get_ydata() == case["u2"].values).all()
 
-with open_results(runs / "paper1.h5") as results:
-    sheet = sheets.draw(results.figure("fig12-sensitivity"), results)
-    low, high = results.figure("fig12-sensitivity")["span"]
-    assert all((shown.values["time"] >= low).all() and (shown.values["time"] < high).all() for shown in sheet.shown)
-    figure = {**results.figure("fig12-sensitivity"), "variables": ("omega.x1", "omega.x2", "G.x3"), "span": None}
-    sheet = sheets.draw(figure, results)
-    p, q, r = results.cases["fig12-all-entries"]["omega"].values.T
-    for axes, values, label in zip(sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True):
-        assert (axes.lines[0].get_ydata() == values).all() and axes.get_ylabel().startswith(label)
-    sheet = sheets.draw(results.figure("fig4-invariants"), results)
-    values = sheet.shown[0].values
-    upper, lower = (0.005 * 2, 0.003 * 2)
-    G2, time = values["G2"], values["time"]
-    assert (G2 <= G2[0] * np.exp(-lower * time) * (1 + 1e-12)).all()
-    assert (G2 >= G2[0] * np.exp(-upper * time) * (1 - 1e-12)).all()
-    assert (G2 / 2 <= values["T"]).all() and (values["T"] <= G2 / 1.2).all()
-    bounds = {tuple(line.get_ydata()) for line in sheet.figure.axes[1].lines}
-    assert tuple(G2[0] * np.exp(-upper * time)) in bounds and tuple(G2[0] * np.exp(-lower * time)) in bounds
-    np.testing.assert_allclose(values["D/2T"], (G2 - 2 * values["T"] * 0.8) / (2 * values["T"]), atol=1e-14)
-""",
-        runs,
-    )
+    with open_results(runs / "paper1.h5") as results:
+        sheet = figures.draw(results.figure("fig12-sensitivity"), results)
+        low, high = results.figure("fig12-sensitivity")["span"]
+        assert all(
+            (shown.values["time"] >= low).all() and (shown.values["time"] < high).all()
+            for shown in sheet.shown
+        )
+        figure = {
+            **results.figure("fig12-sensitivity"),
+            "variables": ("omega.x1", "omega.x2", "G.x3"),
+            "span": None,
+        }
+        sheet = figures.draw(figure, results)
+        p, q, r = results.cases["fig12-all-entries"]["omega"].values.T
+        for axes, values, label in zip(
+            sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True
+        ):
+            assert (axes.lines[0].get_ydata() == values).all()
+            assert axes.get_ylabel().startswith(label)
+        sheet = figures.draw(results.figure("fig4-invariants"), results)
+        values = sheet.shown[0].values
+        upper, lower = (0.005 * 2, 0.003 * 2)
+        G2, time = values["G2"], values["time"]
+        assert (G2[0] * np.exp(-lower * time) * (1 + 1e-12) >= G2).all()
+        assert (G2[0] * np.exp(-upper * time) * (1 - 1e-12) <= G2).all()
+        assert (values["T"] >= G2 / 2).all()
+        assert (values["T"] <= G2 / 1.2).all()
+        bounds = {tuple(line.get_ydata()) for line in sheet.figure.axes[1].lines}
+        assert tuple(G2[0] * np.exp(-upper * time)) in bounds
+        assert tuple(G2[0] * np.exp(-lower * time)) in bounds
+        np.testing.assert_allclose(
+            values["D/2T"], (G2 - 2 * values["T"] * 0.8) / (2 * values["T"]), atol=1e-14
+        )
 
 
 def test_csv_is_what_is_shown(runs: Path) -> None:
-    alone(
-        """
-for paper, name in (("paper1", "fig18"), ("paper1", "fig5"), ("paper3", "figure"), ("paper1", "fig1")):
-    with open_results(runs / f"{paper}.h5") as results:
-        sheet = sheets.draw(results.figure(name), results)
-    rows = list(csv.DictReader(sheet.csv().splitlines()))
-    at = 0
-    for shown in sheet.shown:
-        n = len(next(iter(shown.values.values())))
-        mine, at = rows[at : at + n], at + n
-        assert {(row["panel"], row["curve"]) for row in mine} == {(shown.panel, shown.curve)}
-        for column, values in shown.values.items():
-            assert [float(row[column]) for row in mine] == values.tolist()
-        assert all(row[column] == "" for row in mine for column in set(row) - set(shown.values) - {"panel", "curve"})
-    assert at == len(rows) > 0
-""",
-        runs,
-    )
+    for paper, name in (
+        ("paper1", "fig18"),
+        ("paper1", "fig5"),
+        ("paper3", "figure"),
+        ("paper1", "fig1"),
+    ):
+        with open_results(runs / f"{paper}.h5") as results:
+            sheet = figures.draw(results.figure(name), results)
+        rows = list(csv.DictReader(sheet.csv().splitlines()))
+        at = 0
+        for shown in sheet.shown:
+            n = len(next(iter(shown.values.values())))
+            mine, at = rows[at : at + n], at + n
+            assert {(row["panel"], row["curve"]) for row in mine} == {(shown.panel, shown.curve)}
+            for column, values in shown.values.items():
+                assert [float(row[column]) for row in mine] == values.tolist()
+            assert all(
+                row[column] == ""
+                for row in mine
+                for column in set(row) - set(shown.values) - {"panel", "curve"}
+            )
+        assert at == len(rows) > 0
 
 
 def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
-    code = """
-for paper, names in (("paper1", ["fig4", "fig13-all-entries"]), ("paper3", ["figure"])):
-    with open_results(runs / f"{paper}.h5") as results:
-        rendered = plot.render(results, names, sheets.FORMATS, Path(sys.argv[2]))
-        assert not any(each.problem for each in rendered)
-"""
+    """In processes of their own, since the seed of hashes is set as Python starts."""
+    hodo = Path(sysconfig.get_path("scripts")) / "hodo"
+    formats = [option for name in FORMATS for option in ("--format", name)]
     hashes = []
     for seed in "01":
-        folder = tmp_path / seed
-        alone(
-            code,
-            runs,
-            folder,
-            PYTHONHASHSEED=seed,
-            SOURCE_DATE_EPOCH=str(1_000_000_000 * int(seed)),
-        )
-        hashes.append(
-            {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
-        )
+        environment = {"PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": str(1_000_000_000 * int(seed))}
+        for paper, names in (("paper1", ["fig4", "fig13-all-entries"]), ("paper3", ["figure"])):
+            subprocess.run(
+                [hodo, "plot", runs / f"{paper}.h5", *names, *formats, "--out", tmp_path / seed],
+                env=os.environ | environment,
+                check=True,
+                capture_output=True,
+            )
+        files = sorted((tmp_path / seed).rglob("*.*"))
+        hashes.append({path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files})
     assert len(hashes[0]) == 12
     assert hashes[0] == hashes[1]
 
 
 def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Path) -> None:
-    alone(
-        """
-with open_results(runs / "paper1.h5") as results:
-    out = Path(sys.argv[2])
-    said = refused(lambda: plot.render(results, ["fgi4"], ("png",), out))
-    assert "no figure 'fgi4'" in said and "did you mean 'fig4'?" in said
-    assert "did you mean 'png'?" in refused(lambda: plot.render(results, ["fig4"], ("pgn",), out))
-    assert not out.exists()
+    with open_results(runs / "paper1.h5") as results:
+        out = tmp_path / "out"
+        said = refused(lambda: plot.render(results, ["fgi4"], ("png",), out))
+        assert "no figure 'fgi4'" in said
+        assert "did you mean 'fig4'?" in said
+        assert "did you mean 'png'?" in refused(
+            lambda: plot.render(results, ["fig4"], ("pgn",), out)
+        )
+        assert not out.exists()
 
-    spec = results.figure("fig4")
-    assert "no case 'gif4'" in refused(lambda: sheets.draw({**spec, "cases": ("gif4",)}, results))
-    series = {**results.figure("fig12-sensitivity"), "variables": ("x",)}
-    said = refused(lambda: sheets.draw(series, results))
-    assert "fig12-all-entries has no variable 'x'" in said and "omega" in said
-    for wrong in ("omega", "omega.x4", "time.x1", "omega."):
-        assert "no variable" in refused(lambda: sheets.draw({**series, "variables": (wrong,)}, results))
+        spec = results.figure("fig4")
+        assert "no case 'gif4'" in refused(
+            lambda: figures.draw({**spec, "cases": ("gif4",)}, results)
+        )
+        series = {**results.figure("fig12-sensitivity"), "variables": ("u1",)}
+        said = refused(lambda: figures.draw(series, results))
+        assert "fig12-all-entries has no variable 'u1'" in said
+        assert "omega" in said
+        for wrong in ("omega", "omega.x4", "time.x1", "omega."):
+            assert "no variable" in refused(
+                lambda wrong=wrong: figures.draw({**series, "variables": (wrong,)}, results)
+            )
 
-    said = refused(lambda: sheets.draw({**series, "labels": (r"$\\frac{$",)}, results))
-    assert "is not TeX" in said
-    inset = {"panel": "T", "case": "fig12-all-entries", "variables": ("T",), "box": (0, 0, 1, 1)}
-    said = refused(lambda: sheets.draw({**series, "variables": ("D/2T",), "inset": inset}, results))
-    assert "none of the panels (D/2T)" in said
+        said = refused(lambda: figures.draw({**series, "labels": (r"$\frac{$",)}, results))
+        assert "is not TeX" in said
+        inset = {
+            "panel": "T",
+            "case": "fig12-all-entries",
+            "variables": ("T",),
+            "box": (0, 0, 1, 1),
+        }
+        said = refused(
+            lambda: figures.draw({**series, "variables": ("D/2T",), "inset": inset}, results)
+        )
+        assert "none of the panels (D/2T)" in said
 
-    results.config.figures["fig6"]["cases"] = ("gone",)
-    first, second = plot.render(results, ["fig6", "fig8"], ("png",), out)
-    assert "no case 'gone'" in first.problem and not first.files
-    assert not second.problem and second.files[0].is_file()
-with open_results(runs / "paper3.h5") as results:
-    assert "no angular momentum" in refused(lambda: sheets.draw({**spec, "cases": ("case1",)}, results))
-""",
-        runs, tmp_path / "out",
-    )  # fmt: skip
+        results.config.figures["fig6"]["cases"] = ("gone",)
+        first, second = plot.render(results, ["fig6", "fig8"], ("png",), out)
+        assert "no case 'gone'" in first.problem
+        assert not first.files
+        assert not second.problem
+        assert second.files[0].is_file()
+    with open_results(runs / "paper3.h5") as results:
+        assert "no angular momentum" in refused(
+            lambda: figures.draw({**spec, "cases": ("case1",)}, results)
+        )
 
 
 def test_the_page_is_self_contained_and_escapes_what_files_say(runs: Path, tmp_path: Path) -> None:
-    alone(
-        """
-import base64, dataclasses
-from html.parser import HTMLParser
-from hodo_cli.figures import page
-out = Path(sys.argv[2])
-bad = '<script>alert("&")</script>'
-with open_results(runs / "paper1.h5") as results:
-    results.config = dataclasses.replace(results.config, title=bad, references=bad)
-    results.config.figures["fig4"]["caption"] = bad
-    results.config.figures["fig7"]["cases"] = (bad,)
-    rendered = plot.render(results, ["fig4", "fig12-all-entries", "fig7"], ("png", "csv"), out / "paper1")
-    page.write(out / "index.html", [(results, rendered)])
-text = (out / "index.html").read_text()
 
-class Reader(HTMLParser):
-    def __init__(self):
-        super().__init__()
-        self.tags, self.links, self.images, self.ids, self.open = set(), [], [], set(), []
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        self.tags.add(tag)
-        self.ids |= {attrs["id"]} & set(attrs.values()) if "id" in attrs else set()
-        self.links += [attrs["href"]] if "href" in attrs else []
-        self.images += [attrs["src"]] if tag == "img" else []
-        if tag not in ("meta", "img"):
-            self.open.append(tag)
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
+    out = tmp_path
+    bad = '<script>alert("&")</script>'
+    with open_results(runs / "paper1.h5") as results:
+        results.config = dataclasses.replace(results.config, title=bad, references=bad)
+        results.config.figures["fig4"]["caption"] = bad
+        results.config.figures["fig7"]["cases"] = (bad,)
+        rendered = plot.render(
+            results, ["fig4", "fig12-all-entries", "fig7"], ("png", "csv"), out / "paper1"
+        )
+        page.write(out / "index.html", [(results, rendered)])
+    text = (out / "index.html").read_text()
 
-reader = Reader()
-reader.feed(text)
-assert not reader.open and "script" not in reader.tags and "link" not in reader.tags and "http" not in text
-assert {"paper1", "paper1-fig4", "paper1-fig12-all-entries"} <= reader.ids
-images = [base64.b64decode(source.removeprefix("data:image/png;base64,")) for source in reader.images]
-assert images == [(out / "paper1" / f"{name}.png").read_bytes() for name in ("fig4", "fig12-all-entries")]
-for link in reader.links:
-    assert link[1:] in reader.ids if link.startswith("#") else (out / link).resolve().is_file(), link
-assert "Not drawn" in text
-for time in ("305.3589551667", "256.993064559", "1624.840204"):
-    assert time in text
-for case in ("fig1-1", "fig12-r1.4", "fig18"):
-    assert f"<td class=n>{case}</td>" in text
-assert "damping (0.005, 0.004, 0.003); initial p = 0.8, q = 0.5, r = 0.74; time 0 to 1000" in text
-assert "not dissipative" in text
-""",
-        runs, tmp_path,
-    )  # fmt: skip
+    class Reader(HTMLParser):
+        def __init__(self):
+            super().__init__()
+            self.tags, self.links, self.images, self.ids, self.open = set(), [], [], set(), []
+
+        def handle_starttag(self, tag, attrs):
+            attrs = dict(attrs)
+            self.tags.add(tag)
+            self.ids |= {attrs["id"]} & set(attrs.values()) if "id" in attrs else set()
+            self.links += [attrs["href"]] if "href" in attrs else []
+            self.images += [attrs["src"]] if tag == "img" else []
+            if tag not in ("meta", "img"):
+                self.open.append(tag)
+
+        def handle_endtag(self, tag):
+            assert self.open.pop() == tag
+
+    reader = Reader()
+    reader.feed(text)
+    assert not reader.open
+    assert "script" not in reader.tags
+    assert "link" not in reader.tags
+    assert "http" not in text
+    assert {"paper1", "paper1-fig4", "paper1-fig12-all-entries"} <= reader.ids
+    images = [
+        base64.b64decode(source.removeprefix("data:image/png;base64,")) for source in reader.images
+    ]
+    assert images == [
+        (out / "paper1" / f"{name}.png").read_bytes() for name in ("fig4", "fig12-all-entries")
+    ]
+    for link in reader.links:
+        assert (
+            link[1:] in reader.ids if link.startswith("#") else (out / link).resolve().is_file()
+        ), link
+    assert "Not drawn" in text
+    for time in ("305.3589551667", "256.993064559", "1624.840204"):
+        assert time in text
+    for case in ("fig1-1", "fig12-r1.4", "fig18"):
+        assert f"<td class=n>{case}</td>" in text
+    assert (
+        "damping (0.005, 0.004, 0.003); initial p = 0.8, q = 0.5, r = 0.74; time 0 to 1000" in text
+    )
+    assert "not dissipative" in text
 
 
 @pytest.mark.parametrize("order", list(permutations((1.0, 0.8, 0.6))))

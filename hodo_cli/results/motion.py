@@ -300,7 +300,6 @@ QUANTITIES: dict[str, Derive] = {
     "y": _stored_or("y", lambda omega: omega[:, 2] ** 2),
     "Gz": lambda m: _first_integral(m, "Gz"),
     "H": lambda m: _first_integral(m, "H"),
-    **{name: lambda m, name=name: m.stored(name) for name in ("u1", "u2", "u3")},  # type: ignore[misc]
 }
 """Quantities over time (n,) by name, from what is stored of a motion. Each raises KeyError with the
 stored variable that it needs and the case does not have."""
