@@ -85,9 +85,14 @@ bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); 
 			| $(BIN)/python tools/tables.py docs/accuracy.md "bench: $$config"; \
 	done; exit $$status
 
-docs: $(READY)  ## Renew what the documents quote from the program
+docs: docs/papers.md  ## Renew what the documents quote from the program
 	$(BIN)/hodo schema --table | $(BIN)/python tools/tables.py docs/case-files.md keys
 	$(BIN)/python tools/models.py | $(BIN)/python tools/tables.py docs/models.md models
+
+docs/papers.md: claims  ## Renew what is said of the papers, from the verdicts of `make claims`
+	for paper in $(PAPERS:configs/%.yaml=%); do \
+		$(BIN)/python tools/papers.py runs/$$paper.h5 | $(BIN)/python tools/tables.py $@ $$paper; \
+	done
 
 lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
 	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml

@@ -542,6 +542,19 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
     assert "at 0.400752, 1.75678, 4.19675" in three["signs-change"]["evidence"]
 
 
+def test_the_document_on_the_papers_has_every_statement_and_misprint() -> None:
+    """What `make docs` prints of the verdicts is that of the case files as they are now."""
+    text = (ROOT / "docs" / "papers.md").read_text(encoding="utf-8").replace("\\", "")
+    for paper in PAPERS:
+        config = load(ROOT / "configs" / f"{paper}.yaml")
+        for claim in config.claims:
+            said = " ".join(claim["statement"].split())
+            rows = [line for line in text.splitlines() if f"| {said}" in line]
+            assert any(f"| {claim['expect']} |" in row for row in rows), said
+        for each in config.errata:
+            assert f"| {each['printed']} | {each['should_be']} |" in text
+
+
 def test_the_literal_tensor_crosses_once_at_most_and_to_x1_alone() -> None:
     """dD/dt = -2 c (p + r) [(A1 - A2) p - (A2 - A3) r] is 0.16 c r^2 where D = 0, for this body."""
     A, c = np.array([1.0, 0.8, 0.6]), 0.005

@@ -1,0 +1,144 @@
+"""Print what a result says about its paper, in Markdown: `python tools/papers.py runs/paper1.h5`.
+
+The verdicts must be stored (`hodo claims`). Statements, errata and readings come from the result
+itself; links go to the figures that `make figures` draws.
+"""
+
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hodo_cli.cases.claim_block import (
+    CONTRADICTED,
+    MISPRINTS,
+    PLOTTING,
+    REPRODUCED,
+    UNDERDETERMINED,
+    VERDICTS,
+    readings,
+)
+from hodo_cli.cases.config import Config, parse
+from hodo_cli.commands.tables import totals
+from hodo_cli.results.hdf5 import Run, open_run
+
+LONGEST = 400
+"""Characters of evidence that a cell holds; `hodo claims` prints all of it."""
+
+
+def cell(text: str) -> str:
+    """Text in a cell of a table: on one line, with no character that Markdown obeys."""
+    short = text if len(text) <= LONGEST else f"{text[:LONGEST].rsplit(' ', 1)[0]} ..."
+    for mark in "|*_<":
+        short = short.replace(mark, f"\\{mark}")
+    return " ".join(short.split())
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; its cells are Markdown already."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def stored(run: Run, name: str) -> list[dict[str, Any]]:
+    """The rows of `_claims` or `_errata`."""
+    if name not in run:
+        sys.exit(f"{run.path} holds no verdicts: run `hodo claims` first")
+    variables = run.read(name).variables
+    columns = {key: variable.data.tolist() for key, variable in variables.items()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def figures_of(where: str, config: Config, stem: str) -> str:
+    """Links to the figures that a place in the text names, under all readings."""
+    numbers = []
+    for first, last in re.findall(r"Figs? (\d+)(?:(?:-| and |, )(\d+))?", where):
+        numbers += range(int(first), int(last or first) + 1)
+    names = [
+        name
+        for name in config.figures
+        if (found := re.match(r"fig(\d+)(?!\d)", name)) and int(found[1]) in numbers
+    ]
+    return ", ".join(f"[{name}](../runs/figures/{stem}/{name}.png)" for name in names)
+
+
+def statements(rows: Sequence[Mapping[str, Any]], config: Config, stem: str) -> str:
+    """Every statement with its verdict and what decides it."""
+    lines = []
+    for row in rows:
+        quoted = f"{cell(row['statement'])}<br>*{cell(row['original'])}*"
+        said = cell(row["statement"]) if not row["original"] else quoted
+        remarks = "; ".join(filter(None, (row["measured"], row["note"])))
+        figures = figures_of(row["where"], config, stem)
+        where = f"{cell(row['where'])}<br>{figures}" if figures else cell(row["where"])
+        lines.append([where, said, row["verdict"], cell(row["evidence"]), cell(remarks)])
+    header = ("where", "statement", "verdict", "decided by", "measured; notes")
+    return f"{table(header, lines)}\n\n{totals('statement', rows, VERDICTS)}."
+
+
+def errata(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Every misprint with what shows it."""
+    names = ("where", "printed", "should_be", "verdict", "evidence")
+    lines = [[cell(row[name]) for name in names] for row in rows]
+    header = ("where", "printed", "should be", "verdict", "shown by")
+    return f"{table(header, lines)}\n\n{totals('erratum', rows, MISPRINTS)}."
+
+
+def assumptions(config: Config) -> str:
+    """What the cases of the figures take that the paper does not print."""
+    shown = {name for figure in config.figures.values() for name in figure.get("cases", ())}
+    taken: dict[str, list[str]] = {}
+    for name, case in config.cases.items():
+        for key, text in case.assumes.items() if name in shown else ():
+            taken.setdefault(f"{key}: {text}", []).append(name)
+    if not taken:
+        return "The paper prints everything that its figures need."
+    lines = [[cell(text), cell(", ".join(names))] for text, names in taken.items()]
+    return table(("taken", "by the cases"), lines)
+
+
+def decided(config: Config, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """What each reading of the text decides, for the statements that have several."""
+    evidence = {row["claim"]: (row["verdict"], row["evidence"]) for row in rows}
+    for claim in config.claims:
+        if len(readings(claim)) > 1:
+            verdict, words = evidence[claim["id"]]
+            yield f"- {cell(claim['statement'])} **{verdict}**: {cell(words)}"
+
+
+def open_statements(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The statements that do not simply hold."""
+    for verdict in (CONTRADICTED, UNDERDETERMINED):
+        for row in rows:
+            if row["verdict"] == verdict:
+                note = f" {cell(row['note'])}." if row["note"] else ""
+                yield f"- **{verdict}** ({cell(row['where'])}): {cell(row['statement'])}{note}"
+
+
+def page(run: Run) -> str:
+    """All that a result says about its paper."""
+    config, stem = parse(run.text, str(run.path)), run.path.stem
+    claims, misprints = stored(run, "_claims"), stored(run, "_errata")
+    holds = sum(row["verdict"] in (REPRODUCED, PLOTTING) for row in claims)
+    errors = [run.row(name, {"error": float})["error"] for name in run.cases()]
+    largest = max((error for error in errors if error == error), default=float("nan"))
+    parts = [
+        f"## {config.title}\n\n{config.references}",
+        f"{len(config.figures)} figures and {len(config.cases)} cases, with a measured error of at "
+        f"most {largest:.1g}; {holds} of {len(claims)} statements hold. All figures: "
+        f"`runs/figures/{stem}/`, drawn by `make figures`.",
+        f"### What the text says\n\n{statements(claims, config, stem)}",
+        f"### Errata\n\n{errata(misprints)}",
+        f"### What the text leaves open\n\n{assumptions(config)}",
+    ]
+    if lines := [*decided(config, claims)]:
+        parts.append("What the readings decide:\n\n" + "\n".join(lines))
+    if lines := [*open_statements(claims)]:
+        parts.append("### Statements that stay open\n\n" + "\n".join(lines))
+    return "\n\n".join(parts)
+
+
+if __name__ == "__main__":
+    with open_run(Path(sys.argv[1])) as result:
+        print(page(result))
