@@ -504,7 +504,8 @@ PAPER1 = {
         3000,
     ),
 }
-"""(lambda1, lambda2, lambda3), (diagonal, off-diagonal) or all nine entries; p, q, r at the start; horizon.
+"""(lambda1, lambda2, lambda3), (diagonal, off-diagonal) or all nine entries; p, q, r at the start;
+horizon.
 
 r = None is the double nearest to the root of |G(0)| = 1, 0x1.678406772a408p+0; sqrt(1 - 0.29) / 0.6
 is one ulp lower.

@@ -1,7 +1,8 @@
 """Random tensors tuned so that D touches zero almost, or passes it twice at any small distance.
 
-`near_tangents` draws a body and a tensor, moves the start until D has an extremum at zero, and then an entry of the
-tensor that is so small that its last bit moves D by less than 1e-20. All of it in the big integers of `series`.
+`near_tangents` draws a body and a tensor, moves the start until D has an extremum at zero, and then
+an entry of the tensor that is so small that its last bit moves D by less than 1e-20. All of it in
+the big integers of `series`.
 """
 
 import random
@@ -63,7 +64,8 @@ def extrema(A: Any, I: Any, start: Any, end: float, side: int) -> Iterator[Extre
 
 
 def near_tangents(seed: int, separations: list[float], span: float = 12.0) -> Iterator[Tangent]:
-    """One motion for each separation of its pair of crossings, or none if the draw has no extremum to tune."""
+    """One motion for each separation of its pair of crossings, or none if the draw has no extremum
+    to tune."""
     rng = random.Random(seed)
     A = [1.0, rng.uniform(0.65, 0.95), 0.0]
     A[2] = rng.uniform(max(1.02 - A[1], 0.4), A[1] - 0.05)
@@ -112,7 +114,8 @@ def near_tangents(seed: int, separations: list[float], span: float = 12.0) -> It
 def _touching(
     start: list[float], moved: int, extremum: Callable[..., Extremum | None]
 ) -> Extremum | None:
-    """Move a component of the start by Newton's method until an extremum is 0, to the last digits."""
+    """Move a component of the start by Newton's method until an extremum is 0, to the last
+    digits."""
     best = extremum()
     if best is None or abs(best.value) > 0.2:
         return None

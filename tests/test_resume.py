@@ -1,4 +1,5 @@
-"""What makes a stored result stale: a line changed anywhere in what computes it, and nothing else."""
+"""What makes a stored result stale: a line changed anywhere in what computes it, and nothing
+else."""
 
 import os
 import shutil
@@ -141,7 +142,8 @@ def compute(task: int) -> int:
 
 
 def test_a_result_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Workers are processes of their own: they have the mark of the sources, this process another."""
+    """Workers are processes of their own: they have the mark of the sources, this process
+    another."""
     monkeypatch.setattr(pool, "mark", lambda: "another")
     with pool.pool(2) as workers, pytest.raises(HodoError, match="computes with other code"):
         next(workers.map(compute, [1]))

@@ -1,4 +1,5 @@
-"""What a case file's `claims:` block takes: the statements of a text, and how each of them is checked."""
+"""What a case file's `claims:` block takes: the statements of a text, and how each of them is
+checked."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
@@ -58,7 +59,8 @@ QUANTITIES = {
     "end_of_spin": "time at which r reaches 0; infinite if it does not",
     "rebound_u3": "time at which u3 touches 1, where |Gz| = C |r|; infinite if it does not",
 }
-"""The quantities that a check may name, over time or one number for a motion; `claims.quantities` computes them."""
+"""The quantities that a check may name, over time or one number for a motion; `claims.quantities`
+computes them."""
 
 
 AXIS = Choice("x1", "x2", "x3")
@@ -66,62 +68,99 @@ QUANTITY = Choice(*QUANTITIES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
 SEVERAL = Key(ListOf(QUANTITY), "quantities over time")
 
+AXES = {
+    "start": Key(AXIS, "axis enclosed at the start", default=None),
+    "end": Key(AXIS, "axis enclosed at the end", default=None),
+}
+
+CROSSINGS = {
+    "least": Key(Integer(least=0), "the fewest crossings", default=0),
+    "most": Key(Integer(least=0), "the most crossings", default=None),
+    "from": Key(AXIS, "axis that every crossing leaves", default=None),
+    "to": Key(AXIS, "axis that every crossing goes to", default=None),
+}
+
+VALUE = {
+    "values": Key(
+        Each(ListOf(Number()), "quantities to lists of numbers"), "the values, one for each case"
+    ),
+    "at": AT,
+    "within": Key(
+        Number(least=0), "difference allowed, such as half a unit of the last digit printed"
+    ),
+}
+
+BOUND = {
+    "of": Key(QUANTITY, "quantity"),
+    "at": Key(
+        Choice("start", "end", "always"), "where a quantity over time is taken", default="end"
+    ),
+    "least": Key(Number(), "lower bound", default=None),
+    "most": Key(Number(), "upper bound", default=None),
+}
+
+MONOTONE = {
+    "of": SEVERAL,
+    "sense": Key(Choice("falls", "rises"), "falls or rises, throughout"),
+}
+
+ORDER = {
+    "of": Key(QUANTITY, "quantity, compared from case to case"),
+    "at": AT,
+    "sense": Key(Choice("falls", "rises", "equal"), "how the values follow each other"),
+    "by": Key(Integer(least=2), "group size (default: all cases in one group)", default=None),
+}
+
+CONSERVED = {
+    "of": SEVERAL,
+    "within": Key(Number(least=0), "change allowed, relative to the largest value", default=1e-12),
+}
+
+AVERAGE = {
+    "variable": Key(
+        Text(), "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)"
+    ),
+    "at": Key(
+        ListOf(Each(Integer(least=0), "axes to positions, from zero")),
+        "positions at which it is averaged over the other axes",
+        default=(),
+    ),
+    "along": Key(
+        NAMES,
+        "axes to compare: by how much the average over the others varies along each",
+        default=(),
+    ),
+    "sense": Key(
+        Choice("falls", "rises", "equal"), "how the averages follow each other", default=None
+    ),
+    "least": Key(Number(), "lower bound of each average", default=None),
+    "most": Key(Number(), "upper bound of each average", default=None),
+    "within": Key(
+        Number(least=0), "largest difference of averages that count as equal", default=1e-12
+    ),
+}
+
+PAPER = {
+    "name": Key(Text(), "a check written in Python for one paper (`hodo_cli/claims/paper*.py`)")
+}
+
 KINDS: dict[str, dict[str, Key]] = {
-    "axis": {
-        "start": Key(AXIS, "axis enclosed at the start", default=None),
-        "end": Key(AXIS, "axis enclosed at the end", default=None),
-    },
-    "crossings": {
-        "least": Key(Integer(least=0), "the fewest crossings", default=0),
-        "most": Key(Integer(least=0), "the most crossings", default=None),
-        "from": Key(AXIS, "axis that every crossing leaves", default=None),
-        "to": Key(AXIS, "axis that every crossing goes to", default=None),
-    },
-    "value": {
-        "values": Key(Each(ListOf(Number()), "quantities to lists of numbers"), "the values, one for each case"),
-        "at": AT,
-        "within": Key(Number(least=0), "difference that is allowed: half a unit of the last digit given, say"),
-    },
-    "bound": {
-        "of": Key(QUANTITY, "quantity"),
-        "at": Key(Choice("start", "end", "always"), "where a quantity over time is taken", default="end"),
-        "least": Key(Number(), "lower bound", default=None),
-        "most": Key(Number(), "upper bound", default=None),
-    },
-    "monotone": {"of": SEVERAL, "sense": Key(Choice("falls", "rises"), "falls or rises, throughout")},
-    "order": {
-        "of": Key(QUANTITY, "quantity, compared from case to case"),
-        "at": AT,
-        "sense": Key(Choice("falls", "rises", "equal"), "how the values follow each other"),
-        "by": Key(Integer(least=2), "group size (if left out: all cases in one group)", default=None),
-    },
-    "conserved": {
-        "of": SEVERAL,
-        "within": Key(Number(least=0), "change that is allowed, relative to the largest value", default=1e-12),
-    },
-    "average": {
-        "variable": Key(Text(), "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)"),
-        "at": Key(
-            ListOf(Each(Integer(least=0), "axes to positions, from zero")),
-            "positions at which it is averaged over the other axes",
-            default=(),
-        ),
-        "along": Key(
-            NAMES, "axes; along each, how much the average over the other axes varies is compared", default=()
-        ),
-        "sense": Key(Choice("falls", "rises", "equal"), "how the averages follow each other", default=None),
-        "least": Key(Number(), "lower bound of each average", default=None),
-        "most": Key(Number(), "upper bound of each average", default=None),
-        "within": Key(Number(least=0), "difference of averages that are called equal", default=1e-12),
-    },
-    "paper": {"name": Key(Text(), "a check written in Python for one paper (`hodo_cli/claims/paper*.py`)")},
-}  # fmt: skip
+    "axis": AXES,
+    "crossings": CROSSINGS,
+    "value": VALUE,
+    "bound": BOUND,
+    "monotone": MONOTONE,
+    "order": ORDER,
+    "conserved": CONSERVED,
+    "average": AVERAGE,
+    "paper": PAPER,
+}
 """What each kind of check takes."""
 
 CHECK = Variant("kind", KINDS)
 ID = Key(Text(), "name")
 CASES = Key(NAMES, "cases that it concerns", default=())
-OVER = Key(SWEEP, "the check is made for every member of this sweep of the cases", default=None)
+OVER = Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None)
 
 READING = {
     "cases": CASES,
@@ -137,7 +176,7 @@ CLAIM = {
     "cases": CASES,
     "readings": Key(
         Each(Table(READING), "names to cases, and to a check and members of their own"),
-        "in the place of `cases`: the ways to read the text, each with its cases; "
+        "instead of `cases`: the ways to read the text, each with its cases; "
         "a statement on which they disagree is under-determined",
         default={},
     ),
@@ -149,16 +188,16 @@ CLAIM = {
     "check": Key(CHECK, "how it is checked", default=None),
     "over": OVER,
     "start": Key(
-        AXIS, "leave out the members of `over` that start about another axis", default=None
+        AXIS, "leaves out the members of `over` that start about another axis", default=None
     ),
     "share": Key(
         Number(above=0, most=1),
         "the members of `over` are a sample, and this share of them must comply "
-        "(if left out: they are a grid over what the text leaves open)",
+        "(default: they are a grid over what the text leaves open)",
         default=None,
     ),
     "measured": Key(
-        Text(), "what is measured in the place of a statement that no check can decide", default=""
+        Text(), "what is measured instead, if no check can decide the statement itself", default=""
     ),
     "expect": Key(Choice(*VERDICTS), "expected verdict; another gives exit status 3"),
     "note": Key(Text(), "remark", default=""),
@@ -173,7 +212,7 @@ ERRATUM = {
     "cases": CASES,
     "check": Key(
         CHECK,
-        "shows the printed form wrong and the corrected one right (if left out: seen by reading)",
+        "shows that the printed form is wrong and the corrected one right (default: reading shows it)",
         default=None,
     ),
     "note": Key(Text(), "remark", default=""),

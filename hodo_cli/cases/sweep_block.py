@@ -55,9 +55,16 @@ itself."""
 RESERVED = ("time", "axis", "member")
 
 REDUCED = (
-    "crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings", "start_axis", "end_axis", "share",
+    "crossing_time",
+    "crossing_from",
+    "crossing_to",
+    "crossing_G",
+    "crossings",
+    "start_axis",
+    "end_axis",
+    "share",
     "separation",
-)  # fmt: skip
+)
 """What a member of a sweep is reduced to, besides its final state, where a hodograph encloses an
 axis."""
 

@@ -1,7 +1,7 @@
 """The general kinds of check, for statements of any text on motions and on sweeps.
 
-Each takes its own keys and the motions of the claim's cases, in order, and yields a Finding. What only one paper says is
-checked by a function in that paper's module.
+Each takes its own keys and the motions of the claim's cases, in order, and yields a Finding. What
+only one paper says is checked by a function in that paper's module.
 """
 
 import itertools
@@ -97,7 +97,8 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Quantities that only fall or only rise; decided by the largest violation relative to the range."""
+    """Quantities that only fall or only rise; decided by the largest violation relative to the
+    range."""
     sign = 1 if check["sense"] == "falls" else -1
     worst, words = 0.0, []
     for m in motions:
@@ -106,15 +107,14 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
             back = values - np.minimum.accumulate(values)
             if violation := beyond(float(back.max()) / size(m, name), ROUNDING):
                 worst = max(worst, violation)
-                words.append(
-                    f"{name} goes back by {violation:.2g} of its range at {m.time[back.argmax()]:.4g}"
-                )
+                when = f"{m.time[back.argmax()]:.4g}"
+                words.append(f"{name} goes back by {violation:.2g} of its range at {when}")
     return Finding(worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back")
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """How values follow each other from case to case; decided by the smallest step or, for equal ones, by how far
-    they are apart.
+    """How values follow each other from case to case; decided by the smallest step or, for equal
+    ones, by how far they are apart.
     """
     values, by = [number(m, check["of"], check["at"]) for m in motions], check["by"] or len(motions)
     groups = [values[i : i + by] for i in range(0, len(values), by)]
@@ -149,8 +149,8 @@ KINDS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
 
 
 def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> Finding:
-    """Averages over the members of a sweep, at positions, or how much they vary along axes: bounds, and how they
-    follow each other; decided by the last of them.
+    """Averages over the members of a sweep, at positions, or how much they vary along axes: bounds,
+    and how they follow each other; decided by the last of them.
     """
     name = check["variable"]
     found = [float(average(columns, axes, name, (), at)) for at in check["at"]]

@@ -20,8 +20,8 @@ ROUNDING = 1e-12
 class Finding:
     """What a check found: the deviation, the number that decides, and this in words.
 
-    The deviation is 0 where the statement holds, else its violation relative to the range of the quantity (as an axis
-    that shows it is drawn, zero included), infinite for yes/no statements.
+    The deviation is 0 where the statement holds, else its violation relative to the range of the
+    quantity (as an axis that shows it is drawn, zero included), infinite for yes/no statements.
     """
 
     deviation: float

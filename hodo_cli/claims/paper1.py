@@ -48,7 +48,8 @@ def no_closed_form(motions: Sequence[Motion]) -> Finding:
 
 @check
 def free_rotation_from_q0(motions: Sequence[Motion]) -> Finding:
-    """Free motion from any start is the closed form for q0 = 0, with time counted from a passage of q through 0."""
+    """Free motion from any start is the closed form for q0 = 0, with time counted from a passage of
+    q through 0."""
     pairs = []
     for m in motions:
         since, passage = passage_of_q(m)
@@ -69,8 +70,8 @@ def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
 
 @check
 def turning_axis(motions: Sequence[Motion]) -> Finding:
-    """A free motion goes round the axis whose component of G never changes sign, and that is the axis enclosed by
-    the criterion 2 T A1 >= G^2 > 2 T A2.
+    """A free motion goes round the axis whose component of G never changes sign, and that is the
+    axis enclosed by the criterion 2 T A1 >= G^2 > 2 T A2.
     """
     right = 0
     for m in motions:
@@ -146,7 +147,8 @@ def decay_rate(m: Motion) -> float:
 
 
 def factorial_effects(values: Sequence[float]) -> tuple[float, float]:
-    """The mean effects of two factors on values at (low, low), (high, low), (low, high), (high, high)."""
+    """The mean effects of two factors on values at (low, low), (high, low), (low, high), (high,
+    high)."""
     low, first_high, second_high, both = values
     return abs(first_high - low + both - second_high) / 2, abs(
         second_high - low + both - first_high
@@ -155,7 +157,8 @@ def factorial_effects(values: Sequence[float]) -> tuple[float, float]:
 
 @check
 def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
-    """The diagonal entries, the first factor, have more effect on the decay of |G| than the others, the second."""
+    """The diagonal entries, the first factor, have more effect on the decay of |G| than the others,
+    the second."""
     values = [decay_rate(m) for m in motions]
     diagonal, off = factorial_effects(values)
     words = f"rate of decay {listed(values)}: effects {listed((diagonal, off))}"
@@ -164,7 +167,8 @@ def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
 
 @check
 def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
-    """The off-diagonal entries, the second factor, have more effect on the largest p^2 in A than the diagonal ones."""
+    """The off-diagonal entries, the second factor, have more effect on the largest p^2 in A than
+    the diagonal ones."""
     values = [reach(m, 0) for m in motions]
     diagonal, off = factorial_effects(values)
     words = f"largest p^2 in A {listed(values)}: effects {listed((diagonal, off))}"
@@ -354,7 +358,8 @@ def equation_6(motions: Sequence[Motion]) -> Finding:
 
 
 def as_in_equation_6(m: Motion) -> np.ndarray:
-    """omega (n, 3) by (5)-(6) as printed, for D < 0 or D > 0, with that of its two signs which is nearer."""
+    """omega (n, 3) by (5)-(6) as printed, for D < 0 or D > 0, with that of its two signs which is
+    nearer."""
     A1, A2, A3 = A = m.inertia
     start, lam = m.omega[0], m.case.data["damping"][0]
     h, G2 = (A * start * start).sum(), (A * A * start * start).sum()

@@ -56,12 +56,14 @@ def series(m: Motion, name: str) -> np.ndarray:
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:
-    """A quantity that is one number; of one over time its first or last value. Raises as `series` does."""
+    """A quantity that is one number; of one over time its first or last value. Raises as `series`
+    does."""
     return float(series(m, name)[0 if at == "start" else -1])
 
 
 def swept_angle(m: Motion, about: int, where: slice | np.ndarray = slice(None)) -> float:
-    """The turns that G makes about axis `about` (0, 1, 2) over the samples `where`, with their sign."""
+    """The turns that G makes about axis `about` (0, 1, 2) over the samples `where`, with their
+    sign."""
     one, other = ((m.inertia * m.omega)[where, i] for i in range(3) if i != about)
     angle = np.unwrap(np.arctan2(other, one))
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
@@ -107,7 +109,8 @@ def first(times: np.ndarray) -> float:
 
 
 def end_of_spin(m: Motion) -> float:
-    """The time at which r reaches 0: by the event, or by the change of sign of r where the form has no event."""
+    """The time at which r reaches 0: by the event, or by the change of sign of r where the form has
+    no event."""
     by_event = [time for kind, time in m.events if kind == "end_of_spin"]
     by_sign = zeros(m.time, m.omega[:, 2]) if "omega" in m.data else np.empty(0)
     return by_event[0] if by_event else first(by_sign)

@@ -63,7 +63,8 @@ def starting_axis(case: Case) -> str:
 
 
 def changed(case: Case, values: Mapping[str, Any]) -> Case:
-    """A case with other values at keys such as damping.2 or time.end, which it has; checked like any case.
+    """A case with other values at keys such as damping.2 or time.end, which it has; checked like
+    any case.
 
     Raises HodoError for a value that it cannot have.
     """

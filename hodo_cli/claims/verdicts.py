@@ -1,7 +1,9 @@
-"""Verdicts: over the motions of a result, over a grid of what a text leaves open, over a sample, over a stored sweep.
+"""Verdicts: over the motions of a result, over a grid of what a text leaves open, over a sample,
+over a stored sweep.
 
-Where a text leaves a value out, the check is made over a grid of it, and a statement that holds on a part of the grid is
-under-determined. A statement about all motions of a kind is checked on a sample of them, of which a share must comply.
+Where a text leaves a value out, the check is made over a grid of it, and a statement that holds on
+a part of the grid is under-determined. A statement about all motions of a kind is checked on a
+sample of them, of which a share must comply.
 """
 
 import math
@@ -103,7 +105,8 @@ def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict
 
 
 def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
-    """What an `average` finds in the one sweep that the claim names. Raises HodoError if there is no such sweep."""
+    """What an `average` finds in the one sweep that the claim names. Raises HodoError if there is
+    no such sweep."""
     name, *others = claim["cases"]
     if others:
         raise HodoError("a check of kind average takes one case")
@@ -121,7 +124,8 @@ def stored_motion(run: Run, name: str) -> Motion:
 
 
 def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions) -> Verdict:
-    """The verdict on one claim by the motions of its cases, in order, or by the members of its `over:`.
+    """The verdict on one claim by the motions of its cases, in order, or by the members of its
+    `over:`.
 
     Raises HodoError as `judge` does.
     """
@@ -140,7 +144,8 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
 
 
 def decide(check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
-    """What one check finds in one set of motions. Raises HodoError for a check that there is not."""
+    """What one check finds in one set of motions. Raises HodoError for a check that there is
+    not."""
     if check["kind"] != "paper":
         return KINDS[check["kind"]](check, motions)
     if (name := check["name"]) not in CHECKS:

@@ -20,7 +20,8 @@ HALVINGS = 64
 """Halvings after which an interval of a step is a point even in long double."""
 
 REFINEMENTS = 80
-"""More steps towards a zero than ever needed: bisection alone takes the 64 bits of a long double."""
+"""More steps towards a zero than ever needed: bisection alone takes the 64 bits of a long
+double."""
 
 
 class Zeros(NamedTuple):
@@ -59,7 +60,8 @@ def to_bernstein(basis: str, degree: int, dtype: np.dtype[Any]) -> np.ndarray:
 
 
 def _powers(basis: str, degree: int) -> list[list[int]]:
-    """The polynomials 0 to `degree` of a basis on [0, 1], each by the coefficients of its powers."""
+    """The polynomials 0 to `degree` of a basis on [0, 1], each by the coefficients of its
+    powers."""
     if basis == TAYLOR:
         return [[int(k == n) for k in range(n + 1)] for n in range(degree + 1)]
     if basis == LEGENDRE:
@@ -106,9 +108,9 @@ def rounding(c: np.ndarray, basis: str) -> np.ndarray:
     """What rounding may change the values of polynomials by (...,), from their coefficients
     (..., degree + 1).
 
-    In whatever order it is added up, a sum of n + 1 products has met n + 2 roundings of half an eps,
-    each of at most the sum of the products' sizes; those are the coefficients times the largest
-    entries of their rows of `to_bernstein`.
+    In whatever order it is added up, a sum of n + 1 products has met n + 2 roundings of half an
+    eps, each of at most the sum of the products' sizes; those are the coefficients times the
+    largest entries of their rows of `to_bernstein`.
     """
     degree = c.shape[-1] - 1
     growth = np.abs(to_bernstein(basis, degree, c.dtype)).max(axis=1)

@@ -66,9 +66,9 @@ class Leg(NamedTuple):
 
 
 Observer = Callable[[Any, Any, np.ndarray], None]
-"""Called after each step as observer(start, end, series): the state's polynomial on the step, by its
-coefficients (m, degree + 1) in the `basis` of the engine. They are lent, not given: heyoka writes
-those of the next step into the same array."""
+"""Called after each step as observer(start, end, series): the state's polynomial on the step, by
+its coefficients (m, degree + 1) in the `basis` of the engine. They are lent, not given: heyoka
+writes those of the next step into the same array."""
 
 
 class Engine(Protocol):

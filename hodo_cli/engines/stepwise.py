@@ -101,9 +101,8 @@ class Stepwise:
             return found
         times = start + (end - start) * SUBSTEPS.astype(self.dtype)
         states = dense(times)
-        states[:, 0] = (
-            before  # where dense has rounding: a motion that starts at a zero does not pass through it
-        )
+        # There the dense output has rounding, and a motion that starts at a zero does not pass it.
+        states[:, 0] = before
         for i, event in enumerate(self.events):
 
             def value(t: Any, event: Event = event) -> Any:

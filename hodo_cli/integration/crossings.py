@@ -174,7 +174,8 @@ class Watcher:
     def _mark(
         self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
     ) -> None:
-        """Keep marks at places x (k,) in steps with the Bernstein coefficients b (n, 3, degree + 1)."""
+        """Keep marks at places x (k,) in steps with the Bernstein coefficients b (n, 3, degree +
+        1)."""
         A, degree = self.A.astype(b.dtype), b.shape[2] - 1
         omega = np.matmul(b[row], weights(x, degree)[:, :, None])[:, :, 0]
         slope = np.matmul(np.diff(b[row], axis=2), weights(x, degree - 1)[:, :, None])[:, :, 0]
@@ -244,7 +245,8 @@ def decide(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> Verdi
 
 def _passage(marks: Marks, first: int, last: int) -> tuple[int, float]:
     """The mark at which a motion crosses between two marks, and half of the time between the first
-    and the last zero there. Where two steps meet, rounding may leave none: then it is the second."""
+    and the last zero there. Where two steps meet, rounding may leave none: then it is the
+    second."""
     roots = np.arange(first, last)[marks.vanishes[first:last]]
     if not roots.size:
         return last, (marks.time[last] - marks.time[first]) / 2

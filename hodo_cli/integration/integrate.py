@@ -20,7 +20,7 @@ ASKED = 1e-12
 def integrate(case: Case) -> Trajectory:
     """Integrate a case by its method and measure its error.
 
-    Raises HodoError if its method cannot be had here. A case that stops early comes back with
+    Raises HodoError if its method is not available here. A case that stops early comes back with
     status `timeout` or `failed` and the samples it reached.
     """
     method, reason, solution = tried(case)
@@ -62,7 +62,7 @@ def remarks(
         yield "the error could not be measured"
     for name, values in variables.items():
         if not np.isfinite(values).all():
-            yield f"{name} is stored as infinite or not a number where it has outgrown the largest double"
+            yield f"{name} has outgrown the largest double, and is stored as infinite or nan there"
 
 
 def tried(case: Case) -> tuple[str, str, Solution]:

@@ -11,8 +11,8 @@ from ..engines.protocol import extended
 from ..models.base import Model
 
 SLOWEST = -1000
-"""The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the motion's
-own would leave the range of doubles."""
+"""The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the
+motion's own would leave the range of doubles."""
 
 
 @dataclass(frozen=True)

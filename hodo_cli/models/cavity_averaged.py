@@ -137,8 +137,8 @@ class Averaged(Symmetric):
         "mean_start": MEAN_START,
         "at_separatrix": Key(
             Choice(STOP, OTHER, REVERSED),
-            "where a constant torque makes it a matter of chance what becomes of a motion that comes"
-            " to the separatrix",
+            "what becomes of a motion at the separatrix where a constant torque makes it a matter of "
+            "chance",
             default=STOP,
         ),
     }
@@ -196,11 +196,12 @@ class AveragedTriaxial(AveragedTurns, Cavity):
     (G^2)' = 2 epsilon M.<A omega>
 
     a >= b >= c are the moments with their axes sorted, <.> the mean over a turn of the free motion,
-    whose <omega> lies along the enclosed axis; the other symbols are those of the full form. Without
-    M every motion ends about the axis of the largest moment, and the passage through the separatrix
-    is foreseen as under linear resistance. With M it is a matter of chance which of four regions a
-    motion enters there: it stops, with the probability of the other axis, or takes the branch of
-    `at_separatrix`. Right to first order; without M, and with `mean_start: yes`, to second.
+    whose <omega> lies along the enclosed axis; the other symbols are those of the full form.
+    Without M every motion ends about the axis of the largest moment, and the passage through the
+    separatrix is foreseen as under linear resistance. With M it is a matter of chance which of four
+    regions a motion enters there: it stops, with the probability of the other axis, or takes the
+    branch of `at_separatrix`. Right to first order; without M, and with `mean_start: yes`, to
+    second.
 
     Source: F. L. Chernousko 1972, averaged; the probabilities after A. I. Neishtadt 1986.
     """
