@@ -1,5 +1,13 @@
 """hodo: batches of rigid-body rotation experiments, integrated, classified, plotted and checked."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .api import Case, open, plot, run, sweep
+
+__all__ = ["BatchError", "Case", "HodoError", "__version__", "open", "plot", "run", "sweep"]
+
 __version__ = "0.2.0.dev0"
 
 
@@ -9,3 +17,17 @@ class HodoError(Exception):
 
 class BatchError(HodoError):
     """Nothing can be computed or written any more: the batch ends, and no case is to blame."""
+
+
+LATE = ("Case", "open", "plot", "run", "sweep")
+"""The names of the Python API, whose libraries load when the first of them is used."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in LATE:
+        return getattr(import_module(".api", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *LATE})

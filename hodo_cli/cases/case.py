@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
-from .. import models
+from .. import HodoError, models
 from ..models.base import Model
 from ..schema.document import Block, locate, read
 from ..schema.frozen import frozen
@@ -104,6 +104,23 @@ def parse_case(text: str) -> Case:
         raise mistakes.error() from None
     mistakes.raise_any()  # a key that is given twice, say
     return case
+
+
+def case_from(given: Mapping[str, Any], name: str = "case") -> Case:
+    """The case that these keys of a case file describe, with every default filled in.
+
+    Raises HodoError, one line for each mistake: the key, and what is right.
+    """
+    if not NAME.fullmatch(name):
+        raise HodoError(f"{NAME_RULE}, not {shown(name)}")
+    block = Block()
+    for key, value in given.items():
+        block.put(key, value, Place(1, 1), Place(1, 1))
+    try:
+        return checked_case(name, block)
+    except Wrong as error:
+        lines = [f"{'.'.join(map(str, at))}: {said}" if at else said for at, said in error.mistakes]
+        raise HodoError("\n".join(lines)) from None
 
 
 def read_mapping(text: str, mistakes: Mistakes) -> Block:

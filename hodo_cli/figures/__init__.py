@@ -9,13 +9,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import matplotlib.style
-from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..results.dataset import Results
 from .maps import sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, series
-from .sheet import STYLE, Sheet, check_tex
+from .sheet import STYLE, Drawing, Sheet, check_tex
 from .space import hodograph, sphere
 
 DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
@@ -39,6 +38,6 @@ def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
         check_tex(text)
     with matplotlib.style.context(["default", STYLE]):
-        sheet = Sheet(Figure(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
+        sheet = Sheet(Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
         DRAW[spec["kind"]](sheet, spec, results)
     return sheet

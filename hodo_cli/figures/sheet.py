@@ -36,6 +36,10 @@ UNDATED: dict[str, dict[str, Any]] = {
 FORMATS = (*UNDATED, "csv")
 
 
+SCREEN = 150
+"""Dots per inch in a notebook: half of print's, which is as sharp on a screen."""
+
+
 @dataclass(frozen=True)
 class Shown:
     """One curve of a figure: the panel that holds it, its name, and the values drawn."""
@@ -43,6 +47,17 @@ class Shown:
     panel: str
     curve: str
     values: Mapping[str, np.ndarray]
+
+
+class Drawing(Figure):
+    """A figure that a notebook shows as an image by itself, whatever backend it has."""
+
+    def _repr_png_(self) -> bytes:
+        """The figure as PNG."""
+        image = io.BytesIO()
+        with matplotlib.style.context(["default", STYLE]):
+            self.savefig(image, format="png", dpi=SCREEN)
+        return image.getvalue()
 
 
 @dataclass

@@ -58,12 +58,42 @@ class Datasets(Mapping[str, xr.Dataset]):
         return isinstance(name, str) and name in self._run
 
 
+class Opened(Mapping[str, xr.Dataset]):
+    """The cases of a result file by name, each read when it is asked for.
+
+    The file is opened for each reading and closed again, so that a run may replace it meanwhile.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Raises HodoError as `hdf5.open_run` does."""
+        self.path = path
+        with open_run(path) as run:
+            self._names = tuple(run.cases())
+            self.attrs = dict(run.attributes)
+
+    def __getitem__(self, name: str) -> xr.Dataset:
+        """A case, in memory. Raises KeyError if it is not there, HodoError if it is damaged."""
+        if name not in self._names:
+            raise KeyError(f"{self.path} has no case {name!r}{nearest(name, self._names)}")
+        with open_run(self.path) as run:
+            return Datasets(run)[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        return f"<{self.path}: {', '.join(self._names)}>"
+
+
 @dataclass
 class Results:
     """A result file that is open for reading: its cases, and the config that it was made from."""
 
     path: Path
-    cases: Datasets
+    cases: Mapping[str, xr.Dataset]
     config: Config
     _motions: dict[str, Motion] = field(default_factory=dict)
 

@@ -1,0 +1,132 @@
+"""The Python interface: what a notebook uses. A case is a mapping of the keys of a case file, and
+every result is an `xarray.Dataset`.
+
+    import hodo_cli as hodo
+    ds = hodo.run({"model": "linear-diag", "inertia": [1, 0.8, 0.6], ...})
+"""
+
+import builtins
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from . import HodoError
+from .batch.memory import check_memory
+from .batch.pool import pool
+from .cases.case import Case, case_from
+from .cases.config import Config
+from .cases.figure_block import KINDS
+from .commands.classify import classified
+from .commands.resume import fingerprint
+from .commands.run import finish
+from .figures import draw
+from .results.dataset import Opened, Results, dataset
+from .results.hdf5 import Group, open_run
+from .results.writer import Writer
+from .schema.kinds import nearest, resolve
+
+__all__ = ["Case", "open", "plot", "run", "sweep"]
+
+Given = Mapping[str, Any] | Case
+
+
+def run(case: Given, *, name: str = "case", classify: bool = True) -> xr.Dataset:
+    """Integrate a case, measure its error, and label what its hodograph encloses.
+
+    `case` has the keys of a case file, or is a `Case`; `name` is what figures call it. The dataset
+    holds the model's variables over `time`, the events of the motion and, where the enclosed axis
+    applies and unless `classify` is False, `enclosed_axis` and the separatrix crossings. `attrs`
+    holds the method, the measured `error`, the status and the case itself.
+
+    Raises HodoError, one line a mistake, if the case is not right, is a sweep, or needs a method
+    that is not installed. A case that fails has an `attrs["status"]` other than "ok".
+    """
+    made = _case(case, name)
+    if made.sweep:
+        raise HodoError("sweep: this case is a sweep: use hodo.sweep")
+    check_memory(made)
+    group = finish(made)
+    if classify and (labels := classified(made.name, group)[0]) is not None:
+        group = Group(
+            {**group.attributes, **labels.attributes}, {**group.variables, **labels.variables}
+        )
+    return dataset(group)
+
+
+def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
+    """Integrate every member of a case with a `sweep:`, in so many processes.
+
+    The dataset has the sweep's axes as dimensions and, of each member, the final state, the first
+    crossing, the axes enclosed at start and end, and the status.
+
+    Raises HodoError as `run` does, or if the case is no sweep.
+    """
+    from .sweeps import sweep as sweeps
+
+    made = _case(case, name)
+    if not made.sweep:
+        raise HodoError("sweep: missing: use hodo.run for a single case")
+    check_memory(made, jobs)
+    # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory at once.
+    with TemporaryDirectory(prefix="hodo-") as folder:
+        path = Path(folder) / "sweep.h5"
+        with pool(jobs, None) as workers, Writer(path, {}) as writer:
+            group = sweeps.run(made, fingerprint(made), workers, writer, False, lambda line: None)
+            writer.add(made.name, group)
+        with open_run(path) as result:
+            return dataset(result.read(made.name))
+
+
+def open(path: str | Path) -> Opened:
+    """The cases of a result file by name, each read as a dataset when it is asked for; `attrs` are
+    the attributes of the file.
+
+    Raises HodoError if the file is missing, damaged, or no result of hodo.
+    """
+    return Opened(Path(path))
+
+
+def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
+    """A figure of one dataset or several: `kind` and `keys` are those of a `figures:` block.
+
+    Raises HodoError if there is no such kind or key, or the kind has no meaning for the data.
+    """
+    several = [data] if isinstance(data, xr.Dataset) else list(data)
+    if kind not in KINDS:
+        raise HodoError(f"unknown kind {kind!r}{nearest(kind, KINDS)} (valid: {', '.join(KINDS)})")
+    cases = _named(several)
+    given = {"cases": list(cases)} if "cases" in KINDS[kind] else {}
+    spec, mistakes = resolve(KINDS[kind], given | _plain(keys))
+    if mistakes:
+        raise HodoError("\n".join(f"{'.'.join(map(str, at))}: {said}" for at, said in mistakes))
+    empty = Config("", "", "", "", {}, {}, ())
+    return draw({"kind": kind, **spec}, Results(Path("data"), cases, empty)).figure
+
+
+def _case(given: Given, name: str) -> Case:
+    return given if isinstance(given, Case) else case_from(_plain(given), name)
+
+
+def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
+    """Datasets by the names of their cases; a name that stands twice gets a number."""
+    named: dict[str, xr.Dataset] = {}
+    for data in several:
+        first = next(iter(str(data.attrs.get("case", "")).splitlines()), "")
+        name = first.partition(": ")[2].strip('"') or "case"
+        again = sum(1 for other in named if other == name or other.startswith(f"{name} ("))
+        named[f"{name} ({again + 1})" if again else name] = data
+    return named
+
+
+def _plain(value: Any) -> Any:
+    """Arrays of numpy and tuples as lists, its numbers as Python's: what a YAML file can say."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_plain(item) for item in value] if isinstance(value, builtins.list | tuple) else value

@@ -1,0 +1,114 @@
+"""The Python interface: cases in, datasets out; light until it is used."""
+
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, Hodo
+
+import hodo_cli
+from hodo_cli import HodoError, api
+from hodo_cli.cases.config import load
+
+FIG4 = {
+    "model": "linear-diag",
+    "inertia": [1, 0.8, 0.6],
+    "damping": [0.005, 0.004, 0.003],
+    "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+    "time": {"end": 1000, "samples": 101},
+}
+
+
+def test_the_package_loads_nothing_until_it_is_used() -> None:
+    """In a fresh interpreter, whose modules tell what was loaded."""
+    script = (
+        "import sys; before = set(sys.modules); import hodo_cli\n"
+        "heavy = {'numpy', 'xarray', 'matplotlib', 'h5py', 'heyoka', 'scipy', 'yaml'}\n"
+        "assert not heavy & set(sys.modules), sys.modules\n"
+        "assert {'run', 'sweep', 'open', 'plot', 'Case'} <= set(dir(hodo_cli))\n"
+        "hodo_cli.run\n"
+        "assert 'xarray' in sys.modules and 'netCDF4' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+    with pytest.raises(AttributeError, match="no attribute 'ran'"):
+        _ = hodo_cli.ran
+
+
+def test_a_case_gives_what_the_command_stores(hodo: Hodo, tmp_path: Path) -> None:
+    config = load(ROOT / "configs" / "paper1.yaml")
+    done = hodo("run", ROOT / "configs" / "paper1.yaml", "--case", "fig4", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert hodo("classify", "runs/paper1.h5").returncode == 0
+    opened = api.open(tmp_path / "runs" / "paper1.h5")
+    assert list(opened) == ["fig4"]
+    assert opened.attrs["Conventions"] == "CF-1.11"
+    stored, ours = opened["fig4"], api.run(config.cases["fig4"])
+    assert list(ours.data_vars) == list(stored.data_vars)
+    for name, values in stored.data_vars.items():
+        np.testing.assert_array_equal(ours[name], values)
+        assert ours[name].dims == values.dims
+    assert {**ours.attrs, "run_time": 0} == {**stored.attrs, "run_time": 0}
+    with pytest.raises(KeyError, match="did you mean 'fig4'"):
+        opened["fig5"]
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    made = api.run({**FIG4, "damping": np.array([0.005, 0.004, 0.003])}, classify=False)
+    assert made.identical(made)
+    assert "enclosed_axis" not in made
+    assert made.attrs["status"] == "ok"
+    np.testing.assert_array_equal(made.omega, api.run(FIG4).omega)
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        (
+            {**FIG4, "damping": [1, 2]},
+            "damping: expected 3 numbers or one for all, got a list of 2",
+        ),
+        ({**FIG4, "dampin": 1}, "dampin: unknown key; did you mean 'damping'?"),
+        ({}, "missing 'model', 'time'"),
+        ({**FIG4, "sweep": {"damping.2": {"values": [1]}}}, "use hodo.sweep"),
+    ],
+)
+def test_mistakes_name_the_key(case: dict[str, object], message: str) -> None:
+    with pytest.raises(HodoError) as raised:
+        api.run(case)
+    assert message in str(raised.value)
+
+
+def test_a_sweep_has_its_axes_as_dimensions() -> None:
+    made = api.sweep({**FIG4, "sweep": {"damping.2": {"linspace": [0.003, 0.007, 3]}}})
+    assert dict(made.sizes) == {"damping.2": 3, "axis": 3}
+    assert made["damping.2"].values.tolist() == pytest.approx([0.003, 0.005, 0.007])
+    assert made.crossings.values.tolist() == [1, 0, 0]
+    assert float(made.crossing_time[0]) == pytest.approx(305.35895516671, abs=1e-9)
+    with pytest.raises(HodoError, match=r"use hodo\.run"):
+        api.sweep(FIG4)
+
+
+def test_a_figure_is_drawn_of_datasets() -> None:
+    made = api.run(FIG4)
+    figure = api.plot([made, made], kind="series", variables=["T"], labels=["one", "two"])
+    (axes,) = figure.axes
+    omega = made.omega.values
+    for line in axes.lines:
+        np.testing.assert_allclose(line.get_ydata(), (omega**2 @ [1, 0.8, 0.6]) / 2, rtol=1e-15)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(HodoError, match="unknown kind 'hodograf'; did you mean 'hodograph'"):
+        api.plot(made, kind="hodograf")
+    with pytest.raises(HodoError, match="color: unknown key; did you mean 'colour'"):
+        api.plot(made, color="axis")
+
+
+def test_the_notebook_of_the_docs_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(ROOT / "docs" / "api.py"))
+    said = capsys.readouterr().out
+    assert "crosses at 305.358955, error" in said
+    assert "|G| falls from 0.9986 to 0.0195" in said
+    assert "4 of 9 members turn to x3" in said
+    assert said.endswith("damping: expected 3 numbers or one for all, got a list of 2\n")
