@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .series import value as horner
+
 TAYLOR, LEGENDRE, CHEBYSHEV = "taylor", "legendre", "chebyshev"
 """The bases in which engines hand over a step: powers of the time since its start, which become
 powers of x once the coefficients are multiplied by those of its length, or polynomials of x."""
@@ -181,15 +183,18 @@ def _refined(b: np.ndarray) -> np.ndarray:
     # The first and the last coefficient are the values at the ends.
     found = b[:, 0] / (b[:, 0] - b[:, -1])
     x, low, high = found.copy(), np.zeros_like(found), np.ones_like(found)
-    left, rising, slopes = np.arange(len(b)), b[:, -1] > 0, degree * np.diff(b, axis=1)
+    left, rising = np.arange(len(b)), b[:, -1] > 0
+    # With t = x/(1 - x), p = (1 - x)^n sum c_j t^j and p' = n (1 - x)^(n - 1) sum d_j t^j: Horner's
+    # scheme on whole columns, at an eighth of the cost of Bernstein's polynomials.
+    c = (b * _binomials(degree, b.dtype)).T
+    d = (np.diff(b, axis=1) * _binomials(degree - 1, b.dtype)).T
     for turn in range(REFINEMENTS):
-        w = weights(x, degree - 1)
-        # The last step of de Casteljau's algorithm gives the value from the slope's weights.
-        value = (w * ((1 - x)[:, None] * b[:, :-1] + x[:, None] * b[:, 1:])).sum(axis=1)
+        with np.errstate(all="ignore"):  # next to x = 1 powers of t overflow: then it bisects
+            rest = np.maximum(1 - x, eps / 2)
+            value, slope = horner(c, x / rest), horner(d, x / rest)
+            new = x - rest * value / (degree * slope)
         beyond = (value > 0) == rising
         low, high = np.where(beyond, low, x), np.where(beyond, x, high)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            new = x - value / (w * slopes).sum(axis=1)
         inside = (new >= low) & (new <= high)
         if turn % 4 == 3:
             inside &= high - low < 0.5 ** (turn // 2)
@@ -200,5 +205,5 @@ def _refined(b: np.ndarray) -> np.ndarray:
         if not more.any():
             break
         left, x, low, high = left[more], new[more], low[more], high[more]
-        b, slopes, rising = b[more], slopes[more], rising[more]
+        c, d, rising = c[:, more], d[:, more], rising[more]
     return np.asarray(found)

@@ -7,7 +7,7 @@ ensemble is cut into parts, does not change it.
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache, reduce
+from functools import cached_property, lru_cache, reduce
 from typing import Any
 
 import heyoka as hy
@@ -57,23 +57,24 @@ class TaylorStep:
         step = smaller(step_size(y), left)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.
         rows = [*(value(c, step) for c in y), left - step, step]
+        self._inputs, self._event_series = [*start, left], list[Any]()
         if event is not None:
-            rows.append(clearance(self.coefficients(event.function(time, state, k)), step))
+            self._event_series = self.coefficients(event.function(time, state, k))
+            rows.append(clearance(self._event_series, step))
         self.rows = len(rows)
         large = sum(map(len, model.rhs(end - left, start, k))) > OPTIMISED
-        self._compiled = hy.cfunc(
-            rows,
-            vars=[*start, left],
-            batch_size=WIDTH,
-            # Lets the compiler contract and reorder sums: a tenth faster, and the same for every
-            # motion.
-            fast_math=True,
-            opt_level=1 if large else 3,
-        )
+        self._step = self._compiled(rows, 1 if large else 3)
 
     def coefficients(self, series: Series) -> list[Any]:
         """Those of a series up to the order of the step."""
         return [series[i] for i in range(self.order + 1)]
+
+    def _compiled(self, rows: list[Any], opt_level: int) -> Any:
+        # fast_math lets the compiler contract and reorder sums: a tenth faster, and the same for
+        # every motion.
+        return hy.cfunc(
+            rows, vars=self._inputs, batch_size=WIDTH, fast_math=True, opt_level=opt_level
+        )
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
         """Step columns (m + 1, n) with the end's time and the constants k (c + 1, n) to `out`.
@@ -81,8 +82,19 @@ class TaylorStep:
         n must be a multiple of WIDTH: what remains would go through other machine code, of other
         rounding. One thread only: the chunks of a sweep are what runs in parallel.
         """
-        k = k[: self._compiled.nparams]  # the last constants may not occur in the equations
-        self._compiled(columns, pars=k, outputs=out, batch_parallel=False)
+        k = k[: self._step.nparams]  # the last constants may not occur in the equations
+        self._step(columns, pars=k, outputs=out, batch_parallel=False)
+
+    @cached_property
+    def _event(self) -> Any:
+        # Few steps need it, so that it is not worth the optimiser's time.
+        return self._compiled(self._event_series, 1)
+
+    def event_series(self, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
+        """The coefficients (order + 1, n) of the event's function in powers of the time from the
+        columns' own, for arguments as of a step."""
+        k = k[: self._event.nparams]
+        return np.asarray(self._event(columns, pars=k, batch_parallel=False))
 
 
 def step_size(y: Sequence[Sequence[Any]]) -> Any:
