@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,8 +34,9 @@ def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, floa
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
     rows = np.flatnonzero(np.isin(path.time, times) | (path.time == path.time[-1:]))
     thin = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+    finer = replace(case, data={**case.data, **case.system.finer})
     for precision, reference_method, tol in references(case, method, solution.tol):
-        reference = solve(case, reference_method, precision, tol, times)
+        reference = solve(finer, reference_method, precision, tol, times)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
         if tol is not None and reference.tol == solution.tol:

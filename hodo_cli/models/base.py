@@ -134,6 +134,11 @@ class Model:
         return []
 
     @property
+    def finer(self) -> dict[str, Any]:
+        """The data of this model that approximate its equations, as a reference takes them."""
+        return {}
+
+    @property
     def run_events(self) -> tuple[Event, ...]:
         """Events that belong to the motion itself and are recorded whenever it is integrated."""
         return ()

@@ -658,6 +658,11 @@ class AveragedQuadrature(Averaged):
         return {**super().constants, "perturbation": self.perturbation, "cosines": cosines}
 
     @property
+    def finer(self) -> dict[str, Any]:
+        # An error of the quadrature, exp(-c nodes), is seen as a whole with twice as many.
+        return {"nodes": 2 * self.nodes}
+
+    @property
     def warnings(self) -> list[str]:
         e, w = self.nutation.e, self.nutation.w
         remainder = math.exp(-2 * self.nodes * math.acosh(w / e)) if e else 0.0
