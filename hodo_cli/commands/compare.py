@@ -7,12 +7,14 @@ and `atol`.
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .. import HodoError
+from ..cases.case import Case, parse_case
 from ..models import rigid_body
 from ..results.hdf5 import Group, Run, Variable, open_run
 
@@ -30,8 +32,22 @@ time."""
 LOCATED = ("event_time", "crossing_time", "crossing_G")
 """The variables to which `CONDITION` applies."""
 
-VARYING = ("crossing_error",)
-"""Variables that differ from run to run; so do all attributes but EXACT."""
+STATED = 10.0
+"""So many times its stated error a time may be off: the error is that of one compiler's rounding."""
+
+ERRORS = ("crossing_error",)
+"""Variables that are errors themselves: they agree to their order of magnitude."""
+
+MAGNITUDE = 1e3
+"""The factor by which measured errors of one method may differ: rounding may cancel in one of two
+runs, and then the error is smaller by luck."""
+
+COMPUTED = ("name", "time.samples", "store", "error", "note", "method", "precision", "tol")
+"""Settings that may differ between a result and its reference: they say how the motion is computed,
+sampled and remarked upon, not which one it is."""
+
+SUBNORMAL = 2.0**-1060
+"""A few thousand times the smallest double."""
 
 EXACT = ("model", "form", "status")
 """The attributes that have to be equal."""
@@ -51,6 +67,30 @@ class Tolerance:
         condition = CONDITION if name in LOCATED else 1.0
         rtol = self.rtol * condition if self.rtol is not None else own.get("rtol", RTOL * condition)
         return rtol, own.get("atol", 0.0) if self.atol is None else self.atol
+
+    def allowed(self, name: str, group: Group, error: float) -> np.ndarray:
+        """The difference allowed in a variable of the reference, whose stated error is given.
+
+        A vector is judged by its length, sample by sample, so that the last of a motion that has
+        decayed counts as the first does. A scalar is judged by its largest value: where it passes
+        through 0 it has no relative error. A time may be off by its own error.
+        """
+        variable = group.variables[name]
+        b = variable.data
+        if b.dtype.kind != "f":
+            return np.zeros(b.shape)
+        rtol, atol = self.of(name, variable)
+        size = np.where(np.isfinite(b), np.abs(b), 0)
+        if "axis" in variable.dims and b.ndim > 1:
+            scale = np.max(size, axis=variable.dims.index("axis"), keepdims=True, initial=0)
+            # Below the smallest normal double a number has fewer digits than any tolerance.
+            return np.asarray(atol + np.maximum(rtol * scale, SUBNORMAL))
+        if name in LOCATED and self.rtol is None and "rtol" not in variable.attrs:
+            stated = group.variables.get("crossing_error")
+            own = stated.data if name == "crossing_time" and stated is not None else 0.0
+            of_state = CONDITION * max(error, 1e-14) if math.isfinite(error) else rtol
+            return np.asarray(atol + STATED * np.nan_to_num(own) + of_state * size)
+        return np.full(b.shape, atol + rtol * float(np.max(size, initial=0)))
 
 
 @dataclass(frozen=True)
@@ -101,10 +141,15 @@ def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
 
 def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
     """The lines of one case. An attribute has one only if it differs."""
+    yield from parameters(name, a, b)
     for key in EXACT:
         said = [str(group.attributes.get(key)) for group in (a, b)]
         if said[0] != said[1]:
             yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
+    alike = all(a.attributes.get(key) == b.attributes.get(key) for key in ("method", "tol"))
+    error_a, error_b = (float(group.attributes.get("error", math.nan)) for group in (a, b))
+    if alike and not same_magnitude(np.array(error_a), np.array(error_b)):
+        yield Line(name, "error", math.inf, f"{error_a:.1e}, not {error_b:.1e}")
     times = [
         group.variables["time"].data if "time" in group.variables else np.empty(0)
         for group in (a, b)
@@ -114,16 +159,73 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
     # By nearest time, since a reference may be thinned and an end of spin falls a rounding apart.
     rows = matching(*times)
     for key, reference in b.variables.items():
-        if key in VARYING:
-            continue
         if key not in a.variables:
             yield Line(name, key, math.inf, "missing")
             continue
         ours = a.variables[key].data
         if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
             ours = ours[rows]
-        scaled, at = scaled_difference(ours, reference.data, *tolerance.of(key, reference))
+        if key in ERRORS:
+            if (
+                alike
+                and ours.shape == reference.data.shape
+                and not same_magnitude(ours, reference.data)
+            ):
+                yield Line(name, key, math.inf, "of another order of magnitude")
+            continue
+        allowed = tolerance.allowed(key, b, error_b)
+        scaled, at = scaled_difference(ours, reference.data, allowed)
         yield Line(name, key, scaled, largest_at(key, at, ours, reference, b.variables))
+
+
+def parameters(name: str, a: Group, b: Group) -> Iterator[Line]:
+    """The parameters in which two stored cases differ, and a method that its case does not allow."""
+    try:
+        ours, theirs = (
+            settings(parse_case(str(group.attributes.get("case", "")))) for group in (a, b)
+        )
+    except HodoError:
+        if a.attributes.get("case") != b.attributes.get("case"):
+            yield Line(name, "case", math.inf, "damaged, or of another version of hodo")
+        return
+    for key in ours | theirs:
+        if (
+            key not in COMPUTED
+            and not key.startswith("assumes")
+            and ours.get(key) != theirs.get(key)
+        ):
+            yield Line(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
+    method, asked = str(a.attributes.get("method", "")), ours["method"]
+    taken = ("exact", "taylor", "collocation") if asked == "auto" else (asked,)
+    if method not in taken and "members" not in a.attributes:
+        yield Line(name, "method", math.inf, f"{method}, where the case asks for {asked}")
+
+
+def settings(case: Case) -> dict[str, Any]:
+    """Every setting of a case by its path."""
+
+    def flat(at: str, value: Any) -> Iterator[tuple[str, Any]]:
+        if isinstance(value, Mapping):
+            for key, item in value.items():
+                yield from flat(f"{at}.{key}" if at else str(key), item)
+        elif isinstance(value, list | tuple) and at != "store":
+            for i, item in enumerate(value):
+                yield from flat(f"{at}.{i}", item)
+        else:
+            yield at, value
+
+    common = {key: value for key, value in vars(case).items() if key not in ("data", "system")}
+    return dict(flat("", {**case.data, **common, "time": asdict(case.time)}))
+
+
+def same_magnitude(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two measured errors are alike; below the rounding of a double all are."""
+    if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
+        return False
+    low, high = (np.maximum(np.abs(x), 2.0**-52) for x in (a, b))
+    with np.errstate(invalid="ignore"):
+        apart = (low > MAGNITUDE * high) | (high > MAGNITUDE * low)
+    return not apart.any()
 
 
 def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
@@ -140,10 +242,10 @@ def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def scaled_difference(
-    a: np.ndarray, b: np.ndarray, rtol: float, atol: float
+    a: np.ndarray, b: np.ndarray, allowed: np.ndarray
 ) -> tuple[float, tuple[int, ...]]:
     """The scaled difference and the position of the largest; infinite, without a position, for
-    unequal shapes.
+    unequal shapes. `allowed` has the shape of b, or one that is spread to it.
 
     Integers and texts are equal or not. A number that is not finite equals nothing but itself.
     """
@@ -156,9 +258,7 @@ def scaled_difference(
         with np.errstate(invalid="ignore"):
             apart = np.where(same, 0.0, np.abs(a - b))
         finite = np.isfinite(a) & np.isfinite(b)
-        # Relative to the largest value: a component that passes through 0 has no relative error
-        # there.
-        allowed = atol + rtol * float(np.max(np.abs(b), initial=0, where=np.isfinite(b)))
+        allowed = np.broadcast_to(allowed, b.shape)
         scaled = np.divide(
             apart, allowed, out=np.where(same, 0.0, math.inf), where=finite & (allowed > 0)
         )

@@ -33,6 +33,8 @@ class Status(StrEnum):
     TIMEOUT = "timeout"
     INVALID = "invalid"
     """Of a member of a sweep that is no body, or has no start."""
+    UNDECIDED = "undecided"
+    """Of a member of a sweep whose crossings its error hides; its motion is right."""
 
     @property
     def code(self) -> int:

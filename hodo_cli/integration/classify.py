@@ -35,7 +35,8 @@ class Classification:
     """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
 
     `growth` (3,) are the rates at which a small tilt away from each axis grows, None without a
-    medium; `final` is the label in the end where theory predicts it.
+    medium; `final` is the label in the end where theory predicts it. `hidden` is set where the error
+    of the motion hides a crossing, or which list of them is right.
     """
 
     labels: np.ndarray
@@ -43,6 +44,7 @@ class Classification:
     warnings: tuple[str, ...] = ()
     growth: np.ndarray | None = None
     final: int | None = None
+    hidden: bool = False
 
 
 def classify(
@@ -72,11 +74,12 @@ def classify(
     crossings, warnings = (
         settled(found, *reference) if reference else (found.crossings, undecided(found.undecided))
     )
+    hidden = bool(warnings)
     if len(samples) < len(omega):
         warnings += (f"no labels after {len(samples)} samples: {motion.solution.message}",)
     rates, final = case.system.damping_rates, case.system.final_axis
     growth = None if rates is None else rigid_body.growth_rates(A, rates)
-    return Classification(labels, tuple(crossings), warnings, growth, final)
+    return Classification(labels, tuple(crossings), warnings, growth, final, hidden)
 
 
 class Watched(NamedTuple):
@@ -144,9 +147,25 @@ def compared(
         theirs[:1] = errors[:1] = start_error(case)
         name = f"{other} in {precision} precision"
         return errors, (verdict(case, reference, theirs), name)
-    errors = np.full(len(path.time), expected)
+    errors = expected * left_axis(case, path)
     errors[:1] = start_error(case)
     return errors, None
+
+
+def left_axis(case: Case, path: Path) -> np.ndarray:
+    """How much larger an error is than that of a step (n,), after a motion has left the middle axis.
+
+    Every step errs in D by a part of what its terms are then. Where these have become small again,
+    that of the largest terms so far is still there.
+    """
+    A = np.array(case.data["inertia"])
+    order = rigid_body.inertia_order(A)
+    if not A[order[0]] > A[order[1]] > A[order[2]]:
+        return np.ones(len(path.time))
+    near = np.array([rigid_body.near_middle_axis(A, w, order) for w in path.state.astype(float)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        growth = np.maximum.accumulate(near) / np.sqrt(near)
+    return np.maximum(1, np.where(near > 0, growth, 1))
 
 
 def start_error(case: Case) -> float:

@@ -177,14 +177,16 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
             return motion.status, None
         final = {name: values[-1:] for name, values in motion.variables.items()}
         event_time = motion.events[-1].time if motion.events else np.nan
-        labels = None if model.unclassifiable else _classified(single, motion)
+        status, labels = Status.OK, None
+        if not model.unclassifiable:
+            status, labels = _classified(single, motion)
     except HodoError:
         return Status.FAILED, None
-    return Status.OK, Reduction(final, np.array([motion.steps]), labels, np.array([event_time]))
+    return status, Reduction(final, np.array([motion.steps]), labels, np.array([event_time]))
 
 
-def _classified(case: Case, motion: Trajectory) -> Classified:
-    """The labels of a single case, as those of an ensemble of one."""
+def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:
+    """The labels of a single case, as those of an ensemble of one, and whether they are certain."""
     omega = motion.variables["omega"]
     found = classify(case, motion.method, motion.tol, motion.error, omega)
     A = np.array(case.data["inertia"])[:, None]
@@ -199,7 +201,8 @@ def _classified(case: Case, motion: Trajectory) -> Classified:
         np.array([c.end for c in passed], dtype=np.int8),
         np.array([c.momentum for c in passed]),
     )
-    return Classified(found.labels[:1], found.labels[-1:], np.array([part]), crossings)
+    labels = Classified(found.labels[:1], found.labels[-1:], np.array([part]), crossings)
+    return Status.UNDECIDED if found.hidden else Status.OK, labels
 
 
 def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:

@@ -21,7 +21,11 @@ def group_of_columns(
     errors: Mapping[str, Any], problems: Mapping[str, int],
 ) -> Group:  # fmt: skip
     """The sweep as it is stored; its variables are filled in from the chunks when it is written."""
-    ok, failed, timeout, invalid = summary.status.tolist()
+    ok, failed, timeout, invalid, hidden = summary.status.tolist()
+    remarks = (
+        (invalid, "are no body or have no start"),
+        (hidden, "are undecided: their error is larger than their distance from the separatrix"),
+    )
     total = tasks[-1].last
     words = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     words += [
@@ -43,9 +47,9 @@ def group_of_columns(
         run_time=summary.run_time,
         error=math.nan,
         error_kind="none",
-        status=ending(ok, failed, timeout),
-        message="; ".join(words) or ("" if ok else "no member is a body with a start"),
-        warnings=f"{invalid} of {total} members are no body or have no start" if invalid else "",
+        status=ending(ok + hidden, failed, timeout),
+        message="; ".join(words) or ("" if ok + hidden else "no member is a body with a start"),
+        warnings="\n".join(f"{n} of {total} members {what}" for n, what in remarks if n),
     )
     sizes = shape(case)
     names = [axis.name for axis in axes_of(case.sweep or {})]
