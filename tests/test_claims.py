@@ -3,7 +3,6 @@ expected."""
 
 import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -403,14 +402,6 @@ def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> N
     assert "What the text says" in page
     assert "<td class=n>reproduced</td>" in page.replace('"', "")
     assert "(x1 to x3)" in page
-
-
-def test_the_examples_of_the_manual_are_claims() -> None:
-    text = (ROOT / "docs" / "claims.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
-    config = parse(CONFIG.split("claims:")[0] + "".join(blocks), "claims.md")
-    assert config.claims[0]["cases"] == ("turning",)
-    assert config.claims[1]["erratum"] == config.errata[0]["id"]
 
 
 def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:

@@ -146,7 +146,10 @@ def test_case_files_are_right(name: str) -> None:
             f"  {case_name}: {case}" for case_name in ("turning", "printed", "corrected")
         )
         alone = text if "cases:\n" in text else f"cases:\n{cases}\n{text}"
-        assert parse(alone, name).cases
+        config = parse(alone, name)
+        assert config.cases
+        named = {claim["erratum"] for claim in config.claims if claim["erratum"]}
+        assert named == {erratum["id"] for erratum in config.errata}
 
 
 def test_a_value_is_changed_as_documented() -> None:
