@@ -100,7 +100,7 @@ def test_dump_is_complete_and_readable() -> None:
         one_case(f"{BODY}, time: {{end: 1e3}}, damping: 1e-5, tol: 1e-10, note: 'no: \"1\"'")
     ) == (
         "name: a\nmodel: linear-diag\nform: full\ninertia: [1.0, 0.8, 0.6]\ndamping: [1e-05, 1e-05, 1e-05]\n"
-        "initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 1001, unit: \"1\"}\nmethod: auto\n"
+        'initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 1001, unit: "1"}\nmethod: auto\n'
         'tol: 1e-10\nprecision: double\nerror: on\nstore: []\nnote: "no: \\"1\\""\n'
     )
 
