@@ -21,9 +21,10 @@ CONFIG = """
 title: t
 bench: {methods: [auto, DOP853, exact], tols: [1e-4, 1e-8]}
 cases:
-  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.05, 0.04, 0.03], initial: {p: 0.8, q: 0.5, r: 0.74},
-      time: {end: 40, samples: 11}}
-  b: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 10, samples: 11}}
+  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.05, 0.04, 0.03],
+      initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 40, samples: 11}}
+  b: {model: linear-diag, inertia: [1, 0.8, 0.6],
+      initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 10, samples: 11}}
 """
 CASES = parse(CONFIG, "x.yaml").cases
 
@@ -99,7 +100,8 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
     script = (
         "import json, xarray\n"
         "data = xarray.open_dataset('runs/small.bench.h5', group='bench', engine='netcdf4')\n"
-        "print(json.dumps([dict(data.sizes), sorted(data.data_vars), str(data.status.sel(case='b').values[2, 0])]))"
+        "print(json.dumps([dict(data.sizes), sorted(data.data_vars), "
+        "str(data.status.sel(case='b').values[2, 0])]))"
     )
     read = subprocess.run(
         [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True

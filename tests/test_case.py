@@ -99,15 +99,18 @@ def test_dump_is_complete_and_readable() -> None:
     assert dump(
         one_case(f"{BODY}, time: {{end: 1e3}}, damping: 1e-5, tol: 1e-10, note: 'no: \"1\"'")
     ) == (
-        "name: a\nmodel: linear-diag\nform: full\ninertia: [1.0, 0.8, 0.6]\ndamping: [1e-05, 1e-05, 1e-05]\n"
-        'initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 1001, unit: "1"}\nmethod: auto\n'
+        "name: a\nmodel: linear-diag\nform: full\ninertia: [1.0, 0.8, 0.6]\ndamping: [1e-05, "
+        "1e-05, 1e-05]\n"
+        "initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 1001, unit: "
+        '"1"}\nmethod: auto\n'
         'tol: 1e-10\nprecision: double\nerror: on\nstore: []\nnote: "no: \\"1\\""\n'
     )
 
 
 def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
     config = parse(
-        "defaults: {inertia: [3, 2, 1.5], damping: 0.2, resistance: {diagonal: 1, off_diagonal: 0}, "
+        "defaults: {inertia: [3, 2, 1.5], damping: 0.2, resistance: {diagonal: 1, off_diagonal: "
+        "0}, "
         "time: {end: 7, samples: 3}, initial: {p: 1, q: 1, r: 1}}\n"
         "cases:\n"
         "  one: {model: linear-diag, time: {samples: 5}, initial: {p: 2, q: 0, G: 9}}\n"
@@ -117,7 +120,8 @@ def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
     one, two = config.cases.values()
     assert one.time == Time(start=0.0, end=7.0, samples=5)
     assert one.data == {
-        "inertia": (3.0, 2.0, 1.5), "damping": (0.2,) * 3, "initial": {"p": 2.0, "q": 0.0, "r": None, "G": 9.0}
+        "inertia": (3.0, 2.0, 1.5), "damping": (0.2,) * 3, "initial": {"p": 2.0, "q": 0.0,
+                                                                       "r": None, "G": 9.0}
     }  # fmt: skip
     assert two.time == Time(end=7.0, samples=3)
     assert two.data["inertia"] == (1.0, 1.0, 1.0)
@@ -127,11 +131,16 @@ def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("1e-3", 1e-3), ("1E5", 1e5), (".5", 0.5), ("5.", 5.0), ("-.5e+1", -5.0), ("+1", 1), ("010", 10), ("-0", 0),
-        ("0x1F", 31), ("0o17", 15), ("1_000", "1_000"), ("0b1", "0b1"), ("12:30:00", "12:30:00"), ("1.2.3", "1.2.3"),
-        ("2026-01-01", "2026-01-01"), ("no", "no"), ("off", "off"), ("yes", "yes"), ("on", "on"), ("y", "y"),
-        ("True", True), ("false", False), ("tRUE", "tRUE"), ("~", None), ("null", None), ("Null", None), ("", None),
-        (".inf", math.inf), ("-.INF", -math.inf), ("inf", "inf"), ("1e400", math.inf), ("1" * 400, math.inf),
+        ("1e-3", 1e-3), ("1E5", 1e5), (".5", 0.5), ("5.", 5.0), ("-.5e+1", -5.0), ("+1", 1),
+        ("010", 10), ("-0", 0),
+        ("0x1F", 31), ("0o17", 15), ("1_000", "1_000"), ("0b1", "0b1"), ("12:30:00", "12:30:00"),
+        ("1.2.3", "1.2.3"),
+        ("2026-01-01", "2026-01-01"), ("no", "no"), ("off", "off"), ("yes", "yes"), ("on", "on"),
+        ("y", "y"),
+        ("True", True), ("false", False), ("tRUE", "tRUE"), ("~", None), ("null", None),
+        ("Null", None), ("", None),
+        (".inf", math.inf), ("-.INF", -math.inf), ("inf", "inf"), ("1e400", math.inf), ("1" * 400,
+                                                                                        math.inf),
         ("'1'", "1"), ('"a\\tb"', "a\tb"), ("-", "-"), ("e5", "e5"),
         ("٣", "٣"), ("=", "="),
     ],
@@ -148,7 +157,8 @@ def test_nan_is_read_as_one() -> None:
 
 
 def test_an_alias_is_its_anchor() -> None:
-    text = f"cases:\n  a: &a {{{BODY}, {SPAN}}}\n  b: *a\n  c: {{{BODY}, time: {{end: &e 3, start: *e}}}}\n"
+    text = f"cases:\n  a: &a {{{BODY}, {SPAN}}}\n  b: *a\n"
+    text += f"  c: {{{BODY}, time: {{end: &e 3, start: *e}}}}\n"
     cases = parse(text, "x").cases
     assert cases["a"].data == cases["b"].data
     assert cases["c"].time == Time(start=3.0, end=3.0)
@@ -174,8 +184,10 @@ LINES = [
 @pytest.mark.parametrize(
     ("entry", "column", "message"),
     [
-        ("dampng: 1", 5, f".dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
-        ("DAMPING: 1", 5, f".DAMPING: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
+        ("dampng: 1", 5,
+         f".dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
+        ("DAMPING: 1", 5,
+         f".DAMPING: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
         ("damping: abc", 14, ".damping: expected a finite number, got 'abc'"),
         ("damping: '0.1'", 14, ".damping: expected a finite number, got '0.1'"),
         ("damping: true", 14, ".damping: expected a finite number, got true"),
@@ -185,16 +197,22 @@ LINES = [
         ("damping: [0, 0]", 14, ".damping: expected 3 numbers or one for all, got a list of 2"),
         ("damping: {x: 1}", 14, ".damping: expected 3 numbers or one for all, got a mapping"),
         ("inertia: [1, 0, 1]", 18, ".inertia.1: expected a positive number, got 0"),
-        ("inertia: [1, 2, 4]", 21, ".inertia.2: no body has A3 = 4 larger than the sum of the other two"),
-        ("inertia: [1, 1, 1e-120]", 21, ".inertia.2: 1e-120 is out of range, 1e-100 to 1e+100: take other units"),
+        ("inertia: [1, 2, 4]", 21,
+         ".inertia.2: no body has A3 = 4 larger than the sum of the other two"),
+        ("inertia: [1, 1, 1e-120]", 21,
+         ".inertia.2: 1e-120 is out of range, 1e-100 to 1e+100: take other units"),
         ("initial: {p: 1, q: 1}", 14, ".initial: r missing: give p, q and r, or two of them and G"),
         ("initial: [1, 2, 3]", 14, ".initial: expected a mapping of p, q, r, G, got a list of 3"),
-        ("time: {end: 1, samples: 0}", 29, ".time.samples: expected an integer >= 1, <= 1e+15, got 0"),
-        ("time: {end: 1, samples: 1.5}", 29, ".time.samples: expected an integer >= 1, <= 1e+15, got 1.5"),
+        ("time: {end: 1, samples: 0}", 29,
+         ".time.samples: expected an integer >= 1, <= 1e+15, got 0"),
+        ("time: {end: 1, samples: 1.5}", 29,
+         ".time.samples: expected an integer >= 1, <= 1e+15, got 1.5"),
         ("time: {start: 2}", 11, ".time: missing 'end'"),
         ("time: {end: -1}", 17, ".time.end: the span from 0 to -1 is not possible"),
-        ("time: {start: -1e308, end: 1e308}", 32, ".time.end: the span from -1e+308 to 1e+308 is not possible"),
-        ("method: dop853", 13, f".method: expected {Choice(*METHODS)}, got 'dop853'; did you mean 'DOP853'?"),
+        ("time: {start: -1e308, end: 1e308}", 32,
+         ".time.end: the span from -1e+308 to 1e+308 is not possible"),
+        ("method: dop853", 13,
+         f".method: expected {Choice(*METHODS)}, got 'dop853'; did you mean 'DOP853'?"),
         ("precision: long", 16, ".precision: expected double, extended or quadruple, got 'long'"),
         ("error: true", 12, ".error: expected on or off, got true"),
         ("tol: 0", 10, ".tol: expected a positive number < 1, got 0"),
@@ -203,12 +221,16 @@ LINES = [
         ("note:", 5, ".note: expected text, got an empty value"),
         (r'note: "a\0b"', 11, ".note: control characters are not allowed in text"),
         ("store: {a: 1}", 12, ".store: expected a name or a list of names, got a mapping"),
-        ("store: [omega, omga]", 20, ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega)"),
-        ("sweep: 3", 12, ".sweep: expected a mapping of keys (damping.2) to {linspace: [first, last, number]}, logspace, "
+        ("store: [omega, omga]", 20,
+         ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega)"),
+        ("sweep: 3", 12, ".sweep: expected a mapping of keys (damping.2) to {linspace: [first, "
+                         "last, number]}, logspace, "
          "values, zip or sphere, got 3"),
-        ("sweep: {damping.2: {values: [1, .nan]}}", 37, ".sweep.damping.2.values.1: expected a finite number, got nan"),
+        ("sweep: {damping.2: {values: [1, .nan]}}", 37,
+         ".sweep.damping.2.values.1: expected a finite number, got nan"),
         ("form: mean", 11, ".form: expected full or averaged, got 'mean'"),
-        ("model: linear-dig", 12, f".model: expected {MODELS}, got 'linear-dig'; did you mean 'linear-diag'?"),
+        ("model: linear-dig", 12,
+         f".model: expected {MODELS}, got 'linear-dig'; did you mean 'linear-diag'?"),
         ("model: [1]", 12, f".model: expected {MODELS}, got a list of 1"),
         ("time: {end: 1, end: 2}", 20, ".time.end: duplicate key; the first is in line 3"),
         ("tol: !foo 1", 10, ".tol: the tag '!foo' is not allowed here"),
@@ -217,7 +239,8 @@ LINES = [
         ("tol: ! 1", 10, ".tol: the tag '!' is not allowed here"),
         ("tol: *t", 10, ".tol: *t has no anchor before it"),
         ("sweep: &s {p: [*s]}", 20, ".sweep.p.0: *s stands inside itself"),
-        ("<<: {p: 1}", 5, ": merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:"),
+        ("<<: {p: 1}", 5,
+         ": merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:"),
         ("? [p]\n    : 1", 7, ": a key is plain text, not a list or mapping"),
     ],
 )  # fmt: skip
@@ -241,27 +264,36 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
         ("cases: {a: 3}", ["1:12: cases.a: expected a mapping, got 3"]),
         ("cases:\n  a: {}", ["2:6: cases.a: missing 'model', 'time'"]),
         ("a: 1\n--- 2", ["2:1: a second document starts here; one is allowed"]),
-        ("a: [1, 2\n", ["2:1: not YAML: while parsing a flow sequence, did not find expected ',' or ']'"]),
+        ("a: [1, 2\n",
+         ["2:1: not YAML: while parsing a flow sequence, did not find expected ',' or ']'"]),
         ("a:\n\tb: 1",
-         ["2:1: not YAML: while scanning for the next token, found character that cannot start any token"]),
+         ["2:1: not YAML: while scanning for the next token, found character that cannot start "
+          "any token"]),
         ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
         ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
-        (GOOD + "titel: t\n", ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
+        (GOOD + "titel: t\n",
+         ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
                                "cases, figures, bench, claims, errata)"]),
-        (GOOD + "claims: [1]\n", [f"4:10: claims.0: expected a mapping of {', '.join(CLAIM)}, got 1"]),
-        (GOOD + "defaults: {inertia: 3, tol: 2}\n", ["4:29: defaults.tol: expected a positive number < 1, got 2"]),
-        (GOOD + "defaults: {resistance: 3}\n", ["4:12: defaults.resistance: no case here takes this key"]),
+        (GOOD + "claims: [1]\n",
+         [f"4:10: claims.0: expected a mapping of {', '.join(CLAIM)}, got 1"]),
+        (GOOD + "defaults: {inertia: 3, tol: 2}\n",
+         ["4:29: defaults.tol: expected a positive number < 1, got 2"]),
+        (GOOD + "defaults: {resistance: 3}\n",
+         ["4:12: defaults.resistance: no case here takes this key"]),
         (GOOD + "figures: {f: {cases: a}}\n", ["4:14: figures.f: missing 'kind'"]),
         (GOOD + "figures: {f: {kind: hodgraph, foo: 1}}\n",
-         [f"4:21: figures.f.kind: expected {Choice(*KINDS)}, got 'hodgraph'; did you mean 'hodograph'?"]),
+         [f"4:21: figures.f.kind: expected {Choice(*KINDS)}, got 'hodgraph'; did you mean "
+          f"'hodograph'?"]),
         (GOOD + "figures: {f: {kind: sphere, cases: [a, aa]}}\n",
          ["4:40: figures.f.cases.1: unknown name 'aa'; did you mean 'a'? (valid: a, a.b)"]),
-        (GOOD + "figures: {../f: {kind: sphere, cases: a}}\n", [f"4:11: figures.../f: {NAME_RULE}"]),
+        (GOOD + "figures: {../f: {kind: sphere, cases: a}}\n",
+         [f"4:11: figures.../f: {NAME_RULE}"]),
         ("cases: {a/b: {}}", [f"1:9: cases.a/b: {NAME_RULE}"]),
         ('cases: {"a\\nb": {}}', [rf"1:9: cases.a\nb: {NAME_RULE}"]),
         ('cases: {"a\\0b": {}}', ["1:9: cases: a key is printable text of at most 128 characters"]),
         (f"cases: {{{'n' * 101}: {{}}}}", [f"1:9: cases.{'n' * 101}: {NAME_RULE}"]),
-        (f"cases: {{{'n' * 300}: {{}}}}", ["1:9: cases: a key is printable text of at most 128 characters"]),
+        (f"cases: {{{'n' * 300}: {{}}}}",
+         ["1:9: cases: a key is printable text of at most 128 characters"]),
         ("cases: {é: {}}", [f"1:9: cases.é: {NAME_RULE}"]),
         ("a: !!python/object:os.system []",
          ["1:4: a: the tag 'tag:yaml.org,2002:python/object:os.system' is not allowed here"]),
@@ -314,13 +346,15 @@ def test_a_missing_key_is_named_at_the_case_itself() -> None:
 def test_a_key_of_another_form_says_which() -> None:
     lines = mistakes(f"cases:\n  a: {{model: cavity+constant, {SPAN}, spin_reversal: stop}}\n")
     assert (
-        "x.yaml:2:48: cases.a.spin_reversal: is a key of form averaged or averaged-as-printed, and this is form full"
+        "x.yaml:2:48: cases.a.spin_reversal: is a key of form averaged or averaged-as-printed, "
+        "and this is form full"
     ) in lines
 
 
 def test_a_models_own_check_goes_as_far_as_the_values_that_are_right() -> None:
     text = (
-        "cases:\n  a: {model: Lagrange-averaged, form: averaged-u, inertia: {A: 1, C: 3}, mu: 1, a: [1], b: x, "
+        "cases:\n  a: {model: Lagrange-averaged, form: averaged-u, inertia: {A: 1, C: 3}, mu: 1, "
+        "a: [1], b: x, "
         f"initial: {{theta: 1, r: 2}}, {SPAN}}}\n"
     )
     inertia, b = mistakes(text)
@@ -544,7 +578,8 @@ def refused(kind: Any, value: Any) -> tuple[Mistake, ...]:
     [
         (Number(), 3, 3.0), (Number(least=0), 0, 0.0), (Number(most=0), 0, 0.0),
         (Integer(), 5e3, 5000), (Integer(least=1), 1, 1),
-        (Angle(), 1.5, 1.5), (Angle(), "60 deg", math.radians(60)), (Angle(), "-1e2deg", math.radians(-100)),
+        (Angle(), 1.5, 1.5), (Angle(), "60 deg", math.radians(60)), (Angle(), "-1e2deg",
+                                                                     math.radians(-100)),
         (Angle(), "0.5 rad", 0.5),
         (Vector(2, above=0, scalar=True), 2, (2.0, 2.0)), (Vector(2), [1, 2], (1.0, 2.0)),
         (Matrix(2), [[1, 2], [3, 4]], ((1.0, 2.0), (3.0, 4.0))),
@@ -570,9 +605,12 @@ def test_a_kind_resolves(kind: Any, given: Any, value: Any) -> None:
         (Number(), 10**400, (), "expected a finite number, got a huge integer"),
         (Integer(most=3), 4, (), "expected an integer <= 3, got 4"),
         (Integer(), True, (), "expected an integer, got true"),
-        (Angle(), "60 degrees", (), "expected an angle in radians, or such as '60 deg', got '60 degrees'"),
-        (Angle(), "1e999 deg", (), "expected an angle in radians, or such as '60 deg', got '1e999 deg'"),
-        (Angle(), "1.2.3 deg", (), "expected an angle in radians, or such as '60 deg', got '1.2.3 deg'"),
+        (Angle(), "60 degrees", (),
+         "expected an angle in radians, or such as '60 deg', got '60 degrees'"),
+        (Angle(), "1e999 deg", (),
+         "expected an angle in radians, or such as '60 deg', got '1e999 deg'"),
+        (Angle(), "1.2.3 deg", (),
+         "expected an angle in radians, or such as '60 deg', got '1.2.3 deg'"),
         (Matrix(2), [[1, 2], [3]], (1,), "expected 2 numbers, got a list of 1"),
         (Matrix(2), [[1, 2], [3, "x"]], (1, 1), "expected a finite number, got 'x'"),
         (ListOf(Number()), [], (), "expected a list of one or more: number, got a list of 0"),
@@ -694,7 +732,8 @@ def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
         return False
     number = isinstance(value, int | float) and not isinstance(value, bool)
     types = {
-        "object": isinstance(value, dict), "array": isinstance(value, list), "string": isinstance(value, str),
+        "object": isinstance(value, dict), "array": isinstance(value, list),
+        "string": isinstance(value, str),
         "number": number, "integer": number and value == int(value),
     }  # fmt: skip
     parts = [types[rule["type"]]] if "type" in rule else []
@@ -735,9 +774,9 @@ def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
 KNOWN_WORDS = set(
     re.findall(
         r"\S+",
-        """$schema $defs $ref title description default type enum const anyOf oneOf allOf if then pattern items minItems
-        maxItems minimum maximum exclusiveMinimum exclusiveMaximum required properties additionalProperties
-        propertyNames minProperties""",
+        """$schema $defs $ref title description default type enum const anyOf oneOf allOf if then
+        pattern items minItems maxItems minimum maximum exclusiveMinimum exclusiveMaximum required
+        properties additionalProperties propertyNames minProperties""",
     )
 )
 
@@ -754,7 +793,8 @@ def test_every_config_obeys_the_schema(path: Path) -> None:
 
 @pytest.mark.parametrize(
     "entry",
-    ["dampng: 1", "damping: x", "damping: [0, 0]", "inertia: [1, 0, 1]", "initial: {x: 1}", "time: {samples: 0}",
+    ["dampng: 1", "damping: x", "damping: [0, 0]", "inertia: [1, 0, 1]", "initial: {x: 1}",
+     "time: {samples: 0}",
      "model: foo", "form: foo", "method: foo", "tol: 0", "error: true", "note: 1", "resistance: 1"],
 )  # fmt: skip
 def test_the_schema_finds_the_mistakes_that_a_schema_can(entry: str) -> None:
@@ -785,8 +825,8 @@ def test_the_key_tables_have_every_key_of_each_group() -> None:
 
 
 def test_the_bench_section_is_checked() -> None:
-    text = "cases: {a: {model: tensor, resistance: {diagonal: 0, off_diagonal: 0}, inertia: [1, 1, 1], "
-    text += "initial: {p: 1, q: 0, r: 0}, time: {end: 1}}}\nbench: "
+    text = "cases: {a: {model: tensor, resistance: {diagonal: 0, off_diagonal: 0}, "
+    text += "inertia: [1, 1, 1], initial: {p: 1, q: 0, r: 0}, time: {end: 1}}}\nbench: "
     given = parse(text + "{methods: [auto, DOP853], tols: [1e-3]}", "x.yaml").bench
     assert given == {
         "methods": ("auto", "DOP853"),

@@ -20,7 +20,8 @@ from hodo_cli.models import rigid_body
 from hodo_cli.results.layout import label_group
 
 BODY = (1.0, 0.8, 0.6)
-CROSSING = 305.3589551667112034886  # of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv
+# Of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv.
+CROSSING = 305.3589551667112034886
 
 
 def diagonal(

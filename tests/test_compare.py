@@ -79,7 +79,8 @@ def test_a_result_equals_itself(tmp_path: Path) -> None:
     assert all(line.scaled == 0 for line in lines)
     assert {line.case for line in lines} == set(CASES)
     assert {line.variable for line in lines if line.case == "fig4"} == {
-        "time", "omega", "axis", "enclosed_axis", "crossing_time", "crossing_from", "crossing_to", "crossing_G",
+        "time", "omega", "axis", "enclosed_axis", "crossing_time", "crossing_from", "crossing_to",
+        "crossing_G",
     }  # fmt: skip
 
 

@@ -198,7 +198,8 @@ from hodo_cli.cli import main
 for path in map(Path, sys.argv[1:]):
     print(path.stem, flush=True, file=sys.stderr)
     try:
-        main(["plot", str(path), "--out", str(path.parent / "figures" / path.stem)], prog_name="hodo")
+        out = path.parent / "figures" / path.stem
+        main(["plot", str(path), "--out", str(out)], prog_name="hodo")
     except SystemExit as done:
         print("status", done.code, file=sys.stderr)
 """
@@ -307,7 +308,8 @@ def test_a_folder_that_cannot_be(folder: Path, hodo: Hodo) -> None:
 
 
 def test_a_package_that_is_missing(folder: Path) -> None:
-    script = "import sys; sys.modules['xarray'] = None; from hodo_cli.cli import main; main(['plot', 'two.h5'])"
+    script = "import sys; sys.modules['xarray'] = None\n"
+    script += "from hodo_cli.cli import main\nmain(['plot', 'two.h5'])"
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False
     )

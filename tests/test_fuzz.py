@@ -20,10 +20,14 @@ from hodo_cli.schema.write import write
 COUNT = settings(max_examples=int(os.environ.get("HODO_FUZZ", "150")))
 CONFIGS = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "configs").glob("*.yaml"))]
 PIECES = st.sampled_from(
-    ["[", "]", "{", "}", ":", ": ", "- ", "? ", "&a ", "*a", "!!int ", "!x ", "|\n", ">\n", "'", '"', "#", "\n", "\t",
-     "  ", "<<: ", "---\n", "...\n", "%YAML 1.1\n", "\0", "\x85", "\u2028", "\ufeff", "1e400", ".nan", "-.inf", "~",
-     "no", "9" * 5000, "0x" + "f" * 400, "60 deg", "é", "model: tensor", "form: averaged", "[" * 60, "initial: {x: -1}",
-     "time: {end: 1e308, start: -1e308}", "inertia: [1, 1, 1e-320]", "G: 1e-300", "defaults: ", "cases: ", "a" * 200]
+    ["[", "]", "{", "}", ":", ": ", "- ", "? ", "&a ", "*a", "!!int ", "!x ", "|\n", ">\n", "'",
+     '"', "#", "\n", "\t",
+     "  ", "<<: ", "---\n", "...\n", "%YAML 1.1\n", "\0", "\x85", "\u2028", "\ufeff", "1e400",
+     ".nan", "-.inf", "~",
+     "no", "9" * 5000, "0x" + "f" * 400, "60 deg", "é", "model: tensor", "form: averaged", "[" * 60,
+     "initial: {x: -1}",
+     "time: {end: 1e308, start: -1e308}", "inertia: [1, 1, 1e-320]", "G: 1e-300", "defaults: ",
+     "cases: ", "a" * 200]
 )  # fmt: skip
 WORDS = st.sampled_from(["on", "x", "60 deg", "taylor", "continue"])
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | WORDS

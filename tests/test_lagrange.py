@@ -40,7 +40,8 @@ def case(**given: str) -> Case:
     """The paper's top at 60 degrees with the keys given, in YAML."""
     keys = {
         "inertia": "{A: 1.5, C: 1}", "mu": "0.5", "a": "[0.125, 1]", "b": "[0.1, 1]",
-        "initial": "{theta: 60 deg, r: 1.7320508075688772}", "time": "{end: 4, samples: 41}", "error": "off",
+        "initial": "{theta: 60 deg, r: 1.7320508075688772}", "time": "{end: 4, samples: 41}",
+        "error": "off",
     } | given  # fmt: skip
     lines = "".join(f"    {key}: {value}\n" for key, value in keys.items() if value)
     return parse(f"cases:\n  c:\n    model: Lagrange-averaged\n{lines}", "test").cases["c"]

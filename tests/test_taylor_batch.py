@@ -17,7 +17,10 @@ TOP = (
     "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, b: [0.1, 1], time: {end: 2}, "
     "initial: {theta: 60 deg, r: 1.7}, error: off, tol: 1e-12"
 )
-CAVITY = "model: cavity+constant, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1, error: off, tol: 1e-12"
+CAVITY = (
+    "model: cavity+constant, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1, "
+    "error: off, tol: 1e-12"
+)
 POLYNOMIAL = "a: [0.125, 1]"
 
 FORMS = {
@@ -25,7 +28,8 @@ FORMS = {
     "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 100}, error: off",
     "tensor": "model: tensor, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, "
     "resistance: [[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]], time: {end: 100}, error: off",
-    "cavity": f"{CAVITY}, torque: [0.01, 0, -0.1], initial: {{p: 1, q: 0.1, r: 1}}, time: {{end: 9}}",
+    "cavity": f"{CAVITY}, torque: [0.01, 0, -0.1], initial: {{p: 1, q: 0.1, r: 1}}, time: "
+    f"{{end: 9}}",
     "cavity averaged": f"{CAVITY}, form: averaged, torque: [0, 0, -0.1], initial: {{x: 1, y: 1}}, "
     "time: {end: 30}",
     "top": f"{TOP}, {POLYNOMIAL}, form: full, epsilon: 0.05",
