@@ -103,12 +103,24 @@ def watched(
     `doubt` is that of the `Watcher`. Nothing is looked at after the time `until`.
     """
     samples = sample_times(case)
-    times = np.union1d(samples, np.linspace(case.time.start, case.time.end, CHECKS))
+    times = with_checks(samples, case.time.start, case.time.end)
     times = times[times <= until]
     watcher = Watcher(np.array(case.data["inertia"]), doubt)
     solution = solve(case, method, precision, tol, times, watcher)
     sampled = np.searchsorted(times, samples)
     return Watched(solution, watcher.marks(), sampled[sampled < len(solution.path.time)])
+
+
+def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
+    """Samples (n,) with the CHECKS times among them, but for those that are beside a sample."""
+    checks = np.linspace(start, end, CHECKS)
+    after = np.searchsorted(samples, checks)
+    nearest = np.minimum(
+        np.abs(samples[np.minimum(after, len(samples) - 1)] - checks),
+        np.abs(samples[np.maximum(after - 1, 0)] - checks),
+    )
+    # Times a rounding apart would be one in an engine's own units.
+    return np.union1d(samples, checks[nearest > 1e-9 * (end - start)])
 
 
 def check_stored(

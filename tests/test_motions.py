@@ -1,0 +1,185 @@
+"""Random motions of every kind against the independent series: crossings, labels, stated errors.
+
+HODO_FUZZ sets the number of motions of each kind (default 12).
+"""
+
+import math
+import os
+import random
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import series
+
+from hodo_cli.cases.case import Case, Time
+from hodo_cli.integration.classify import Classification, classify
+from hodo_cli.integration.integrate import integrate
+
+COUNT = int(os.environ.get("HODO_FUZZ", "12"))
+LOOSE = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
+
+
+class Draw(NamedTuple):
+    """A body, its medium (three coefficients or a tensor), start, horizon, method and tolerance."""
+
+    A: Sequence[float]
+    medium: Sequence
+    start: Sequence[float]
+    end: float
+    method: str = "auto"
+    tol: float | None = None
+
+
+def body(rng: random.Random) -> list[float]:
+    middle = rng.uniform(0.6, 0.98)
+    A = [1.0, middle, rng.uniform(max(1.01 - middle, 0.3), middle - 0.02)]
+    rng.shuffle(A)
+    return A
+
+
+def order(A: Sequence[float]) -> list[int]:
+    return sorted(range(3), key=lambda i: -A[i])
+
+
+def damped(rng: random.Random) -> Draw:
+    """Any linear resistance; often the two coefficients are nearly equal that decide."""
+    A = body(rng)
+    lam = [10 ** rng.uniform(-3, -1) for _ in range(3)]
+    if rng.random() < 0.3:
+        lam[order(A)[2]] = lam[order(A)[0]] * rng.choice([1, 1.001, 0.999, 1.1])
+    return Draw(A, lam, [rng.gauss(0, 1) for _ in range(3)], 10 ** rng.uniform(0.5, 2.3))
+
+
+def resisted(rng: random.Random) -> Draw:
+    """A tensor that is not symmetric, by any method."""
+    size = 10 ** rng.uniform(-3, -0.7)
+    root = [[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)]
+    I = [
+        [size * (sum(map(lambda a, b: a * b, x, y)) + rng.gauss(0, 0.2)) for y in root]
+        for x in root
+    ]
+    draw = Draw(body(rng), I, [rng.gauss(0, 1) for _ in range(3)], min(100, 13 / size))
+    return loosely(rng, draw) if rng.random() < 0.4 else draw
+
+
+def loosely(rng: random.Random, draw: Draw) -> Draw:
+    return draw._replace(method=rng.choice(LOOSE), tol=10 ** rng.uniform(-9, -2))
+
+
+def loose(rng: random.Random) -> Draw:
+    """A loose tolerance, and a start that is often so near to D = 0 that it crosses at once."""
+    draw = loosely(rng, damped(rng))
+    if rng.random() < 0.5:
+        largest, middle, smallest = order(draw.A)
+        Al, Am, As = (draw.A[i] for i in (largest, middle, smallest))
+        beside = 1 + rng.choice((1, -1)) * 10 ** rng.uniform(-12, -2)
+        slope = math.sqrt(Al * (Al - Am) / (As * (Am - As)))
+        start = list(draw.start)
+        start[smallest] = start[largest] * slope * beside
+        draw = draw._replace(start=start)
+    return draw
+
+
+def beside_the_middle_axis(rng: random.Random) -> Draw:
+    """A rotation 1e-14 to 1e-3 beside the middle axis, with nearly equal coefficients."""
+    A = body(rng)
+    lam = [10 ** rng.uniform(-3.5, -2) for _ in range(3)]
+    largest, middle, smallest = order(A)
+    if rng.random() < 0.6:
+        lam[smallest] = lam[largest] * rng.choice([1, 1, 1.001, 0.999, 1.1])
+    start = [rng.choice((0, 1, -1)) * 10 ** rng.uniform(-14, -3) for _ in range(3)]
+    start[middle] = rng.choice((1.0, -1.0))
+    draw = Draw(A, lam, start, rng.uniform(50, 200))
+    return loosely(rng, draw) if rng.random() < 0.3 else draw
+
+
+def truth(draw: Draw) -> list[series.Crossing]:
+    """With as many bits as decay and the neighbourhood of the axis cost besides."""
+    if isinstance(draw.medium[0], list):
+        rate = max(abs(x) for row in draw.medium for x in row)
+        system = series.tensor(draw.A, draw.medium)
+    else:
+        rate, system = max(draw.medium), series.diagonal(draw.A, draw.medium)
+    bits = 250 + round(3 * rate * draw.end)
+    return series.crossings(draw.A, system, draw.start, draw.end, bits)
+
+
+def judged(draw: Draw, samples: int) -> tuple[np.ndarray, Classification]:
+    if isinstance(draw.medium[0], list):
+        model, medium = "tensor", {"resistance": tuple(map(tuple, draw.medium))}
+    else:
+        model, medium = "linear-diag", {"damping": tuple(draw.medium)}
+    initial = dict(zip("pqr", draw.start, strict=True)) | {"G": None}
+    data = {"inertia": tuple(draw.A), **medium, "initial": initial}
+    time = Time(end=draw.end, samples=samples)
+    case = Case("any", model, "full", data, time, method=draw.method, tol=draw.tol)
+    motion = integrate(case)
+    found = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    return motion.time, found
+
+
+def side_of(draw: Draw) -> int:
+    """The axis enclosed at the start, from its exact rational D; 0 where that is 0."""
+    largest, middle, smallest = order(draw.A)
+    Al, Am, As = (Fraction(draw.A[i]) for i in (largest, middle, smallest))
+    outer = Al * (Al - Am) * Fraction(draw.start[largest]) ** 2
+    inner = As * (Am - As) * Fraction(draw.start[smallest]) ** 2
+    return 0 if outer == inner else 1 + (largest if outer > inner else smallest)
+
+
+@pytest.mark.parametrize("seed", range(COUNT))
+@pytest.mark.parametrize("draw_one", [damped, resisted, loose, beside_the_middle_axis])
+def test_crossings_and_labels_are_right_or_undecided(
+    draw_one: Callable[[random.Random], Draw], seed: int
+) -> None:
+    rng = random.Random(seed)
+    draw = draw_one(rng)
+    expected = truth(draw)
+    times, found = judged(draw, rng.choice([2, 7, 101]))
+    axes = [(c.start, c.end) for c in found.crossings]
+    right = axes == [(c.before, c.after) for c in expected]
+    assert right or found.hidden
+    if right:
+        for ours, theirs in zip(found.crossings, expected, strict=True):
+            # The error is the distance from a reference that has an error of its own.
+            assert abs(ours.time - theirs.time) <= 3 * ours.error
+    labels_change_at_crossings(times, found)
+    for time, label in zip(times, found.labels, strict=True):
+        passed = [c.after for c in expected if c.time <= Fraction(float(time))]
+        side = passed[-1] if passed else side_of(draw)
+        assert label in (0, side) or not any(draw.start)
+
+
+def labels_change_at_crossings(times: np.ndarray, found: Classification) -> None:
+    """Between two samples with a side, it has changed where an odd number of crossings is stored."""
+    for i, j in pairwise(np.flatnonzero(found.labels > 0)):
+        crossings = [c for c in found.crossings if times[i] < c.time <= times[j]]
+        assert (len(crossings) % 2 == 1) == (found.labels[i] != found.labels[j])
+        if crossings:
+            assert crossings[0].start == found.labels[i]
+            assert crossings[-1].end == found.labels[j]
+
+
+def test_a_side_beside_the_middle_axis_is_the_true_one_or_none() -> None:
+    """lambda1 = lambda3 forbids a crossing: D = D0 exp(-2 lambda t), and D0 < 0."""
+    draw = Draw((1.0, 0.8, 0.6), (1e-3, 5e-3, 1e-3), (1e-13, 1.0, 1e-11), 300)
+    _, found = judged(draw, 7)
+    assert not found.crossings
+    assert found.labels[0] == 3
+    assert set(found.labels.tolist()) <= {0, 3}
+
+
+def test_a_crossing_shortly_after_the_start_is_found_however_loose_the_tolerance() -> None:
+    """The error at the end, 0.004, is not that at a time of 0.3."""
+    draw = Draw(
+        (1.0, 0.8, 0.6), (0.05, 0.04, 0.03), (0.5, 0.5, 0.6409999938842068), 37.17156978357661,
+        "Radau", 1e-2,
+    )  # fmt: skip
+    _, found = judged(draw, 101)
+    (crossing,) = found.crossings
+    assert abs(crossing.time - 0.335263108464917872) <= 3 * crossing.error
+    assert (crossing.start, crossing.end) == (1, 3)
