@@ -58,6 +58,7 @@ def value(check: Keys, motions: Sequence[Motion]) -> Finding:
         for m, ours, theirs in zip(motions, found, given, strict=True):
             differences.append(abs(ours - theirs))
             scale = size(m, name)
+            # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
             worst = max(
                 worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
             )
@@ -79,6 +80,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         series(m, name) if everywhere else np.array([number(m, name, check["at"])]) for m in motions
     ]
     low, high = float(np.min([f.min() for f in found])), float(np.max([f.max() for f in found]))
+    # -inf where there is no bound: nothing can violate it.
     violation = float(
         np.max(
             [
@@ -87,6 +89,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
             ]
         )
     )
+    # As the axis of a figure would reach, which shows both the values and the bound.
     scale = max(max(size(m, name) for m in motions), abs(most or 0), abs(least or 0))
     words = (
         f"{name} from {low:.6g} to {high:.6g}"
@@ -104,6 +107,8 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     for m in motions:
         for name in check["of"]:
             values = sign * series(m, name)
+            # How far each value is above the least before it: a slow climb counts, not only a
+            # single step.
             back = values - np.minimum.accumulate(values)
             if violation := beyond(float(back.max()) / size(m, name), ROUNDING):
                 worst = max(worst, violation)
@@ -124,6 +129,7 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
         return Finding(beyond(apart, ROUNDING), apart, words)
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     right = all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
+    # The smallest step is the number that would decide otherwise first.
     return Finding(if_true(right), min(map(abs, steps)), words)
 
 

@@ -62,8 +62,10 @@ def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
     """A time at which a free motion passes q = 0, and omega (3,) there: Newton's method on q(t)."""
     A, start = m.inertia, m.omega[0]
     near = first(zeros(m.time, m.omega[:, 1])) if start[1] else float(m.time[0])
+    # Quadratic from a sample nearby, so five steps would do; sixty cost nothing.
     for _ in range(60):
         p, q, r = free_motion(A, start, np.array([near - m.time[0]]))[0]
+        # q' of Euler's equations for free motion.
         near -= q * A[1] / ((A[2] - A[0]) * p * r)
     return near, free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
 
@@ -135,6 +137,7 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         G2, h = (m.inertia**2 * w * w).sum(axis=1), (m.inertia * w * w).sum(axis=1)
         # Nearer to the separatrix the difference of G^2 and 2 T A2, as it stands, is rounding.
         clear = np.abs(G2 - h * A2) > 64 * EPS * G2
+        # Written out as the paper has it, and not by `slope`, which is what is tested.
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
         wrong += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
     return Finding(if_true(wrong == 0), float(wrong), f"{wrong} samples on the other side")
@@ -220,6 +223,7 @@ def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
     reversed_ = sum((differences[i] < differences[j]) == (times[i] < times[j]) for i, j in apart)
     share = reversed_ / len(apart)
     words = f"rank correlation {correlation:.2f}, {share:.1%} of {len(apart)} pairs reversed"
+    # A trend, and no law: the middle coefficient matters too, so pairs may be reversed.
     return Finding(if_true(correlation < -0.8), correlation, words)
 
 
@@ -323,6 +327,7 @@ def scaled(motions: Sequence[Motion], letter: str) -> Finding:
     large = {name: small[name] * unit * omega0 for name in coefficients}
     start = m.omega[0]
     true = np.array(rhs(0.0, [*(omega0 * start)], SimpleNamespace(**{**small, **body, **large})))
+    # A rate of omega is in units of omega0^2.
     true /= omega0**2
     as_printed = {name: value / unit for name, value in large.items()}
     printed = np.array(rhs(0.0, [*start], SimpleNamespace(**{**small, **as_printed})))

@@ -173,6 +173,8 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
 
     Decided by the smallest power, which must be 0.9 of 1 at least.
     """
+    # Each a quarter of the last: small enough for the first order, large enough that its errors are
+    # far above rounding.
     epsilons = (0.02, 0.005, 0.00125)
     powers, words = [], []
     for limit, full in in_pairs(motions):
@@ -183,6 +185,7 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
             powers.append(float((np.diff(np.log(errors)) / np.diff(np.log(epsilons))).min()))
             words.append(f"{name} {', '.join(f'{error:.3g}' for error in errors)}")
     least = min(powers)
+    # The second order still bends the power at these epsilons.
     return Finding(if_true(least >= 0.9), least, f"power {least:.3g}: {'; '.join(words)}")
 
 

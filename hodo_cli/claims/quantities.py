@@ -65,6 +65,7 @@ def swept_angle(m: Motion, about: int, where: slice | np.ndarray = slice(None)) 
     """The turns that G makes about axis `about` (0, 1, 2) over the samples `where`, with their
     sign."""
     one, other = ((m.inertia * m.omega)[where, i] for i in range(3) if i != about)
+    # Right while G turns by less than half a turn between two samples, as it does in every figure.
     angle = np.unwrap(np.arctan2(other, one))
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
 
@@ -79,6 +80,8 @@ def reach(m: Motion, side: int) -> float:
 
 def coordinate(m: Motion, side: int) -> np.ndarray:
     """w_l^2 (side 0) or K w_s^2 (side 2) over time (n,)."""
+    # The quadrants of paper 1 have K w_s^2 as their second axis, so that the separatrix is the
+    # diagonal.
     scale = slope(m.inertia) if side == 2 else 1.0
     return np.asarray(scale * m.omega[:, m.order[side]] ** 2)
 
@@ -100,6 +103,7 @@ def growth(m: Motion, side: int) -> float:
 def zeros(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The times at which values (n,) change sign, by linear interpolation between the samples."""
     i = np.flatnonzero(values[:-1] * values[1:] < 0)
+    # Linear is enough: these times are compared with printed ones, of two or three digits.
     return np.asarray(time[i] - values[i] * (time[i + 1] - time[i]) / (values[i + 1] - values[i]))
 
 

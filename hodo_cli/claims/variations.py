@@ -74,6 +74,7 @@ def changed(case: Case, values: Mapping[str, Any]) -> Case:
             data, [int(part) if part.isdecimal() else part for part in path.split(".")], value
         )
     time = Time(**data.pop("time"))
+    # Through the text, so that a changed value meets every check that a case file meets.
     return parse_case(dump(replace(case, data=data, time=time)))
 
 

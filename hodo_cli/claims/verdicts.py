@@ -59,10 +59,12 @@ def together(claim: Mapping[str, Any], found: Mapping[str, Verdict]) -> str:
     holds = [verdict in (REPRODUCED, PLOTTING) for verdict in verdicts]
     if NOT_TESTED in verdicts:
         return NOT_TESTED
+    # The readings of an erratum are two, as printed and corrected, in this order.
     if claim["erratum"] and holds == [True, False]:
         return AS_PRINTED
     if all(holds):
         return PLOTTING if PLOTTING in verdicts else REPRODUCED
+    # Contradicted only under every reading: the text may have meant the one under which it holds.
     return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
 
 
@@ -136,6 +138,7 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     found = {name: [known(case) for case in cases] for name, cases in varied}
     if not found:
         raise HodoError(f"no member starts about {claim['start']}")
+    # A trend speaks of all members at once, so no single one of them can decide it.
     if (name := claim["check"].get("name")) in TRENDS:
         finding = TRENDS[name]([*found.values()])
         return Verdict(claim, degree(finding.deviation), finding.number, finding.words)

@@ -31,6 +31,7 @@ def kinetic_energy(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
 def inertia_order(A: Any) -> tuple[int, int, int]:
     """The positions of the largest, middle and smallest moment of inertia; ties keep the order
     given."""
+    # A stable sort, so that ties keep the order given.
     largest, middle, smallest = sorted(range(3), key=lambda i: -A[i])
     return largest, middle, smallest
 
@@ -111,6 +112,7 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     largest, middle, smallest = order
     outer, inner = separatrix_terms(A, w, order)
     labels = np.where(outer > inner, largest + 1, smallest + 1)
+    # In steady rotation about an axis of symmetry both terms are 0: G goes round nothing.
     known = np.isfinite(outer + inner) & (outer + inner > 0)
     if A[largest] > A[middle] > A[smallest]:
         known = np.isfinite(outer + inner) & np.any(omega != 0, axis=-1)
@@ -147,6 +149,7 @@ def growth_rates(A: np.ndarray, rates: np.ndarray) -> np.ndarray:
     the motion leaves the axis, though not always for the other one: it may end as an oscillation of
     constant shape on the same side.
     """
+    # lambda_i less the mean of the other two.
     found = rates - (rates.sum() - rates) / 2
     # Nor for an axis whose moment is the middle one too: a symmetric body has no such turn.
     return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, found))
@@ -240,6 +243,7 @@ class BodyFrame(Model):
         A = data.get("inertia")
         if A is None:
             return
+        # Equality is allowed: a flat disc, whose largest moment is the sum of the others.
         if 2 * max(A) > sum(A):
             largest = A.index(max(A))
             yield (
