@@ -19,7 +19,7 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time, dump, parse_case
 from hodo_cli.cases.claim_block import CLAIM
 from hodo_cli.cases.config import load, parse
-from hodo_cli.cases.figure_block import KINDS
+from hodo_cli.cases.figure_block import FIGURE_KINDS
 from hodo_cli.cases.json_schema import schema
 from hodo_cli.cases.key_tables import key_tables
 from hodo_cli.cases.keys import COMMON, METHODS
@@ -282,7 +282,7 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
          ["4:12: defaults.resistance: no case here takes this key"]),
         (GOOD + "figures: {f: {cases: a}}\n", ["4:14: figures.f: missing 'kind'"]),
         (GOOD + "figures: {f: {kind: hodgraph, foo: 1}}\n",
-         [f"4:21: figures.f.kind: expected {Choice(*KINDS)}, got 'hodgraph'; did you mean "
+         [f"4:21: figures.f.kind: expected {Choice(*FIGURE_KINDS)}, got 'hodgraph'; did you mean "
           f"'hodograph'?"]),
         (GOOD + "figures: {f: {kind: sphere, cases: [a, aa]}}\n",
          ["4:40: figures.f.cases.1: unknown name 'aa'; did you mean 'a'? (valid: a, a.b)"]),

@@ -74,8 +74,12 @@ def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
 
 
 def test_every_quantity_and_kind_is_computed_once() -> None:
-    assert list(claim_block.KINDS) == [*KINDS, "average", "paper"]
-    assert set(claim_block.QUANTITIES) <= {*QUANTITIES, *quantities.NUMBERS, *TOP.system.variables}
+    assert list(claim_block.CHECK_KINDS) == [*KINDS, "average", "paper"]
+    assert set(claim_block.QUANTITY_NAMES) <= {
+        *QUANTITIES,
+        *quantities.NUMBERS,
+        *TOP.system.variables,
+    }
     assert not set(QUANTITIES) & set(quantities.NUMBERS)
     assert not set(CHECKS) & set(TRENDS)
 

@@ -401,7 +401,7 @@ def test_a_case_begins_at_its_own_start_of_time():
     expected = closed_form.equal_damping(
         np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0])
     )
-    assert np.array_equal(exact.solve(one, np.array([3.0, 13.0])), expected)
+    assert np.array_equal(exact.exact_motion(one, np.array([3.0, 13.0])), expected)
     assert expected[0] == pytest.approx(omega0, rel=1e-15)
-    state, exponent = exact.solve_scaled(one, np.array([3.0, 13.0]))
+    state, exponent = exact.exact_scaled(one, np.array([3.0, 13.0]))
     assert np.array_equal(np.ldexp(state, exponent[:, None]), expected)

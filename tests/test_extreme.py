@@ -123,7 +123,7 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
     theirs = extended(series.state)
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
     assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17
-    assert np.array_equal(exact.solve(case, sample_times(case)).dtype, np.float64)
+    assert np.array_equal(exact.exact_motion(case, sample_times(case)).dtype, np.float64)
 
 
 class Decay(Model):

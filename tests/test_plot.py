@@ -22,7 +22,7 @@ from matplotlib.colors import to_rgb
 
 from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load
-from hodo_cli.cases.figure_block import KINDS
+from hodo_cli.cases.figure_block import FIGURE_KINDS
 from hodo_cli.commands import plot
 from hodo_cli.figures import artists, page
 from hodo_cli.figures.geometry import (
@@ -77,7 +77,7 @@ def refused(call: Callable[[], object]) -> str:
 
 
 def test_every_kind_that_is_declared_is_drawn() -> None:
-    assert set(figures.DRAW) == set(KINDS)
+    assert set(figures.DRAW) == set(FIGURE_KINDS)
 
 
 def test_all_figures_are_drawn(runs: Path, tmp_path: Path) -> None:

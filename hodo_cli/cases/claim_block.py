@@ -33,7 +33,7 @@ CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
 """The verdicts on an erratum; a wrong number of an equation, say, is seen by reading."""
 
-QUANTITIES = {
+QUANTITY_NAMES = {
     "p": "angular velocity about x1",
     "q": "angular velocity about x2",
     "r": "angular velocity about x3",
@@ -64,7 +64,7 @@ computes them."""
 
 
 AXIS = Choice("x1", "x2", "x3")
-QUANTITY = Choice(*QUANTITIES, title="a quantity")
+QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
 SEVERAL = Key(ListOf(QUANTITY), "quantities over time")
 
@@ -144,7 +144,7 @@ PAPER = {
     "name": Key(Text(), "a check written in Python for one paper (`hodo_cli/claims/paper*.py`)")
 }
 
-KINDS: dict[str, dict[str, Key]] = {
+CHECK_KINDS: dict[str, dict[str, Key]] = {
     "axis": AXES,
     "crossings": CROSSINGS,
     "value": VALUE,
@@ -157,7 +157,7 @@ KINDS: dict[str, dict[str, Key]] = {
 }
 """What each kind of check takes."""
 
-CHECK = Variant("kind", KINDS)
+CHECK = Variant("kind", CHECK_KINDS)
 ID = Key(Text(), "name")
 CASES = Key(NAMES, "cases that it concerns", default=())
 OVER = Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None)
@@ -305,8 +305,8 @@ def _check_cases(named: Iterable[str], cases: Mapping[str, Any]) -> Iterator[Mis
 
 def _check_values(values: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     for name, numbers in values.items():
-        if name not in QUANTITIES:
-            yield (Misnamed(name),), unknown("quantity", name, QUANTITIES)
+        if name not in QUANTITY_NAMES:
+            yield (Misnamed(name),), unknown("quantity", name, QUANTITY_NAMES)
         elif len(numbers) != count:
             yield (name,), f"expected {count} numbers, one for each case, got {len(numbers)}"
 

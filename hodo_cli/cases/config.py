@@ -12,7 +12,7 @@ from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, resolve, shown
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
-from .figure_block import KINDS
+from .figure_block import FIGURE_KINDS
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
 
@@ -162,9 +162,9 @@ def _figures(
     figures = {}
     for name, block in entries.items():
         kind = block.get("kind")
-        keys = {"kind": Key(Choice(*KINDS), "what is drawn")}
-        if isinstance(kind, str) and kind in KINDS:
-            figures[name], wrong = resolve(keys | KINDS[kind], block)
+        keys = {"kind": Key(Choice(*FIGURE_KINDS), "what is drawn")}
+        if isinstance(kind, str) and kind in FIGURE_KINDS:
+            figures[name], wrong = resolve(keys | FIGURE_KINDS[kind], block)
         else:
             # Which other keys are right is not known without the kind.
             figures[name], wrong = resolve(keys, {key: kind for key in block if key == "kind"})

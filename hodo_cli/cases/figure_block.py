@@ -3,19 +3,19 @@
 
 from ..schema.kinds import NAMES, Choice, Integer, Key, ListOf, Number, Table, Text, Vector
 
-CASES = Key(NAMES, "cases to draw, in this order")
-LABELS = Key(
+DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
+LEGEND = Key(
     NAMES, "names of the cases in the legend, in their order (default: their own)", default=()
 )
 CAPTION = Key(Text(), "what the figure shows; assumptions and misprints of its cases", default="")
-TIME = Key(Text(), "symbol of time, in TeX", default=r"\tau")
+TIME_SYMBOL = Key(Text(), "symbol of time, in TeX", default=r"\tau")
 VIEW = Key(
     Vector(2),
     "direction of view: elevation above the x1 x2 plane, azimuth from x1",
     "degree",
     (24.0, 35.0),
 )
-COMMON = {"cases": CASES, "labels": LABELS, "caption": CAPTION, "time": TIME}
+MOST_FIGURES = {"cases": DRAWN_CASES, "labels": LEGEND, "caption": CAPTION, "time": TIME_SYMBOL}
 
 COLOUR = "what the colour of the curve shows"
 ZOOM = "adds a panel that shows the neighbourhood of the origin up to this size"
@@ -80,7 +80,7 @@ PHASE = {
 
 MAP = {
     "cases": Key(NAMES, "sweeps to draw, a row of panels each"),
-    "labels": LABELS,
+    "labels": LEGEND,
     "caption": CAPTION,
     "variable": Key(
         Text(),
@@ -106,13 +106,13 @@ MAP = {
     "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
 }
 
-KINDS: dict[str, dict[str, Key]] = {
-    "hodograph": COMMON | HODOGRAPH,
-    "sphere": COMMON | SPHERE,
-    "quadrants": COMMON | QUADRANTS,
+FIGURE_KINDS: dict[str, dict[str, Key]] = {
+    "hodograph": MOST_FIGURES | HODOGRAPH,
+    "sphere": MOST_FIGURES | SPHERE,
+    "quadrants": MOST_FIGURES | QUADRANTS,
     "quadrant-sketch": SKETCH,
-    "series": COMMON | SERIES,
-    "phase": COMMON | PHASE,
-    "invariants": COMMON,
+    "series": MOST_FIGURES | SERIES,
+    "phase": MOST_FIGURES | PHASE,
+    "invariants": MOST_FIGURES,
     "map": MAP,
 }

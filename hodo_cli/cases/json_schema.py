@@ -7,7 +7,7 @@ from .. import models
 from ..models.base import Model
 from ..schema.kinds import Choice, Key, Table
 from .case import NAME
-from .figure_block import KINDS
+from .figure_block import FIGURE_KINDS
 from .keys import COMMON, SECTIONS
 
 
@@ -46,7 +46,7 @@ def schema() -> dict[str, Any]:
             rules.append({"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [found])})
     figures = [
         Table({"kind": Key(Choice(kind), "what is drawn")} | taken).schema()
-        for kind, taken in KINDS.items()
+        for kind, taken in FIGURE_KINDS.items()
     ]
     sections = {name: key.schema() for name, key in SECTIONS.items()}
     names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}}

@@ -69,7 +69,7 @@ def _cases() -> Groups:
 
 
 def _figures() -> Groups:
-    kinds_of_figure = figure_block.KINDS
+    kinds_of_figure = figure_block.FIGURE_KINDS
     every, *others = kinds_of_figure.values()
     # A key stands under "most figures" if most of the kinds take it, with the same meaning.
     shared = {

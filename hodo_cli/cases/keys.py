@@ -11,7 +11,7 @@ from .sweep_block import SWEEP
 
 METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
 
-TIME = Table(
+SPAN = Table(
     {
         "start": Key(Number(), "time of the initial data", "time", 0.0),
         "end": Key(Number(), "time at which the integration ends, not before start", "time"),
@@ -28,7 +28,7 @@ REMARKS = ("note", "assumes")
 """The keys of a case that say something about it and change none of its numbers."""
 
 COMMON = {
-    "time": Key(TIME, "span of the integration, and its samples"),
+    "time": Key(SPAN, "span of the integration, and its samples"),
     "method": Key(
         Choice(*METHODS),
         "method of integration; auto takes the fastest that is accurate",
@@ -119,7 +119,8 @@ def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, di
     head = {"model": Key(Choice(*catalogue), "equations of motion")}
     if forms:
         head["form"] = Key(Choice(*forms), "form of the equations", default=next(iter(forms)))
-    found = forms.get(head["form"].default if form is None else form) if forms else None
+    named = next(iter(forms), "") if form is None else form
+    found = forms.get(named)
     return found, head | (found.keys if found else {}) | COMMON
 
 

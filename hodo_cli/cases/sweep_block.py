@@ -48,7 +48,7 @@ from ..schema.kinds import (
 MOST = 10**9
 """Members that one sweep may have."""
 
-BLOCK = 4096
+DRAWN_AT_ONCE = 4096
 """Directions that are drawn from one generator, so that any part of a sphere can be drawn by
 itself."""
 
@@ -101,14 +101,14 @@ RANGES: dict[str, Kind] = {
     "values": ListOf(Number()),
 }
 ZIPPED = Each(OneOf(RANGES, "range"), "keys to ranges")
-SPHERE = Table(
+DIRECTIONS = Table(
     {
         "count": Key(Integer(least=1, most=MOST), "number of directions"),
         "seed": Key(Integer(least=0, most=2**63), "seed of the generator", default=0),
     }
 )
 SWEEP = Each(
-    OneOf({**RANGES, "zip": ZIPPED, "sphere": SPHERE}, "range"),
+    OneOf({**RANGES, "zip": ZIPPED, "sphere": DIRECTIONS}, "range"),
     "keys (damping.2) to {linspace: [first, last, number]}, logspace, values, zip or sphere",
 )
 """The `sweep:` block by itself; `check_axes` holds it against the case in which it stands."""
@@ -137,15 +137,15 @@ class Axis:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
         assert self.sphere is not None
         found = np.empty((len(index), 3))
-        blocks = index // BLOCK
+        blocks = index // DRAWN_AT_ONCE
         for block in np.unique(blocks):
             here = blocks == block
             # Seeded by the block, so that any process draws any part, and the same members whatever
             # the chunks.
             vectors = np.random.default_rng([self.sphere["seed"], int(block)]).standard_normal(
-                (BLOCK, 3)
+                (DRAWN_AT_ONCE, 3)
             )
-            found[here] = vectors[index[here] % BLOCK]
+            found[here] = vectors[index[here] % DRAWN_AT_ONCE]
         return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 

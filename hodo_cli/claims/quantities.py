@@ -136,4 +136,4 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "end_of_spin": end_of_spin,
     "rebound_u3": rebound,
 }
-"""The quantities of `claim_block.QUANTITIES` that are one number."""
+"""The quantities of `claim_block.QUANTITY_NAMES` that are one number."""

@@ -18,7 +18,7 @@ from ..integration.choice import best, choose, taylor_steps
 from ..integration.classify import cross
 from ..integration.crossings import Crossing
 from ..integration.driver import Path
-from ..integration.error import difference, measure, thinned
+from ..integration.error import errors_against, measured_error, thinned
 from ..integration.integrate import ASKED, remarks, tried
 from ..integration.solve import Solution, sample_times, solve, stored
 from ..models import rigid_body
@@ -102,7 +102,7 @@ def truth(case: Case) -> Truth:
     path, *moved = [
         solve(each, method, "extended", times=times).path for each in (case, *perturbed(case))
     ]
-    floor = max(worst(difference(case, other, path)) for other in moved)
+    floor = max(worst(errors_against(case, other, path)) for other in moved)
     kind = f"{method}, extended"
     if method == "taylor" and taylor_steps(case) < AFFORDABLE:
         path, kind = solve(case, method, "quadruple", times=times).path, f"{method}, quadruple"
@@ -178,7 +178,7 @@ def trial(
     while len(times) < repeats and solution.run_time < REPEATED:
         times.append(solve(case, taken, case.precision, tol).run_time)
     path = compared(solution.path)
-    error = worst(difference(case, path, sure.path)) if solution.whole else math.nan
+    error = worst(errors_against(case, path, sure.path)) if solution.whole else math.nan
     changes = drifts(case, path)
     return Trial(
         method=taken,
@@ -210,7 +210,7 @@ def verdict(case: Case, method: str, solution: Solution, error: float, floor: fl
     if error <= ULPS * floor:
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
-    errors, _ = measure(case, method, solution)
+    errors, _ = measured_error(case, method, solution)
     said = any(remarks(case, solution, stored(case, compared(solution.path)), errors))
     return "inaccurate, said so" if said else "SILENT"
 

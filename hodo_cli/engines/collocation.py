@@ -26,7 +26,7 @@ from .stepwise import Stepwise
 # The fastest on stiff motions (26 ms where 8, 12, 20 and 24 stages take 153, 39, 46 and 52): fewer
 # need more steps, more need larger matrices.
 STAGES = 16
-DTYPES = {"double": np.float64, "extended": np.longdouble}
+PRECISIONS = {"double": np.float64, "extended": np.longdouble}
 # RADAU5 gives up after 7; here a failed step costs 16 Jacobians, so three more are cheaper.
 ITERATIONS = 10
 SIGNS = (-1.0) ** np.arange(STAGES + 1)
@@ -44,7 +44,7 @@ class Collocation(Stepwise):
         precision: str,
     ) -> None:
         super().__init__(events)
-        self.dtype, self.model = DTYPES[precision], model
+        self.dtype, self.model = PRECISIONS[precision], model
         # Below 32 eps the steps double and no digit is gained: the estimate is rounding by then.
         self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
         self.band = (1e-200, 1e200)  # its error is relative to the state at every size
@@ -212,14 +212,3 @@ def tableau(fp: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         (transform.T @ integrals / 2).astype(fp),
         transform.T.astype(fp),
     )
-
-
-@lru_cache(maxsize=64)
-def build(
-    model: type[Model],
-    events: tuple[Event, ...],
-    tol: float | None,
-    precision: str,
-) -> Collocation:
-    """The method bound to one model, its events, tolerance and precision."""
-    return Collocation(model, events, tol, precision)

@@ -14,14 +14,14 @@ from ..models.base import Constants, Event, Model
 from ..models.constants import structure
 
 IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
-METHODS = ("taylor", "collocation", *IVP)
+DRIVEN = ("taylor", "collocation", *IVP)
 MOST_STEPS = {"taylor": 10_000_000, "collocation": 100_000} | dict.fromkeys(IVP, 1_000_000)
 """Steps after which a motion is given up unless its case says otherwise: some 10 s of heyoka's, one
 to two minutes of those taken in Python."""
 
 # A state between 1/8 and 8: an engine's control, absolute below 1, then costs a digit at most, and
 # a decay by e^-100 meets new units some 50 times.
-BAND = (1 / 64, 64.0)
+NORM_BAND = (1 / 64, 64.0)
 """The squared norm of a scaled state that needs no new units."""
 
 
@@ -151,7 +151,7 @@ def have_taylor() -> bool:
         return False
 
 
-def build(
+def engine_for(
     method: str,
     system: Model,
     events: tuple[Event, ...],
@@ -165,7 +165,7 @@ def build(
     that precision.
     """
     model = type(system)
-    if method not in METHODS:
+    if method not in DRIVEN:
         raise HodoError(f"there is no method {method!r}")
     if method == "taylor":
         if not have_taylor():
@@ -175,15 +175,16 @@ def build(
             )
         from . import taylor
 
-        return taylor.build(model, structure(system.constants), events, tol, precision)  # type: ignore[arg-type]
+        form = structure(system.constants)
+        return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation" and precision != "quadruple":
-        from . import collocation
+        from .collocation import Collocation
 
-        return collocation.build(model, events, tol, precision)  # type: ignore[arg-type]
+        return Collocation(model, events, tol, precision)
     if method == "collocation":
         raise HodoError("method collocation works in double and extended precision only")
     if precision != "double":
         raise HodoError(f"method {method} works in double precision only, not {precision}")
-    from . import scipy_ivp
+    from .scipy_ivp import Ivp
 
-    return scipy_ivp.build(method, model, events, tol)  # type: ignore[arg-type]
+    return Ivp(method, model, events, tol)

@@ -1,7 +1,7 @@
 """SciPy's initial value solvers, by name; the only module that imports scipy.integrate."""
 
 import warnings
-from functools import lru_cache, partial
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -35,7 +35,8 @@ class Ivp(Stepwise):
         self.method, self.model = SOLVERS[method], model
         self.degree = DEGREES[method]
         self.implicit = method in ("LSODA", "Radau", "BDF")
-        self.tol = max((1e-12 if method == "DOP853" else 1e-9) if tol is None else tol, LEAST_TOL)
+        default = 1e-12 if method == "DOP853" else 1e-9
+        self.tol = max(default if tol is None else tol, LEAST_TOL)
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
         """See `Engine.leg`."""
@@ -61,14 +62,3 @@ class Ivp(Stepwise):
     def _rhs(self, k: Any, t: float, y: np.ndarray) -> np.ndarray:
         # Python floats: for three numbers they take half the time of numpy's scalars.
         return np.array(self.model.rhs(t, y.tolist(), k))
-
-
-@lru_cache(maxsize=64)
-def build(
-    method: str,
-    model: type[Model],
-    events: tuple[Event, ...],
-    tol: float | None,
-) -> Ivp:
-    """A solver bound to one model, its events and tolerance."""
-    return Ivp(method, model, events, tol)

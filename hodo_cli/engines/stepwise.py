@@ -11,7 +11,7 @@ import numpy as np
 from ..models.base import Constants, Event
 from ..models.constants import attributes
 from .polynomial import CHEBYSHEV
-from .protocol import BAND, Hit, Leg, Status, Watch
+from .protocol import NORM_BAND, Hit, Leg, Status, Watch
 
 SUBSTEPS = np.linspace(0, 1, 17)
 """Where an event's sign is looked at inside a step: the events of a run, the end of spin and the
@@ -41,7 +41,7 @@ class Stepwise:
 
     dtype: Any = np.float64
     tol: float
-    band = BAND
+    band = NORM_BAND
     basis = CHEBYSHEV
     degree: int
 

@@ -10,14 +10,18 @@ import numpy as np
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, count, flatten, namespace
 from .polynomial import TAYLOR
-from .protocol import BAND, Hit, Leg, Status, Watch
+from .protocol import NORM_BAND, Hit, Leg, Status, Watch
 
 # heyoka warns about its cache on stdout, where commands print their data.
 hy.set_logger_level_error()
 
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
 # numpy has no finfo for the 113 bits of a real128.
-EPS = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
+UNIT_ROUNDOFF = {
+    "double": 2.0**-52,
+    "extended": float(np.finfo(np.longdouble).eps),
+    "quadruple": 2.0**-112,
+}
 
 UNROLLED = 150
 """The largest system that is unrolled, in nodes of its expressions: beyond, unrolling takes longer
@@ -32,7 +36,7 @@ class Taylor:
     """One compiled integrator; the constants are its runtime parameters, so that it serves every
     case."""
 
-    band = BAND
+    band = NORM_BAND
     basis = TAYLOR
 
     def __init__(
@@ -44,7 +48,7 @@ class Taylor:
         precision: str,
     ) -> None:
         self.dtype = fp = DTYPES[precision]
-        eps = EPS[precision]
+        eps = UNIT_ROUNDOFF[precision]
         # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no
         # cost.
         self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)
@@ -132,7 +136,7 @@ def longdouble(values: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def build(
+def compiled(
     model: type[Model],
     structure: Structure,
     events: tuple[Event, ...],

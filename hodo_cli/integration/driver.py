@@ -2,17 +2,18 @@
 every moment."""
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..engines.protocol import Engine, Hit, Status, Watch
-from ..models.base import Constants, Event, Model, Passed
-from ..models.constants import attributes
+from ..engines.protocol import Engine, Status, Watch
+from ..models.base import Event, Model
 from .trajectory import Occurrence
 from .units import Calendar, Clock, Units
 
-BLOCK = 1 << 16
+SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
 
 LIMIT = 2**12
@@ -31,6 +32,34 @@ class Path(NamedTuple):
     state: np.ndarray
     exponent: np.ndarray
     events: tuple[Occurrence, ...]
+
+
+@dataclass
+class Samples:
+    """The states (n, m) at the sample times (n,), of which the first `done` are known; each in
+    units of 2**exponent."""
+
+    times: np.ndarray
+    state: np.ndarray
+    exponent: np.ndarray
+    done: int = 0
+
+    def add(self, states: np.ndarray, size: int) -> None:
+        """The states at the next times, in units of 2**size."""
+        here = slice(self.done, self.done + len(states))
+        self.state[here], self.exponent[here] = states, size
+        self.done += len(states)
+
+    def path(self, events: Iterable[Occurrence]) -> Path:
+        """What is known."""
+        known = slice(self.done)
+        return Path(self.times[known], self.state[known], self.exponent[known], tuple(events))
+
+    def ended(self, events: Iterable[Occurrence], state: np.ndarray, size: int) -> Path:
+        """What is known, and as the last sample the state (m,) at the last of the events."""
+        time, before, exponent, events = self.path(events)
+        time = np.append(time, events[-1].time)
+        return Path(time, np.concatenate((before, state[None])), np.append(exponent, size), events)
 
 
 class Witness(Protocol):
@@ -63,26 +92,18 @@ def propagate(
     """
     model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
     units = Units.fit(model, k, np.array(y0))
-    # In double, which is exact: a power of two.
     y = np.ldexp(np.array(y0), -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
-    rows, exponent = np.empty((len(times), len(y0)), dtype=fp), np.full(len(times), units.size)
-    # The start itself is a sample that no step reaches.
-    done = int(np.searchsorted(times, start, side="right"))
-    rows[:done] = y
+    shape = len(times), len(y0)
+    samples = Samples(times, np.empty(shape, dtype=fp), np.empty(len(times), dtype=np.int64))
+    at_start = int(np.searchsorted(times, start, side="right"))
+    samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
     found: list[Occurrence] = []
-    # A torque keeps a body from decaying, and its units were fitted to it at the start.
-    forced = any(k[name] for name, degree in model.degree.items() if degree == 0)
-    watch.band = engine.band if model.degree and any(y0) and not forced else None
-
-    def occurrence(hit: Hit) -> Occurrence:
-        return Occurrence(events[hit.event].kind, clock.true(hit.time))
-
-    watch.observer = witness
-    while done < len(times) and watch.status is Status.OK:
+    watch.band, watch.observer = norm_band(engine, system), witness
+    while samples.done < len(times) and watch.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
-        grid = clock.grid(times[done : done + BLOCK].astype(fp))
-        # In the units of a very fast motion the end may be beyond the largest double.
+        next_times = times[samples.done : samples.done + SAMPLES_AT_ONCE]
+        grid = clock.grid(next_times.astype(fp))
         if not math.isfinite(float(grid[-1])):
             raise OverflowError
         if witness is not None:
@@ -90,39 +111,27 @@ def propagate(
         leg = engine.leg(units.constants(model, k), y, grid, watch)
         if witness is not None:
             witness.flush()
-        found += [occurrence(hit) for hit in leg.hits]
-        passed = len(leg.rows) - 1
-        rows[done : done + passed], exponent[done : done + passed] = leg.rows[1:], units.size
-        done += passed
+        hits = [*leg.hits, *([leg.hit] if leg.hit else [])]
+        found += [Occurrence(events[hit.event].kind, clock.true(hit.time)) for hit in hits]
+        samples.add(leg.rows[1:], units.size)  # the first row is where the leg began
         if leg.hit is not None:
-            end, way = occurrence(leg.hit), passed_through(events, leg.hit, k, fp)
-            if way is not None:
-                end = Occurrence(end.kind, way.time, way.details)
-            if way is not None and way.state is not None:
-                found.append(end)
-                y, clock = np.array(way.state, dtype=fp), Calendar(fp(way.onward), fp(0))
-                # Samples that the passage has leapt over are taken behind it.
-                here = done + int(np.searchsorted(times[done:], float(way.onward), side="right"))
-                rows[done:here], done = y, here
-                continue
-            return Path(
-                np.append(times[:done], end.time),
-                np.concatenate((rows[:done], leg.hit.state[None])),
-                np.append(exponent[:done], units.size),
-                (*found, end),
-            )
+            return samples.ended(found, leg.hit.state, units.size)
         clock.advance(leg.time)
         new = Units.fit(model, k, leg.state.astype(float), units.size)
-        # At rest for good: what follows is 0 in any precision, and would take steps for nothing.
         if new.size < -LIMIT:
-            rows[done:], exponent[done:], done = 0, -LIMIT, len(times)
+            samples.add(np.zeros((len(times) - samples.done, len(y0))), -LIMIT)
         elif new.size > LARGEST:
             watch.give_up(Status.FAILED, f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
-    return Path(times[:done], rows[:done], exponent[:done], tuple(found))
+    return samples.path(found)
 
 
-def passed_through(events: tuple[Event, ...], hit: Hit, k: Constants, fp: Any) -> Passed | None:
-    """How the motion goes on after a terminal event, in numbers of the type fp; None if it ends."""
-    passage = events[hit.event].passage
-    return passage(hit.time, [*hit.state], attributes(k, fp)) if passage else None
+def norm_band(engine: Engine, system: Model) -> tuple[float, float] | None:
+    """Where the squared norm of the state may stay before it gets new units; None for anywhere.
+
+    New units serve a motion that decays or grows. A model without degrees has none, a body at rest
+    needs none, and under a torque that is constant the motion settles at a size of its own.
+    """
+    constant = [name for name, degree in system.degree.items() if degree == 0]
+    forced = any(system.constants[name] for name in constant)
+    return engine.band if system.degree and any(system.start) and not forced else None

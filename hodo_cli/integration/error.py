@@ -21,7 +21,7 @@ EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 
 
-def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, float], str]:
+def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[str, float], str]:
     """The error of each stored variable against a better computation, and what that was.
 
     It is the largest over the samples, or over some COMPARED of them where there are more.
@@ -43,14 +43,9 @@ def measure(case: Case, method: str, solution: Solution) -> tuple[dict[str, floa
             continue
         # A reference that stops early still judges a motion that stopped as well.
         if reference.whole or not solution.whole:
-            kind = (
-                "refined"
-                if tol is not None
-                else "exact"
-                if reference_method == "exact"
-                else precision
-            )
-            return difference(case, thin, reference.path), kind
+            kind = "exact" if reference_method == "exact" else precision
+            kind = "refined" if tol is not None else kind
+            return errors_against(case, thin, reference.path), kind
     return {}, "none"
 
 
@@ -81,7 +76,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
         yield case.precision, method, tol * 100
 
 
-def difference(case: Case, path: Path, reference: Path) -> dict[str, float]:
+def errors_against(case: Case, path: Path, reference: Path) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; a scalar relative to its largest

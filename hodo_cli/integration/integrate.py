@@ -9,7 +9,7 @@ import numpy as np
 from ..cases.case import Case
 from ..engines.protocol import Status
 from .choice import choose
-from .error import measure
+from .error import measured_error
 from .solve import Solution, solve, stored
 from .trajectory import Trajectory
 
@@ -24,7 +24,7 @@ def integrate(case: Case) -> Trajectory:
     status `timeout` or `failed` and the samples it reached.
     """
     method, reason, solution = tried(case)
-    errors, kind = measure(case, method, solution) if case.error == "on" else ({}, "none")
+    errors, kind = measured_error(case, method, solution) if case.error == "on" else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
     system, remarked = case.system, remarks(case, solution, variables, errors)
     doubts = system.doubts(path.time, path.state.astype(float)) if len(path.time) else []

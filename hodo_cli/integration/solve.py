@@ -11,7 +11,7 @@ from ..cases.case import Case
 from ..engines import exact, protocol
 from ..engines.protocol import MOST_STEPS, Status, Watch
 from ..models.constants import attributes
-from .driver import BLOCK, LARGEST, OUTGROWN, Path, Witness, propagate
+from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Path, Witness, propagate
 
 
 def sample_times(case: Case) -> np.ndarray:
@@ -63,7 +63,7 @@ def solve(
     if method == "exact":
         return closed_form(case, times, precision)
     events = system.run_events
-    engine = protocol.build(method, system, events, tol, precision)
+    engine = protocol.engine_for(method, system, events, tol, precision)
     watch = Watch(case.max_steps or MOST_STEPS[method], case.max_seconds or math.inf)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
@@ -91,9 +91,9 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
     began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64
     state, exponent = np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
     # In blocks, for the memory: the closed form makes a dozen arrays of its times.
-    for i in range(0, len(times), BLOCK):
-        here = slice(i, i + BLOCK)
-        state[here], exponent[here] = exact.solve_scaled(case, times[here].astype(fp))
+    for i in range(0, len(times), SAMPLES_AT_ONCE):
+        here = slice(i, i + SAMPLES_AT_ONCE)
+        state[here], exponent[here] = exact.exact_scaled(case, times[here].astype(fp))
     lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
     n = int(lost[0]) if len(lost) else len(times)
     end = (Status.FAILED, f"{OUTGROWN} at {times[n]:.6g}") if len(lost) else ()

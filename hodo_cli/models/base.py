@@ -14,7 +14,7 @@ Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
 
 
-class Variable(NamedTuple):
+class Label(NamedTuple):
     """How one stored variable is labelled in a result file."""
 
     dims: tuple[str, ...]
@@ -74,7 +74,7 @@ class Model:
     form: ClassVar[str]
     keys: ClassVar[dict[str, Key]]
     state: ClassVar[tuple[str, ...]]
-    variables: ClassVar[dict[str, Variable]]
+    variables: ClassVar[dict[str, Label]]
     degree: ClassVar[dict[str, int]] = {}
     crosses_once: ClassVar[bool] = False
     unclassifiable: ClassVar[str] = (
@@ -149,7 +149,7 @@ class Model:
         return ()
 
 
-def refusal(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:
+def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:
     """The sentence of the ValueError that a function of the data raises, as a mistake at a path."""
     try:
         function(*arguments)

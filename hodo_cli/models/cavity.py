@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..schema.kinds import Key, Mistake, Number, Table, Vector
-from .base import Constants, Model, refusal
+from .base import Constants, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 
 LARGE = 0.1
@@ -43,7 +43,7 @@ CAVITY = Key(
     default=None,
 )
 
-START = Key(
+CAVITY_INITIAL = Key(
     Table(
         {
             **cast(Table, INITIAL.kind).keys,
@@ -129,7 +129,7 @@ class Cavity(Model):
             default=(0.0, 0.0, 0.0),
         ),
         "epsilon": Key(Number(), "small parameter, the factor of the torque", default=1.0),
-        "initial": START,
+        "initial": CAVITY_INITIAL,
     }
 
     @classmethod
@@ -137,9 +137,9 @@ class Cavity(Model):
         yield from BodyFrame.check({k: value for k, value in data.items() if k != "initial"})
         if {"cavity", "kappa"} <= set(data):
             cavity = data["cavity"]
-            yield from refusal(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
+            yield from mistake_of(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
         if {"inertia", "initial"} <= set(data):
-            yield from refusal(("initial",), velocity, data["inertia"], data["initial"])
+            yield from mistake_of(("initial",), velocity, data["inertia"], data["initial"])
 
     @property
     def start(self) -> tuple[float, ...]:

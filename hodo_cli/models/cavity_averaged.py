@@ -25,7 +25,7 @@ from .averaging.fluid import (
 from .averaging.forms import MEAN_START, AveragedTurns, turning_constants
 from .averaging.free_turn import Slow
 from .averaging.quadrature import nodes_for, periodic_part
-from .base import Constants, Event, Model, Variable
+from .base import Constants, Event, Label, Model
 from .cavity import Cavity, coefficient, fluid_torque, velocity
 from .constants import attributes
 
@@ -53,8 +53,8 @@ class Symmetric(Cavity):
     }
     state = ("a", "r")
     variables = {
-        "x": Variable(("time",), "square of the equatorial angular velocity, p^2 + q^2"),
-        "y": Variable(("time",), "square of the axial angular velocity, r^2"),
+        "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2"),
+        "y": Label(("time",), "square of the axial angular velocity, r^2"),
     }
     unclassifiable = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
 

@@ -16,9 +16,9 @@ string."""
 def structure(k: Constants) -> Structure:
     """The structure of a model's constants; integrators compiled for one structure serve all its
     numbers."""
+    sizes = {name: len(value) for name, value in k.items() if isinstance(value, tuple)}
     return tuple(
-        (name, value if isinstance(value, str) else len(value) if isinstance(value, tuple) else 0)
-        for name, value in k.items()
+        (name, value if isinstance(value, str) else sizes.get(name, 0)) for name, value in k.items()
     )
 
 

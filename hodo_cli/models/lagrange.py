@@ -21,12 +21,12 @@ from ..schema.kinds import (
     Table,
     Variant,
 )
-from .base import Constants, Event, Model, Variable, refusal
+from .base import Constants, Event, Label, Model, mistake_of
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
 
-ROUNDING = 1e-13
+ROOT_ROUNDING = 1e-13
 """How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
 
 LAW = Either(
@@ -50,7 +50,7 @@ LAW = Either(
 parameters."""
 
 
-def polynomial(c: Sequence[Any], tau: Any) -> Any:
+def polynomial_law(c: Sequence[Any], tau: Any) -> Any:
     """c0 + c1 tau + c2 tau^2 + ..."""
     total = c[-1]
     for coefficient in c[-2::-1]:
@@ -58,20 +58,20 @@ def polynomial(c: Sequence[Any], tau: Any) -> Any:
     return total
 
 
-def exponential(c: Sequence[Any], tau: Any) -> Any:
+def exponential_law(c: Sequence[Any], tau: Any) -> Any:
     """value exp(-rate tau), from (value, rate, e)."""
     # e comes as a constant, because equations know + - * / and ** only, and no exp.
     value, rate, e = c
     return value * e ** (-rate * tau)
 
 
-def power(c: Sequence[Any], tau: Any) -> Any:
+def power_law(c: Sequence[Any], tau: Any) -> Any:
     """value (1 + rate tau)^exponent, from (value, rate, exponent)."""
     value, rate, exponent = c
     return value * (1 + rate * tau) ** exponent
 
 
-LAWS = {"polynomial": polynomial, "exponential": exponential, "power": power}
+LAWS = {"polynomial": polynomial_law, "exponential": exponential_law, "power": power_law}
 
 
 def law(given: Any) -> tuple[str, tuple[float, ...]]:
@@ -155,8 +155,8 @@ def drift(
     """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over
     one nutation.
 
-    The symbols are those of `Averaged`. U, Z and r follow from eqs (2.4). e follows from the roots'
-    own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e by hand, so that
+    The symbols are those of `AveragedTop`. U, Z and r follow from eqs (2.4). e follows from the
+    roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e by hand, so that
     regular precession, e = 0, is as regular as any other motion.
     """
     U, Z, r, e = y
@@ -216,7 +216,7 @@ def nutation_at_start(
         U = -c * Z
     else:
         U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
-        e = spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
+        e = root_spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
     state = [np.float64(value) for value in (U, Z, r, e)]
     if not np.isfinite([*state, excess]).all():
         raise ValueError("the initial data are out of range")
@@ -237,7 +237,7 @@ def released(theta: float, excess: float) -> tuple[float, float]:
     return x, math.sin(theta) ** 2 / (2 * gap) if gap > 0 else -excess / 2
 
 
-def spread(T1: float, T2: float, T3: float) -> float:
+def root_spread(T1: float, T2: float, T3: float) -> float:
     """e = (u2 - u1)/2 from the coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
 
     Raises ValueError if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What
@@ -254,18 +254,18 @@ def spread(T1: float, T2: float, T3: float) -> float:
     product = T3 / y if y > 1 else T2 + (T1 + y) * y
     X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
     d = X * X - product
-    e, slack = math.sqrt(max(d, 0.0)), math.sqrt(ROUNDING)
-    if d >= -ROUNDING and -slack <= X - e and X + e <= 2 + slack:
+    e, slack = math.sqrt(max(d, 0.0)), math.sqrt(ROOT_ROUNDING)
+    if d >= -ROOT_ROUNDING and -slack <= X - e and X + e <= 2 + slack:
         return e
     raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
 
 
-INTEGRALS = {
-    "Gz": Variable(("time",), "vertical component of the angular momentum"),
-    "H": Variable(("time",), "energy"),
-    "r": Variable(("time",), "angular velocity about the axis of symmetry"),
+INTEGRAL_LABELS = {
+    "Gz": Label(("time",), "vertical component of the angular momentum"),
+    "H": Label(("time",), "energy"),
+    "r": Label(("time",), "angular velocity about the axis of symmetry"),
 }
-ROOTS = {f"u{i}": Variable(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)}
+ROOT_LABELS = {f"u{i}": Label(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)}
 
 
 PERTURBATION = Key(
@@ -328,7 +328,7 @@ class Top(Model):
         if {"inertia", "mu", "initial"} <= set(data):
             # Neither the start nor what a form asks of it depends on the keys that may be missing.
             top = cls(**{**dict.fromkeys(cls.keys), **data})
-            yield from refusal(("initial",), top.refuse_start)
+            yield from mistake_of(("initial",), top.refuse_start)
 
     def refuse_start(self) -> None:
         """Raise ValueError, with a sentence, if no motion of this form has these initial data."""
@@ -359,7 +359,7 @@ class Top(Model):
 class Nutating(Top):
     """What the averaged forms share: they need a nutation of finite period, hence u2 < u3."""
 
-    variables = INTEGRALS | ROOTS
+    variables = INTEGRAL_LABELS | ROOT_LABELS
 
     def refuse_start(self) -> None:
         if not self.separation > TOO_NEAR:
@@ -391,7 +391,7 @@ def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Averaged(Nutating):
+class AveragedTop(Nutating):
     """The Lagrange top under linear resistance that changes slowly with time, averaged over its
     nutation.
 
@@ -480,7 +480,7 @@ class AveragedU(Nutating):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         u1, u2, u3, r = y
         A, c, mu = k.A, k.C * r, k.mu
-        Gz, H = inverse(y, k)
+        Gz, H = integrals_from_roots(y, k)
         a, b = LAWS[k.a_law](k.a, t), LAWS[k.b_law](k.b, t)
         s, e = (u1 + u2) / 2, (u2 - u1) / 2
         v = s + e * e * mean_cosine(e, u3 - s)
@@ -502,7 +502,7 @@ class AveragedU(Nutating):
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         u1, u2, u3, r = y.T
-        Gz, H = inverse([*y.T], k)
+        Gz, H = integrals_from_roots([*y.T], k)
         return {"Gz": Gz, "H": H, "r": r, "u1": u1, "u2": u2, "u3": u3}
 
     def refuse_start(self) -> None:
@@ -519,7 +519,7 @@ class AveragedU(Nutating):
         return 1 - X - e, 1 - X + e, 1 - X + w, r
 
 
-def inverse(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
+def integrals_from_roots(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     """Gz and H from (u1, u2, u3, r): the second and the first of eqs (1.5)."""
     u1, u2, u3, r = y
     c = k.C * r
@@ -528,7 +528,7 @@ def inverse(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
 
 
 @dataclass(frozen=True)
-class Full(Top):
+class FullTop(Top):
     """The Lagrange top under a perturbing torque: the full equations, which the others average.
 
     A p' + (C - A) q r = mu gamma2 + epsilon M1,   A q' + (A - C) p r = -mu gamma1 + epsilon M2,
@@ -554,8 +554,8 @@ class Full(Top):
     }
     state = ("p", "q", "r", "gamma1", "gamma2", "gamma3")
     variables = {
-        "omega": Variable(("time", "axis"), "angular velocity in body axes"),
-        "gamma": Variable(("time", "axis"), "the vertical in body axes"),
+        "omega": Label(("time", "axis"), "angular velocity in body axes"),
+        "gamma": Label(("time", "axis"), "the vertical in body axes"),
     }
 
     @staticmethod
@@ -601,7 +601,7 @@ class Full(Top):
 
 
 @dataclass(frozen=True)
-class AveragedQuadrature(Averaged):
+class AveragedQuadrature(AveragedTop):
     """The averaged top under any torque M = (p f, q f, M3), f and M3 functions of tau, Gz, H, r and
     theta.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, Vector
-from .base import Constants, Event, Model, Variable, refusal
+from .base import Constants, Event, Label, Model, mistake_of
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
@@ -232,7 +232,7 @@ class BodyFrame(Model):
 
     state: ClassVar[tuple[str, ...]] = ("p", "q", "r")
     unclassifiable = ""
-    variables = {"omega": Variable(("time", "axis"), "angular velocity in body axes")}
+    variables = {"omega": Label(("time", "axis"), "angular velocity in body axes")}
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
@@ -255,7 +255,7 @@ class BodyFrame(Model):
                 limits = f"{SMALLEST:g} to {1 / SMALLEST:g}"
                 yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
         if "initial" in data:
-            yield from refusal(("initial",), complete, A, data["initial"])
+            yield from mistake_of(("initial",), complete, A, data["initial"])
 
     @property
     def start(self) -> tuple[float, ...]:

@@ -86,11 +86,11 @@ class Key:
         }
 
 
-Part = tuple[str | int, Kind, Any]
+Placed = tuple[str | int, Kind, Any]
 """A value, with the key or the position at which it stands and the kind that it should be."""
 
 
-def gather(parts: Iterable[Part]) -> tuple[dict[Any, Any], list[Mistake]]:
+def gather(parts: Iterable[Placed]) -> tuple[dict[Any, Any], list[Mistake]]:
     """Every part checked: the resolved values by key, without those that are wrong, and all
     mistakes."""
     values: dict[Any, Any] = {}
@@ -103,7 +103,7 @@ def gather(parts: Iterable[Part]) -> tuple[dict[Any, Any], list[Mistake]]:
     return values, mistakes
 
 
-def gathered(parts: Iterable[Part]) -> dict[Any, Any]:
+def gathered(parts: Iterable[Placed]) -> dict[Any, Any]:
     """`gather` where all parts are right. Raises Wrong."""
     values, mistakes = gather(parts)
     if mistakes:

@@ -61,8 +61,4 @@ class Mistakes:
 
 # Names of files and values may hold line breaks, and terminals obey control characters.
 def _one_line(text: str) -> str:
-    return (
-        text
-        if text.isprintable()
-        else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
-    )
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

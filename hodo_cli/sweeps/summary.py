@@ -12,7 +12,7 @@ from ..batch.pool import Pool
 from ..cases.case import Case
 from ..engines.protocol import Status
 from ..integration.driver import Path
-from ..integration.error import difference, references
+from ..integration.error import errors_against, references
 from ..integration.solve import solve
 from ..models import rigid_body
 from ..models.constants import attributes
@@ -56,9 +56,9 @@ def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple
             continue
         path = reference.path
         theirs = Path(end, path.state[-1:], path.exponent[-1:], ())
-        error = difference(one, Path(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs)[
-            "omega"
-        ]
+        error = errors_against(
+            one, Path(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs
+        )["omega"]
         off = math.nan if len(times) == 1 else _newton(one, path.state[0], int(path.exponent[0]))
         return error, off, precision if tol is None else "refined"
     return math.nan, math.nan, "none"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...schema.kinds import Choice, Key, Mistake
-from ..base import Variable
+from ..base import Label
 from ..rigid_body import BodyFrame, complete
 from .free_turn import Body, Slow, slow_variables
 from .passage import shape_distance
@@ -33,11 +33,11 @@ MEAN_START = Key(
 )
 
 STORED = {
-    "kinetic_energy": Variable(("time",), "kinetic energy T", "moment of inertia / time^2"),
-    "momentum": Variable(("time",), "|G|", "moment of inertia / time"),
-    "J": Variable(("time",), "G^2/2T", "moment of inertia"),
-    "k2": Variable(("time",), "k^2 of the turns: 0 at an axis, 1 at the separatrix"),
-    "enclosed_axis": Variable(("time",), "axis that the averaged hodograph encloses"),
+    "kinetic_energy": Label(("time",), "kinetic energy T", "moment of inertia / time^2"),
+    "momentum": Label(("time",), "|G|", "moment of inertia / time"),
+    "J": Label(("time",), "G^2/2T", "moment of inertia"),
+    "k2": Label(("time",), "k^2 of the turns: 0 at an axis, 1 at the separatrix"),
+    "enclosed_axis": Label(("time",), "axis that the averaged hodograph encloses"),
 }
 
 
