@@ -151,7 +151,7 @@ KINDS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
     "order": order,
     "conserved": conserved,
 }
-"""The kinds of `claim_block.KINDS` that take motions."""
+"""The kinds of `claim_block.CHECK_KINDS` that take motions."""
 
 
 def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> Finding:
