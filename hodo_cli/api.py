@@ -20,7 +20,7 @@ from .batch.memory import check_memory
 from .batch.pool import pool
 from .cases.case import Case, case_from
 from .cases.config import Config
-from .cases.figure_block import KINDS
+from .cases.figure_block import FIGURE_KINDS
 from .commands.classify import classified
 from .commands.resume import fingerprint
 from .commands.run import finish
@@ -97,11 +97,13 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     Raises HodoError if there is no such kind or key, or the kind has no meaning for the data.
     """
     several = [data] if isinstance(data, xr.Dataset) else list(data)
-    if kind not in KINDS:
-        raise HodoError(f"unknown kind {kind!r}{nearest(kind, KINDS)} (valid: {', '.join(KINDS)})")
+    if kind not in FIGURE_KINDS:
+        raise HodoError(
+            f"unknown kind {kind!r}{nearest(kind, FIGURE_KINDS)} (valid: {', '.join(FIGURE_KINDS)})"
+        )
     cases = _named(several)
-    given = {"cases": list(cases)} if "cases" in KINDS[kind] else {}
-    spec, mistakes = resolve(KINDS[kind], given | _plain(keys))
+    given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
+    spec, mistakes = resolve(FIGURE_KINDS[kind], given | _plain(keys))
     if mistakes:
         raise HodoError("\n".join(f"{'.'.join(map(str, at))}: {said}" for at, said in mistakes))
     empty = Config("", "", "", "", {}, {}, ())
