@@ -67,7 +67,6 @@ class Model:
     own units.
 
     `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
-    `crosses_once` is set where a theorem says that D changes sign at most once.
     """
 
     name: ClassVar[str]
@@ -76,7 +75,6 @@ class Model:
     state: ClassVar[tuple[str, ...]]
     variables: ClassVar[dict[str, Label]]
     degree: ClassVar[dict[str, int]] = {}
-    crosses_once: ClassVar[bool] = False
     unclassifiable: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )

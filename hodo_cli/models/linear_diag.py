@@ -46,7 +46,6 @@ class LinearDiag(BodyFrame):
         ),
         "initial": INITIAL,
     }
-    crosses_once = True
     degree = {"g": 2, "lam1": 1, "lam2": 1, "lam3": 1}
 
     @staticmethod

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
@@ -51,15 +52,24 @@ class Chunk:
 
 def chunks(case: Case) -> Iterator[Chunk]:
     """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
-    total = math.prod(shape(case))
-    # At least 16 chunks, so that several processes end at about the same time.
-    size = min(LARGEST, max(LEAST, -(-total // 16)))
+    sizes = shape(case)
+    most = min(LARGEST, max(LEAST, -(-math.prod(sizes) // 16)))
     if not fits_ensemble(case) or "trajectory" in case.store:
-        # Single cases take milliseconds each, and full trajectories megabytes: a kill should cost
-        # neither many.
-        size = min(size, 64)
-    for first in range(0, total, size):
-        yield Chunk(case, first, min(first + size, total))
+        most = min(most, 64)
+    for first, last in boxes(sizes, most):
+        yield Chunk(case, first, last)
+
+
+def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
+    """The members of an array of these sizes in parts, each of which is a box of it and of at most
+    so many: whole rows, or parts of one."""
+    axis = next(i for i in range(len(sizes)) if math.prod(sizes[i + 1 :]) <= most)
+    row, length = math.prod(sizes[axis + 1 :]), sizes[axis]
+    parts = -(-length // (most // row))
+    edges = [length * i // parts * row for i in range(parts + 1)]  # parts of equal size
+    for begin in range(0, math.prod(sizes), length * row):
+        for low, high in pairwise(edges):
+            yield begin + low, begin + high
 
 
 def fits_ensemble(case: Case) -> bool:
@@ -67,6 +77,8 @@ def fits_ensemble(case: Case) -> bool:
     compilation of their step."""
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
     fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
+    # A motion that goes on in another way after an event is a matter for the driver.
+    fit &= not any(event.passage for event in case.system.run_events)
     worth = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
     return fit and math.prod(shape(case)) >= worth
 
@@ -108,7 +120,8 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
     kinds: dict[tuple[Structure, tuple[Event, ...]], list[int]] = {}
     for i, each in enumerate(given):
         # One compiled step watches one event; of two or more, single cases keep the order.
-        if each.start is not None and len(each.events) <= 1:
+        simple = len(each.events) <= 1 and not any(event.passage for event in each.events)
+        if each.start is not None and simple:
             # Only what differs in numbers alone can share a compiled step.
             kinds.setdefault((each.structure, each.events), []).append(i)
     for alike in kinds.values():

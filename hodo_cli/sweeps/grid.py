@@ -66,16 +66,12 @@ def group_of_columns(
 
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
         for task in tasks:
-            boxes = list(slabs(sizes, task.first, task.last))
+            where = box(sizes, task.first, task.last)
             with read(task) as part:
                 for name in kept(case):
                     data = part.variable(name)
-                    for where, rows in boxes:
-                        yield (
-                            name,
-                            where,
-                            data[rows].reshape(*(s.stop - s.start for s in where), *data.shape[1:]),
-                        )
+                    outline = (*(each.stop - each.start for each in where), *data.shape[1:])
+                    yield name, where, data.reshape(outline)
 
     return Group({**attributes, **errors}, variables, Late(frozenset(kept(case)), fill))
 
@@ -112,34 +108,8 @@ def ending(ok: int, failed: int, timeout: int) -> Status:
     return Status.TIMEOUT if timeout else Status.OK
 
 
-def slabs(
-    sizes: tuple[int, ...], first: int, last: int
-) -> Iterator[tuple[tuple[slice, ...], slice]]:
-    """Members `first` to `last` - 1 as boxes of an array of these sizes, each with its part of the
-    members."""
-
-    def cut(sizes: tuple[int, ...], a: int, b: int) -> Iterator[tuple[tuple[slice, ...], int, int]]:
-        if len(sizes) == 1:
-            yield (slice(a, b),), a, b
-            return
-        row = math.prod(sizes[1:])
-        while a < b:
-            i, inside = divmod(a, row)
-            # Whole rows in one piece: HDF5 takes a selection of few large boxes far faster than one
-            # of many small ones.
-            if inside == 0 and b - a >= row:
-                rows = (b - a) // row
-                yield (
-                    (slice(i, i + rows), *(slice(0, size) for size in sizes[1:])),
-                    a,
-                    a + rows * row,
-                )
-                a += rows * row
-            else:
-                stop = min(b, (i + 1) * row)
-                for where, c, d in cut(sizes[1:], inside, inside + stop - a):
-                    yield (slice(i, i + 1), *where), i * row + c, i * row + d
-                a = stop
-
-    for where, a, b in cut(sizes, first, last):
-        yield where, slice(a - first, b - first)
+def box(sizes: tuple[int, ...], first: int, last: int) -> tuple[slice, ...]:
+    """Where the members `first` to `last` - 1, whose chunk is a box, stand in an array of these
+    sizes."""
+    corners = zip(np.unravel_index(first, sizes), np.unravel_index(last - 1, sizes), strict=True)
+    return tuple(slice(int(low), int(high) + 1) for low, high in corners)

@@ -99,7 +99,6 @@ class AveragedTurns(BodyFrame):
     form = "averaged"
     variables = STORED
     degree = {}
-    crosses_once = False
     unclassifiable = "averaged over the hodograph's turns: run stores its axis and its passages"
 
     @staticmethod
