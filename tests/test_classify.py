@@ -14,7 +14,7 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import protocol
 from hodo_cli.integration.classify import Classification, classify
-from hodo_cli.integration.crossings import Crossing, Marks, decide
+from hodo_cli.integration.crossings import Crossing, Marks, read_marks
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.results.layout import label_group
@@ -136,7 +136,7 @@ def test_labels_and_crossings_as_they_are_stored() -> None:
     assert group.variables["crossing_from"].data.tolist() == [1]
 
 
-# `decide` by itself, on marks made by hand.
+# `read_marks` by itself, on marks made by hand.
 
 
 def told_by(margins: list[float | None]) -> tuple[list[tuple[int, int]], int]:
@@ -146,7 +146,7 @@ def told_by(margins: list[float | None]) -> tuple[list[tuple[int, int]], int]:
     vanishes = np.array([value is None for value in margins])
     ones = np.ones(len(margin))
     marks = Marks(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
-    verdict = decide(marks, 1e-15 * ones, (0, 1, 2))
+    verdict = read_marks(marks, 1e-15 * ones, (0, 1, 2))
     return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
 
 
@@ -176,7 +176,7 @@ def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
     margin, vanishes = np.array([0.5, 0.0, -0.5]), np.array([False, True, False])
     rate, ones = np.array([0.0, 0.25, 0.0]), np.ones(3)
     marks = Marks(np.arange(3.0), margin, vanishes, rate, ones)
-    assert decide(marks, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
+    assert read_marks(marks, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
 
 
 @given(

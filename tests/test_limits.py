@@ -32,7 +32,7 @@ def test_what_the_data_do_is_said_before_the_run(hodo, tmp_path: Path) -> None:
     assert "max_steps in the case allows more" in ran.stdout
 
 
-@pytest.mark.parametrize("method", protocol.METHODS)
+@pytest.mark.parametrize("method", protocol.DRIVEN)
 def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if method == "taylor" and not protocol.have_taylor():
         pytest.skip("needs heyoka")

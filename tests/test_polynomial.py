@@ -12,10 +12,10 @@ from hodo_cli.engines.polynomial import (
     CHEBYSHEV,
     LEGENDRE,
     TAYLOR,
+    isolate,
     rounding,
     to_bernstein,
     weights,
-    zeros,
 )
 
 DTYPES = [np.dtype(np.float64), np.dtype(np.longdouble)]
@@ -50,7 +50,7 @@ def bernstein(roots: list[Fraction], degree: int = 12) -> np.ndarray:
 @given(st.lists(st.integers(-300, 1300).map(lambda n: Fraction(n, 1000)), max_size=5, unique=True))
 def test_every_zero_is_found(dtype: np.dtype, roots: list[Fraction]) -> None:
     b = bernstein(roots)
-    found = zeros(b.astype(dtype)[None], np.array([16 * EPS * np.abs(b).max()]))
+    found = isolate(b.astype(dtype)[None], np.array([16 * EPS * np.abs(b).max()]))
     inside = sorted(float(root) for root in roots if 0 <= root <= 1)
     # A zero where the step is cut may be reported on both sides of the cut; these are 1e-3 apart.
     found_at = found.x[np.append(True, np.diff(found.x) > 1e-9)[: len(found.x)]].astype(float)
@@ -64,7 +64,7 @@ def test_a_pair_of_zeros_is_found_or_undecided(n: int) -> None:
     """The pair's depth is half of the square of its distance: 1e-7 apart it is at 2.5e-15."""
     gap = Fraction(1, 10**n)
     b = bernstein([Fraction(1, 3), Fraction(1, 3) + gap], degree=2)
-    found = zeros(b[None], np.array([4 * EPS * np.abs(b).max()]))
+    found = isolate(b[None], np.array([4 * EPS * np.abs(b).max()]))
     if n <= 6:
         np.testing.assert_allclose(found.x, [1 / 3, 1 / 3 + 10.0**-n], rtol=0, atol=1e-16 * 10**n)
         assert found.sure.all()
@@ -75,11 +75,11 @@ def test_a_pair_of_zeros_is_found_or_undecided(n: int) -> None:
 
 def test_no_zero_is_made_up() -> None:
     b = bernstein([], degree=20)
-    assert not len(zeros(b[None], np.array([0.0])).x)
+    assert not len(isolate(b[None], np.array([0.0])).x)
 
 
 def test_nothing_but_rounding_is_one_place_of_doubt() -> None:
-    found = zeros(np.full((2, 9), 1e-17), np.full(2, 1e-16))
+    found = isolate(np.full((2, 9), 1e-17), np.full(2, 1e-16))
     assert found.row.tolist() == [0, 1]
     assert found.width.tolist() == [1, 1]
     assert not found.sure.any()
@@ -90,9 +90,9 @@ def test_zeros_of_many_polynomials_are_those_of_each(dtype: np.dtype) -> None:
     rng = np.random.default_rng(1)
     b = rng.normal(size=(200, 8)).astype(dtype)
     noise = np.full(200, 1e-15)
-    together = zeros(b, noise)
+    together = isolate(b, noise)
     for i in range(0, 200, 7):
-        alone = zeros(b[i : i + 1], noise[:1])
+        alone = isolate(b[i : i + 1], noise[:1])
         np.testing.assert_allclose(together.x[together.row == i], alone.x, atol=1e-12)
 
 

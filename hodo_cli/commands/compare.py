@@ -141,7 +141,7 @@ def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
 
 def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
     """The lines of one case. An attribute has one only if it differs."""
-    yield from parameters(name, a, b)
+    yield from differing_settings(name, a, b)
     for key in EXACT:
         said = [str(group.attributes.get(key)) for group in (a, b)]
         if said[0] != said[1]:
@@ -178,7 +178,7 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
         yield Line(name, key, scaled, largest_at(key, at, ours, reference, b.variables))
 
 
-def parameters(name: str, a: Group, b: Group) -> Iterator[Line]:
+def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:
     """The parameters in which two stored cases differ, and a method that its case does not allow."""
     try:
         ours, theirs = (

@@ -1,7 +1,7 @@
 """All zeros of polynomials on a step, isolated by bounds, in the arithmetic of their coefficients.
 
 An engine's step is a polynomial of the time. `to_bernstein` takes it to the basis of 0 <= x <= 1 in
-which a polynomial lies between its least and its largest coefficient; `zeros` finds where it
+which a polynomial lies between its least and its largest coefficient; `isolate` finds where it
 vanishes, and says where that drowns in `rounding`.
 """
 
@@ -119,7 +119,7 @@ def rounding(c: np.ndarray, basis: str) -> np.ndarray:
     return np.asarray(np.finfo(c.dtype).eps * (degree + 3) / 2 * (np.abs(c) @ growth))
 
 
-def zeros(b: np.ndarray, noise: np.ndarray) -> Zeros:
+def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
     """All zeros in [0, 1] of the polynomials with the Bernstein coefficients b (n, degree + 1).
 
     A polynomial lies between its least and its largest coefficient, and is monotone where they rise

@@ -10,18 +10,13 @@ import numpy as np
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, count, flatten, namespace
 from .polynomial import TAYLOR
-from .protocol import NORM_BAND, Hit, Leg, Status, Watch
+from .protocol import NORM_BAND, PRECISION, Hit, Leg, Status, Watch
 
 # heyoka warns about its cache on stdout, where commands print their data.
 hy.set_logger_level_error()
 
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
 # numpy has no finfo for the 113 bits of a real128.
-UNIT_ROUNDOFF = {
-    "double": 2.0**-52,
-    "extended": float(np.finfo(np.longdouble).eps),
-    "quadruple": 2.0**-112,
-}
 
 UNROLLED = 150
 """The largest system that is unrolled, in nodes of its expressions: beyond, unrolling takes longer
@@ -48,7 +43,7 @@ class Taylor:
         precision: str,
     ) -> None:
         self.dtype = fp = DTYPES[precision]
-        eps = UNIT_ROUNDOFF[precision]
+        eps = PRECISION[precision]
         # heyoka's control is absolute below 1: a margin keeps the digits of small components, at no
         # cost.
         self.tol = eps / 1024 if tol is None else max(tol, eps / 2**20)

@@ -8,16 +8,16 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines.protocol import extended
+from ..engines.protocol import PRECISION, extended
 from ..models import rigid_body
 from .choice import best
-from .crossings import BAND, Crossing, Marks, Verdict, Watcher, decide
+from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks
 from .driver import Path
 from .error import references
 from .solve import Solution, sample_times, solve, stored
 
 EPS = 2.0**-52
-PRECISION = {"double": EPS, "extended": float(np.finfo(np.longdouble).eps), "quadruple": 2.0**-112}
+
 
 CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""
@@ -61,16 +61,16 @@ def classify(
     """
     A = np.array(case.data["inertia"])
     expected = max(EPS, UNKNOWN * tol if math.isnan(error) else error)
-    motion = watched(case, method, case.precision, tol, BAND * expected)
+    motion = watched(case, method, case.precision, tol, CERTAIN * expected)
     samples = motion.sampled[: len(omega)]
     check_stored(
         case, stored(case, motion.solution.path)["omega"][samples], omega, expected, motion
     )
-    errors, reference = compared(case, method, motion, expected)
+    errors, reference = against_reference(case, method, motion, expected)
     state = extended(motion.solution.path.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    labels[: len(samples)] = rigid_body.enclosed_axis(A, state, BAND * errors[samples])
-    found = verdict(case, motion, errors)
+    labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
+    found = crossings_of(case, motion, errors)
     crossings, warnings = (
         settled(found, *reference) if reference else (found.crossings, undecided(found.undecided))
     )
@@ -136,9 +136,9 @@ def check_stored(
         )
 
 
-def compared(
+def against_reference(
     case: Case, method: str, motion: Watched, expected: float
-) -> tuple[np.ndarray, tuple[Verdict, str] | None]:
+) -> tuple[np.ndarray, tuple[Decided, str] | None]:
     """The error of a motion at each of its times (n,), and what its reference says of the
     crossings, with the reference's name.
 
@@ -158,7 +158,7 @@ def compared(
         theirs = own_errors(case, motion, reference, precision) if tol is None else errors
         theirs[:1] = errors[:1] = start_error(case)
         name = f"{other} in {precision} precision"
-        return errors, (verdict(case, reference, theirs), name)
+        return errors, (crossings_of(case, reference, theirs), name)
     errors = expected * left_axis(case, path)
     errors[:1] = start_error(case)
     return errors, None
@@ -221,7 +221,7 @@ def distances(path: Path, reference: Path) -> np.ndarray:
     return np.pad(np.maximum(errors, least), (0, len(path.time) - n), mode="edge")
 
 
-def verdict(case: Case, motion: Watched, errors: np.ndarray) -> Verdict:
+def crossings_of(case: Case, motion: Watched, errors: np.ndarray) -> Decided:
     """The crossings of a motion with the error (n,) at each of its times.
 
     The times themselves are marks too, so that labels and crossings tell the same. A mark between
@@ -230,7 +230,7 @@ def verdict(case: Case, motion: Watched, errors: np.ndarray) -> Verdict:
     A, path = np.array(case.data["inertia"]), motion.solution.path
     order = rigid_body.inertia_order(A)
     if not A[order[0]] > A[order[1]] > A[order[2]] or not len(path.time):
-        return Verdict([], [], [])
+        return Decided([], [], [])
     state = extended(path.state)
     nothing = np.zeros(len(path.time))
     momentum = np.sqrt(np.square(A * state).sum(axis=1)).astype(float)
@@ -245,33 +245,33 @@ def verdict(case: Case, motion: Watched, errors: np.ndarray) -> Verdict:
     marks = Marks.joined([motion.marks, samples])
     after = np.searchsorted(path.time, marks.time).clip(max=len(path.time) - 1)
     before = np.where(path.time[after] == marks.time, after, np.maximum(after - 1, 0))
-    return decide(marks, BAND * np.maximum(errors[before], errors[after]), order)
+    return read_marks(marks, CERTAIN * np.maximum(errors[before], errors[after]), order)
 
 
-def settled(found: Verdict, theirs: Verdict, name: str) -> tuple[list[Crossing], tuple[str, ...]]:
+def settled(found: Decided, theirs: Decided, name: str) -> tuple[list[Crossing], tuple[str, ...]]:
     """The crossings to be stored, from those of a motion and of its reference, and warnings.
 
     Lists that differ are exchanged only if the reference decides everything, and with a warning.
     """
     if axes(found) == axes(theirs):
         pairs = zip(found.crossings, theirs.crossings, strict=True)
-        crossings = [measured(a, abs(a.time - b.time)) for a, b in pairs]
+        crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
         # What the motion leaves undecided its reference may decide, and then nothing is missing.
         return crossings, undecided(found.undecided if theirs.undecided else [])
     lists = f"{len(found.crossings)} certain by the motion, {len(theirs.crossings)} by {name}"
     if theirs.undecided:
         open_times = found.undecided or theirs.undecided
         return found.crossings, (*undecided(open_times), f"the crossings are undecided: {lists}")
-    crossings = [measured(c, w) for c, w in zip(theirs.crossings, theirs.widths, strict=True)]
+    crossings = [with_error(c, w) for c, w in zip(theirs.crossings, theirs.widths, strict=True)]
     return crossings, (f"the crossings hang on the error of the motion: {lists}, which are stored",)
 
 
-def axes(verdict: Verdict) -> list[tuple[int, int]]:
+def axes(of: Decided) -> list[tuple[int, int]]:
     """From which axis to which each crossing leads."""
-    return [(c.start, c.end) for c in verdict.crossings]
+    return [(c.start, c.end) for c in of.crossings]
 
 
-def measured(crossing: Crossing, error: float) -> Crossing:
+def with_error(crossing: Crossing, error: float) -> Crossing:
     """A crossing with the error of its time, which is no smaller than the rounding of a double."""
     return replace(crossing, error=max(error, math.ulp(crossing.time) / 2))
 
@@ -291,9 +291,9 @@ def cross(
     case: Case, method: str, precision: str, tol: float | None
 ) -> tuple[Solution, list[Crossing]]:
     """A case integrated through its samples, and its crossings: those that are beyond rounding."""
-    motion = watched(case, method, precision, tol, BAND * EPS)
+    motion = watched(case, method, precision, tol, CERTAIN * EPS)
     path, rows = motion.solution.path, motion.sampled
-    found = verdict(case, motion, np.full(len(path.time), EPS))
+    found = crossings_of(case, motion, np.full(len(path.time), EPS))
     samples = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
     return replace(motion.solution, path=samples), found.crossings
 

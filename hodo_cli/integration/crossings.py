@@ -14,15 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engines.polynomial import TAYLOR, rounding, to_bernstein, weights, zeros
+from ..engines.polynomial import TAYLOR, isolate, rounding, to_bernstein, weights
 from ..engines.protocol import Engine, extended
 from ..models import rigid_body
 from .units import Clock, Units
 
-BLOCK = 512
+SEARCHED = 512
 """Steps that are searched together: numpy's overhead, some 0.1 ms, is then 0.2 us a step."""
 
-BAND = 8.0
+CERTAIN = 8.0
 """D counts where its margin is so many times the error of the state. The error can shift the margin
 by twice its own size, once for each term of D; the rest is a reserve, for an error that is measured
 beside the crossing and not at it."""
@@ -67,7 +67,7 @@ class Marks(NamedTuple):
         return cls(*(column[order] for column in columns))
 
 
-class Verdict(NamedTuple):
+class Decided(NamedTuple):
     """What marks tell: the crossings that are certain, to what half-width the error of the motion
     leaves the time of each, and when a crossing is undecided."""
 
@@ -97,15 +97,15 @@ class Watcher:
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         """See `Witness.begin`."""
         self.basis, self.clock, self.size = engine.basis, clock, units.size
-        self.series = np.empty((BLOCK, 3, engine.degree + 1), dtype=engine.dtype)
-        self.times = np.empty((BLOCK, 2), dtype=engine.dtype)
+        self.series = np.empty((SEARCHED, 3, engine.degree + 1), dtype=engine.dtype)
+        self.times = np.empty((SEARCHED, 2), dtype=engine.dtype)
 
     def __call__(self, start: float, end: float, series: np.ndarray) -> None:
         """Note a step; see `Observer`."""
         i = self.filled
         self.series[i], self.times[i, 0], self.times[i, 1] = series, start, end
         self.filled = i + 1
-        if self.filled == BLOCK:
+        if self.filled == SEARCHED:
             self.flush()
 
     def flush(self) -> None:
@@ -163,7 +163,7 @@ class Watcher:
         for form in rigid_body.separatrix_forms(self.A.astype(fp), b.swapaxes(0, 1), self.order):
             # A difference of two coefficients has the rounding of both.
             for polynomial, bound in ((form, noise), (np.diff(form, axis=1), 2 * noise)):
-                found = zeros(polynomial, bound)
+                found = isolate(polynomial, bound)
                 rows.append(found.row)
                 places.append(found.x)
                 vanish.append(np.full(len(found.x), polynomial is form))
@@ -217,7 +217,7 @@ def with_middles(
     return row[order], x[order], vanishes[order]
 
 
-def decide(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> Verdict:
+def read_marks(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> Decided:
     """What marks tell whose margins count where they exceed `band` (k,); `order` is the body's.
 
     The motion has crossed where its margin stands first on one side, then on the other, beyond
@@ -227,7 +227,7 @@ def decide(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> Verdi
     """
     sure = np.flatnonzero(~marks.vanishes & (np.abs(marks.margin) > band))
     rises = np.sign(marks.margin[sure])
-    verdict = Verdict([], [], [])
+    verdict = Decided([], [], [])
     for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(rises) != 0)):
         first, last = sure[n], sure[n + 1]
         if rises[n] == rises[n + 1]:

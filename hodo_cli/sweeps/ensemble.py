@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..engines.polynomial import TAYLOR, to_bernstein, zeros
+from ..engines.polynomial import TAYLOR, isolate, to_bernstein
 from ..engines.series import value
 from ..integration.choice import MANY_STEPS
 from ..integration.units import Units
@@ -343,7 +343,7 @@ def passages(
     powers = series.T * steps.length[:, None] ** np.arange(step.order + 1)
     # Row by row: one product of all would round as the number of rows happens to be.
     bernstein = np.matmul(powers[:, None], to_bernstein(TAYLOR, step.order, series.dtype))[:, 0]
-    found = zeros(bernstein, noise)
+    found = isolate(bernstein, noise)
     at = found.row[found.sure]
     place = found.x[found.sure] * steps.length[at]
     slope = value(series[1:, at] * np.arange(1, step.order + 1)[:, None], place)
