@@ -194,7 +194,7 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     multiple=True,
     default=("png",),
     show_default=True,
-    help="png, svg, pdf or csv (repeatable).",
+    help="png, svg, pdf, csv or html (repeatable).",
 )
 @_folder("runs/figures")
 def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:

@@ -23,6 +23,7 @@ IMPORTERS = {
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/",
     "netCDF4": "",
+    "plotly": "figures/interactive.py",
     "scipy.integrate": "engines/scipy_ivp.py",
     "xarray": "results/dataset.py",
     "yaml": "schema/document.py",

@@ -64,6 +64,16 @@ def _rendered(
         sheet = draw(spec, results)
     except HodoError as error:
         return Rendered(name, problem=str(error))
+    written = []
     for path in files:
-        save(sheet, path, about=spec["caption"])
-    return Rendered(name, tuple(files))
+        if path.suffix == ".html":
+            # Late, because plotly need not be installed where no figure is to be turned.
+            from ..figures.interactive import STILL, write_interactive
+
+            if spec["kind"] in STILL:
+                continue
+            write_interactive(sheet, spec, results, path, name)
+        else:
+            save(sheet, path, about=spec["caption"])
+        written.append(path)
+    return Rendered(name, tuple(written))

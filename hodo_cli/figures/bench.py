@@ -44,7 +44,7 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
             x, y = time[i, j][done], np.maximum(error[i, j][done], SMALLEST)
             axes.loglog(x, y, marker="o", ms=2, label=method, **style)
-            sheet.record(case, method, run_time=x, error=y)
+            sheet.record(case, method, {"run_time": x, "error": y})
         axes.axhline(max(floor[i].max(), SMALLEST), **SEPARATRIX)
         axes.set(title=case, ylim=(SMALLEST, 10))
     for place, axes in enumerate(panels[len(cases) :], len(cases)):
@@ -80,6 +80,6 @@ def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
     axes.set_yticks(range(len(cases)), cases, fontsize=5.5)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)
     for case, row in zip(cases, code, strict=True):
-        sheet.record(case, "verdict", **{name: row[[j]] for j, name in enumerate(methods)})
+        sheet.record(case, "verdict", {name: row[[j]] for j, name in enumerate(methods)})
     handles = [Line2D([], [], ls="", marker="s", color=colour) for colour in VERDICT_COLOUR]
     sheet.figure.legend(handles, verdicts, loc="outside lower center", ncols=3)

@@ -125,7 +125,7 @@ def map_image(
     sheet.record(
         swept.case.name,
         title,
-        **{spec["x"]: across, spec["y"]: up, spec["variable"]: values.ravel()},
+        {spec["x"]: across, spec["y"]: up, spec["variable"]: values.ravel()},
     )
     axes.pcolormesh(
         edges(x, even_x), edges(y, even_y), values.T, norm=scale, cmap=hues(), rasterized=True
@@ -154,7 +154,7 @@ def map_sphere(
     name = swept.sphere()
     directions = swept.axis(name).directions(np.arange(len(swept.axis(name))))
     g = dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
-    sheet.record(swept.case.name, title, **g, **{spec["variable"]: values})
+    sheet.record(swept.case.name, title, {**g, spec["variable"]: values})
     axes.set_facecolor(GAP)
     axes.grid(False)
     axes.set(xticks=[], yticks=[])

@@ -65,7 +65,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
         across, up = points[motion.name].T
         sheet.record(
-            "quadrants", motion.label, time=motion.time, **{f"{p}^2": across, f"K {r}^2": up}
+            "quadrants", motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up}
         )
     others = [
         results.motion(name)
@@ -128,8 +128,8 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> 
         sheet.record(
             "sketch",
             title,
-            **{f"A{i + 1}": np.array([A]) for i, A in enumerate(body)},
-            K=np.array([slope(body)]),
+            {f"A{i + 1}": np.array([A]) for i, A in enumerate(body)}
+            | {"K": np.array([slope(body)])},
         )
         sketch(axes, body)
         K = slope(body)
@@ -176,7 +176,7 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
                 else slice(*np.searchsorted(motion.time, spec["span"]))
             )
             times, values = motion.time[part], motion[name][part]
-            sheet.record(group, motion.label, time=times, **{name: values})
+            sheet.record(group, motion.label, {"time": times, name: values})
             axes.plot(times, values, **style)
             event_marks(axes, motion, name, spec["time"])
         axes.margins(x=0, y=0.08)
@@ -248,7 +248,7 @@ def inset(
     axes = panel.inset_axes(spec["box"])
     for name, look in zip(spec["variables"], styles(len(spec["variables"])), strict=True):
         axes.plot(motion.time, motion[name], **looks.get(name, look), lw=0.9)
-        sheet.record("inset", motion.name, time=motion.time, **motion.columns(name))
+        sheet.record("inset", motion.name, {"time": motion.time, name: motion[name]})
     axes.set_title(", ".join(f"${symbol(name)}$" for name in spec["variables"]), size=7, pad=2)
     axes.tick_params(labelsize=6)
     axes.margins(x=0)
@@ -261,7 +261,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     axes = sheet.figure.subplots()
     for motion, style in zip(motions, styles(len(motions)), strict=True):
         across, up = motion[x], motion[y]
-        sheet.record("phase", motion.label, time=motion.time, **{x: across, y: up})
+        sheet.record("phase", motion.label, {"time": motion.time, x: across, y: up})
         axes.plot(across, up, **style)
         points = np.stack([across, up], axis=-1)
         mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
@@ -279,7 +279,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     energy, square, ratio = sheet.figure.subplots(3, sharex=True)
     for motion, style in zip(motions, styles(len(motions)), strict=True):
         shown = motion.columns("T", "G2", "D/2T")
-        sheet.record("invariants", motion.label, time=motion.time, **shown, D=motion["D"])
+        sheet.record("invariants", motion.label, {"time": motion.time, **shown, "D": motion["D"]})
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
             axes.plot(motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)

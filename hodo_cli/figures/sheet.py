@@ -33,7 +33,7 @@ UNDATED: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-FORMATS = (*UNDATED, "csv")
+FORMATS = (*UNDATED, "csv", "html")
 
 
 SCREEN = 150
@@ -67,8 +67,8 @@ class Sheet:
     figure: Figure
     shown: list[Shown] = field(default_factory=list)
 
-    def record(self, panel: str, curve: str, **values: np.ndarray) -> None:
-        """Note the values of a curve."""
+    def record(self, panel: str, curve: str, values: Mapping[str, np.ndarray]) -> None:
+        """Note the values of a curve by the names of what they are."""
         self.shown.append(
             Shown(panel, curve, {name: np.asarray(value) for name, value in values.items()})
         )

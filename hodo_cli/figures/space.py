@@ -46,7 +46,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     for motion in motions:
         G1, G2, G3 = motion.G.T
         sheet.record(
-            "hodograph", motion.label, time=motion.time, **{"G.x1": G1, "G.x2": G2, "G.x3": G3}
+            "hodograph", motion.label, {"time": motion.time, "G.x1": G1, "G.x2": G2, "G.x3": G3}
         )
     up, down = (
         np.max([(sign * motion.G).max(axis=0) for motion in motions], axis=0) for sign in (1, -1)
@@ -209,8 +209,7 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         sheet.record(
             "sphere",
             motion.label,
-            time=motion.time,
-            **{"G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3},
+            {"time": motion.time, "G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3},
         )
         seen, (colours, code) = view(direction), palette(motion, spec["colour"], place)
         for piece in stretches(code):

@@ -1,0 +1,309 @@
+"""Figures that a reader can turn and zoom, drawn by plotly in a page of their own. The only importer
+of plotly, which is optional.
+
+Every curve has the values that its printed figure shows (`Sheet.shown`): that figure is drawn first,
+and nothing is computed twice.
+"""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from .. import HodoError
+from ..models.rigid_body import LABELS
+from ..results.dataset import Results
+from ..results.motion import Motion
+from ..results.staging import replacing
+from .artists import AXIS_COLOUR, CYCLE, hues
+from .geometry import graticule, separatrix_circles, stretches
+from .sheet import Sheet, Shown
+
+SCRIPT = "plotly.js"
+"""The script of plotly, which lies once beside the page of all figures."""
+
+HOVER = ("G", "T", "D")
+"""The quantities of the point under the pointer, besides its coordinates, time and axis."""
+
+MARGIN = {"l": 60, "r": 20, "t": 40, "b": 50}
+
+STILL = ("quadrant-sketch",)
+"""Kinds that show nothing to turn or to zoom."""
+
+
+def write_interactive(
+    sheet: Sheet, spec: Mapping[str, Any], results: Results, path: Path, name: str
+) -> None:
+    """Write the page of one figure, whose printed form is `sheet`, and the script that it needs.
+
+    Raises HodoError if the kind has nothing to turn or zoom, or a file cannot be written.
+    """
+    if spec["kind"] in STILL:
+        raise HodoError(f"a figure of kind {spec['kind']} has nothing to turn or to zoom")
+    figure = interactive(sheet, spec, results)
+    script = path.parent.parent / SCRIPT
+    if not script.exists():
+        with replacing(script) as draft:
+            draft.write_text(get_plotlyjs(), encoding="utf-8")
+    shell = Template((Path(__file__).parent / "figure.html").read_text(encoding="utf-8"))
+    page = shell.substitute(
+        title=escape(name),
+        caption=escape(spec["caption"]),
+        script=f"../{SCRIPT}",
+        back=f"../index.html#{quote(path.parent.name)}-{quote(name)}",
+        # A caption or label may hold what ends a script.
+        figure=str(figure.to_json()).replace("</", "<\\/"),
+    )
+    with replacing(path) as draft:
+        draft.write_text(page, encoding="utf-8")
+
+
+def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figure:
+    """The figure of plotly for an entry of a `figures:` block, with the values of its printed form."""
+    if spec["kind"] in ("hodograph", "sphere"):
+        return turnable(sheet, spec, results)
+    if spec["kind"] == "map":
+        flat = spec["x"] is None or spec["y"] is None
+        return turnable_map(sheet, spec) if flat else images(sheet.shown, spec)
+    motions = {motion.label: motion for motion in results.motions(spec)}
+    return panels(sheet.shown, spec, motions)
+
+
+def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figure:
+    """Hodographs, or curves on the unit sphere, in three dimensions of one scale."""
+    figure = go.Figure()
+    motions = results.motions(spec)
+    ball = spec["kind"] == "sphere"
+    if ball:
+        for line in graticule():
+            figure.add_trace(_space(line, "", line={"color": "#C8C8C8", "width": 1}))
+        for i, circle in enumerate(separatrix_circles(motions[0].inertia)):
+            name = "" if i else "D = 0"
+            figure.add_trace(_space(circle, name, line={"color": "#777777", "width": 3}))
+    for place, (shown, motion) in enumerate(zip(sheet.shown, motions, strict=True)):
+        points = np.stack([v for key, v in shown.values.items() if key != "time"], axis=-1)
+        colour = spec["colour"] if motion.classified or spec["colour"] != "axis" else "case"
+        for name, where, look in _parts(motion, colour, place, len(motions)):
+            part = np.where(where[:, None], points, np.nan)
+            figure.add_trace(_space(part, name, line=look, **hover(motion)))
+        if not ball and motion.crossing_time.size:
+            crossings = motion.at_crossings(points)
+            figure.add_trace(_marks(crossings, motion.crossing_time, spec["time"]))
+        ends = {"size": 4, "color": "#FFFFFF", "line": {"color": "#444444", "width": 2}}
+        start = "" if place else "start"
+        figure.add_trace(_space(points[:1], start, mode="markers", marker=ends))
+    figure.update_layout(scene=_scene(ball), margin=MARGIN, legend={"itemsizing": "constant"})
+    return figure
+
+
+def turnable_map(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
+    """The directions of a sweep on the unit sphere, coloured by a variable, a sphere a panel."""
+    columns = min(3, len(sheet.shown))
+    rows = -(-len(sheet.shown) // columns)
+    kind = [[{"type": "scene"}] * columns] * rows
+    titles = [_plain(shown.curve) for shown in sheet.shown]
+    figure = make_subplots(rows, columns, specs=kind, subplot_titles=titles)
+    every = np.concatenate([shown.values[spec["variable"]] for shown in sheet.shown])
+    low, high = spec["range"] or (float(np.nanmin(every)), float(np.nanmax(every)))
+    for i, shown in enumerate(sheet.shown):
+        values = shown.values[spec["variable"]]
+        points = np.stack([shown.values[f"G.x{axis}/|G|"] for axis in (1, 2, 3)], axis=-1)
+        marker = {
+            "size": 4,
+            "color": np.nan_to_num(values, nan=low),
+            "colorscale": _scale(),
+            "cmin": low,
+            "cmax": high,
+            "showscale": i == 0,
+        }
+        text = [f"{spec['variable']} = {v:.6g}" if np.isfinite(v) else "none" for v in values]
+        trace = _space(points, "", mode="markers", marker=marker, text=text, hoverinfo="text")
+        figure.add_trace(trace, row=i // columns + 1, col=i % columns + 1)
+    figure.update_scenes(**_scene(ball=True))
+    figure.update_layout(margin=MARGIN, showlegend=False)
+    return figure
+
+
+def images(shown: Sequence[Shown], spec: Mapping[str, Any]) -> go.Figure:
+    """A variable of a sweep over two axes, an image a panel, all of one scale."""
+    columns = min(2, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = make_subplots(rows, columns, subplot_titles=[_plain(each.curve) for each in shown])
+    for i, each in enumerate(shown):
+        x, y, z = each.values.values()
+        place = {"row": i // columns + 1, "col": i % columns + 1}
+        figure.add_trace(go.Heatmap(x=x, y=y, z=z, coloraxis="coloraxis"), **place)
+        figure.update_xaxes(title_text=spec["x"], **place)
+        figure.update_yaxes(title_text=spec["y"], **place)
+    limits = dict(zip(("cmin", "cmax"), spec["range"] or (None, None), strict=True))
+    figure.update_layout(margin=MARGIN, coloraxis={"colorscale": _scale(), **limits})
+    return figure
+
+
+def panels(
+    shown: Sequence[Shown], spec: Mapping[str, Any], motions: Mapping[str, Motion]
+) -> go.Figure:
+    """Plane panels, one for each of the printed figure, or for each variable over time."""
+    curves = [curve for each in shown for curve in _curves(each, spec)]
+    names = list(dict.fromkeys(panel for panel, *_ in curves))
+    columns = 1 if len(names) == 1 else 2
+    rows = -(-len(names) // columns)
+    figure = make_subplots(rows, columns, subplot_titles=[_plain(name) for name in names])
+    labels = list(dict.fromkeys(label for _, label, *_ in curves))
+    for panel, label, x, y, values in curves:
+        row, column = divmod(names.index(panel), columns)
+        look = {"color": CYCLE[labels.index(label) % len(CYCLE)][0], "width": 2}
+        motion = motions.get(label)
+        told = hover(motion) if motion and len(motion.time) == len(values[x]) else {}
+        trace = go.Scatter(
+            x=values[x],
+            y=values[y],
+            name=_plain(label),
+            mode="lines",
+            line=look,
+            legendgroup=label,
+            showlegend=panel == next(p for p, other, *_ in curves if other == label),
+            **told,
+        )
+        figure.add_trace(trace, row=row + 1, col=column + 1)
+        figure.update_xaxes(title_text=_plain(x), row=row + 1, col=column + 1)
+        figure.update_yaxes(title_text=_plain(y), row=row + 1, col=column + 1)
+        _mark_crossings(figure, motion, x, values, y, (row + 1, column + 1))
+    figure.update_layout(margin=MARGIN)
+    return figure
+
+
+def _curves(
+    shown: Shown, spec: Mapping[str, Any]
+) -> list[tuple[str, str, str, str, Mapping[str, np.ndarray]]]:
+    """Panel, curve, and the names on both axes of what one record shows."""
+    names = list(shown.values)
+    if spec["kind"] in ("phase", "quadrants", "map"):
+        x, y = [name for name in names if name != "time"][:2]
+        return [(shown.panel, shown.curve, x, y, shown.values)]
+    across = "time" if "time" in names else names[0]
+    by_case = spec.get("panels") == "case"
+    return [
+        (
+            shown.curve if by_case else name,
+            name if by_case else shown.curve,
+            across,
+            name,
+            shown.values,
+        )
+        for name in names
+        if name != across
+    ]
+
+
+def hover(motion: Motion) -> dict[str, Any]:
+    """What the pointer shows of each sample: time, |G|, T, D and the enclosed axis."""
+    told: dict[str, np.ndarray] = {"time": motion.time}
+    for name in HOVER:
+        try:
+            told[name] = motion[name]
+        except HodoError:
+            continue
+    lines = [f"{name} = %{{customdata[{i}]:.6g}}" for i, name in enumerate(told)]
+    columns: list[Any] = list(told.values())
+    if motion.classified:
+        lines.append(f"encloses %{{customdata[{len(columns)}]}}")
+        columns.append(np.array([LABELS[int(label)] for label in motion.labels], dtype=object))
+    data = np.stack([np.asarray(column, dtype=object) for column in columns], axis=-1)
+    return {"customdata": data, "hovertemplate": "<br>".join(lines)}
+
+
+def _parts(
+    motion: Motion, colour: str, place: int, several: int
+) -> list[tuple[str, np.ndarray, dict[str, Any]]]:
+    """A curve in the parts that differ in colour: name, samples (n,), and look of each."""
+    n = len(motion.time)
+    if colour == "time":
+        scale = {"color": motion.time, "colorscale": _scale(), "showscale": place == 0, "width": 4}
+        return [(motion.label, np.ones(n, dtype=bool), scale)]
+    if colour == "case":
+        look = {"color": CYCLE[place % len(CYCLE)][0], "width": 4}
+        return [(motion.label, np.ones(n, dtype=bool), look)]
+    parts = []
+    for label in np.unique(motion.labels):
+        where = np.zeros(n, dtype=bool)
+        for piece in stretches(motion.labels):
+            if motion.labels[piece.start] == label:
+                where[piece] = True
+        said = LABELS[int(label)]
+        name = f"{motion.label}: {said}" if several > 1 else f"about {said}"
+        parts.append((_plain(name), where, {"color": AXIS_COLOUR[int(label)], "width": 4}))
+    return parts
+
+
+def _space(points: np.ndarray, name: str, mode: str = "lines", **look: Any) -> go.Scatter3d:
+    """A curve or points (n, 3) in body axes; without a name it is no entry of the legend."""
+    x, y, z = points.T
+    quiet = {} if "hovertemplate" in look or "hoverinfo" in look else {"hoverinfo": "skip"}
+    return go.Scatter3d(
+        x=x, y=y, z=z, mode=mode, name=_plain(name), showlegend=bool(name), **quiet, **look
+    )
+
+
+def _marks(points: np.ndarray, times: np.ndarray, symbol: str) -> go.Scatter3d:
+    """The crossings (m, 3) with their times."""
+    look = {"size": 5, "symbol": "diamond", "color": "#F0E442", "line": {"color": "#000000"}}
+    text = [f"crossing of D = 0 at {_plain(symbol)} = {time:.12g}" for time in times]
+    return _space(points, "D = 0", mode="markers", marker=look, text=text, hoverinfo="text")
+
+
+def _mark_crossings(
+    figure: go.Figure,
+    motion: Motion | None,
+    x: str,
+    values: Mapping[str, np.ndarray],
+    y: str,
+    place: tuple[int, int],
+) -> None:
+    """The crossings of a plane curve, interpolated between its samples."""
+    if motion is None or not motion.crossing_time.size or len(motion.time) != len(values[x]):
+        return
+    at = motion.at_crossings(np.stack([values[x], values[y]], axis=-1))
+    text = [f"crossing of D = 0 at {time:.12g}" for time in motion.crossing_time]
+    marker = {"symbol": "diamond", "size": 9, "color": "#F0E442", "line": {"width": 1}}
+    trace = go.Scatter(
+        x=at[:, 0],
+        y=at[:, 1],
+        mode="markers",
+        marker=marker,
+        text=text,
+        hoverinfo="text",
+        name="D = 0",
+        showlegend=False,
+    )
+    figure.add_trace(trace, row=place[0], col=place[1])
+
+
+def _scene(ball: bool) -> dict[str, Any]:
+    """Axes of one scale, named after the body axes."""
+    names = [f"G{i}/|G|" if ball else f"G{i}" for i in (1, 2, 3)]
+    axes = {
+        f"{letter}axis": {"title": {"text": name}}
+        for letter, name in zip("xyz", names, strict=True)
+    }
+    return {"aspectmode": "data", **axes}
+
+
+def _scale() -> list[list[Any]]:
+    """The scale of colours of the printed figures, for plotly."""
+    colours = (255 * np.asarray(hues(16).colors)[:, :3]).astype(int)
+    return [[i / 15, f"rgb({r},{g},{b})"] for i, (r, g, b) in enumerate(colours.tolist())]
+
+
+def _plain(text: str) -> str:
+    """A label without TeX: plotly sets formulas by a script that would have to be fetched."""
+    for tex, plain in ((r"\tau", "τ"), (r"\lambda", "λ"), (r"\gamma", "γ"), (r"\varepsilon", "ε")):
+        text = text.replace(tex, plain)
+    return text.translate(str.maketrans("", "", "${}\\")).replace("_", "")

@@ -1,0 +1,170 @@
+"""Figures that turn: the values of the printed ones, in a page that a browser shows by itself."""
+
+import base64
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, Browser
+
+from hodo_cli import api, figures
+from hodo_cli.cases.config import parse
+from hodo_cli.figures.sheet import Sheet
+from hodo_cli.results.dataset import Results
+
+if importlib.util.find_spec("plotly") is None:
+    pytest.skip("needs plotly", allow_module_level=True)
+
+from hodo_cli.figures import page
+from hodo_cli.figures.interactive import interactive, write_interactive
+from hodo_cli.figures.sheet import Rendered, save
+
+CONFIG = r"""
+title: Turning
+cases:
+  fig4:
+    model: linear-diag
+    inertia: [1, 0.8, 0.6]
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+    time: {end: 1000, samples: 501}
+figures:
+  space: {kind: hodograph, cases: fig4, caption: "</script><b>&"}
+  ball: {kind: sphere, cases: fig4}
+  time: {kind: series, cases: fig4, variables: [T, D/2T, G.x1], time: \tau}
+  plane: {kind: phase, cases: fig4, x: p, y: q}
+  corner: {kind: quadrants, cases: fig4}
+  bounds: {kind: invariants, cases: fig4}
+"""
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    """A case and its figures, in memory."""
+    config = parse(CONFIG, "test.yaml")
+    cases = {name: api.run(case) for name, case in config.cases.items()}
+    return Results(Path("test.h5"), cases, config)
+
+
+def drawn(results: Results, name: str) -> tuple[Sheet, dict[str, np.ndarray]]:
+    """A printed figure, and the values of its turning form by the names of its traces."""
+    spec = results.figure(name)
+    sheet = figures.draw(spec, results)
+    made = interactive(sheet, spec, results)
+    axes = "xyz" if made.data[0].type == "scatter3d" else "xy"
+    found: dict[str, np.ndarray] = {}
+    for trace in made.data:
+        if trace.mode == "lines" and trace.customdata is not None:
+            values = np.stack([np.asarray(trace[axis], dtype=float) for axis in axes], axis=-1)
+            found[f"{trace.name} {trace.xaxis if axes == 'xy' else ''}".strip()] = values
+    return sheet, found
+
+
+@pytest.mark.parametrize("name", ["space", "ball"])
+def test_a_turning_curve_is_the_printed_one_point_by_point(results: Results, name: str) -> None:
+    """The parts by enclosed axis overlap in the sample where one ends and the next begins."""
+    sheet, found = drawn(results, name)
+    (shown,) = sheet.shown
+    printed = np.stack([v for key, v in shown.values.items() if key != "time"], axis=-1)
+    parts = np.stack(list(found.values()))
+    assert len(parts) == (2 if name == "space" else 1)
+    assert np.isfinite(parts).all(axis=2).any(axis=0).all()
+    for part in parts:
+        there = np.isfinite(part[:, 0])
+        np.testing.assert_array_equal(part[there], printed[there])
+
+
+@pytest.mark.parametrize("name", ["time", "plane", "corner", "bounds"])
+def test_panels_are_the_printed_ones_point_by_point(results: Results, name: str) -> None:
+    sheet, found = drawn(results, name)
+    printed = []
+    for shown in sheet.shown:
+        values = [np.asarray(v) for key, v in shown.values.items() if key != "time"]
+        if name in ("plane", "corner"):
+            printed.append(np.stack(values, axis=-1))
+        else:
+            printed += [np.stack([shown.values["time"], value], axis=-1) for value in values]
+    assert len(found) == len(printed) > 0
+    for ours, theirs in zip(found.values(), printed, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_the_pointer_tells_time_invariants_and_axis(results: Results) -> None:
+    made = interactive(
+        figures.draw(results.figure("space"), results), results.figure("space"), results
+    )
+    trace = next(trace for trace in made.data if trace.customdata is not None)
+    motion = results.motion("fig4")
+    expected = ["time", "G", "T", "D"]
+    for i, name in enumerate(expected):
+        assert f"{name} = %{{customdata[{i}]" in trace.hovertemplate
+        np.testing.assert_array_equal(trace.customdata[:, i].astype(float), motion[name])
+    assert trace.customdata[0, 4] == "x1"
+    assert trace.customdata[-1, 4] == "x3"
+    (mark,) = [trace for trace in made.data if trace.name == "D = 0"]
+    assert mark.text[0].startswith("crossing of D = 0 at τ = 305.3589")
+
+
+@pytest.fixture(scope="module")
+def folder(results: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of all figures, each with its turning form beside it."""
+    out = tmp_path_factory.mktemp("figures")
+    rendered = []
+    for name, spec in results.figures.items():
+        sheet = figures.draw(spec, results)
+        files = (out / "test" / f"{name}.png", out / "test" / f"{name}.html")
+        save(sheet, files[0], about=spec["caption"])
+        write_interactive(sheet, spec, results, files[1], name)
+        rendered.append(Rendered(name, files))
+    page.write(out / "index.html", [(results, rendered)])
+    return out
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium (Debian: apt-get install chromium)")
+    with Browser() as opened:
+        yield opened
+
+
+def test_the_script_lies_once_beside_the_page(folder: Path) -> None:
+    assert (folder / "plotly.js").stat().st_size > 1_000_000
+    for path in (folder / "test").glob("*.html"):
+        text = path.read_text(encoding="utf-8")
+        assert '<script src="../plotly.js">' in text
+        assert "http://" not in text.replace("http://www.w3.org", "")
+        assert "https://" not in text
+        assert len(text) < 1_000_000
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (800, True), (390, False)])
+def test_a_hodograph_turns_in_a_browser(
+    browser: Browser, folder: Path, width: int, dark: bool
+) -> None:
+    browser.requests.clear()
+    browser.open(folder / "test" / "space.html", width=width, dark=dark)
+    browser.wait_for("!!document.querySelector('#figure canvas')")
+    eye = "JSON.stringify(document.getElementById('figure')._fullLayout.scene.camera.eye)"
+    before = browser.evaluate(eye)
+    browser.drag((width // 3, 400), (width // 2, 480))
+    browser.wait_for(f"{eye} !== {before!r}")
+    colour = browser.evaluate("document.getElementById('figure')._fullLayout.paper_bgcolor")
+    assert colour == ("#18191c" if dark else "#ffffff")
+    assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    assert not browser.errors
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in browser.requests)
+
+
+def test_series_zoom_in_a_browser(browser: Browser, folder: Path) -> None:
+    browser.open(folder / "test" / "time.html")
+    browser.wait_for("!!document.querySelector('.nsewdrag')")
+    span = "document.getElementById('figure')._fullLayout.xaxis.range.map(Number)"
+    low, high = browser.evaluate(span)
+    browser.drag((200, 150), (400, 250))
+    browser.wait_for(f"{span}[1] - {span}[0] < {(high - low) / 2}")
+    assert not browser.errors
+    shot = base64.b64decode(browser.send("Page.captureScreenshot")["data"])
+    assert shot.startswith(b"\x89PNG")
