@@ -2,11 +2,11 @@
 member.
 
     sweep:
-      damping.2: {linspace: [0, 0.005, 51]}                       # first, last, number of values
-      resistance.diagonal: {logspace: [1e-4, 1e-1, 31]}           # the same in even ratios
-      initial.p: {values: [0.5, 0.6, 0.8]} body: {zip: {inertia.1: {values: [0.7, 0.8]}, inertia.2:
-      {values: [0.6, 0.5]}}}      # vary together, as one axis direction: {sphere: {count: 1000,
-      seed: 1}}                 # of G at the start, uniform; |G| stays the case's
+      damping.2: {linspace: [0, 0.005, 51]}              # first, last, number of values
+      resistance.diagonal: {logspace: [1e-4, 1e-1, 31]}  # the same in even ratios
+      initial.p: {values: [0.5, 0.6, 0.8]}
+      body: {zip: {inertia.1: {values: [0.7, 0.8]}, inertia.2: {values: [0.6, 0.5]}}}  # one axis
+      direction: {sphere: {count: 1000, seed: 1}}        # of G at the start, uniform; |G| stays
 
 Every entry is one dimension of the result, in the order given; the last varies fastest. Positions
 count from zero.

@@ -36,10 +36,15 @@ CAVITY = Key(
                 unit="length",
                 default=None,
             ),
-            "kappa": Key(Number(least=0), "rho P0/nu, in place of all others", default=None),
+            "kappa": Key(
+                Number(least=0),
+                "rho P0/nu, instead of the other keys",
+                "moment of inertia * time",
+                None,
+            ),
         }
     ),
-    "the cavity: density, viscosity and P0 or radius; or kappa",
+    "density, viscosity and P0 or radius; or kappa alone",
     default=None,
 )
 
@@ -49,7 +54,7 @@ CAVITY_INITIAL = Key(
             **cast(Table, INITIAL.kind).keys,
             "x": Key(
                 Number(least=0),
-                "p^2 + q^2, with y in place of p, q, r",
+                "p^2 + q^2; x and y replace p, q and r",
                 unit="1/time^2",
                 default=None,
             ),
@@ -118,7 +123,7 @@ class Cavity(Model):
         "cavity": CAVITY,
         "kappa": Key(
             Number(least=0),
-            "rho P0/nu, in place of the cavity",
+            "rho P0/nu, instead of `cavity`",
             unit="moment of inertia * time",
             default=None,
         ),
@@ -245,10 +250,9 @@ class Full(Cavity, BodyFrame):
     """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
     axes.
 
-    A1 p' + (A3 - A2) q r = kappa/(A1 A2 A3) p [A3 (A1 - A3)(A1 + A3 - A2) r^2 + A2 (A1 - A2)(A1 +
-    A2 - A3) q^2]
-                            + epsilon M1                                                      and
-                            cyclically
+    A1 p' + (A3 - A2) q r = kappa/(A1 A2 A3) p [A3 (A1 - A3)(A1 + A3 - A2) r^2
+                                                + A2 (A1 - A2)(A1 + A2 - A3) q^2] + epsilon M1
+    and cyclically
 
     p, q, r: angular velocity about x1, x2, x3, 1/time (`initial`); A1, A2, A3: principal moments of
     inertia of body and fluid together (`inertia`); kappa = rho P0/nu, moment of inertia * time

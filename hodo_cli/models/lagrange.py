@@ -36,12 +36,12 @@ LAW = Either(
         {
             "exponential": {
                 "value": Key(Number(), "value at tau = 0", "moment of inertia / time"),
-                "rate": Key(Number(), "value exp(-rate tau)"),
+                "rate": Key(Number(), "the law is value exp(-rate tau)"),
             },
             "power": {
                 "value": Key(Number(), "value at tau = 0", "moment of inertia / time"),
-                "rate": Key(Number(least=0), "value (1 + rate tau)^exponent"),
-                "exponent": Key(Number(), "value (1 + rate tau)^exponent"),
+                "rate": Key(Number(least=0), "the law is value (1 + rate tau)^exponent"),
+                "exponent": Key(Number(), "the law is value (1 + rate tau)^exponent"),
             },
         },
     ),
@@ -269,7 +269,7 @@ ROOT_LABELS = {f"u{i}": Label(("time",), f"root u{i} of the cubic of cos theta")
 
 
 PERTURBATION = Key(
-    Choice(*PERTURBATIONS), "the torque M = (p f, q f, M3)", default="linear-dissipation"
+    Choice(*PERTURBATIONS), "form of the torque M = (p f, q f, M3)", default="linear-dissipation"
 )
 
 
@@ -395,8 +395,10 @@ class AveragedTop(Nutating):
     """The Lagrange top under linear resistance that changes slowly with time, averaged over its
     nutation.
 
-    dGz/dtau = -[a (Gz - C r v)/A + b r v],  dH/dtau = -[a (2 H - C r^2 - 2 mu v)/A + b r^2],
-    dr/dtau = -b r/C, v = <cos theta> = u3 - (u3 - u1) E(k)/K(k)
+    dGz/dtau = -[a (Gz - C r v)/A + b r v]
+    dH/dtau = -[a (2 H - C r^2 - 2 mu v)/A + b r^2]
+    dr/dtau = -b r/C
+    v = <cos theta> = u3 - (u3 - u1) E(k)/K(k)
 
     Gz, H, r: vertical angular momentum, energy, angular velocity about the axis of symmetry
     (`initial`); u1 <= u2 <= 1 <= u3: roots of the cubic Q(cos theta), cos theta running from u1 to
@@ -462,8 +464,8 @@ class AveragedU(Nutating):
     """The averaged equations for the roots u1, u2, u3, eq. (3.5) as printed; for comparison.
 
     du1/dtau = -1/(A Delta) {a [(Gz - C r u1)(Gz - C r v)/A + (u1^2 - 1)(2 H - C r^2 - 2 mu v)]
-                             + b r (Gz - C r u1)(v - u1)},   Delta = mu (u1 - u2)(u1 - u3),   and
-                             cyclically
+                             + b r (Gz - C r u1)(v - u1)}
+    Delta = mu (u1 - u2)(u1 - u3), and cyclically
 
     The symbols are those of the form averaged. Delta vanishes at regular precession, u1 = u2, to
     which every motion tends, and the solution loses its digits on the way. Gz and H follow from eqs
@@ -531,8 +533,10 @@ def integrals_from_roots(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
 class FullTop(Top):
     """The Lagrange top under a perturbing torque: the full equations, which the others average.
 
-    A p' + (C - A) q r = mu gamma2 + epsilon M1,   A q' + (A - C) p r = -mu gamma1 + epsilon M2,
-    C r' = epsilon M3,   gamma' = gamma x omega
+    A p' + (C - A) q r = mu gamma2 + epsilon M1
+    A q' + (A - C) p r = -mu gamma1 + epsilon M2
+    C r' = epsilon M3
+    gamma' = gamma x omega
 
     p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin
     phi, sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta =
@@ -605,8 +609,9 @@ class AveragedQuadrature(AveragedTop):
     """The averaged top under any torque M = (p f, q f, M3), f and M3 functions of tau, Gz, H, r and
     theta.
 
-    dGz/dtau = <f (Gz - C r u)/A + M3 u>,  dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>,  dr/dtau =
-    <M3>/C
+    dGz/dtau = <f (Gz - C r u)/A + M3 u>
+    dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>
+    dr/dtau = <M3>/C
 
     <.> is the mean over one nutation, u = cos theta. The torque is a function of PERTURBATIONS
     (`perturbation`); the state and the other symbols are those of the form averaged. The integrand

@@ -172,7 +172,7 @@ INITIAL = Key(
             "r": Key(Number(), "angular velocity about x3", unit="1/time", default=None),
             "G": Key(
                 Number(above=0),
-                "|G|, in place of one of p, q, r (its positive root)",
+                "|G|, instead of one of p, q, r, which is then the positive root",
                 unit="moment of inertia / time",
                 default=None,
             ),

@@ -9,13 +9,13 @@ are
 Side +1 (D > 0): the hodograph goes round axis a. Side -1: round axis c. The separatrix is u = 0. On
 side +1
 
-    p, q, r = s sqrt(X/(a(a-c))) dn, -s sqrt(Y/(b(a-b))) sn, sqrt(Y/(c(a-c))) cn     of n t,     n^2
-    = (a-b) X/(abc)
+    p, q, r = s sqrt(X/(a(a-c))) dn, -s sqrt(Y/(b(a-b))) sn, sqrt(Y/(c(a-c))) cn
+    of n t, n^2 = (a-b) X/(abc)
 
 and on side -1
 
-    p, q, r = sqrt(X/(a(a-c))) cn, -s sqrt(X/(b(b-c))) sn, s sqrt(Y/(c(a-c))) dn     of n t,     n^2
-    = (b-c) Y/(abc)
+    p, q, r = sqrt(X/(a(a-c))) cn, -s sqrt(X/(b(b-c))) sn, s sqrt(Y/(c(a-c))) dn
+    of n t, n^2 = (b-c) Y/(abc)
 
 with the sense of rotation s = +1 or -1. The phase is phi = pi n t/(2K): 0 where q = 0, and 2 pi
 more after a turn. The two sides are one formula in E = X, O = Y (side +1) and E = Y, O = X (side
