@@ -185,7 +185,7 @@ def test_agrees_with_a_taylor_series_of_the_equations(A, omega0, lam):
         for a, b in zip(reference(A, omega0, lam, times), truth, strict=True):
             assert mpmath.norm(a - b) < 1e-30 * mpmath.norm(b), "the other reference is at fault"
     assert (
-        errors(closed_form.equal_damping(A, omega0, lam, times), truth) <= limit(omega0, times)
+        errors(closed_form.damped_motion(A, omega0, lam, times), truth) <= limit(omega0, times)
     ).all()
 
 
@@ -198,7 +198,7 @@ def test_agrees_with_the_formulas_of_the_literature(A, omega0, lam):
         abs(times),
         [abs(math.expm1(-lam * t) / lam) if lam > 1e-200 or lam < 0 else 0 for t in times],
     )
-    found = closed_form.equal_damping(A, omega0, lam, times)
+    found = closed_form.damped_motion(A, omega0, lam, times)
     bound = limit(omega0, turned) + 1e-15 * abs(lam * times)
     assert (errors(found, reference(A, omega0, lam, times, 260)) <= bound).all()
 
@@ -288,12 +288,12 @@ def test_a_symmetric_body_precesses_regularly():
 @given(A=bodies(), omega0=starts(), lam=DAMPING, size=st.sampled_from([-498, 498]))
 def test_every_scale_is_alike(A, omega0, lam, size):
     times = np.array([0.5, 9.0])
-    found = closed_form.equal_damping(
+    found = closed_form.damped_motion(
         A, np.ldexp(omega0, size), np.ldexp(lam, size), np.ldexp(times, -size)
     )
     if lam == 0 or abs(lam) > 1e-3:  # smaller ones are rounded by the change of scale
         assert np.array_equal(
-            found, np.ldexp(closed_form.equal_damping(A, omega0, lam, times), size)
+            found, np.ldexp(closed_form.damped_motion(A, omega0, lam, times), size)
         )
     assert np.array_equal(
         closed_form.free_motion(np.ldexp(A, -size), omega0, times),
@@ -305,7 +305,7 @@ def test_every_scale_is_alike(A, omega0, lam, size):
 def test_extreme_sizes(size):
     A, omega0 = np.array([0.6, 1, 0.8]), size * np.array([0.5, -0.25, 1.4])
     times = np.array([1.0, 40.0]) / size
-    found = closed_form.equal_damping(A, omega0, 0.01 * size, times)
+    found = closed_form.damped_motion(A, omega0, 0.01 * size, times)
     assert (errors(found, reference(A, omega0, 0.01 * size, times)) <= limit(omega0, times)).all()
 
 
@@ -326,7 +326,7 @@ def test_free_motion_conserves_energy_and_momentum(A, omega0, end):
 def test_satisfies_the_equations_of_motion(A, omega0, lam, start):
     nodes = np.polynomial.chebyshev.chebpts1(20)
     half = 0.3 / (np.linalg.norm(omega0) + lam)
-    samples = closed_form.equal_damping(A, omega0, lam, start + half * nodes)
+    samples = closed_form.damped_motion(A, omega0, lam, start + half * nodes)
     fit = np.polynomial.chebyshev.chebfit(nodes, samples, 19)
     omega = np.polynomial.chebyshev.chebval(0, fit)
     slope = np.polynomial.chebyshev.chebval(0, np.polynomial.chebyshev.chebder(fit)) / half
@@ -339,7 +339,7 @@ def test_decay_far_below_the_smallest_double():
     scaled state stays."""
     A, omega0, times = np.array([1, 0.8, 0.6]), np.array([0.8, 0.5, 0.74]), np.array([1000.0, 1e5])
     found, truth = (
-        closed_form.equal_damping(A, omega0, 0.1, times),
+        closed_form.damped_motion(A, omega0, 0.1, times),
         reference(A, omega0, 0.1, times),
     )
     assert errors(found[:1], truth[:1])[0] <= 1e-15 * 0.1 * 1000
@@ -398,7 +398,7 @@ def test_which_cases_have_a_closed_form(keys, expected):
 def test_a_case_begins_at_its_own_start_of_time():
     one = case(model="linear-diag", damping=0.1, time={"start": 3, "end": 13})
     omega0 = np.array([0.5, 1.4, -0.25])
-    expected = closed_form.equal_damping(
+    expected = closed_form.damped_motion(
         np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0])
     )
     assert np.array_equal(exact.exact_motion(one, np.array([3.0, 13.0])), expected)

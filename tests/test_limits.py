@@ -36,8 +36,8 @@ def test_what_the_data_do_is_said_before_the_run(hodo, tmp_path: Path) -> None:
 def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if method == "taylor" and not protocol.have_taylor():
         pytest.skip("needs heyoka")
-    assert 1e5 <= protocol.MOST_STEPS[method] <= 1e7
-    monkeypatch.setitem(protocol.MOST_STEPS, method, 50)
+    assert 1e5 <= protocol.LAST_STEP[method] <= 1e7
+    monkeypatch.setitem(protocol.LAST_STEP, method, 50)
     data = {
         "inertia": (1.0, 0.8, 0.6),
         "resistance": ((-0.5, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01)),

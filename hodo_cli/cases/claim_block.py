@@ -212,7 +212,8 @@ ERRATUM = {
     "cases": CASES,
     "check": Key(
         CHECK,
-        "shows that the printed form is wrong and the corrected one right (default: reading shows it)",
+        "shows that the printed form is wrong and the corrected one right "
+        "(default: reading shows it)",
         default=None,
     ),
     "note": Key(Text(), "remark", default=""),

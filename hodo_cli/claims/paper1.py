@@ -103,7 +103,7 @@ def equal_damping(motions: Sequence[Motion]) -> Finding:
 def by_equal_damping(m: Motion) -> np.ndarray:
     """omega (n, 3) by the closed form for three equal coefficients."""
     lam = m.case.data["damping"][0]
-    return closed_form.equal_damping(m.inertia, m.omega[0], lam, m.time - m.time[0])
+    return closed_form.damped_motion(m.inertia, m.omega[0], lam, m.time - m.time[0])
 
 
 @check

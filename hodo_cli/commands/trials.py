@@ -17,9 +17,9 @@ from ..engines.protocol import Status, extended
 from ..integration.choice import best, choose, taylor_steps
 from ..integration.classify import cross
 from ..integration.crossings import Crossing
-from ..integration.driver import Path
+from ..integration.driver import Sampled
 from ..integration.error import errors_against, measured_error, thinned
-from ..integration.integrate import ASKED, remarks, tried
+from ..integration.integrate import ASKED, remarks, solved
 from ..integration.solve import Solution, sample_times, solve, stored
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
@@ -63,7 +63,7 @@ class Truth:
     and |G|, that it conserves.
     """
 
-    path: Path
+    path: Sampled
     kind: str
     floor: float
     crossings: tuple[Crossing, ...]
@@ -149,7 +149,7 @@ def _moved(value: Any, towards: Iterator[float]) -> Any:
     return value
 
 
-def drifts(case: Case, path: Path) -> list[float]:
+def drifts(case: Case, path: Sampled) -> list[float]:
     """The largest relative changes of T and |G|, for a motion whose state is the angular
     velocity."""
     if not isinstance(case.system, BodyFrame) or not len(path.time):
@@ -170,7 +170,7 @@ def trial(
     try:
         choose(case)  # a trial for stiffness is no part of what is timed
         began = perf_counter()
-        taken, _, solution = tried(case)
+        taken, _, solution = solved(case)
         compile_time = perf_counter() - began - solution.run_time
     except HodoError as mistake:
         return Trial(method, "failed with a message", message=str(mistake), floor=sure.floor)
@@ -195,10 +195,10 @@ def trial(
     )
 
 
-def compared(path: Path) -> Path:
+def compared(path: Sampled) -> Sampled:
     """The samples of a motion at which its error is measured."""
     rows = thinned(path.time)
-    return Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+    return Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
 
 
 def verdict(case: Case, method: str, solution: Solution, error: float, floor: float) -> str:

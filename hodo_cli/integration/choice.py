@@ -9,7 +9,7 @@ from .. import HodoError
 from ..cases.case import Case
 from ..engines import exact, protocol
 from ..models.constants import attributes, jacobian
-from .driver import Path
+from .driver import Sampled
 from .solve import solve
 from .units import Units
 
@@ -59,12 +59,12 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     return "taylor", "not stiff"
 
 
-def taylor_steps(case: Case, path: Path | None = None) -> float:
+def taylor_steps(case: Case, path: Sampled | None = None) -> float:
     """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as
     on a path."""
     system, model, rates = case.system, type(case.system), []
     if path is None:
-        path = Path(np.array([case.time.end]), np.array([system.start]), np.array([0]), ())
+        path = Sampled(np.array([case.time.end]), np.array([system.start]), np.array([0]), ())
     for t, state, exponent in zip(
         path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
     ):

@@ -12,7 +12,7 @@ from ..engines.protocol import PRECISION, extended
 from ..models import rigid_body
 from .choice import best
 from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks
-from .driver import Path
+from .driver import Sampled
 from .error import references
 from .solve import Solution, sample_times, solve, stored
 
@@ -35,8 +35,8 @@ class Classification:
     """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
 
     `growth` (3,) are the rates at which a small tilt away from each axis grows, None without a
-    medium; `final` is the label in the end where theory predicts it. `hidden` is set where the error
-    of the motion hides a crossing, or which list of them is right.
+    medium; `final` is the label in the end where theory predicts it. `hidden` is set where the
+    error of the motion hides a crossing, or which list of them is right.
     """
 
     labels: np.ndarray
@@ -164,8 +164,8 @@ def against_reference(
     return errors, None
 
 
-def left_axis(case: Case, path: Path) -> np.ndarray:
-    """How much larger an error is than that of a step (n,), after a motion has left the middle axis.
+def left_axis(case: Case, path: Sampled) -> np.ndarray:
+    """How much larger an error is than that of a step (n,), after a motion left the middle axis.
 
     Every step errs in D by a part of what its terms are then. Where these have become small again,
     that of the largest terms so far is still there.
@@ -208,7 +208,7 @@ def own_errors(case: Case, motion: Watched, reference: Watched, precision: str) 
     return ratio * distances(reference.solution.path, rough.path)
 
 
-def distances(path: Path, reference: Path) -> np.ndarray:
+def distances(path: Sampled, reference: Sampled) -> np.ndarray:
     """|omega - omega_ref| / |omega_ref| (n,) at the times of a path, and no less than rounding."""
     n = min(len(path.time), len(reference.time))
     shift = (path.exponent[:n] - reference.exponent[:n])[:, None]
@@ -294,7 +294,7 @@ def cross(
     motion = watched(case, method, precision, tol, CERTAIN * EPS)
     path, rows = motion.solution.path, motion.sampled
     found = crossings_of(case, motion, np.full(len(path.time), EPS))
-    samples = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+    samples = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
     return replace(motion.solution, path=samples), found.crossings
 
 

@@ -24,7 +24,7 @@ LARGEST, OUTGROWN = 1024, "the motion has outgrown the largest number"
 """The binary order of magnitude of the largest double, and what is said of a motion beyond it."""
 
 
-class Path(NamedTuple):
+class Sampled(NamedTuple):
     """A motion at the times passed: state (n, m) in units of 2**exponent (n,), and the events
     met."""
 
@@ -50,16 +50,18 @@ class Samples:
         self.state[here], self.exponent[here] = states, size
         self.done += len(states)
 
-    def path(self, events: Iterable[Occurrence]) -> Path:
+    def path(self, events: Iterable[Occurrence]) -> Sampled:
         """What is known."""
         known = slice(self.done)
-        return Path(self.times[known], self.state[known], self.exponent[known], tuple(events))
+        return Sampled(self.times[known], self.state[known], self.exponent[known], tuple(events))
 
-    def ended(self, events: Iterable[Occurrence], state: np.ndarray, size: int) -> Path:
+    def ended(self, events: Iterable[Occurrence], state: np.ndarray, size: int) -> Sampled:
         """What is known, and as the last sample the state (m,) at the last of the events."""
         time, before, exponent, events = self.path(events)
         time = np.append(time, events[-1].time)
-        return Path(time, np.concatenate((before, state[None])), np.append(exponent, size), events)
+        return Sampled(
+            time, np.concatenate((before, state[None])), np.append(exponent, size), events
+        )
 
 
 class Witness(Protocol):
@@ -83,7 +85,7 @@ def propagate(
     watch: Watch,
     witness: Witness | None = None,
     events: tuple[Event, ...] = (),
-) -> Path:
+) -> Sampled:
     """Integrate a system from `start` through `times`, changing units whenever the motion has
     outgrown them.
 

@@ -11,7 +11,7 @@ from ..engines import protocol
 from ..engines.protocol import extended
 from ..models.constants import attributes
 from .choice import best
-from .driver import LIMIT, Path
+from .driver import LIMIT, Sampled
 from .solve import Solution, sample_times, solve
 
 COMPARED = 100_000
@@ -33,7 +33,7 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
     times = times[thinned(times)]
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
     rows = np.flatnonzero(np.isin(path.time, times) | (path.time == path.time[-1:]))
-    thin = Path(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+    thin = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
     finer = replace(case, data={**case.data, **case.system.finer})
     for precision, reference_method, tol in references(case, method, solution.tol):
         reference = solve(finer, reference_method, precision, tol, times)
@@ -76,7 +76,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
         yield case.precision, method, tol * 100
 
 
-def errors_against(case: Case, path: Path, reference: Path) -> dict[str, float]:
+def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; a scalar relative to its largest

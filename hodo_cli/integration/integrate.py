@@ -23,7 +23,7 @@ def integrate(case: Case) -> Trajectory:
     Raises HodoError if its method is not available here. A case that stops early comes back with
     status `timeout` or `failed` and the samples it reached.
     """
-    method, reason, solution = tried(case)
+    method, reason, solution = solved(case)
     errors, kind = measured_error(case, method, solution) if case.error == "on" else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
     system, remarked = case.system, remarks(case, solution, variables, errors)
@@ -65,7 +65,7 @@ def remarks(
             yield f"{name} has outgrown the largest double, and is stored as infinite or nan there"
 
 
-def tried(case: Case) -> tuple[str, str, Solution]:
+def solved(case: Case) -> tuple[str, str, Solution]:
     """Method, reason and solution of a case: by collocation where `auto` has taken the series and
     that fails."""
     method, reason = choose(case)

@@ -9,9 +9,9 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines import exact, protocol
-from ..engines.protocol import MOST_STEPS, Status, Watch
+from ..engines.protocol import LAST_STEP, Status, Watch
 from ..models.constants import attributes
-from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Path, Witness, propagate
+from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Sampled, Witness, propagate
 
 
 def sample_times(case: Case) -> np.ndarray:
@@ -32,7 +32,7 @@ class Solution:
     `evaluations` of the equations: for a series, one for each order of each step.
     """
 
-    path: Path
+    path: Sampled
     tol: float
     steps: int
     run_time: float
@@ -64,7 +64,7 @@ def solve(
         return closed_form(case, times, precision)
     events = system.run_events
     engine = protocol.engine_for(method, system, events, tol, precision)
-    watch = Watch(case.max_steps or MOST_STEPS[method], case.max_seconds or math.inf)
+    watch = Watch(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
     try:
@@ -97,12 +97,12 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
     lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
     n = int(lost[0]) if len(lost) else len(times)
     end = (Status.FAILED, f"{OUTGROWN} at {times[n]:.6g}") if len(lost) else ()
-    path = Path(times[:n], state[:n], exponent[:n], ())
+    path = Sampled(times[:n], state[:n], exponent[:n], ())
     return Solution(path, float(np.finfo(fp).eps), 0, perf_counter() - began, *end)
 
 
 @np.errstate(over="ignore")  # `remarks` says so
-def stored(case: Case, path: Path) -> dict[str, np.ndarray]:
+def stored(case: Case, path: Sampled) -> dict[str, np.ndarray]:
     """The stored variables of a motion, in double precision and true size."""
     system, state = case.system, path.state.astype(float)
     output = system.output(path.time, state, attributes(system.constants))

@@ -137,8 +137,8 @@ class Averaged(Symmetric):
         "mean_start": MEAN_START,
         "at_separatrix": Key(
             Choice(STOP, OTHER, REVERSED),
-            "what becomes of a motion at the separatrix where a constant torque makes it a matter of "
-            "chance",
+            "what becomes of a motion at the separatrix where a constant torque makes it a matter "
+            "of chance",
             default=STOP,
         ),
     }

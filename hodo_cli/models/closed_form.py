@@ -47,10 +47,10 @@ def free_motion(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     may be negative. Components of omega0 below 1e-300 |omega0| lose digits. The formulas, their
     source and their limits stand above.
     """
-    return equal_damping(A, omega0, 0.0, t)
+    return damped_motion(A, omega0, 0.0, t)
 
 
-def equal_damping(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) -> np.ndarray:
+def damped_motion(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) -> np.ndarray:
     """The angular velocity (n, 3) at the times t (n,) where lambda1 = lambda2 = lambda3 = lam, from
     omega0 (3,).
 
@@ -70,7 +70,7 @@ def equal_damping(A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray) 
 def scaled_motion(
     A: np.ndarray, omega0: np.ndarray, lam: float, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`equal_damping` as a state (n, 3) of size about 1 and an exponent (n,): omega = state *
+    """`damped_motion` as a state (n, 3) of size about 1 and an exponent (n,): omega = state *
     2**exponent.
 
     It has its digits where omega itself is far below the smallest double; the exponent ends at

@@ -11,7 +11,7 @@ import numpy as np
 from ..batch.pool import Pool
 from ..cases.case import Case
 from ..engines.protocol import Status
-from ..integration.driver import Path
+from ..integration.driver import Sampled
 from ..integration.error import errors_against, references
 from ..integration.solve import solve
 from ..models import rigid_body
@@ -55,9 +55,9 @@ def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple
         if not reference.whole:
             continue
         path = reference.path
-        theirs = Path(end, path.state[-1:], path.exponent[-1:], ())
+        theirs = Sampled(end, path.state[-1:], path.exponent[-1:], ())
         error = errors_against(
-            one, Path(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs
+            one, Sampled(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs
         )["omega"]
         off = math.nan if len(times) == 1 else _newton(one, path.state[0], int(path.exponent[0]))
         return error, off, precision if tol is None else "refined"

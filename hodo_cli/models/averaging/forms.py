@@ -23,7 +23,8 @@ its square, far below a double's last digit, and so much of u is left that 1 - m
 costs them nothing."""
 
 LARGE_RATIO = 0.1
-"""Where averaging's small parameter is no longer small: errors are of some per cent from there on."""
+"""Where averaging's small parameter is no longer small: errors are of some per cent from there
+on."""
 
 MEAN_START = Key(
     Choice("yes", "no"),
