@@ -19,12 +19,13 @@ import pytest
 from conftest import ROOT
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load
 from hodo_cli.cases.figure_block import FIGURE_KINDS
 from hodo_cli.commands import plot
-from hodo_cli.figures import artists, page
+from hodo_cli.figures import artists, geometry, page
 from hodo_cli.figures.geometry import (
     View,
     centroid,
@@ -34,7 +35,7 @@ from hodo_cli.figures.geometry import (
     separatrix_circles,
     stretches,
 )
-from hodo_cli.figures.sheet import FORMATS
+from hodo_cli.figures.sheet import FORMATS, Sheet
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
 from hodo_cli.results.dataset import open_results
@@ -64,7 +65,9 @@ def test_each_figure_of_the_papers_is_defined() -> None:
     assert {f"fig{i}" for i in range(1, 5)} <= set(defined["paper2"])
     panels = defined["paper3"]["figure"]
     assert set(panels["variables"]) == {"Gz", "H", "r", "u1", "u2", "u3"}
-    assert panels["inset"]["case"] == "case3"
+    assert [inset["case"] for inset in panels["insets"]] == ["case1", "case3"]
+    # A picture alone says what it shows.
+    assert all(figure["title"] for each in defined.values() for figure in each.values())
     assert all(figure["caption"] for each in defined.values() for figure in each.values())
 
 
@@ -227,6 +230,11 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
         for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
             for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
                 assert (line.get_ydata() == results.cases[name][variable].values).all()
+        (rebound,) = sheet.figure.axes[0].child_axes
+        (u3,) = rebound.lines
+        # It touches 1 and comes back up to 1.0128.
+        touched = int(u3.get_ydata().argmin())
+        assert u3.get_ydata()[touched:].max() == pytest.approx(1.0128, abs=5e-5)
         (inset,) = sheet.figure.axes[2].child_axes
         u1, u2 = inset.lines
         case = results.cases["case3"]
@@ -343,12 +351,15 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
             "panel": "T",
             "case": "fig12-all-entries",
             "variables": ("T",),
+            "span": None,
             "box": (0, 0, 1, 1),
         }
         said = refused(
-            lambda: figures.draw({**series, "variables": ("D/2T",), "inset": inset}, results)
+            lambda: figures.draw({**series, "variables": ("D/2T",), "insets": (inset,)}, results)
         )
         assert "none of the panels (D/2T)" in said
+        said = refused(lambda: figures.draw({**series, "styles": ("blu dashed",)}, results))
+        assert "unknown colour or line 'blu'; did you mean 'blue'" in said
 
         results.config.figures["fig6"]["cases"] = ("gone",)
         first, second = plot.render(results, ["fig6", "fig8"], ("png",), out)
@@ -470,3 +481,32 @@ def test_view_stretches_and_steps() -> None:
     )
     near, far = np.array([[0, 0, 1], [5, 0, 1]]), np.array([[0, 1, 1], [0, 2, -1]])
     assert [place.tolist() for place in freest([near, far])] == [[5, 0], [0, 1]]
+
+
+def test_a_figure_is_named_and_its_axes_are_those_of_the_momentum(runs: Path) -> None:
+    with open_results(runs / "paper1.h5") as results:
+        sheet = figures.draw(results.figure("fig4"), results)
+        title = sheet.figure.get_suptitle()
+        names = [text.get_text() for text in sheet.figure.axes[0].texts]
+        entries = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
+        inside = figures.draw(results.figure("fig15"), results)
+        kept = [text.get_text() for text in inside.figure.legends[0].get_texts()]
+    assert title.startswith("Fig 4")
+    assert {"$G_1$", "$G_2$", "$G_3$"} <= {*names}
+    assert entries[:2] == ["about $x_1$", "about $x_3$"]
+    # Fig 15 never leaves A, and its legend names nothing else.
+    assert "about $x_3$" not in kept
+
+
+def test_a_legend_is_read_row_by_row() -> None:
+    sheet = Sheet(Figure())
+    artists.legend(sheet, artists.case_handles(["a", "b", "c", "d", "e"]), 2)
+    columns = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
+    # matplotlib fills the first column with three of five entries.
+    assert columns == ["a", "c", "e", "b", "d"]
+
+
+def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
+    candidates = np.array([[0.2, 0.8], [0.5, 0.9]])
+    assert (geometry.clearest(np.array([[0.5, 0.91]]), candidates) == candidates[0]).all()
+    assert (geometry.clearest(np.array([[0.2, 0.81]]), candidates) == candidates[1]).all()

@@ -7,6 +7,15 @@ DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
 LEGEND = Key(
     NAMES, "names of the cases in the legend, in their order (default: their own)", default=()
 )
+TITLE = Key(
+    Text(), "short title above the panels, so that a picture alone says what it shows", default=""
+)
+STYLES = Key(
+    NAMES,
+    "colour and line of each case, such as `red`, `blue dashed` or `grey dotted`, in their order "
+    "(default: a palette)",
+    default=(),
+)
 CAPTION = Key(Text(), "what the figure shows; assumptions and misprints of its cases", default="")
 TIME_SYMBOL = Key(Text(), "symbol of time, in TeX", default=r"\tau")
 VIEW = Key(
@@ -15,7 +24,14 @@ VIEW = Key(
     "degree",
     (24.0, 35.0),
 )
-MOST_FIGURES = {"cases": DRAWN_CASES, "labels": LEGEND, "caption": CAPTION, "time": TIME_SYMBOL}
+MOST_FIGURES = {
+    "cases": DRAWN_CASES,
+    "labels": LEGEND,
+    "styles": STYLES,
+    "title": TITLE,
+    "caption": CAPTION,
+    "time": TIME_SYMBOL,
+}
 
 COLOUR = "what the colour of the curve shows"
 ZOOM = "adds a panel that shows the neighbourhood of the origin up to this size"
@@ -25,6 +41,7 @@ INSET = Table(
         "panel": Key(Text(), "panel that holds it: a variable or, with `panels: case`, a case"),
         "case": Key(Text(), "case drawn in it"),
         "variables": Key(NAMES, "variables drawn in it"),
+        "span": Key(Vector(2), "part of the time axis drawn (default: all)", "time", None),
         "box": Key(
             Vector(4),
             "left, bottom, width, height within the panel, as fractions",
@@ -59,6 +76,7 @@ SKETCH = {
         ListOf(Vector(3, above=0)), "principal moments of inertia of each body, a panel each"
     ),
     "labels": Key(NAMES, "title of each panel, in the order of `bodies`", default=()),
+    "title": TITLE,
     "caption": CAPTION,
 }
 
@@ -70,7 +88,7 @@ SERIES = {
     "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),
     "span": Key(Vector(2), "part of the time axis to draw (default: all)", "time", None),
     "level": Key(Number(), "draws a horizontal line at this value", default=None),
-    "inset": Key(INSET, "an enlargement inside one panel", default=None),
+    "insets": Key(ListOf(INSET), "enlargements inside panels", default=()),
 }
 
 PHASE = {
@@ -81,6 +99,7 @@ PHASE = {
 MAP = {
     "cases": Key(NAMES, "sweeps to draw, a row of panels each"),
     "labels": LEGEND,
+    "title": TITLE,
     "caption": CAPTION,
     "variable": Key(
         Text(),

@@ -35,9 +35,14 @@ def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for
     it, or a text is not TeX as matplotlib knows it.
     """
-    for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
+    for text in (*spec.get("labels", ()), spec["title"], f"${spec.get('time', 't')}$"):
         check_tex(text)
     with matplotlib.style.context(["default", STYLE]):
         sheet = Sheet(Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
         DRAW[spec["kind"]](sheet, spec, results)
+        if spec["title"]:
+            width, height = sheet.figure.get_size_inches()
+            # The panels keep their size: a line of the title is a fifth of an inch high.
+            sheet.figure.set_size_inches(width, height + 0.2)
+            sheet.figure.suptitle(spec["title"], size=8, wrap=True)
     return sheet

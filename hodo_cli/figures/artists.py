@@ -16,7 +16,9 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from .. import HodoError
 from ..results.motion import Motion
+from ..schema.kinds import unknown
 from .geometry import stretches, windings
 from .sheet import Look, Sheet
 
@@ -71,6 +73,7 @@ def symbol(name: str) -> str:
         "omega.x1": "p",
         "omega.x2": "q",
         "omega.x3": "r",
+        "gamma.x3": r"\cos\theta",
     }
     if name in special:
         return special[name]
@@ -90,14 +93,35 @@ def time_label(spec: Mapping[str, Any], motion: Motion) -> str:
     return f"${spec['time']}$ {unit(motion, 'time')}"
 
 
-def styles(n: int) -> list[dict[str, Any]]:
-    """n colours with line styles."""
-    return [dict(zip(("color", "ls"), CYCLE[i % len(CYCLE)], strict=True)) for i in range(n)]
+COLOURS = {
+    "blue": BLUE, "orange": ORANGE, "green": GREEN, "sky": SKY, "red": RED, "purple": PURPLE, "black": BLACK,
+    "grey": "#999999"}  # fmt: skip
+LINES = {"solid": "-", "dashed": (0, (5, 1.5)), "dotted": (0, (1, 1))}
 
 
-def palette(motion: Motion, colour: str, place: int) -> tuple[np.ndarray, np.ndarray]:
+def styles(n: int, given: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """n colours with line styles: those given, such as "blue dashed", then those of the cycle.
+
+    Raises HodoError for a colour or a line that there is not.
+    """
+    looks = [dict(zip(("color", "ls"), CYCLE[i % len(CYCLE)], strict=True)) for i in range(n)]
+    return [*map(style, given), *looks[len(given) :]][:n]
+
+
+def style(text: str) -> dict[str, Any]:
+    """The colour and line that a text such as "blue dashed" names; solid if it names no line."""
+    colour, _, line = text.partition(" ")
+    for word, known in ((colour, COLOURS), (line or "solid", LINES)):
+        if word not in known:
+            raise HodoError(unknown(f"colour or line {word!r}", word, known))
+    return {"color": COLOURS[colour], "ls": LINES[line or "solid"]}
+
+
+def palette(
+    motion: Motion, colour: str, place: int, given: Sequence[str] = ()
+) -> tuple[np.ndarray, np.ndarray]:
     """Colours (m, 3), and the position in them of each sample's colour (n,), by what the colour
-    says."""
+    says; by case, of the styles given."""
     if colour == "time":
         since = motion.time - motion.time[0]
         colours = np.asarray(hues(TIME_COLOURS).colors)[:, :3]
@@ -107,7 +131,8 @@ def palette(motion: Motion, colour: str, place: int) -> tuple[np.ndarray, np.nda
         return np.array([to_rgb(AXIS_COLOUR[x]) for x in labels]), np.searchsorted(
             labels, motion.labels
         )
-    return np.array([to_rgb(CYCLE[place % len(CYCLE)][0])]), np.zeros(len(motion.time), dtype=int)
+    look = styles(place + 1, given)[place]
+    return np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int)
 
 
 def mark(
@@ -121,9 +146,11 @@ def mark(
 
 
 def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> None:
-    """A legend below the panels."""
+    """A legend below the panels, which is read row by row."""
+    # matplotlib fills column after column.
+    rowwise = [handle for column in range(columns) for handle in handles[column::columns]]
     sheet.figure.legend(
-        handles=list(handles), loc="outside lower center", ncols=columns, columnspacing=1.2
+        handles=rowwise, loc="outside lower center", ncols=columns, columnspacing=1.2
     )
 
 
@@ -141,10 +168,9 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 
 
-def axis_handles(motions: Sequence[Motion], both: bool = False) -> list[Line2D]:
-    """Legend entries of the colours by enclosed axis that occur, or of both axes besides."""
+def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
+    """Legend entries of the colours by enclosed axis that occur."""
     present = {int(label) for motion in motions for label in np.unique(motion.labels)}
-    present |= {motions[0].order[0] + 1, motions[0].order[2] + 1} if both else set()
     words = {0: "separatrix", -1: "undetermined"}
     order = sorted(present, key=lambda label: (label < 1, label))
     return [
@@ -153,18 +179,23 @@ def axis_handles(motions: Sequence[Motion], both: bool = False) -> list[Line2D]:
     ]
 
 
-def case_handles(names: Sequence[str], solid: bool = False) -> list[Line2D]:
+def case_handles(
+    names: Sequence[str], given: Sequence[str] = (), solid: bool = False
+) -> list[Line2D]:
     """Legend entries of the colours and line styles by case, or of the colours alone."""
+    looks = styles(len(names), given)
     return [
-        Line2D([], [], **style | ({"ls": "-"} if solid else {}), label=name)
-        for name, style in zip(names, styles(len(names)), strict=True)
+        Line2D([], [], **look | ({"ls": "-"} if solid else {}), label=name)
+        for name, look in zip(names, looks, strict=True)
     ]
 
 
-def colour_handles(motions: Sequence[Motion], colour: str) -> list[Line2D]:
+def colour_handles(
+    motions: Sequence[Motion], colour: str, given: Sequence[str] = ()
+) -> list[Line2D]:
     """Legend entries of what the colour of a hodograph says."""
     if colour == "case":
-        return case_handles([motion.label for motion in motions], solid=True)
+        return case_handles([motion.label for motion in motions], given, solid=True)
     return axis_handles(motions) if colour == "axis" else []
 
 

@@ -68,6 +68,28 @@ def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
     return places
 
 
+def beside(curves: Sequence[np.ndarray], away: float = 0.09) -> list[np.ndarray]:
+    """For each curve in view (n, 3) a place (2,) for its name: `away` from its freest point, on the
+    side where no curve is near.
+    """
+    every = np.concatenate([curve[:: max(1, len(curve) // 400), :2] for curve in curves])
+    turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    ring = away * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    found = []
+    for place in freest(curves):
+        around = place + ring
+        clear = np.linalg.norm(around[:, None] - every[None], axis=-1).min(axis=1)
+        found.append(around[clear.argmax()])
+    return found
+
+
+def clearest(points: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+    """The candidate (2,) among (m, 2) that is farthest from all points (n, 2)."""
+    thinned = points[:: max(1, len(points) // 2000)]
+    apart = np.linalg.norm(candidates[:, None] - thinned[None], axis=-1).min(axis=1)
+    return np.asarray(candidates[apart.argmax()])
+
+
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
     """The edges (n + 1,) of cells about values (n,), half way between them, in even ratios or
     not."""

@@ -34,6 +34,7 @@ from .artists import (
     line_width,
     mark,
     mark_handles,
+    pair,
     palette,
     plane_curve,
     styles,
@@ -41,7 +42,7 @@ from .artists import (
     time_label,
     unit,
 )
-from .geometry import centroid, sectors
+from .geometry import centroid, clearest, sectors
 from .sheet import Look, Sheet
 
 
@@ -79,7 +80,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.58 * PAGE)))
     panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
     for axes, limit in zip(panels, limits, strict=True):
-        regions(axes, motions[0], limit)
+        regions(axes, motions[0], limit, np.concatenate([*points.values()]))
         for place, motion in enumerate(motions):
             curve = points[motion.name]
             plane_curve(axes, curve, *palette(motion, "axis", place), 0.8 * line_width(motion))
@@ -90,13 +91,19 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     wide = zoom is not None
     legend(
         sheet,
-        axis_handles(motions, both=True) + mark_handles(motions, spec["time"], wide),
+        axis_handles(motions) + mark_handles(motions, spec["time"], wide),
         5 if wide else 3,
     )
 
 
-def regions(axes: Axes, motion: Motion, limit: float) -> None:
-    """The regions A and B below and above the diagonal, shaded and named, up to a limit."""
+NAME_PLACES = np.stack(np.meshgrid(np.linspace(0.17, 0.83, 12), np.linspace(0.05, 0.95, 19)), -1)
+"""Where the name of a region may stand, as parts of a panel: its middle, clear of the edges."""
+
+
+def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray) -> None:
+    """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names
+    keep clear of the points (n, 2) that are drawn.
+    """
     largest, _, smallest = motion.order
     axes.add_patch(
         Polygon([(0, 0), (limit, limit), (limit, 0)], fc=AXIS_COLOUR[largest + 1], alpha=0.1, lw=0)
@@ -105,9 +112,15 @@ def regions(axes: Axes, motion: Motion, limit: float) -> None:
         Polygon([(0, 0), (limit, limit), (0, limit)], fc=AXIS_COLOUR[smallest + 1], alpha=0.1, lw=0)
     )
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
-    place: Look = {"xycoords": "axes fraction", "size": 9, "path_effects": HALO, "zorder": 7}
-    axes.annotate(f"A (about $x_{largest + 1}$)", (0.97, 0.04), ha="right", va="bottom", **place)
-    axes.annotate(f"B (about $x_{smallest + 1}$)", (0.5, 0.96), ha="center", va="top", **place)
+    look: Look = {"xycoords": "axes fraction", "size": 9, "path_effects": HALO, "zorder": 7}
+    places = NAME_PLACES.reshape(-1, 2)
+    # A name is three tenths of a panel wide, so that its ends must be inside the region too.
+    side = places[:, 0] - places[:, 1]
+    for name, axis, own in (("A", largest, side > 0.22), ("B", smallest, side < -0.22)):
+        place = clearest(points / limit, places[own])
+        axes.annotate(
+            f"{name} (about $x_{axis + 1}$)", pair(place), ha="center", va="center", **look
+        )
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
@@ -156,20 +169,22 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """Variables against time, a panel for each variable or for each case."""
     motions, variables = results.motions(spec), spec["variables"]
     by_case = spec["panels"] == "case"
+    given = () if by_case else spec["styles"]
     if by_case:
         groups = {motion.name: [(motion, name) for name in variables] for motion in motions}
         names = [f"${symbol(name)}$" for name in variables]
     else:
         groups = {name: [(motion, name) for motion in motions] for name in variables}
         names = [motion.label for motion in motions]
-    if spec["inset"] and spec["inset"]["panel"] not in groups:
-        raise HodoError(
-            f"the inset's panel {spec['inset']['panel']!r} is none of the panels ({', '.join(groups)})"
-        )
+    for small in spec["insets"]:
+        if small["panel"] not in groups:
+            raise HodoError(
+                f"the inset's panel {small['panel']!r} is none of the panels ({', '.join(groups)})"
+            )
     for axes, (group, curves) in zip(
         series_panels(sheet, spec, len(groups)), groups.items(), strict=True
     ):
-        for (motion, name), style in zip(curves, styles(len(curves)), strict=True):
+        for (motion, name), style in zip(curves, styles(len(curves), given), strict=True):
             part = (
                 slice(None)
                 if spec["span"] is None
@@ -179,33 +194,46 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             sheet.record(group, motion.label, {"time": times, name: values})
             axes.plot(times, values, **style)
             event_marks(axes, motion, name, spec["time"])
-        axes.margins(x=0, y=0.08)
+        axes.margins(x=0.02, y=0.08)
+        axes.set_xlim(left=curves[0][0].time[0] if spec["span"] is None else spec["span"][0])
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         axes.set(
             **(
-                {"title": curves[0][0].label}
+                {"title": curves[0][0].label, "ylabel": first_label(axes, names, curves)}
                 if by_case
                 else {"ylabel": axis_label(group, motions[0])}
             )
         )
         if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
             axes.set_xlabel(time_label(spec, motions[0]))
-        if spec["inset"] and spec["inset"]["panel"] == group:
-            inset(
-                sheet,
-                axes,
-                spec["inset"],
-                results,
-                dict(zip(variables, styles(len(variables)), strict=True)),
-            )
+        # An inset's curves look as they do in the panel: by variable, or by case.
+        looks = styles(len(curves), given)
+        named = {
+            name if by_case else motion.name: look
+            for (motion, name), look in zip(curves, looks, strict=True)
+        }
+        for small in spec["insets"]:
+            if small["panel"] == group:
+                labels = {motion.name: motion.label for motion in motions}
+                shown = results.motion(small["case"], labels.get(small["case"], ""))
+                inset(sheet, axes, small, shown, named)
     if len(names) > 1:
         room = (
             sheet.figure.get_figwidth()
             * 72
             / (30 + 4 * max(len(re.sub(r"[${}\\]", "", name)) for name in names))
         )
-        legend(sheet, case_handles(names), max(1, min(int(room), len(names))))
+        legend(sheet, case_handles(names, given), max(1, min(int(room), len(names))))
+
+
+def first_label(axes: Axes, names: Sequence[str], curves: Sequence[tuple[Motion, str]]) -> str:
+    """The label of the vertical axis that panels of cases share: their variables; none but on the
+    left.
+    """
+    motion, name = curves[0]
+    left = axes.get_subplotspec().is_first_col()  # type: ignore[union-attr]
+    return f"{', '.join(names)} {unit(motion, name)}" if left else ""
 
 
 def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
@@ -240,16 +268,21 @@ def inset(
     sheet: Sheet,
     panel: Axes,
     spec: Mapping[str, Any],
-    results: Results,
+    motion: Motion,
     looks: Mapping[str, dict[str, Any]],
 ) -> None:
-    """A smaller panel within a panel: some variables of one case."""
-    motion = results.motion(spec["case"])
+    """A smaller panel within a panel: some variables of one case, over a part of its time."""
     axes = panel.inset_axes(spec["box"])
+    span = spec["span"] or (motion.time[0], motion.time[-1])
+    first, last = span
+    part = slice(np.searchsorted(motion.time, first), np.searchsorted(motion.time, last, "right"))
     for name, look in zip(spec["variables"], styles(len(spec["variables"])), strict=True):
-        axes.plot(motion.time, motion[name], **looks.get(name, look), lw=0.9)
-        sheet.record("inset", motion.name, {"time": motion.time, name: motion[name]})
-    axes.set_title(", ".join(f"${symbol(name)}$" for name in spec["variables"]), size=7, pad=2)
+        drawn = looks.get(name, looks.get(motion.name, look))
+        times, values = motion.time[part], motion[name][part]
+        axes.plot(times, values, **drawn, lw=0.9)
+        sheet.record("inset", motion.name, {"time": times, name: values})
+    shown = ", ".join(f"${symbol(name)}$" for name in spec["variables"])
+    axes.set_title(f"{shown}, {motion.label}", size=7, pad=2)
     axes.tick_params(labelsize=6)
     axes.margins(x=0)
 
@@ -259,7 +292,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     motions, x, y = results.motions(spec), spec["x"], spec["y"]
     sheet.figure.set_size_inches(COLUMN, 0.9 * COLUMN)
     axes = sheet.figure.subplots()
-    for motion, style in zip(motions, styles(len(motions)), strict=True):
+    for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         across, up = motion[x], motion[y]
         sheet.record("phase", motion.label, {"time": motion.time, x: across, y: up})
         axes.plot(across, up, **style)
@@ -267,7 +300,8 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
     axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
-    handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
+    labels = [motion.label for motion in motions]
+    handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
     legend(sheet, handles + mark_handles(motions, spec["time"]), 2)
 
 

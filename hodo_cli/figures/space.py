@@ -34,7 +34,7 @@ from .artists import (
     plane_curve,
     time_bar,
 )
-from .geometry import View, freest, graticule, round_step, separatrix_circles, stretches, windings
+from .geometry import View, beside, graticule, round_step, separatrix_circles, stretches, windings
 from .sheet import Sheet
 
 
@@ -66,7 +66,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
-    handles = colour_handles(motions, spec["colour"])
+    handles = colour_handles(motions, spec["colour"], spec["styles"])
     handles += mark_handles(motions, spec["time"], wide=bool(others))
     if spec["colour"] == "time":
         time_bar(sheet, [main, *others], motions[0], spec)
@@ -111,7 +111,7 @@ def space(
     body_axes(axes, view, reach)
     near = float(np.ptp(frame)) / 2
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
-        colours, code = palette(motion, spec["colour"], place)
+        colours, code = palette(motion, spec["colour"], place, spec["styles"])
         seen = view(motion.G)
         space_curve(axes, seen, colours, code, line_width(motion), near)
         mark(
@@ -155,11 +155,11 @@ def space_curve(
 
 
 def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
-    """The axes x1, x2, x3 through the origin, of lengths `reach` (2, 3), named, with round values
-    marked."""
+    """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
+    values marked."""
     step = round_step(float(reach.max()))
     for i, (tip, tail) in enumerate(zip(*(view(arms)[:, :2] for arms in tips(reach)), strict=True)):
-        arm(axes, tail, tip, i)
+        arm(axes, tail, tip, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.93 * reach[0, i] / step) + 1)
         at = view(counts[counts != 0, None] * step * np.eye(3)[i])
         axes.plot(at[:, 0], at[:, 1], ls="", marker=".", ms=2, color=GREY, zorder=1)
@@ -168,11 +168,11 @@ def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
                           textcoords="offset points", va="center", zorder=5, path_effects=HALO)  # fmt: skip
 
 
-def arm(axes: Axes, tail: np.ndarray, tip: np.ndarray, i: int, zorder: float = 1) -> None:
-    """An arrow along body axis i from tail to tip (2,), with the axis's name."""
+def arm(axes: Axes, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1) -> None:
+    """An arrow along a body axis from tail to tip (2,), with its name."""
     arrow(axes, tail, tip, GREY, zorder)
     beyond = 6 * tip / max(float(np.hypot(*tip)), math.ulp(0))
-    axes.annotate(f"$x_{i + 1}$", pair(tip), pair(beyond), textcoords="offset points", ha="center", va="center",
+    axes.annotate(f"${name}$", pair(tip), pair(beyond), textcoords="offset points", ha="center", va="center",
                   zorder=7, path_effects=HALO)  # fmt: skip
 
 
@@ -181,7 +181,8 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
     i, j = int(plane[1]) - 1, int(plane[3]) - 1
     for place, motion in enumerate(motions):
         points = motion.G[:, [i, j]]
-        plane_curve(axes, points, *palette(motion, spec["colour"], place), 0.8 * line_width(motion))
+        shades = palette(motion, spec["colour"], place, spec["styles"])
+        plane_curve(axes, points, *shades, 0.8 * line_width(motion))
         mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
     axes.autoscale_view()
     axes.set(
@@ -199,10 +200,8 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
     for line in graticule():
         on_sphere(axes, view(line), color="#C8C8C8", lw=0.35)
-    for circle in separatrix_circles(motions[0].inertia):
-        on_sphere(axes, view(circle), **SEPARATRIX)
     for i, (tip, foot) in enumerate(zip(view(1.2 * np.eye(3)), view(np.eye(3)), strict=True)):
-        arm(axes, foot[:2], tip[:2], i, zorder=5 if foot[2] > 0 else 1)
+        arm(axes, foot[:2], tip[:2], f"x_{i + 1}", zorder=5 if foot[2] > 0 else 1)
     directions = [unit_vectors(motion) for motion in motions]
     for place, (motion, direction) in enumerate(zip(motions, directions, strict=True)):
         g1, g2, g3 = direction.T
@@ -211,14 +210,17 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             motion.label,
             {"time": motion.time, "G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3},
         )
-        seen, (colours, code) = view(direction), palette(motion, spec["colour"], place)
+        seen = view(direction)
+        colours, code = palette(motion, spec["colour"], place, spec["styles"])
         for piece in stretches(code):
             on_sphere(axes, seen[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, seen[:, :2], colours[code[0]], 0.15)
         axes.plot(*seen[0, :2], **START, alpha=1 if seen[0, 2] > 0 else 0.4, zorder=6)
-    for motion, free in zip(
-        motions, freest([view(direction) for direction in directions]), strict=True
-    ):
+    # Over the curves, which run close beside it.
+    for circle in separatrix_circles(motions[0].inertia):
+        on_sphere(axes, view(circle), **SEPARATRIX)
+    places = beside([view(direction) for direction in directions])
+    for motion, free in zip(motions, places, strict=True):
         axes.text(*pair(free), motion.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
