@@ -102,10 +102,12 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
             f"unknown kind {kind!r}{nearest(kind, FIGURE_KINDS)} (valid: {', '.join(FIGURE_KINDS)})"
         )
     cases = _named(several)
+    # A sketch of quadrants draws bodies and takes no cases.
     given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
     spec, mistakes = resolve(FIGURE_KINDS[kind], given | _plain(keys))
     if mistakes:
         raise HodoError("\n".join(f"{'.'.join(map(str, at))}: {said}" for at, said in mistakes))
+    # Figures read results of files; the datasets at hand stand in for one without a config.
     empty = Config("", "", "", "", {}, {}, ())
     return draw({"kind": kind, **spec}, Results(Path("data"), cases, empty)).figure
 
@@ -118,6 +120,8 @@ def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
     """Datasets by the names of their cases; a name that stands twice gets a number."""
     named: dict[str, xr.Dataset] = {}
     for data in several:
+        # A stored case begins with its name; parsing the whole of it for that would take
+        # milliseconds.
         first = next(iter(str(data.attrs.get("case", "")).splitlines()), "")
         name = first.partition(": ")[2].strip('"') or "case"
         again = sum(1 for other in named if other == name or other.startswith(f"{name} ("))

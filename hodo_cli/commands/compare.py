@@ -88,6 +88,7 @@ class Tolerance:
         if name in LOCATED and self.rtol is None and "rtol" not in variable.attrs:
             stated = group.variables.get("crossing_error")
             own = stated.data if name == "crossing_time" and stated is not None else 0.0
+            # A stated error below some ulps is luck, and another machine has less of it.
             of_state = CONDITION * max(error, 1e-14) if math.isfinite(error) else rtol
             return np.asarray(atol + STATED * np.nan_to_num(own) + of_state * size)
         return np.full(b.shape, atol + rtol * float(np.max(size, initial=0)))
@@ -148,6 +149,7 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
             yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
     alike = all(a.attributes.get(key) == b.attributes.get(key) for key in ("method", "tol"))
     error_a, error_b = (float(group.attributes.get("error", math.nan)) for group in (a, b))
+    # Errors of different methods, or tolerances, have no reason to agree.
     if alike and not same_magnitude(np.array(error_a), np.array(error_b)):
         yield Line(name, "error", math.inf, f"{error_a:.1e}, not {error_b:.1e}")
     times = [
@@ -195,6 +197,7 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:
             and ours.get(key) != theirs.get(key)
         ):
             yield Line(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
+    # A sweep names how its members were integrated, so its method says nothing about the case.
     method, asked = str(a.attributes.get("method", "")), ours["method"]
     taken = ("exact", "taylor", "collocation") if asked == "auto" else (asked,)
     if method not in taken and "members" not in a.attributes:

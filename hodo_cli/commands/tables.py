@@ -93,6 +93,7 @@ def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]
 def comparison_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """For each case the variable that is farthest from the reference, and every one that
     differs."""
+    # The last one of a case stays, which is the farthest.
     worst = {row["case"]: row for row in sorted(rows, key=lambda row: row["scaled"])}
     shown = [row for row in rows if row["differs"] or row is worst[row["case"]]]
     return table(

@@ -133,6 +133,7 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
     found = [_found(row[:0], low[:0], width, False)]
     for halving in range(HALVINGS + 1):
         bound = noise[row][:, None]
+        # Beyond the bound of its rounding a coefficient has the sign that it shows.
         above, below = b > bound, b < -bound
         slopes = np.diff(b, axis=1)
         monotone = (slopes > 0).all(axis=1) | (slopes < 0).all(axis=1)
@@ -196,6 +197,8 @@ def _refined(b: np.ndarray) -> np.ndarray:
         beyond = (value > 0) == rising
         low, high = np.where(beyond, low, x), np.where(beyond, x, high)
         inside = (new >= low) & (new <= high)
+        # Newton's method crawls towards a nearly multiple zero, and bisection then halves the
+        # bracket.
         if turn % 4 == 3:
             inside &= high - low < 0.5 ** (turn // 2)
         new = np.where(value == 0, x, np.where(inside, new, (low + high) / 2))

@@ -133,6 +133,7 @@ class Watcher:
         """
         order = c.shape[2] - 1
         if self.basis == TAYLOR:
+            # Powers of the time since the start of the step become powers of x = (t - start)/span.
             span = times[:, 1] - times[:, 0]
             c[:, :, 1:] *= np.cumprod(np.repeat(span[:, None], order, axis=1), axis=1)[:, None]
         a, b = rigid_body.separatrix_roots(self.A.astype(c.dtype), self.order)
@@ -156,6 +157,7 @@ class Watcher:
         zeros shows how far it is from a touch."""
         n, fp = len(b), b.dtype
         rows = [np.arange(n), np.arange(n)]
+        # Both ends are marks too: a step that begins or ends beyond doubt needs no other.
         places, vanish = (
             [np.zeros(n, dtype=fp), np.ones(n, dtype=fp)],
             [np.zeros(2 * n, dtype=bool)],
@@ -225,6 +227,7 @@ def read_marks(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> D
     changes the list. Where the margin comes within the band and leaves it on the side from which it
     came, or does not leave it any more, it is undecided whether the motion has crossed.
     """
+    # A zero is on neither side, so only the marks between zeros can tell that a side has changed.
     sure = np.flatnonzero(~marks.vanishes & (np.abs(marks.margin) > band))
     rises = np.sign(marks.margin[sure])
     verdict = Decided([], [], [])

@@ -12,6 +12,7 @@ from ..schema.kinds import Key, Mistake, Number, Table, Vector
 from .base import Constants, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 
+# First-order theories are then off by some per cent, which figures show.
 LARGE = 0.1
 """Where a ratio that the theory takes as small is no longer so."""
 

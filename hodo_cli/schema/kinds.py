@@ -298,6 +298,7 @@ class Angle(Kind):
     `math.radians`."""
 
     def check(self, value: Any) -> float:
+        # One space at most between number and unit, as `schema` says the same in a pattern.
         text = re.fullmatch(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?(deg|rad)", str(value))
         try:
             number = as_finite(float(text[1]) if text else value)

@@ -52,6 +52,7 @@ class Swept:
     def body(self) -> np.ndarray | None:
         """A1, A2, A3 if all members have the same body."""
         keys = [path for axis in self.axes.values() for path, _ in axis.ranges]
+        # A separatrix is drawn on the sphere only where all members share one.
         if "inertia" not in self.case.data or any(path[0] == "inertia" for path in keys):
             return None
         return np.array(self.case.data["inertia"], dtype=float)

@@ -52,6 +52,7 @@ def fluid_constants(
 def fluid_rates(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
     """The averaged equations; they stand in the head of this module."""
     g, f, _, side = y
+    # In amplitudes, so that m is a ratio of squares and never negative by rounding.
     m = either(side, k.ratio_a, k.ratio_c) * f * f / (g * g)
     mean = turn_means(m, 1 - m)
     weights = [either(side, x, z) for x, z in zip(k.weights_a, k.weights_c, strict=True)]
@@ -137,6 +138,7 @@ def branch(name: str, shares: dict[Region, float], start: Region) -> Region | No
     """The region that a case's word means, or None if the motion is to stop or cannot go there."""
     side, sense = start
     onto = {OTHER: [(-side, 1), (-side, -1)], REVERSED: [(side, -sense)]}.get(name, [])
+    # Of two senses of rotation about the other axis, the one that keeps more phases.
     likely = max(onto, key=shares.__getitem__, default=start)
     return likely if likely != start and shares[likely] > 0 else None
 
