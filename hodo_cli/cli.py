@@ -1,12 +1,16 @@
 """The command line: one short function a command. Each imports what it needs, so that `--help`
 loads nothing heavy."""
 
+import errno
+import io
 import json
 import os
 import signal
 import sys
 import traceback
+import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -33,25 +37,78 @@ class Hodo(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.showwarning = lambda message, *_: _say(message)
+                _open_standard_files()
+                try:
+                    return super().invoke(ctx)
+                finally:  # a full device is noticed here, not when Python ends
+                    sys.stdout.flush()
         except HodoError as error:
             if ctx.params["traceback"]:
                 traceback.print_exc()
-            else:
-                click.echo(str(error), err=True)
-            ctx.exit(2)
+            _refuse(ctx, str(error))
         except ModuleNotFoundError as error:
             # A module of hodo itself that is missing is a bug, and keeps its traceback.
             if (error.name or "").startswith(__package__):
                 raise
-            click.echo(
-                f"this needs {error.name}, which is not installed: pip install {error.name}",
-                err=True,
+            _refuse(
+                ctx, f"this needs {error.name}, which is not installed: pip install {error.name}"
             )
-            ctx.exit(2)
+        except MemoryError:
+            _refuse(ctx, "the memory is exhausted, or the limit on it (ulimit -v) too low")
+        except OSError as error:
+            # What a file is refused for is told where the file is written. This is the output, or a
+            # limit on descriptors or processes.
+            if error.errno not in RESOURCES:
+                raise
+            _refuse(ctx, f"the operating system refuses it: {os.strerror(error.errno).lower()}")
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+RESOURCES = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF),
+    *(errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM),
+)
+"""Errors of the machine, which a traceback would not explain."""
+
+
+def _open_standard_files() -> None:
+    """Make sure that input, output and messages have their descriptors: the first result to be
+    opened would take that of a closed one, and a message would be written into it.
+
+    Raises HodoError if there is no output to print to.
+    """
+    while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(free)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+        raise HodoError("the standard output is closed")
+
+
+def _refuse(ctx: click.Context, line: str) -> NoReturn:
+    """Say why nothing more is done, where that can still be said, and end."""
+    _say(line)
+    # What is left to write, to an output that takes nothing, would end in a traceback at the exit.
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+    if isinstance(sys.stdout, io.TextIOWrapper) and isinstance(
+        sys.stdout.buffer, io.BufferedWriter
+    ):
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    ctx.exit(2)
+
+
+def _say(message: object) -> None:
+    """One line on stderr, if that takes any."""
+    with suppress(OSError, ValueError):
+        click.echo(str(message), err=True)
 
 
 @click.group(cls=Hodo, context_settings={"help_option_names": ["-h", "--help"]})

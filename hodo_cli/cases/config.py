@@ -66,6 +66,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     mistakes = Mistakes(name)
     document = read_mapping(text, mistakes)
     # `figures:` with nothing below it is a section that is left out.
+    # `figures:` with nothing below it is a section that is left out.
     given = {section: value for section, value in document.items() if value is not None}
     sections, found = resolve(SECTIONS, given)
     named, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()

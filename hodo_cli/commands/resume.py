@@ -27,6 +27,8 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
     """Why a case is to be run, given what is stored of it; an empty string if it need not be."""
     if done is None:
         return "it has no result yet"
+    if done.damage:
+        return f"its stored result is damaged ({done.damage})"
     if force:
         return FORCED
     # A timeout may be due to another program's work, so what did not end well is tried again.

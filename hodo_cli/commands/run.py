@@ -2,7 +2,7 @@
 fails."""
 
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from .. import BatchError, HodoError
+from ..batch.mark import digest
 from ..batch.memory import check_memory
 from ..batch.pool import Pool, pool
 from ..batch.progress import Progress
-from ..cases.case import Case
+from ..cases.case import Case, dump
 from ..cases.config import Config
 from ..engines.protocol import Status
 from ..integration.integrate import integrate
@@ -22,6 +23,7 @@ from ..integration.trajectory import Trajectory
 from ..results.hdf5 import Group, open_run
 from ..results.layout import SUMMARY, case_group
 from ..results.provenance import root_attributes, stamp
+from ..results.staging import check_writable
 from ..results.writer import Finished, Writer, finished
 from .resume import FORCED, fingerprint, why
 
@@ -58,8 +60,9 @@ class Plan:
         """Run and store; the attributes of each case that was asked for and reached, in the order
         of the config.
 
-        A case that fails, for whatever reason, is stored as failed; `fail_fast` leaves out what
-        would come after it. Raises HodoError if the result cannot be written.
+        A case that fails, for whatever reason, is stored as failed unless it has ended well before;
+        `fail_fast` leaves out what would come after it. Raises HodoError if the result cannot be
+        written.
         """
         for line in self.lines():
             progress.say(line)
@@ -72,15 +75,24 @@ class Plan:
         attributes = root_attributes(
             self.config.title, self.config.references, self.config.text, history
         )
+        failures: dict[str, dict[str, Any]] = {}
         with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
-            lost = [name for name, done in self.kept.items() if not writer.keep(done)]
+            lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
             left = dict.fromkeys([*self.reasons, *lost])
+            writer.unfinished = self._stamps(self.config.cases.keys() - self.kept.keys())
             for case, outcome in outcomes(
                 [self.config.cases[name] for name in left], pool, writer, self, progress
             ):
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
-                writer.add(case.name, group)
-                del left[case.name]
+                if group.attributes["status"] == "ok":
+                    writer.add(case.name, group)
+                    writer.unfinished -= self._stamps([case.name])
+                    del left[case.name]
+                elif self._had_ended_well(case.name):
+                    failures[case.name] = {key: group.attributes[key] for key in SUMMARY}
+                else:
+                    writer.add(case.name, group)
+                    del left[case.name]
                 progress.done(case.name, problem(group, outcome))
                 if fail_fast and group.attributes["status"] != "ok":
                     break
@@ -89,8 +101,25 @@ class Plan:
                     writer.keep(self.old[name])
         with open_run(self.path) as result:
             return [
-                {"case": name, **result.row(name, SUMMARY)} for name in self.asked if name in result
+                {"case": name, **(failures.get(name) or result.row(name, SUMMARY))}
+                for name in self.asked
+                if name in result
             ]
+
+    def _keep(self, writer: Writer, done: Finished) -> bool:
+        """Take over a result, with the remarks that the case has now."""
+        case = self.config.cases[done.name]
+        is_same = done.attributes.get("hash") == fingerprint(case)
+        return writer.keep(done, dump(case) if is_same else "")
+
+    def _stamps(self, names: Iterable[str]) -> set[str]:
+        """What the stored parts of sweeps are known by, of those among these cases."""
+        cases = [self.config.cases[name] for name in names]
+        return {digest(fingerprint(case)) for case in cases if case.sweep}
+
+    def _had_ended_well(self, name: str) -> bool:
+        """Whether there is a result that a failure must not replace."""
+        return name in self.old and self.old[name].attributes.get("status") == "ok"
 
 
 def execute(
@@ -130,9 +159,11 @@ def plans(
     ]
     if not any(plan.asked for plan in made):
         raise HodoError(f"no case matches {' or '.join(globs)}")
-    for config, reasons in ((plan.config, plan.reasons) for plan in made):
-        for name in reasons:
-            check_memory(config.cases[name], jobs)
+    for plan in made:
+        for name in plan.reasons:
+            check_memory(plan.config.cases[name], jobs)
+        if plan.reasons and not force:
+            check_writable(plan.path)
     return [plan for plan in made if plan.asked]
 
 

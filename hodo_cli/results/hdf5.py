@@ -2,9 +2,12 @@
 h5py."""
 
 import os
+import stat
+import warnings
 from collections.abc import Callable, Container, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 from .. import HodoError
 from ..batch import memory
 from .disk import Disk, refusal
+from .integrity import Checksum, Digest, digest_of, is_sealed, look, seal
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
@@ -28,9 +32,19 @@ HIDDEN = (
     "DIMENSION_LIST",
     "_Netcdf4Dimid",
     "_Netcdf4Coordinates",
+    "checksum",
 )
+"""Attributes that say nothing of the data: the links of dimensions, and the checksum."""
+
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
+
+INFLATION = 1000
+"""A dataset may claim so many times the bytes that are stored of it, as compression may save; one
+that claims more was never written, and would fill the memory."""
+
+FEW_BYTES = 1 << 20
+"""What a dataset may claim in any case."""
 
 Attribute = str | int | float | np.ndarray
 
@@ -67,8 +81,9 @@ class Group:
 class Run:
     """A result file that is open for reading; made by `open_run`."""
 
-    def __init__(self, path: Path, file: h5py.File) -> None:
+    def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str]) -> None:
         self.path = path
+        self.damaged = damaged
         self.attributes: dict[str, Any] = _attributes(file)
         self._file = file
 
@@ -89,6 +104,12 @@ class Run:
     def __contains__(self, name: str) -> bool:
         return name in self._file
 
+    def check_root(self) -> str:
+        """What is wrong with the root attributes; an empty string if nothing is."""
+        told, covered = _covered(self._file)
+        known = {key: self.attributes[key] for key in covered}
+        return "" if told in ("", _checksum(known, {}, told)) else "its head has changed"
+
     def summary(self, name: str, only: Container[str] = ()) -> dict[str, Any]:
         """The attributes of a group (all, or those named), without reading an array.
 
@@ -105,17 +126,15 @@ class Run:
         """A group whole. Raises HodoError if there is no such group, or it is damaged or too
         large."""
         with self._group(name) as group:
-            items = dict(group.items())
+            items = _datasets(group)
             named, variables = _by_address(items), {}
             for key, item in items.items():
-                # A dimension without values of its own.
-                if h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE):
+                if _is_placeholder(item):
                     continue
                 # Asked for before reading: HDF5 promises any size that a damaged header names.
                 if item.nbytes > memory.limit():
-                    raise HodoError(
-                        f"{self.path}: {name}/{key} does not fit into memory: {memory.size(item.nbytes)}"
-                    )
+                    size = memory.size(item.nbytes)
+                    raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {size}")
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(
                     _dims(item, named) or (key,) * data.ndim, data, _attributes(item)
@@ -125,20 +144,89 @@ class Run:
     def array(self, name: str, key: str) -> np.ndarray:
         """The values of one variable of a group. Raises HodoError as `read` does."""
         with self._group(name) as group:
-            return np.asarray(group[key][()])
+            return np.asarray(_datasets(group)[key][()])
 
     @contextmanager
     def _group(self, name: str) -> Iterator[h5py.Group]:
+        if reason := self.damaged.get(name):
+            raise HodoError(f"{self.path}: {name} is damaged ({reason})")
         try:
-            group = self._file.get(name)
-            if isinstance(group, h5py.Group):
-                yield group
-                return
+            if "/" not in name and isinstance(self._file.get(name, getlink=True), h5py.HardLink):
+                group = self._file[name]
+                if isinstance(group, h5py.Group):
+                    yield group
+                    return
         except DAMAGE as error:
             if refusal(error):
                 raise
             raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
+
+    def check(self, name: str) -> str:
+        """What is wrong with a group, all of it read; an empty string if nothing is."""
+        try:
+            with self._group(name) as group:
+                told, covered = _covered(group)
+            found = self.read(name)
+            known = {key: found.attributes[key] for key in covered}
+            return "" if told in ("", _checksum(known, found.variables, told)) else MISFIT
+        except HodoError as error:
+            return str(error).removeprefix(f"{self.path}: ")
+
+    def lacks_checksum(self, name: str) -> bool:
+        """Whether damage to a group would not be noticed."""
+        if name in self.damaged:
+            return False
+        with self._group(name) as group:
+            return "checksum" not in group.attrs
+
+
+MISFIT = "its checksum does not fit"
+
+
+def _covered(item: h5py.HLObject) -> tuple[str, list[str]]:
+    """The checksum of a group and the attributes that it covers, which are those before it; an
+    empty text if there is none."""
+    names = list(item.attrs)
+    if "checksum" not in names:
+        return "", []
+    before = names[: names.index("checksum")]
+    return str(item.attrs["checksum"]), [name for name in before if name not in HIDDEN]
+
+
+def _checksum(attributes: Mapping[str, Any], variables: Mapping[str, Variable], told: str) -> str:
+    """The checksum of attributes and of so many variables as the checksum told covers."""
+    count = told.split(":")[1] if told.count(":") == 2 else ""
+    found = Checksum(attributes)
+    for name, variable in [*variables.items()][: int(count) if count.isdecimal() else 0]:
+        found.add(name, variable.dims, digest_of(variable.data), variable.attrs)
+    return str(found)
+
+
+def _is_placeholder(item: h5py.Dataset) -> bool:
+    """Whether a dataset stands for a dimension without values of its own."""
+    return bool(h5ds.is_scale(item.id) and h5ds.get_scale_name(item.id).startswith(NO_VARIABLE))
+
+
+def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
+    """What a group holds. Raises ValueError if that is anything but plain datasets: links, groups,
+    values in other files or made from other datasets, and sizes that were never written would let a
+    file from a stranger read this machine's files or fill its memory."""
+    found = {}
+    for name in group:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise ValueError(f"{name} is a link")
+        item = group[name]
+        if not isinstance(item, h5py.Dataset):
+            raise ValueError(f"{name} is no dataset")
+        if item.external or item.is_virtual:
+            raise ValueError(f"the values of {name} are in other files")
+        stored = item.id.get_storage_size()
+        if item.nbytes > FEW_BYTES + INFLATION * stored and not _is_placeholder(item):
+            claimed, there = memory.size(item.nbytes), memory.size(stored)
+            raise ValueError(f"{name} claims {claimed}, of which {there} are stored")
+        found[name] = item
+    return found
 
 
 @contextmanager
@@ -149,25 +237,73 @@ def open_run(path: Path | str) -> Iterator[Run]:
     newer format.
     """
     path = Path(path)
-    try:
-        # Some network file systems have no locks, and a result that is there is complete in any
-        # case.
-        file = h5py.File(path, "r", locking="best-effort")
-    except (OSError, ValueError) as error:
-        raise HodoError(f"{path}: {_why_closed(path, error)}") from None
+    damaged = _damage(path)
+    if reason := damaged.get(""):
+        raise HodoError(f"{path} is damaged ({reason})")
+    file = _opened(path)
     with file:
         try:
-            run = Run(path, file)
+            run = Run(path, file, damaged)
         except DAMAGE as error:
             raise HodoError(f"{path} is damaged ({_first_line(error)})") from None
         version = run.attributes.get("format_version")
         if not isinstance(version, int):
             raise HodoError(f"{path} is HDF5, but not a result of hodo (it has no format_version)")
         if version > FORMAT_VERSION:
-            raise HodoError(
-                f"{path} has format version {version}, newer than {FORMAT_VERSION}: update hodo to read it"
-            )
+            newer = f"newer than {FORMAT_VERSION}: update hodo to read it"
+            raise HodoError(f"{path} has format version {version}, {newer}")
+        if reason := damaged.get(ROOT):
+            raise HodoError(f"{path} is damaged ({reason}): move it away and run again")
+        if damaged is not INTACT and any(run.lacks_checksum(name) for name in run.groups()):
+            warnings.warn(f"{path} has no checksums: damage to it would not show", stacklevel=3)
         yield run
+
+
+def _opened(path: Path) -> h5py.File:
+    """Raises HodoError if it cannot be opened."""
+    try:
+        # Some network file systems have no locks, and a result that is there is complete in any
+        # case.
+        return h5py.File(path, "r", locking="best-effort")
+    except (OSError, ValueError) as error:
+        raise HodoError(f"{path}: {_why_closed(path, error)}") from None
+
+
+def _damage(path: Path) -> Mapping[str, str]:
+    """What is wrong with the groups of a file, by their names; nothing where its seal fits.
+
+    Raises HodoError if it is no file.
+    """
+    with suppress(OSError):  # opening it will say why
+        status = path.stat()
+        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+            raise HodoError(f"{path} is a pipe or a device, not a file")
+        if stat.S_ISREG(status.st_mode) and not is_sealed(path):
+            return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
+    return INTACT
+
+
+INTACT: Mapping[str, str] = {}
+"""What is wrong with a file whose seal fits."""
+
+
+@lru_cache(maxsize=256)
+def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str]:
+    """What is wrong with the groups of a file that has no seal, or one that does not fit."""
+    files: list[Run] = []
+
+    def names() -> list[str]:
+        files.append(Run(path, _opened(path), {}))
+        return [ROOT, *files[0].groups()]
+
+    def problem(name: str) -> str:
+        return files[0].check(name) if name != ROOT else files[0].check_root()
+
+    return look(names, problem)
+
+
+ROOT = "/"
+"""The name under which the root attributes are looked at; no group has it."""
 
 
 def _why_closed(path: Path, error: Exception) -> str:
@@ -260,8 +396,15 @@ class Output:
             if key not in sizes:
                 _attach(items, key, variable.dims)
         # Last, so that memory holds one block at a time.
+        late = {key: Digest() for key in (group.late.names if group.late else ())}
         for key, where, block in group.late.blocks() if group.late else ():
             items[key][where] = block
+            late[key].add(np.asarray(block, dtype=items[key].dtype))
+        checksum = Checksum(_as_stored(group.attributes))
+        for key, variable in group.variables.items():
+            digest = str(late[key]) if key in late else digest_of(variable.data)
+            checksum.add(key, variable.dims, digest, _as_stored(variable.attrs))
+        _set_attributes(target, {"checksum": str(checksum)})
 
     def copy(self, run: Run, name: str) -> None:
         """Copy a group as it is stored. Raises HodoError if it is damaged.
@@ -270,8 +413,9 @@ class Output:
         """
         self._disk.check()
         with run._group(name) as old:
+            before = _datasets(old)
             old.file.copy(old, self._file, name)
-            before, after = dict(old.items()), dict(self._file[name].items())
+            after = dict(self._file[name].items())
             named = _by_address(before)
             for item in after.values():
                 for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
@@ -296,8 +440,11 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
     with Disk(path) as disk:
         try:
             with h5py.File(disk, "w", track_order=True) as file:
-                _set_attributes(file, {"format_version": FORMAT_VERSION, **attributes})
+                root = _as_stored({"format_version": FORMAT_VERSION, **attributes})
+                _set_attributes(file, {**root, "checksum": str(Checksum(root))})
                 yield Output(file, disk)
+            disk.check()
+            seal(disk)
         finally:
             disk.check()
 
@@ -312,13 +459,20 @@ def _file_type(name: str, data: np.ndarray) -> Any:
     return data.dtype
 
 
+def _as_stored(attributes: Mapping[str, Attribute]) -> dict[str, Attribute]:
+    """Attributes without what HDF5 cannot store: a text of a foreign program may hold half a
+    surrogate, or a zero, at which C readers would stop."""
+    return {
+        name: value.encode("utf-8", "replace").decode().replace("\0", "\ufffd")
+        if isinstance(value, str)
+        else value
+        for name, value in attributes.items()
+    }
+
+
 def _set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:
     """Set new attributes; text with variable length, which every reader gives back as text."""
-    for name, value in attributes.items():
-        if isinstance(value, str):
-            # A text of a foreign program may hold half a surrogate or a zero, at which C readers
-            # would stop.
-            value = value.encode("utf-8", "replace").decode().replace("\0", "\ufffd")
+    for name, value in _as_stored(attributes).items():
         data = np.asarray(value, dtype=STRING if isinstance(value, str) else None)
         space = h5s.create_simple(data.shape) if data.shape else h5s.create(h5s.SCALAR)
         # The low-level call takes three quarters of the time of `attrs`, and a case has 20 attributes.

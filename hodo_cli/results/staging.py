@@ -9,7 +9,7 @@ import fcntl
 import os
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -65,9 +65,12 @@ class Staging:
         """Give a complete file the name `path`, and see it on the disk."""
         _publish(whole, self.path)
 
-    def remove(self) -> None:
-        """Delete the folder with what is in it."""
-        if self.folder is not None:
+    def remove(self, stay: Collection[str] = ()) -> None:
+        """Delete the folder with what is in it; if anything stays, only the rest of it."""
+        if self.folder is not None and stay:
+            for name in set(os.listdir(self.folder)).difference(stay):
+                (self.folder / name).unlink()
+        elif self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
             self.folder = None
 

@@ -59,9 +59,15 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
 def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
+    def is_the_same(name: str) -> bool:
+        return name in now and resume_attributes(now, name) == resume_attributes(changes.run, name)
+
     def applies(name: str) -> bool:
-        return name.startswith("_") or (
-            name in now and resume_attributes(now, name) == resume_attributes(changes.run, name)
+        if not name.startswith("_"):
+            return is_the_same(name)
+        # Verdicts are about all cases: none of them may have been run anew meanwhile.
+        return now.cases() == changes.run.cases() and all(
+            is_the_same(case) for case in now.cases() if case not in now.damaged
         )
 
     parts = {name: part for name, part in changes.parts.items() if applies(name)}

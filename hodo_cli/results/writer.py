@@ -16,21 +16,22 @@ from pathlib import Path
 from typing import Any, Self
 
 from .. import HodoError
-from .hdf5 import Attribute, Group, Run, create, open_run
+from .hdf5 import Attribute, Group, Output, Run, create, open_run
 from .layout import RESUME
-from .staging import Staging, identity, refusals, staging_folders
+from .staging import Staging, identity, refusals, staging_folders, synced
 
 KEPT = "; finished cases are kept"
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A finished case: its name, the file that holds it, and the attributes that tell whether it is
-    still right."""
+    """A finished case: its name, the file that holds it, the attributes that tell whether it is
+    still right, and what is wrong with what is stored of it."""
 
     name: str
     file: Path
     attributes: Mapping[str, Any]
+    damage: str = ""
 
 
 def finished(path: Path | str) -> dict[str, list[Finished]]:
@@ -45,14 +46,18 @@ def finished(path: Path | str) -> dict[str, list[Finished]]:
         with open_run(path) as run:
             _collect(run, found)
     for piece in (piece for folder in staging_folders(path) for piece in pieces(folder)):
-        with suppress(HodoError), open_run(piece) as run:  # gone by now, or torn by a loss of power
-            _collect(run, found)
+        # Gone by now, or torn by a loss of power: then the case is run anew.
+        with suppress(HodoError), open_run(piece) as run:
+            if not run.damaged:
+                _collect(run, found)
     return found
 
 
 def _collect(run: Run, found: dict[str, list[Finished]]) -> None:
     for name in run.cases():
-        found.setdefault(name, []).append(Finished(name, run.path, resume_attributes(run, name)))
+        damage = run.damaged.get(name, "")
+        attributes = {} if damage else resume_attributes(run, name)
+        found.setdefault(name, []).append(Finished(name, run.path, attributes, damage))
 
 
 def resume_attributes(run: Run, name: str) -> dict[str, str]:
@@ -90,10 +95,13 @@ class Writer:
         self._order = order
         self._new: dict[str, Finished] = {}
         self._kept: dict[str, Run] = {}
+        self._texts: dict[str, str] = {}
         self._count = 0
         self._old: Run | None = None
         self._staging = Staging(self.path)
         self._open = ExitStack()
+        self.unfinished: set[str] = set()
+        """The stamps of the parts that stay when this Writer leaves, for the next one."""
 
     def __enter__(self) -> Self:
         """Raises HodoError as `finished` does, or if a first result cannot be written there."""
@@ -134,9 +142,9 @@ class Writer:
             failed.callback(draft.unlink, missing_ok=True)
             with create(draft, {}) as output:
                 output.write(name, group)
-            # Not synced: a loss of power may cost the last cases, but fsync for each would cost
-            # milliseconds.
+            synced(draft)  # or a loss of power leaves the name with nothing under it
             os.replace(draft, piece)
+            synced(piece.parent)
             failed.pop_all()
 
     def parts(self, stamp: str) -> set[int]:
@@ -144,14 +152,9 @@ class Writer:
         are now its own."""
         for folder in self._orphans:
             for part in folder.glob(f"part-{stamp}-*.h5"):
-                with (
-                    refusals(self.path, KEPT),
-                    suppress(FileExistsError),
-                    suppress(HodoError),
-                    open_run(part),
-                ):
-                    # Linked, not moved: should this process die too, the next one finds both.
-                    os.link(part, self._staging / part.name)
+                with refusals(self.path, KEPT):
+                    # Not moved: should this process die too, the next one finds both.
+                    _take(part, self._staging / part.name)
         own = self._staging.folder
         return (
             {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{stamp}-*.h5")}
@@ -175,17 +178,22 @@ class Writer:
         with open_run(self._staging / f"part-{stamp}-{number}.h5") as run:
             yield run
 
-    def keep(self, case: Finished) -> bool:
-        """Take over a finished case; False if another process has just removed it."""
+    def keep(self, case: Finished, text: str = "") -> bool:
+        """Take over a finished case; False if another process has just removed it.
+
+        `text` replaces the text of the case that is stored, whose remarks may be older.
+        """
+        if text and text != case.attributes.get("case"):
+            self._texts[case.name] = text
+        if case.damage:
+            return False
         if case.file == self.path:
             if self._old and case.name in self._old:
                 self._kept[case.name] = self._old
             return case.name in self._kept
         piece = self._next_piece()
         with refusals(self.path, KEPT):
-            try:
-                os.link(case.file, piece)
-            except FileNotFoundError:
+            if not _take(case.file, piece):
                 return False
         self._new[case.name] = Finished(case.name, piece, case.attributes)
         return True
@@ -205,6 +213,7 @@ class Writer:
             sources = self._sources(now)
             if (
                 self._new
+                or self._texts
                 or not now
                 or list(sources) != now.cases()
                 or now.text != self._attributes.get("config")
@@ -212,9 +221,13 @@ class Writer:
                 whole = self._staging / "whole.h5"
                 self._join(whole, sources, longer(now, self._attributes.get("history")))
                 self._staging.publish(whole)
+        stay = {name for stamp in self.unfinished for name in self._part_names(stamp)}
         for folder in self._orphans:
             shutil.rmtree(folder, ignore_errors=True)
-        self._staging.remove()
+        self._staging.remove(stay)
+
+    def _part_names(self, stamp: str) -> list[str]:
+        return [f"part-{stamp}-{number}.h5" for number in self.parts(stamp)]
 
     def _sources(self, now: Run | None) -> dict[str, Run | Path]:
         """Where each case comes from, in the order of the new file; `now` is the result as it
@@ -227,9 +240,10 @@ class Writer:
             known = set(self._old.cases()) if self._old else set()
             for name in now.cases():
                 ours = self._new.get(name)
-                equal = ours and resume_attributes(now, name).get("hash") == ours.attributes.get(
-                    "hash"
-                )
+                if name in now.damaged:
+                    continue
+                theirs = resume_attributes(now, name).get("hash")
+                equal = ours and theirs == ours.attributes.get("hash")
                 if equal or (not ours and (name in self._kept or name not in known)):
                     found[name] = now
         return {
@@ -240,13 +254,50 @@ class Writer:
         with create(whole, {**self._attributes, "history": history}) as output:
             for name, source in sources.items():
                 if isinstance(source, Run):
-                    output.copy(source, name)
+                    self._copy(output, source, name)
                 else:
                     with open_run(source) as piece:
-                        output.copy(piece, name)
+                        self._copy(output, piece, name)
+
+    def _copy(self, output: Output, run: Run, name: str) -> None:
+        if name not in self._texts:
+            output.copy(run, name)
+            return
+        group = run.read(name)
+        output.write(name, Group({**group.attributes, "case": self._texts[name]}, group.variables))
+
+
+def _take(source: Path, target: Path) -> bool:
+    """Give a whole file of a dead run a second name, or copy it; False if it cannot be used.
+
+    Links are refused on some file systems, and for another user's files.
+    """
+    try:
+        with open_run(source) as run:
+            if run.damaged:
+                return False
+        with suppress(FileExistsError):
+            os.link(source, target)
+    except HodoError:  # gone by now, unreadable or damaged
+        return False
+    except OSError:
+        try:
+            shutil.copyfile(source, target.with_name("copied"))
+            os.replace(target.with_name("copied"), target)
+        except PermissionError:
+            return False
+    return True
+
+
+MOST_LINES = 100
+"""The lines of history that are kept: the first, which made the file, and the latest."""
 
 
 def longer(run: Run | None, line: Attribute | None) -> str:
     """The history of a result with a line more."""
-    lines = [str(run.attributes.get("history", "")) if run else "", str(line or "")]
-    return "\n".join(filter(None, lines))
+    lines = str(run.attributes.get("history", "")).splitlines() if run else []
+    lines += [str(line)] if line else []
+    left_out = len(lines) - MOST_LINES
+    if left_out > 0:
+        lines[1 : 2 + left_out] = ["..."]
+    return "\n".join(lines)

@@ -6,11 +6,11 @@ that a run that is killed goes on from there, and no more than a few of them are
 time.
 """
 
-import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
+from ..batch.mark import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
 from ..results.hdf5 import Group
@@ -28,7 +28,7 @@ def run(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Sa
 
     Raises HodoError if no member came to anything.
     """
-    stamp = hashlib.sha256(mark.encode()).hexdigest()[:16]
+    stamp = digest(mark)
     parts = writer.parts(stamp) if resume else set()
     tasks = list(chunks(case))
     problems: dict[str, int] = {}
