@@ -130,8 +130,8 @@ def test_the_values_of_a_range() -> None:
         f"{FIG4}, {BALL}, sweep: {{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}"
     )
     ratio, even = sweep_block.axes_of(case.sweep or {})
-    assert ratio.values[0] == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
-    assert even.values[0].tolist() == [0, 0.25, 0.5, 0.75, 1]
+    assert ratio.values() == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
+    assert even.values().tolist() == [0, 0.25, 0.5, 0.75, 1]
 
 
 def test_directions_are_uniform_and_any_part_of_them_can_be_drawn() -> None:

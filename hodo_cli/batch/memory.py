@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -9,9 +10,9 @@ from pathlib import Path
 from .. import HodoError
 from ..cases.case import Case
 
-BYTES = 50
+BYTES = 75
 """Peak of memory for each number of each sample (the state and the stored variables), rounded up
-from what cases of every model took: 10 to 30 when they were integrated, 47 when they were
+from what cases of every model took: 10 to 30 when they were integrated, 67 when they were
 classified."""
 
 
@@ -51,6 +52,17 @@ def check_memory(case: Case, processes: int = 1) -> None:
         share = f" for each of {processes} processes" if processes > 1 else ""
         said = f"would take about {size(need(case))} of memory, and there are {size(have)}{share}"
         raise HodoError(f"{case.name}: {case.time.samples:,} samples {said}")
+
+
+def check_disk(case: Case, stored: int, folder: Path) -> None:
+    """Raise HodoError if a case that stores so many bytes does not fit on the disk of a folder."""
+    while not folder.exists():
+        folder = folder.parent
+    # Its parts are there until they are joined.
+    taken, free = 2 * stored, shutil.disk_usage(folder).free
+    if taken > free:
+        said = f"would take about {size(taken)} on the disk of {folder}, and {size(free)} are free"
+        raise HodoError(f"{case.name}: {said}")
 
 
 def size(count: int) -> str:

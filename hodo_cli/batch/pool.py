@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import suppress
 from itertools import islice
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from queue import SimpleQueue
@@ -195,6 +195,8 @@ class _Worker(Thread):
         self._pipe: Connection | None = None
 
     def run(self) -> None:
+        # Starting this helper of the standard library unblocks the signal, so it comes first.
+        resource_tracker.ensure_running()
         # Processes inherit it: Ctrl-C, which a terminal sends to all of them, is this process's
         # affair.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

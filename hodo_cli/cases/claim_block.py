@@ -1,6 +1,7 @@
 """What a case file's `claims:` block takes: the statements of a text, and how each of them is
 checked."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
@@ -21,7 +22,7 @@ from ..schema.kinds import (
     resolve,
     unknown,
 )
-from .sweep_block import SWEEP
+from .sweep_block import SWEEP, axes_of
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
@@ -312,9 +313,15 @@ def _check_values(values: Mapping[str, Any], count: int) -> Iterator[Mistake]:
             yield (name,), f"expected {count} numbers, one for each case, got {len(numbers)}"
 
 
+MOST_MEMBERS = 100_000
+"""Members that a claim may have: some milliseconds each make minutes of them."""
+
+
 def _check_over(ranges: Mapping[str, Any], checks: list[SweepCheck | None]) -> Iterator[Mistake]:
     """The sweep of a claim against each of its cases; what several lack is said once."""
-    if ranges:
+    if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
+        yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
+    elif ranges:
         found = dict(mistake for check in checks if check for mistake in check(ranges))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
         yield from ((at[1:], said) for at, said in found.items())

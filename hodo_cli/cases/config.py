@@ -170,6 +170,8 @@ def _figures(
             # Which other keys are right is not known without the kind.
             figures[name], wrong = resolve(keys, {key: kind for key in block if key == "kind"})
         mistakes += [(("figures", name, *at), said) for at, said in wrong]
+        if figures[name].get("cases") == ():
+            mistakes.append((("figures", name, "cases"), "names no case"))
         for key, valid in (("cases", cases), ("scale_with", given)):
             for i, item in enumerate(figures[name].get(key, ())):
                 if item not in valid:

@@ -128,10 +128,19 @@ class Axis:
             return self.sphere["count"]
         return _length(self.ranges[0][1])
 
+    def values(self, of: int = 0, index: np.ndarray | None = None) -> np.ndarray:
+        """The values of one of its keys at positions (n,), or all of them; none for a sphere."""
+        index = np.arange(len(self)) if index is None else index
+        given = self.ranges[of][1]
+        if "linspace" in given:
+            first, last, number = given["linspace"]
+            return _linspace(first, last, number, index)
+        return np.asarray(self._listed[of][index])
+
     @cached_property
-    def values(self) -> list[np.ndarray]:
-        """The values (len,) of each key; none for a sphere."""
-        return [_values(each) for _, each in self.ranges]
+    def _listed(self) -> list[np.ndarray]:
+        """The values of each key whose range is no linspace."""
+        return [_listed(given) for _, given in self.ranges]
 
     def directions(self, index: np.ndarray) -> np.ndarray:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
@@ -154,17 +163,17 @@ def _length(given: Mapping[str, Any]) -> int:
     return len(value) if word == "values" else int(value[2])
 
 
-def _values(given: Mapping[str, Any]) -> np.ndarray:
-    ((word, value),) = given.items()
-    if word == "values":
-        return np.array(value, dtype=float)
-    first, last, number = value
-    return (
+def _listed(given: Mapping[str, Any]) -> np.ndarray:
+    if "logspace" in given:
         # Its ends are the numbers given, to the last bit, which those of 10 ** linspace are not.
-        np.geomspace(first, last, number)
-        if word == "logspace"
-        else np.linspace(first, last, number)
-    )
+        return np.geomspace(*given["logspace"])
+    return np.array(given.get("values", ()), dtype=float)
+
+
+def _linspace(first: float, last: float, number: int, index: np.ndarray) -> np.ndarray:
+    """Some of numpy's linspace, to the last bit: all of 1e9 values would take 8 GB."""
+    step = (last - first) / max(number - 1, 1)
+    return np.where((index == number - 1) & (number > 1), last, index * step + first)
 
 
 def storable(variables: Iterable[str], classifiable: bool) -> list[str]:

@@ -49,8 +49,8 @@ def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
     words = []
     for axis, i in zip(axes, index, strict=True):
         values = [
-            f"{'.'.join(map(str, path))} = {v[i]:g}"
-            for (path, _), v in zip(axis.ranges, axis.values, strict=True)
+            f"{'.'.join(map(str, path))} = {axis.values(j, np.array([i]))[0]:g}"
+            for j, (path, _) in enumerate(axis.ranges)
         ]
         words += values or [f"{axis.name} {i}"]
     return ", ".join(words)

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import BatchError, HodoError
 from ..batch.mark import digest
-from ..batch.memory import check_memory
+from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..batch.progress import Progress
 from ..cases.case import Case, dump
@@ -160,8 +160,12 @@ def plans(
     if not any(plan.asked for plan in made):
         raise HodoError(f"no case matches {' or '.join(globs)}")
     for plan in made:
-        for name in plan.reasons:
-            check_memory(plan.config.cases[name], jobs)
+        for case in (plan.config.cases[name] for name in plan.reasons):
+            check_memory(case, jobs)
+            if case.sweep:
+                from ..sweeps.columns import stored_bytes
+
+                check_disk(case, stored_bytes(case), out)
         if plan.reasons and not force:
             check_writable(plan.path)
     return [plan for plan in made if plan.asked]

@@ -79,16 +79,21 @@ class Sheet:
         columns = list(dict.fromkeys(name for item in self.shown for name in item.values))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["panel", "curve", *columns])
+        writer.writerow(["panel", "curve", *map(_cell, columns)])
         for item in self.shown:
             present = [
                 item.values[name].tolist() if name in item.values else None for name in columns
             ]
             for i in range(len(next(iter(item.values.values())))):
-                writer.writerow(
-                    [item.panel, item.curve, *("" if one is None else one[i] for one in present)]
-                )
+                values = ["" if column is None else column[i] for column in present]
+                writer.writerow(map(_cell, [item.panel, item.curve, *values]))
         return text.getvalue()
+
+
+def _cell(value: object) -> object:
+    """A cell of a table; a text that a spreadsheet would compute is quoted."""
+    is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
+    return f"'{value}" if is_formula else value
 
 
 @dataclass(frozen=True)

@@ -88,17 +88,24 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
         )
     if precision == "quadruple":
         raise HodoError(f"{case.name}: method exact works in double and extended precision only")
+    watch = Watch(max_seconds=case.max_seconds or math.inf)
     began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64
     state, exponent = np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
     # In blocks, for the memory: the closed form makes a dozen arrays of its times.
     for i in range(0, len(times), SAMPLES_AT_ONCE):
+        if perf_counter() > watch.deadline:
+            watch.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
+            times, state, exponent = times[:i], state[:i], exponent[:i]
+            break
         here = slice(i, i + SAMPLES_AT_ONCE)
         state[here], exponent[here] = exact.exact_scaled(case, times[here].astype(fp))
     lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
     n = int(lost[0]) if len(lost) else len(times)
-    end = (Status.FAILED, f"{OUTGROWN} at {times[n]:.6g}") if len(lost) else ()
+    if len(lost):
+        watch.give_up(Status.FAILED, f"{OUTGROWN} at {times[n]:.6g}")
     path = Sampled(times[:n], state[:n], exponent[:n], ())
-    return Solution(path, float(np.finfo(fp).eps), 0, perf_counter() - began, *end)
+    spent = perf_counter() - began
+    return Solution(path, float(np.finfo(fp).eps), 0, spent, watch.status, watch.message)
 
 
 @np.errstate(over="ignore")  # `remarks` says so

@@ -236,6 +236,9 @@ def damage(data: Mapping[Any, Array]) -> str:
             return f"its {name} is no array of numbers"
         if data[name].dims != dims[name]:
             return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
+    for name in ("enclosed_axis", "crossing_from", "crossing_to"):
+        if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
+            return f"its {name} holds labels that are none"
     if "omega" in data and data["omega"].data.shape[1:] != (3,):
         return "its omega holds no vectors"
     sizes: dict[str, int] = {}

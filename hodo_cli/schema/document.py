@@ -300,4 +300,8 @@ def resolve_scalar(text: str) -> Any:
         return text
     if _INTEGER.fullmatch(text):
         return int(text[2:], {"o": 8, "x": 16}[text[1]]) if text[1:2] in ("o", "x") else int(text)
-    return float(text) if _FLOAT.fullmatch(text) else text
+    if not _FLOAT.fullmatch(text):
+        return text
+    # Too small for a double is as wrong as too large: it stays text, which no number is.
+    number = float(text)
+    return text if number == 0 and text.lower().partition("e")[0].strip("+-.0") else number

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import lru_cache
 from typing import Any, ClassVar
 
 KeyPath = tuple[str | int, ...]
@@ -138,13 +139,31 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     return f"unknown {what}{nearest(name, names)}{listed}"
 
 
+SEARCHED = 40
+"""Names in a list that is searched by likeness, which takes some 20 us a name; a mistaken file can
+have a thousand names that are none of another thousand."""
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """'; did you mean ...?', or nothing when no name is near; long lists are not searched."""
-    # The comparison takes milliseconds a name, and a mistaken file can have a thousand of them.
+    """'; did you mean ...?', or nothing when no name is near: in a long list, one letter off."""
     folded = {option.casefold(): option for option in valid}
-    if len(folded) > 1000 or not (close := get_close_matches(name[:200].casefold(), folded, n=1)):
-        return ""
-    return f"; did you mean {folded[close[0]]!r}?"
+    name = name[:200].casefold()
+    if len(folded) <= SEARCHED:
+        close = get_close_matches(name, folded, n=1)
+    else:
+        shorter = _one_letter_less(tuple(folded))
+        close = [shorter[part] for part in _shortened(name) if part in shorter]
+    return f"; did you mean {folded[close[0]]!r}?" if close else ""
+
+
+@lru_cache(maxsize=8)
+def _one_letter_less(names: tuple[str, ...]) -> dict[str, str]:
+    """Names by themselves and by what is left of them without one of their letters."""
+    return {part: name for name in names for part in _shortened(name)}
+
+
+def _shortened(name: str) -> list[str]:
+    return [name, *(name[:i] + name[i + 1 :] for i in range(len(name)))]
 
 
 def shown(value: Any) -> str:

@@ -8,6 +8,9 @@ from .kinds import KeyPath
 # A file that is no case file at all has a mistake in every line; nobody reads a thousand.
 MAX_MISTAKES = 1000
 
+# So many are listed one by one; of more, the first few show what is wrong with the file.
+LISTED, FIRST = 100, 20
+
 
 class Place(NamedTuple):
     """Where a value stands: line and column of the file from 1, or in the text of an override."""
@@ -41,9 +44,13 @@ class Mistakes:
 
     def error(self, end: str = "") -> HodoError:
         """One line for each mistake, by line and column; those of overrides last."""
-        return HodoError(
-            "\n".join(self._line(place, text) for _, place, text in sorted(self.found)) + end
-        )
+        shown = sorted(self.found)[: len(self.found) if len(self.found) <= LISTED else FIRST]
+        lines = [self._line(place, text) for _, place, text in shown]
+        if len(self.found) > len(shown):
+            lines.append(
+                f"{_one_line(self.name)}: and {len(self.found) - len(shown)} more mistakes"
+            )
+        return HodoError("\n".join(lines) + end)
 
     def raise_any(self) -> None:
         """Raise what was noted, if anything was."""

@@ -46,6 +46,18 @@ def shape(case: Case) -> tuple[int, ...]:
     return tuple(len(axis) for axis in axes_of(case.sweep))
 
 
+def stored_bytes(case: Case) -> int:
+    """The bytes that a sweep takes in its result."""
+    columns, samples = kept(case), case.time.samples
+    each = sum(
+        np.dtype(column.dtype).itemsize * 3 ** len(column.dims) for column in columns.values()
+    )
+    if "trajectory" in case.store:
+        dims = [variable.dims[1:] for variable in case.system.variables.values()]
+        each += 8 * samples * sum(3 ** len(inner) for inner in dims)
+    return math.prod(shape(case)) * int(each)
+
+
 class Crossings(NamedTuple):
     """Passages through the separatrix, in order of member and time, (k,) each: of which member,
     from which axis to which, and |G| there."""

@@ -85,11 +85,11 @@ def coordinates(case: Case) -> dict[str, Variable]:
             directions = Stored("direction of G at the start", (axis.name, "axis"))
             found[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
         elif len(axis.ranges) == 1 and axis.name == ".".join(map(str, axis.ranges[0][0])):
-            found[axis.name] = Stored(axis.name, (axis.name,)).holding(axis.values[0])
+            found[axis.name] = Stored(axis.name, (axis.name,)).holding(axis.values(0))
         else:
-            for (path, _), values in zip(axis.ranges, axis.values, strict=True):
+            for i, (path, _) in enumerate(axis.ranges):
                 key = ".".join(map(str, path))
-                found[key] = Stored(key, (axis.name,)).holding(values)
+                found[key] = Stored(key, (axis.name,)).holding(axis.values(i))
     if "trajectory" in case.store:
         time = case.time
         times = (

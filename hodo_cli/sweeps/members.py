@@ -31,8 +31,8 @@ def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
     """The data of members with one combination of positions on the axes that are no spheres."""
     data = case.data
     for axis, i in zip(axes, index, strict=True):
-        for (path, _), values in zip(axis.ranges, axis.values, strict=True):
-            data = put(data, path, float(values[i]))
+        for j, (path, _) in enumerate(axis.ranges):
+            data = put(data, path, float(axis.values(j, np.array([i]))[0]))
     model = type(case.system)
     if any(model.check(data)):
         return Inputs(data)

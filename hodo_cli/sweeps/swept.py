@@ -75,7 +75,7 @@ class Swept:
         axis = self.axis(name)
         if axis.sphere is not None:
             raise HodoError(f"axis {name} is a sphere: it has no values along a line")
-        return axis.values[0], "logspace" in axis.ranges[0][1]
+        return axis.values(), "logspace" in axis.ranges[0][1]
 
     def key(self, name: str) -> str:
         """The first key that varies along an axis."""
