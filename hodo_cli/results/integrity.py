@@ -116,6 +116,9 @@ def _described(attributes: Mapping[str, Any]) -> str:
     return "\n".join(f"{name}={np.asarray(value).tolist()!r}" for name, value in attributes.items())
 
 
+SILENT = "reading it does not end, or ends the process"
+
+
 def look(first: Callable[[], list[str]], then: Callable[[str], str]) -> dict[str, str]:
     """What is wrong with the parts of a file, by their names, looked at in another process.
 
@@ -137,11 +140,11 @@ def look(first: Callable[[], list[str]], then: Callable[[str], str]) -> dict[str
                     wrong[name] = reason
         if done:
             return wrong
-        wrong[last] = "reading it does not end, or ends the process"
+        wrong[last] = SILENT
         seen.add(last)
         if not last:
             break
-    return wrong | {"": "reading it does not end, or ends the process"}
+    return wrong | {"": SILENT}
 
 
 def _lines_of_child(

@@ -1,0 +1,364 @@
+"""Faults of disks, files and processes, by sample: damage is named and never drawn, finished work is
+never lost. `make stress` tries each class hundreds of times."""
+
+import os
+import random
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Timer
+
+import faults
+import h5py
+import numpy as np
+import pytest
+from faults import CONFIG, Motions, hodo
+
+from hodo_cli import BatchError, HodoError
+from hodo_cli.batch.pool import pool
+from hodo_cli.cases.config import parse
+from hodo_cli.commands.resume import fingerprint
+from hodo_cli.results import integrity, writer
+from hodo_cli.results.hdf5 import Group, Variable, open_run
+from hodo_cli.results.staging import replacing, staging_folders
+from hodo_cli.results.update import update
+from hodo_cli.results.writer import Writer, finished
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Motions]:
+    folder = tmp_path_factory.mktemp("sound")
+    return folder, faults.prepared(folder)
+
+
+@pytest.fixture
+def result(sound: tuple[Path, Motions], tmp_path: Path) -> Path:
+    """A copy of a classified result, with its case file beside it."""
+    shutil.copytree(sound[0], tmp_path, dirs_exist_ok=True)
+    return tmp_path / "x.h5"
+
+
+# Bytes that have changed.
+
+
+@pytest.mark.parametrize("spoil", [faults.flipped, faults.zeroed])
+def test_changed_bytes_are_never_taken_for_a_motion(
+    result: Path, sound: tuple[Path, Motions], spoil: Callable[[Path, random.Random], None]
+) -> None:
+    before, chance = result.read_bytes(), random.Random(4)
+    for _ in range(12):
+        result.write_bytes(before)
+        spoil(result, chance)
+        faults.right_or_named(result, sound[1])
+
+
+def test_a_damaged_case_is_named_by_every_command_and_run_anew(
+    result: Path, sound: tuple[Path, Motions]
+) -> None:
+    with h5py.File(result, "r+") as file:
+        file["a/omega"][7, 1] += 1e-9
+    said = "a is damaged (its checksum does not fit)"
+    shutil.copy(sound[0] / "x.h5", result.with_name("right.h5"))
+    for command in (
+        ["show", result], ["classify", result], ["claims", result],
+        ["compare", result, result.with_name("right.h5")],
+        ["plot", result, "--format", "csv", "--out", result.parent / "figures"],
+    ):  # fmt: skip
+        done = hodo(*command)
+        assert done.exit_code in (1, 2), command
+        assert said in done.stderr, command
+    again = hodo("run", result.with_suffix(".yaml"), "--out", result.parent)
+    assert "a: will run: its stored result is damaged (its checksum does not fit)" in again.stderr
+    assert "b: is kept" in again.stderr
+    faults.equal(faults.motions(result), sound[1])
+
+
+def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(integrity, "PATIENCE_OF_READER", 0.3)
+
+    def look_at(name: str) -> str:
+        if name == "hangs":
+            time.sleep(1000)
+        if name == "dies":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return "wrong" if name == "bad" else ""
+
+    found = integrity.look(lambda: ["good", "hangs", "bad", "dies", "fine"], look_at)
+    assert found == {
+        "hangs": integrity.SILENT, "bad": "wrong", "dies": integrity.SILENT,
+    }  # fmt: skip
+
+
+def test_a_damaged_piece_is_run_anew(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    with pytest.raises(KeyboardInterrupt), Writer(path, {}) as first:  # noqa: PT012
+        for name in "ab":
+            first.add(name, Group({"status": "ok"}, {"v": Variable(("t",), np.arange(999.0))}))
+        raise KeyboardInterrupt
+    (folder,) = staging_folders(path)
+    faults.zeroed(sorted(folder.iterdir())[1], random.Random(1), 4096)
+    assert list(finished(path)) == ["a"]
+
+
+# What the operating system refuses.
+
+
+@pytest.mark.parametrize("forever", [False, True])
+def test_nothing_is_lost_when_a_call_fails(
+    tmp_path: Path, sound: tuple[Path, Motions], forever: bool
+) -> None:
+    for first in (1, 3, 8, 21):
+        faults.nth_call_fails(tmp_path / "run", sound[1], first, forever)
+
+
+def test_nothing_that_was_synced_is_lost_with_the_power(
+    tmp_path: Path, sound: tuple[Path, Motions]
+) -> None:
+    for last in (2, 7):
+        faults.power_is_lost(tmp_path / "run", sound[1], last, random.Random(last))
+
+
+def test_a_piece_that_cannot_be_linked_is_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    group = Group({"status": "ok"}, {"v": Variable(("t",), np.arange(9.0))})
+    path = tmp_path / "x.h5"
+    with pytest.raises(KeyboardInterrupt), Writer(path, {}) as first:  # noqa: PT012
+        first.add("a", group)
+        first.add_part("stamp", 0, group)
+        raise KeyboardInterrupt
+    monkeypatch.setattr(os, "link", refuse)
+    with Writer(path, {}) as second:
+        assert second.keep(second.finished["a"][0])
+        assert second.parts("stamp") == {0}
+    with open_run(path) as run:
+        assert run.cases() == ["a"]
+    monkeypatch.setattr(shutil, "copyfile", refuse)  # nor may another user's file be read
+    assert not writer._take(path, tmp_path / "y.h5")
+
+
+def test_a_failure_does_not_replace_a_good_result(result: Path) -> None:
+    config = result.with_suffix(".yaml")
+    done = hodo("run", config, "--out", result.parent, "--set", "a.max_steps=2", "--force")
+    assert done.exit_code == 1
+    assert "a (timeout)" in done.stderr
+    with open_run(result) as run:
+        assert run.row("a", {"status": str}) == {"status": "ok"}
+
+
+def test_the_parts_of_a_sweep_that_has_not_ended_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also when other cases are run meanwhile."""
+    config = tmp_path / "x.yaml"
+    config.write_text(CONFIG)
+    add, count = Writer.add_part, iter(range(100))
+
+    def full(*arguments: object) -> None:
+        if next(count):
+            raise BatchError("cannot write x.h5: no space left on device")
+        add(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Writer, "add_part", full)
+    done = hodo("run", config, "--out", tmp_path)
+    assert done.exit_code == 2
+    assert "no space left" in done.stderr
+    monkeypatch.undo()
+    assert hodo("run", config, "--out", tmp_path, "--case", "a").exit_code == 0
+    again = hodo("run", config, "--out", tmp_path)
+    assert again.exit_code == 0
+    assert "s: 1 of 2 chunks are kept" in again.stderr
+    assert sorted(os.listdir(tmp_path)) == ["x.h5", "x.yaml"]
+
+
+def dies_while_it_answers(folder: Path) -> np.ndarray:
+    """A large result, of which the process sends a part and is killed; but not the second time."""
+    if not (folder / "tried").exists():
+        (folder / "tried").touch()
+        Timer(0.02, os.kill, (os.getpid(), signal.SIGKILL)).start()
+        return np.zeros(50_000_000)
+    return np.zeros(3)
+
+
+def test_a_result_that_is_half_sent_costs_a_retry(tmp_path: Path) -> None:
+    with pool(2) as workers:
+        ((_, found),) = workers.map(dies_while_it_answers, [tmp_path])
+    assert isinstance(found, np.ndarray)
+
+
+# Results from strangers.
+
+
+def soft_link(file: h5py.File, folder: Path) -> None:
+    file["a/omega2"] = h5py.SoftLink("/b/omega")
+
+
+def external_link(file: h5py.File, folder: Path) -> None:
+    file["a/omega2"] = h5py.ExternalLink("other.h5", "/x")
+
+
+def external_storage(file: h5py.File, folder: Path) -> None:
+    (folder / "secret").write_bytes(bytes(800))
+    file["a"].create_dataset("other", (100,), "f8", external=[(str(folder / "secret"), 0, 800)])
+
+
+def virtual(file: h5py.File, folder: Path) -> None:
+    layout = h5py.VirtualLayout((41, 3), "f8")
+    layout[:] = h5py.VirtualSource(str(folder / "right.h5"), "b/omega", (41, 3))
+    file["a"].create_virtual_dataset("other", layout)
+
+
+def cycle(file: h5py.File, folder: Path) -> None:
+    file["a/self"] = file["a"]
+
+
+def never_written(file: h5py.File, folder: Path) -> None:
+    file["a"].create_dataset("other", (10**9,), "f8", chunks=(1000,))
+
+
+@pytest.mark.parametrize(
+    "how", [soft_link, external_link, external_storage, virtual, cycle, never_written]
+)
+def test_a_case_that_is_more_than_plain_datasets_is_refused(
+    result: Path, how: Callable[[h5py.File, Path], None]
+) -> None:
+    with h5py.File(result, "r+") as file:
+        how(file, result.parent)
+    for sealed in (False, True):
+        if sealed:  # a seal is no signature: a stranger can put one there too
+            with open(result, "r+b", buffering=0) as raw:
+                integrity.seal(raw)  # type: ignore[arg-type]
+        done = hodo("plot", result, "--format", "csv", "--out", result.parent / "figures")
+        assert done.exit_code in (1, 2)
+        assert "a is damaged (" in done.stderr
+        assert not (result.parent / "figures" / "x" / "both.csv").exists()
+        labelled = hodo("classify", result)
+        assert labelled.exit_code == 1
+        assert "a is damaged (" in labelled.stderr
+
+
+def test_a_pipe_is_no_result(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "x.h5")
+    done = hodo("show", tmp_path / "x.h5")
+    assert (done.exit_code, done.stderr) == (
+        2,
+        f"{tmp_path / 'x.h5'} is a pipe or a device, not a file\n",
+    )
+
+
+# Names, modes and races.
+
+
+def test_a_result_behind_a_link_stays_there_and_keeps_its_mode(result: Path) -> None:
+    (result.parent / "real").mkdir()
+    real = result.rename(result.parent / "real" / "data.h5")
+    result.symlink_to(real)
+    real.chmod(0o600)
+    done = hodo("run", result.with_suffix(".yaml"), "--out", result.parent, "--force")
+    assert done.exit_code == 0
+    assert result.is_symlink()
+    assert real.stat().st_mode & 0o777 == 0o600
+    assert os.listdir(real.parent) == ["data.h5"]
+
+
+def test_a_read_only_result_is_replaced_by_force_alone(result: Path) -> None:
+    config = result.with_suffix(".yaml")
+    result.chmod(0o444)
+    config.write_text(CONFIG.replace("0.05, 0.04, 0.03", "0.05, 0.04, 0.02"))
+    done = hodo("run", config, "--out", result.parent)
+    assert done.exit_code == 2
+    assert "is read-only (mode 444)" in done.stderr
+    assert hodo("run", config, "--out", result.parent, "--force").exit_code == 0
+    assert result.stat().st_mode & 0o777 == 0o444
+
+
+def test_verdicts_on_motions_that_are_gone_are_not_stored(result: Path) -> None:
+    config = result.with_suffix(".yaml")
+    verdicts = Group({"by": "test"}, {})
+    with update(result) as changes:
+        changes.write("_claims", verdicts)
+        config.write_text(CONFIG.replace("0.05, 0.04, 0.03", "0.05, 0.04, 0.02"))
+        assert hodo("run", config, "--out", result.parent).exit_code == 0
+    with open_run(result) as run:
+        assert "_claims" not in run
+
+
+def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "f.csv"
+    path.write_text("old")
+    with pytest.raises(BatchError, match="no space left"), replacing(path) as draft:  # noqa: PT012
+        draft.write_text("half")
+        raise OSError(28, "No space left on device")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["f.csv"]
+
+
+# Limits.
+
+
+def test_the_history_does_not_grow_without_bound(result: Path) -> None:
+    with open_run(result) as run:
+        history = str(run.attributes["history"])
+        for i in range(300):
+            run.attributes["history"] = history
+            history = writer.longer(run, f"line {i}")
+    assert len(history.splitlines()) == writer.MOST_LINES
+    assert history.splitlines()[-1] == "line 299"
+
+
+def test_what_does_not_fit_on_the_disk_is_refused(tmp_path: Path) -> None:
+    text = CONFIG.replace("linspace: [0.01, 0.05, 300]}}", "linspace: [0.01, 0.05, 999999999]}}")
+    (tmp_path / "x.yaml").write_text(text)
+    done = hodo("run", tmp_path / "x.yaml", "--out", tmp_path)
+    assert done.exit_code == 2
+    assert "on the disk of" in done.stderr
+
+
+def test_max_seconds_holds_for_the_closed_form(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(
+        "cases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.01, method: exact, "
+        "max_seconds: 1e-9, initial: {p: 1, q: 1, r: 1}, time: {end: 9, samples: 999999}}}"
+    )
+    done = hodo("run", tmp_path / "x.yaml", "--out", tmp_path)
+    assert done.exit_code == 1
+    assert "a: timeout: max_seconds: stopped after 1e-09 s" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("p: 0.8", "p: 1e-400", "1e-400"),
+        ("cases: [a, b]}", "cases: []}", "figures.both.cases: names no case"),
+        ("cases: [a], ", "cases: [a], over: {damping.0: {linspace: [1, 2, 200000]}}, ", "100,000"),
+    ],
+)
+def test_what_a_case_file_cannot_mean(old: str, new: str, message: str) -> None:
+    with pytest.raises(HodoError, match=message):
+        parse(CONFIG.replace(old, new), "x")
+
+
+def test_a_thousand_wrong_names_show_the_first_twenty_at_once() -> None:
+    cases = "".join(f"  name{i}: {{damping: 1}}\n" for i in range(1000))
+    head = CONFIG.partition("cases:\n")[0]
+    figure = f"figures: {{f: {{kind: hodograph, cases: [{', '.join(f'nane{i}' for i in range(1000))}]}}}}"
+    began = time.process_time()
+    with pytest.raises(HodoError) as caught:
+        parse(f"{head}cases:\n{cases}{figure}", "x")
+    assert time.process_time() - began < 2  # and 16 s when every name was compared with every name
+    lines = str(caught.value).splitlines()
+    assert len(lines) < 25
+    assert "did you mean 'name0'?" in lines[0]
+
+
+def test_a_fingerprint_is_that_of_every_process() -> None:
+    case = parse(CONFIG, "x").cases["a"]
+    with pool(2) as workers:
+        ((_, theirs),) = workers.map(fingerprint, [case])
+    assert theirs == fingerprint(case)
