@@ -69,12 +69,12 @@ QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
 SEVERAL = Key(ListOf(QUANTITY), "quantities over time")
 
-AXES = {
+ENCLOSED_AXES = {
     "start": Key(AXIS, "axis enclosed at the start", default=None),
     "end": Key(AXIS, "axis enclosed at the end", default=None),
 }
 
-CROSSINGS = {
+CROSSINGS_CHECK = {
     "least": Key(Integer(least=0), "the fewest crossings", default=0),
     "most": Key(Integer(least=0), "the most crossings", default=None),
     "from": Key(AXIS, "axis that every crossing leaves", default=None),
@@ -112,7 +112,7 @@ ORDER = {
     "by": Key(Integer(least=2), "group size (default: all cases in one group)", default=None),
 }
 
-CONSERVED = {
+CONSERVED_CHECK = {
     "of": SEVERAL,
     "within": Key(Number(least=0), "change allowed, relative to the largest value", default=1e-12),
 }
@@ -146,13 +146,13 @@ PAPER = {
 }
 
 CHECK_KINDS: dict[str, dict[str, Key]] = {
-    "axis": AXES,
-    "crossings": CROSSINGS,
+    "axis": ENCLOSED_AXES,
+    "crossings": CROSSINGS_CHECK,
     "value": VALUE,
     "bound": BOUND,
     "monotone": MONOTONE,
     "order": ORDER,
-    "conserved": CONSERVED,
+    "conserved": CONSERVED_CHECK,
     "average": AVERAGE,
     "paper": PAPER,
 }
@@ -205,7 +205,7 @@ CLAIM = {
 }
 """The keys of a claim."""
 
-ERRATUM = {
+ERRATUM_KEYS = {
     "id": ID,
     "where": Key(Text(), "section, figure or equation of the text"),
     "printed": Key(Text(), "what is printed"),
@@ -243,7 +243,7 @@ def cross_check(
     case cannot make. A case with mistakes of its own is None.
     """
     known: list[str] = []
-    for at, erratum in _entries(errata, ERRATUM):
+    for at, erratum in _entries(errata, ERRATUM_KEYS):
         yield from _within(("errata", at), _check_id(erratum, known))
         yield from _within(("errata", at), _check_cases(erratum.get("cases", ()), cases))
     seen: list[str] = []

@@ -103,7 +103,7 @@ SECTIONS = {
         ListOf(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()
     ),
     "errata": Key(
-        ListOf(Table(claim_block.ERRATUM)),
+        ListOf(Table(claim_block.ERRATUM_KEYS)),
         "misprints of the source, each with a check of it and of its correction",
         default=(),
     ),
