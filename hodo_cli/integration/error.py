@@ -90,6 +90,8 @@ def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, f
         end = float(reference.time[-1])
         errors["time"] = abs(path.time[-1] - end) / max(end - case.time.start, math.ulp(end))
     rows = np.r_[0 : n - 1, -1] if errors else np.arange(n)
+    if passed := passages_apart(path, reference):
+        errors["event_time"] = passed
     state, k = path.state[rows].astype(float), attributes(system.constants)
     ours = system.output(path.time[rows], state, k)
     k = attributes(system.constants, np.longdouble)
@@ -116,3 +118,11 @@ def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, f
         relative = np.divide(off, scale, out=off.copy(), where=scale > 0)
         errors[name] = float(np.max(relative, initial=0))
     return errors
+
+
+def passages_apart(path: Path, reference: Path) -> float:
+    """The largest relative difference of the times at which two motions pass on through an event."""
+    ours, theirs = ([e.time for e in each.events if e.details] for each in (path, reference))
+    if len(ours) != len(theirs):
+        return math.inf
+    return max((abs(a - b) / abs(b) for a, b in zip(ours, theirs, strict=True)), default=0.0)

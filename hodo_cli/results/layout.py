@@ -133,6 +133,8 @@ EVENTS = {
 """What is stored of each event of the motion: the field of `Occurrence` that it holds, and how."""
 
 EVENT_DETAILS = {
+    "from": Stored("axis enclosed before the passage", ("event",)),
+    "to": Stored("axis enclosed after the passage, 0 where the motion ends", ("event",)),
     "momentum": Stored("|G| at the passage", ("event",)),
     "frequency": Stored("frequency n of the turns at the passage", ("event",)),
     "scatter": Stored("rms of the true time about the averaged one, over phases", ("event",)),
@@ -199,6 +201,8 @@ def case_variables(
     if events:
         stored |= columns_of(EVENTS, events) | event_details(events)
         stored["event_time"].attrs["units"] = time_as.units
+    if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
+        stored |= columns_of(CROSSINGS, passages(events, errors.get("event_time", math.nan)))
     return stored
 
 
@@ -217,6 +221,22 @@ def columns_of(
         name: stored.holding([getattr(item, field) for item in items])
         for name, (field, stored) in table.items()
     }
+
+
+def passages(events: Sequence[Occurrence], error: float) -> list[Crossing]:
+    """The events of an averaged motion that take it to another axis, as crossings; `error` is that
+    of their times, relative to them."""
+    return [
+        Crossing(
+            event.time,
+            int(event.details["from"]),
+            int(event.details["to"]),
+            event.details["momentum"],
+            error * abs(event.time),
+        )
+        for event in events
+        if event.details.get("from", 0) != event.details.get("to", 0)
+    ]
 
 
 def event_details(events: Sequence[Occurrence]) -> dict[str, Variable]:

@@ -257,8 +257,16 @@ def _momentum(m: Motion) -> np.ndarray:
     if "omega" in m.data:
         # hypot scales by itself; the square of 1e-170 is 0.
         return np.asarray(np.hypot.reduce(m.G, axis=-1))
+    if "momentum" in m.data:
+        return m.stored("momentum")
     x, y = m.stored("x"), m.stored("y")
     return np.asarray(np.sqrt(m.inertia[0] ** 2 * x + m.inertia[2] ** 2 * y))
+
+
+def _energy(m: Motion) -> np.ndarray:
+    if "kinetic_energy" in m.data:
+        return m.stored("kinetic_energy")
+    return rigid_body.kinetic_energy(m.inertia, m.omega)
 
 
 def _separatrix(m: Motion) -> np.ndarray:
@@ -294,7 +302,8 @@ QUANTITIES: dict[str, Derive] = {
     "r": _stored_or("r", lambda omega: omega[:, 2]),
     "G": _momentum,
     "G2": lambda m: np.asarray((m.G * m.G).sum(axis=-1)),
-    "T": lambda m: rigid_body.kinetic_energy(m.inertia, m.omega),
+    "T": _energy,
+    "J": lambda m: m.stored("J") if "J" in m.data else np.asarray(m["G"] ** 2 / (2 * m["T"])),
     "D": _separatrix,
     "D/2T": _separatrix_ratio,
     "x1_direction": lambda m: np.abs(m.inertia[0] * m["p"]) / m["G"],

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from ..base import Constants, Event, Passed
-from .forms import EDGE, AveragedTurns, either, stored_elements, turning_constants, with_part
+from .forms import (
+    EDGE,
+    AveragedTurns,
+    axes_of,
+    either,
+    stored_elements,
+    turning_constants,
+    with_part,
+)
 from .free_turn import LANDEN, Body, Slow, frequency
 from .means import linear_rates, turn_means
 from .passage import outcome, time_in_band
@@ -61,7 +69,8 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     new_phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
     heavy, light = (k.a, k.c) if side > 0 else (k.c, k.a)
     square = (heavy * math.exp(float(E)) + light * math.exp(float(O))) / (k.a - k.c)
-    details = {"momentum": math.sqrt(float(square)), "frequency": n, "scatter": foreseen.scatter}
+    details = axes_of(k, int(side), -int(side))
+    details |= {"momentum": math.sqrt(float(square)), "frequency": n, "scatter": foreseen.scatter}
     if k.mean:
         details |= foreseen.details
     state = new_E, new_O, 0 * turned + scale * new_phase, -side

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..base import Passed
 from .capture import Region, capture_shares
-from .forms import EDGE, either, stored_elements, with_part
+from .forms import EDGE, axes_of, either, stored_elements, with_part
 from .free_turn import Body, Slow, amplitude, frequency
 from .means import fluid_loss, fluid_weights, turn_means
 from .passage import outcome, time_in_band
@@ -114,7 +114,7 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     time, phase = float(t) + seconds, sense * float(y[2] / k.scale) - math.pi / 2 * n * u / du
     # |G| there is sqrt(2 T b), and 2T = (E + O)/(a - c).
     momentum = float(k.unit) * math.sqrt(float(k.b) * (g * g + f * f) / float(k.a - k.c))
-    details = {"momentum": momentum, "frequency": n}
+    details = axes_of(k, side, 0) | {"momentum": momentum, "frequency": n}
     place = lag = 0.0
     if k.branch == FREE:
         foreseen = outcome(-du, n, phase, time, -du)
@@ -127,6 +127,7 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
         if not (chosen := branch(k.branch, shares, (side, sense))):
             return Passed(time, details)
         region = chosen
+    details |= axes_of(k, side, region[0])
     onward, state = behind(k, region, side, at, n, place)
     turned = 0 * y[2] + state[2] * k.scale
     return Passed(

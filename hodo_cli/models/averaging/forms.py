@@ -71,6 +71,12 @@ def with_part(mean: Any, part: Any) -> Any:
     return mean * np.exp(np.clip(np.nan_to_num(part), -1, 1))
 
 
+def axes_of(k: Any, before: int, after: int) -> dict[str, float]:
+    """The body axes of the sides that a passage leaves and enters; 0 if it enters none."""
+    named = {1: float(k.largest), -1: float(k.smallest), 0: 0.0}
+    return {"from": named[before], "to": named[after]}
+
+
 def turning_constants(body: Body) -> dict[str, float]:
     """The constants that every averaged form has: the body, and n/sqrt(E) on either side."""
     volume = body.a * body.b * body.c
