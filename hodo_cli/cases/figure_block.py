@@ -88,6 +88,11 @@ SERIES = {
     "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),
     "span": Key(Vector(2), "part of the time axis to draw (default: all)", "time", None),
     "level": Key(Number(), "draws a horizontal line at this value", default=None),
+    "passages": Key(
+        Choice("yes", "no"),
+        "mark crossings, and the true ones that an averaged motion predicts",
+        default="no",
+    ),
     "insets": Key(ListOf(INSET), "enlargements inside panels", default=()),
 }
 
@@ -125,6 +130,14 @@ MAP = {
     "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
 }
 
+GROUPS = {
+    "groups": Key(ListOf(Integer(least=1)), "how many of the cases make up each line"),
+    "small": Key(ListOf(Number(above=0)), "the small parameter of each case"),
+    "parameter": Key(Text(), "symbol of the small parameter, in TeX", default=r"\varepsilon"),
+}
+
+ORDER = GROUPS | {"against": Key(NAMES, "the case that each of the cases is compared with")}
+
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "hodograph": MOST_FIGURES | HODOGRAPH,
     "sphere": MOST_FIGURES | SPHERE,
@@ -134,4 +147,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "phase": MOST_FIGURES | PHASE,
     "invariants": MOST_FIGURES,
     "map": MAP,
+    "order": MOST_FIGURES | ORDER,
+    "cost": MOST_FIGURES | GROUPS,
+    "share": MOST_FIGURES,
 }

@@ -27,13 +27,13 @@ from ..cases.claim_block import (
 from ..results.hdf5 import Run
 from ..results.motion import Motion, motion_of
 from ..schema.kinds import unknown
-from . import paper1, paper2, paper3
+from . import averaging, paper1, paper2, paper3
 from .checks import KINDS, averages
 from .finding import PLOTTING_ACCURACY, Finding, Verdict, degree
 from .paper import CHECKS, TRENDS
 from .variations import Motions, members
 
-PAPERS = (paper1, paper2, paper3)
+PAPERS = (averaging, paper1, paper2, paper3)
 """The modules whose import fills `paper.CHECKS` and `paper.TRENDS`."""
 
 

@@ -10,10 +10,11 @@ from .. import HodoError
 from ..batch.memory import check_memory
 from ..cases.case import Case, parse_case
 from ..engines.protocol import Status
-from ..integration.classify import classify
+from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..results.hdf5 import Group
 from ..results.layout import RECORDED, label_group
+from ..results.motion import motion_of
 from ..results.provenance import stamp, typed
 from ..results.update import update
 
@@ -48,6 +49,9 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     case = parse_case(recorded["case"])
     if case.sweep:
         return None, tabulated(name, group)
+    if "enclosed_axis" in case.system.variables:  # labelled by its own integration
+        motion = motion_of(group.variables, group.attributes, name)
+        return None, row_of(name, Classification(motion.labels, motion.crossings))
     if remark := inapplicable(case, group):
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
     # Classifying may take five times the memory of integrating: labels and crossings are found in long
@@ -57,6 +61,11 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
     found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
+    return label_group(found), row_of(name, found)
+
+
+def row_of(name: str, found: Classification) -> dict[str, Any]:
+    """The line of a labelled motion in the table."""
     ends = [rigid_body.LABELS[int(label)] for label in found.labels[[0, -1]]]
     table = [
         {
@@ -68,7 +77,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         }
         for c in found.crossings
     ]
-    row = {
+    return {
         "case": name,
         "start": ends[0],
         "end": ends[1],
@@ -77,7 +86,6 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         "crossings": table,
         "warnings": list(found.warnings),
     }
-    return label_group(found), row
 
 
 def growth(rates: np.ndarray | None) -> dict[str, float]:

@@ -193,7 +193,10 @@ def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             times, values = motion.time[part], motion[name][part]
             sheet.record(group, motion.label, {"time": times, name: values})
             axes.plot(times, values, **style)
-            event_marks(axes, motion, name, spec["time"])
+            if spec["passages"] == "yes":
+                passage_marks(axes, motion, name, style)
+            else:
+                event_marks(axes, motion, name, spec["time"])
         axes.margins(x=0.02, y=0.08)
         axes.set_xlim(left=curves[0][0].time[0] if spec["span"] is None else spec["span"][0])
         if spec["level"] is not None:
@@ -247,6 +250,23 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
     for spare in grid[n:]:
         spare.remove()
     return list(grid[:n])
+
+
+def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any]) -> None:
+    """Mark the crossings of a motion on a curve, and where its averaging predicts the true ones,
+    with the scatter that it has without a prediction."""
+    values = motion[name]
+    for when in motion.crossing_time:
+        value = np.interp(when, motion.time, values)
+        axes.plot(when, value, **{**CROSSING, "mfc": style["color"]}, zorder=5)
+    if "event_predicted" not in motion.data:
+        return
+    predicted, scatter = motion.stored("event_predicted"), motion.stored("event_scatter")
+    for when, spread in zip(predicted, scatter, strict=True):
+        if not np.isfinite(when):
+            continue
+        value = np.interp(when, motion.time, values)
+        axes.errorbar(when, value, xerr=spread, fmt="x", ms=5, color=BLACK, lw=0.7, zorder=6)
 
 
 def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:

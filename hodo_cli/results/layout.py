@@ -235,7 +235,7 @@ def passages(events: Sequence[Occurrence], error: float) -> list[Crossing]:
             error * abs(event.time),
         )
         for event in events
-        if event.details.get("from", 0) != event.details.get("to", 0)
+        if event.details.get("to", 0) not in (0, event.details.get("from"))
     ]
 
 

@@ -61,7 +61,8 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     n = float(either(side, k.turns_a, k.turns_c)) * math.exp(float(E) / 2)
     phase, time = float(turned) / scale + math.pi / 2 * n * u / pull, float(t) + seconds
     foreseen = outcome(pull, n, phase, time, max(map(abs, lam)))
-    lag, place = (foreseen.lag, foreseen.place) if k.mean else (0.0, 0.0)
+    known = bool(k.mean) and math.isfinite(foreseen.place)
+    lag, place = (foreseen.lag, foreseen.place) if known else (0.0, 0.0)
     further, beyond = time_in_band(2 * u, pull), 2 * u / pull
     # Behind it E and O have changed their parts; the lag is spent near the middle axis, at l_m.
     linger = l_m * (further + lag)
@@ -128,7 +129,8 @@ class Damped(AveragedTurns):
             with np.errstate(divide="ignore", invalid="ignore"):  # nothing turns any more
                 slow = Slow(X, Y, side, gap, 1, turned / k.scale)
                 dE, dO = damped_part(body, (k.l1, k.l2, k.l3), slow)
-            E, O = with_part(E, dE), with_part(O, dO)
+            turns = frequency(body, square, side) / k.scale
+            E, O = with_part(E, dE, turns), with_part(O, dO, turns)
         return stored_elements(k, E, O, side, unit)
 
     @cached_property

@@ -120,7 +120,9 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
         foreseen = outcome(-du, n, phase, time, -du)
         region, details["scatter"] = (-side, foreseen.sense or 1), foreseen.scatter
         if k.mean:
-            place, lag, details = foreseen.place, foreseen.lag, details | foreseen.details
+            details |= foreseen.details
+        if k.mean and math.isfinite(foreseen.place):
+            place, lag = foreseen.place, foreseen.lag
     else:
         shares = capture_shares(drift_by_region(k, side, g, f), (side, sense))
         details["probability"] = shares[-side, 1] + shares[-side, -1]
@@ -194,5 +196,6 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
         slow = Slow(X, Y, side, (E - ratio * O) / E, sense, sense * turned / k.scale)
         dE, dO = fluid_part(k, slow)
         # `frequency` takes E in true units, where n is larger by `unit`.
-        E, O = with_part(E, dE / k.unit), with_part(O, dO / k.unit)
+        turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale
+        E, O = with_part(E, dE / k.unit, turns), with_part(O, dO / k.unit, turns)
     return stored_elements(k, E, O, side, k.unit)

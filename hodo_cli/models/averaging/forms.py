@@ -62,13 +62,13 @@ def stored_elements(k: Any, E: Any, O: Any, side: Any, unit: Any = 1.0) -> dict[
     }
 
 
-def with_part(mean: Any, part: Any) -> Any:
-    """Mean elements with their relative periodic part.
+def with_part(mean: Any, part: Any, turns: Any) -> Any:
+    """Mean elements with their relative periodic part, by exp, so that they stay positive.
 
-    By exp, and bounded: where averaging has long ceased to hold, of which a warning tells, the part
-    outgrows the element, and the sum of both would be no motion.
+    Where the motion does not turn faster than it decays there is no part to speak of, and its
+    formula would divide rounding by n. `turns` (n,) is n in units of the rate of decay.
     """
-    return mean * np.exp(np.clip(np.nan_to_num(part), -1, 1))
+    return mean * np.exp(np.where((turns > 1) & (np.abs(part) < 1), part, 0))
 
 
 def axes_of(k: Any, before: int, after: int) -> dict[str, float]:

@@ -187,8 +187,11 @@ def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Passage |
 def outcome(pull: float, n: float, phase: float, time: float, small: float) -> Foreseen:
     """What is foreseen of a passage at `time` t* with frequency n and phase there.
 
-    `small` is the rate of the perturbation, whose ratio to n is the parameter of averaging.
+    `small` is the rate of the perturbation, whose ratio to n is the parameter of averaging. Where
+    that is not below 1 there is nothing to foresee: nan, and no lag.
     """
+    if not small < n:  # the motion stops before it has turned: the half turns are not there
+        return Foreseen(math.nan, 0, math.nan, math.nan, 0.0)
     place = (phase / math.pi - 0.5) % 1.0
     reach = math.log(8 * n / pull)
     scatter = reach / math.sqrt(12) / n

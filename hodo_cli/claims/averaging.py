@@ -1,0 +1,101 @@
+"""Checks of averaging against full motions: of our own statements, which no paper makes.
+
+The motions come in pairs, an averaged one and the full one of the same case, the weaker resistance
+the later.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..results.motion import Motion
+from .finding import Finding, beyond, if_true, listed
+from .paper import check
+
+NEAR_CROSSING = 0.05
+"""The part of the time of a crossing, on either side of it, in which the order of the error is not
+asked for: the last turns before it and the first behind it are right to first order."""
+
+ORDER_WITHIN = 0.15
+"""By how much a fitted order may fall short: what samples miss of the largest error."""
+
+
+def pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
+    """Averaged and full motion, pair by pair."""
+    return list(zip(motions[::2], motions[1::2], strict=True))
+
+
+def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
+    """The largest relative distance of T and G^2, but for that part of a crossing's time about
+    it."""
+    seen = np.ones(len(full.time), dtype=bool)
+    for when in full.crossing_time if margin else ():
+        seen &= np.abs(full.time - when) > margin * when
+    energy = np.abs(averaged["T"] / full["T"] - 1)[seen]
+    square = np.abs((averaged["G"] / full["G"]) ** 2 - 1)[seen]
+    return float(max(energy.max(), square.max()))
+
+
+def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.0) -> Finding:
+    """The order of the distance in the size of the resistance, against one expected at least."""
+    small = [max(full.case.data["damping"]) for _, full in pairs(motions)]
+    errors = [distance(averaged, full, margin) for averaged, full in pairs(motions)]
+    slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
+    words = f"order {slope:.3f}, from distances {listed(errors)}"
+    return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words)
+
+
+@check
+def first_order(motions: Sequence[Motion]) -> Finding:
+    """Averaged motions are as near to the full ones as the first order makes them, and no nearer."""
+    found = order_finding(motions, 1)
+    return Finding(
+        max(found.deviation, if_true(found.number < 1 + ORDER_WITHIN)), found.number, found.words
+    )
+
+
+@check
+def second_order(motions: Sequence[Motion]) -> Finding:
+    """They are as near as the second order makes them."""
+    return order_finding(motions, 2)
+
+
+@check
+def second_order_away_from_crossings(motions: Sequence[Motion]) -> Finding:
+    """So they are before a crossing and behind it."""
+    return order_finding(motions, 2, NEAR_CROSSING)
+
+
+@check
+def predicted_crossing(motions: Sequence[Motion]) -> Finding:
+    """The error of the predicted crossing, in radians n |t - predicted|, falls from pair to pair,
+    and is below that of the averaged one."""
+    missed, averaged_missed = [], []
+    for averaged, full in pairs(motions):
+        n, when = averaged.stored("event_frequency")[0], full.crossing_time[0]
+        missed.append(float(n * abs(averaged.stored("event_predicted")[0] - when)))
+        averaged_missed.append(float(n * abs(averaged.crossing_time[0] - when)))
+    right = all(a < b for a, b in zip(missed[1:], missed, strict=False))
+    right &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
+    words = f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}"
+    return Finding(if_true(right), missed[-1], words)
+
+
+@check
+def predicted_sense(motions: Sequence[Motion]) -> Finding:
+    """The sense of rotation about the new axis is that predicted."""
+    right = 0
+    for averaged, full in pairs(motions):
+        seen = np.sign(full.omega[-1, full.labels[-1] - 1])
+        right += bool(seen == averaged.stored("event_sense")[0])
+    count = len(motions) // 2
+    return Finding(if_true(right == count), float(right), f"{right} of {count} as predicted")
+
+
+@check
+def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
+    """The steps of motions are the same to a tenth, whatever the size of their resistance."""
+    steps = [int(m.attrs["steps"]) for m in motions]
+    return Finding(
+        if_true(max(steps) <= 1.1 * min(steps)), float(max(steps)), f"steps {listed(steps)}"
+    )

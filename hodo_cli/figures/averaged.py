@@ -1,0 +1,138 @@
+"""Figures of averaging: its error and its cost against the small parameter, and how many starts
+cross the separatrix by a time."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from .. import HodoError
+from ..models.averaging.free_turn import Body
+from ..models.averaging.passage import crossing_time, farthest_that_crosses, share_beyond
+from ..results.dataset import Results
+from ..results.motion import Motion
+from ..sweeps.swept import Swept
+from .artists import COLUMN, PAGE, case_handles, legend, styles
+from .sheet import Sheet
+
+FARTHEST_DRAWN = 60.0
+"""The u from which a closed form of shares is drawn: 1e-26 of the starts are farther."""
+
+MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
+"""How shares that are counted look, on the line of those that are calculated."""
+
+
+def order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """The largest relative distance of T and G^2 between two forms of a motion, against the small
+    parameter, with the order of each group as the slope of its fit."""
+    against = [results.motion(name) for name in spec["against"]]
+    if len(against) != len(spec["cases"]):
+        raise HodoError("`against` wants one case for each of `cases`, in their order")
+    sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
+    axes, names = sheet.figure.subplots(), []
+    for label, small, motions in groups(spec, results):
+        errors = np.array([apart(m, against.pop(0)) for m in motions])
+        slope, start = np.polyfit(np.log(small), np.log(errors), 1)
+        names.append(f"{label}, order {slope:.2f}")
+        style = styles(len(names))[-1]
+        axes.loglog(small, errors, marker="o", ms=3, color=style["color"], ls="")
+        axes.loglog(small, np.exp(start) * small**slope, **style)
+        sheet.record("error", label, small=small, error=errors)
+    axes.set(xlabel=f"${spec['parameter']}$", ylabel="largest relative error of $T$ and $G^2$")
+    legend(sheet, case_handles(names), 1)
+
+
+def groups(
+    spec: Mapping[str, Any], results: Results
+) -> Iterator[tuple[str, np.ndarray, list[Motion]]]:
+    """Label, small parameters (n,) and motions of each group of a figure's cases.
+
+    Raises HodoError unless the groups and the parameters have as many entries as there are cases.
+    """
+    motions = [results.motion(name) for name in spec["cases"]]
+    if not sum(spec["groups"]) == len(spec["small"]) == len(motions):
+        raise HodoError("`groups` wants sizes that add up to the cases, `small` a number for each")
+    ends = np.cumsum(spec["groups"])
+    for i, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
+        label = spec["labels"][i] if i < len(spec["labels"]) else motions[begin].name
+        yield label, np.array(spec["small"][begin:end]), motions[begin:end]
+
+
+def apart(motion: Motion, other: Motion) -> float:
+    """The largest relative distance of T and of G^2 between two motions at the same times."""
+    if not np.array_equal(motion.time, other.time):
+        raise HodoError(f"cases {motion.name} and {other.name} are not stored at the same times")
+    return max(
+        float(np.abs(motion["T"] / other["T"] - 1).max()),
+        float(np.abs((motion["G"] / other["G"]) ** 2 - 1).max()),
+    )
+
+
+def cost(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """Steps and run time of groups of cases against the small parameter."""
+    sheet.figure.set_size_inches(PAGE, 0.42 * PAGE)
+    steps, seconds = sheet.figure.subplots(1, 2)
+    names = []
+    for label, small, motions in groups(spec, results):
+        names.append(label)
+        style = styles(len(names))[-1]
+        taken = {what: np.array([m.attrs[what] for m in motions]) for what in ("steps", "run_time")}
+        for axes, values in zip((steps, seconds), taken.values(), strict=True):
+            axes.loglog(small, values, marker="o", ms=3, **style)
+        sheet.record("cost", label, small=small, **taken)
+    for axes, what in ((steps, "steps"), (seconds, "run time, s")):
+        axes.set(xlabel=f"${spec['parameter']}$", ylabel=what)
+    legend(sheet, case_handles(names), len(names))
+
+
+def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """The share of starts that have crossed the separatrix by a time: the averaged closed form as
+    lines, the starts of a sweep of full motions as points."""
+    swept = Swept.of(spec["cases"][0], results.cases)
+    body, sphere = swept.body(), swept.sphere()
+    if body is None or not sphere or "crossing_time" not in swept.data or len(swept.axes) != 2:
+        raise HodoError(
+            "a figure of shares wants a sweep of one body with a sphere of starts, another axis, "
+            "and crossing_time stored"
+        )
+    other = next(name for name in swept.axes if name != sphere)
+    end = swept.case.time.end
+    sheet.figure.set_size_inches(COLUMN, 0.95 * COLUMN)
+    axes, names = sheet.figure.subplots(), []
+    line, points = np.linspace(0, end, 101), np.linspace(0, end, 11)
+    found = swept.data["crossing_time"].transpose(other, sphere).values
+    for i, times in enumerate(found):
+        lam = damping_of(swept, other, i)
+        names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
+        style = styles(len(names))[-1]
+        foreseen = shares_by(Body.of(body.tolist()), lam, line)
+        counted = np.array([np.mean(times <= t) for t in points])
+        axes.plot(line, foreseen, **style)
+        axes.plot(points, counted, mec=style["color"], **MONTE_CARLO)
+        sheet.record("averaged", names[-1], time=line, share=foreseen)
+        sheet.record("full", names[-1], time=points, share=counted)
+    axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
+    axes.margins(x=0)
+    legend(sheet, case_handles(names), 2)
+
+
+def damping_of(swept: Swept, axis: str, i: int) -> list[float]:
+    """lambda_1, lambda_2, lambda_3 at a position of an axis."""
+    lam = list(swept.case.data["damping"])
+    for (path, _), values in zip(swept.axis(axis).ranges, swept.axis(axis).values, strict=True):
+        if path[0] == "damping":
+            lam[int(path[1])] = float(values[i])
+    return lam
+
+
+def shares_by(body: Body, damping: list[float], times: np.ndarray) -> np.ndarray:
+    """The share (n,) of starts, uniform in the direction of G, that cross by the times (n,)."""
+    lam = [damping[axis] for axis in body.order]
+    side = 1 if lam[0] > lam[2] else -1
+    most = min(farthest_that_crosses(lam, side), FARTHEST_DRAWN)
+    if not most:
+        return np.zeros_like(times)
+    u = most * np.linspace(0, 1, 401)[1:-1] ** 3
+    reached = np.interp(times, crossing_time(lam, side, u), u, left=0.0, right=most)
+    all_of_it = share_beyond(body, side, 0.0)
+    return np.array([all_of_it - share_beyond(body, side, value) for value in reached])
