@@ -100,7 +100,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     sheet.figure.set_size_inches(COLUMN, 0.95 * COLUMN)
     axes, names = sheet.figure.subplots(), []
     line, points = np.linspace(0, end, 101), np.linspace(0, end, 11)
-    found = swept.data["crossing_time"].transpose(other, sphere).values
+    found = swept.values("crossing_time", [other, sphere], {})
     for i, times in enumerate(found):
         lam = damping_of(swept, other, i)
         names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
