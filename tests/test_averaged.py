@@ -19,7 +19,7 @@ from hodo_cli.integration.solve import solve, stored
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging.capture import capture_shares
 from hodo_cli.models.averaging.fluid import drift_by_region, fluid_constants, fluid_part
-from hodo_cli.models.averaging.free_turn import Body, free_motion_by_phase, slow_variables
+from hodo_cli.models.averaging.free_turn import Body, free_motion_by_phase, slow_elements
 from hodo_cli.models.averaging.quadrature import periodic_part
 from hodo_cli.models.cavity import fluid_torque
 from hodo_cli.models.cavity_averaged import AveragedTriaxial
@@ -121,7 +121,7 @@ def test_figure_4_from_its_raw_start(method: str) -> None:
     assert motion.variables["enclosed_axis"].tolist() == [1] * 4 + [3] * 7
     (passage,) = motion.events
     assert passage.time == pytest.approx(304.02105312940017, rel=CLOSE)
-    assert set(passage.details) == {"momentum", "frequency", "scatter"}
+    assert set(passage.details) == {"from", "to", "momentum", "frequency", "scatter"}
     assert motion.error < CLOSE
 
 
@@ -200,7 +200,7 @@ def test_senses_after_the_passage_are_foreseen() -> None:
     phases = np.arange(40) * 2 * np.pi / 40
     right = wrong = 0
     for lam in ((5e-4, 4e-4, 3e-4), (5e-4, 4e-4, 2e-4), (4e-4, 4e-4, 2e-4), (5e-4, 4.5e-4, 3e-4)):
-        slow = slow_variables(BODY, tuple(FIG4.values()))
+        slow = slow_elements(BODY, tuple(FIG4.values()))
         for phase in phases:
             p, q, r = BODY.unsort(free_motion_by_phase(BODY, slow, phase)).tolist()
             one = case(
@@ -250,7 +250,7 @@ def test_the_periodic_part_of_the_fluid_is_that_of_its_quadrature() -> None:
         return np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), axis=-1)
 
     for start in ((0.5, 0.25, 1.4), (0.8, 0.5, 0.74), (-0.8, -0.3, 0.5)):
-        slow = slow_variables(BODY, start)
+        slow = slow_elements(BODY, start)
         k = cavity(kappa=1, initial=dict(zip("pqr", start, strict=True))).system.constants
         unit = k["unit"]
         assert isinstance(unit, float)
@@ -311,7 +311,7 @@ def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio:
     """Drawn are phases, and sizes of all torques together: the periodic part ties the phase of the
     passage to that of the start, and phases alone would not be spread evenly."""
     count, draw = 120, np.random.default_rng(1)
-    start = slow_variables(BODY, tuple(FIG4.values()))
+    start = slow_elements(BODY, tuple(FIG4.values()))
     passage = integrate(chance(kappa=kappa, torque=[-1e-3, 0, -1e-3 * ratio])).events[0]
     some, captured = full(chance()), 0
     for size, phase in zip(

@@ -12,8 +12,8 @@ from hodo_cli.models.averaging.free_turn import (
     Body,
     Slow,
     free_motion_by_phase,
-    frequency,
-    slow_variables,
+    slow_elements,
+    turn_frequency,
 )
 from hodo_cli.models.averaging.means import fluid_loss, fluid_weights, shape_rate, turn_means
 from hodo_cli.models.averaging.passage import (
@@ -81,7 +81,7 @@ def test_shape_rates() -> None:
 
 
 def test_slow_variables_and_their_periodic_part() -> None:
-    slow = slow_variables(BODY, FIG4)
+    slow = slow_elements(BODY, FIG4)
     assert [slow.X, slow.Y, shape_distance(slow.gap), 1 - slow.gap] == pytest.approx(
         [0.296, 0.171424, 0.54621943462551054, 0.57913513513513514], rel=1e-15
     )
@@ -90,7 +90,7 @@ def test_slow_variables_and_their_periodic_part() -> None:
     series = periodic_part(BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow)
     for whole, value, part in zip(series, slow[:2], closed, strict=True):
         assert whole / value == pytest.approx(part, rel=1e-12)
-    assert shape_distance(slow_variables(BODY, FIG12).gap) == pytest.approx(
+    assert shape_distance(slow_elements(BODY, FIG12).gap) == pytest.approx(
         1.4802261809540898, rel=1e-15
     )
 
@@ -103,13 +103,15 @@ def test_slow_variables_and_their_periodic_part() -> None:
 )
 def test_a_motion_is_what_its_slow_variables_and_phase_say(inertia: Triple, omega: Triple) -> None:
     body = Body.of(inertia)
-    slow = slow_variables(body, omega)
+    slow = slow_elements(body, omega)
     back = [
         body.unsort(free_motion_by_phase(body, slow, slow.phase + step))
         for step in (0, -1e-6, 1e-6)
     ]
     assert back[0] == pytest.approx(omega, rel=1e-14)
-    turning = frequency(body, slow.pair[0], slow.side) * turn_means(1 - slow.gap, slow.gap).pace
+    turning = (
+        turn_frequency(body, slow.pair[0], slow.side) * turn_means(1 - slow.gap, slow.gap).pace
+    )
     (A1, A2, A3), (p, q, r) = inertia, omega
     euler = [(A2 - A3) / A1 * q * r, (A3 - A1) / A2 * p * r, (A1 - A2) / A3 * p * q]
     assert (back[2] - back[1]) / 2e-6 * turning == pytest.approx(euler, rel=1e-7, abs=1e-9)
@@ -200,14 +202,14 @@ def test_crossing_times_of_the_table(m: float) -> None:
     ],
 )
 def test_crossing_times_of_the_paper(lam: Triple, omega: Triple, time: float) -> None:
-    slow = slow_variables(BODY, omega)
+    slow = slow_elements(BODY, omega)
     assert float(crossing_time(lam, slow.side, shape_distance(slow.gap))) == pytest.approx(
         time, rel=2e-15
     )
 
 
 def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
-    u = shape_distance(slow_variables(BODY, FIG4).gap)
+    u = shape_distance(slow_elements(BODY, FIG4).gap)
     assert crossing_time((0.003, 0.004, 0.005), 1, u) == math.inf
     assert crossing_time((0.005, 0.004, 0.005), 1, u) == math.inf
     threshold = resting_shape((0.004, 0.006, 0.003))
@@ -240,7 +242,7 @@ def test_the_predictions_for_the_family_of_figure_4(
     factor: float, mean: float, predicted: float, place: float, sense: int
 ) -> None:
     lam = [factor * x for x in LAM4]
-    found = predicted_passage(BODY, lam, mean_elements(lam, slow_variables(BODY, FIG4)))
+    found = predicted_passage(BODY, lam, mean_elements(lam, slow_elements(BODY, FIG4)))
     foreseen = found.foreseen
     assert (found.time, foreseen.predicted, foreseen.place, foreseen.sense) == pytest.approx(
         (mean, predicted, place, sense), rel=2e-11, abs=5e-6
@@ -249,7 +251,7 @@ def test_the_predictions_for_the_family_of_figure_4(
 
 def test_a_sense_is_undetermined_where_s_is_near_a_whole_number() -> None:
     lam = (0.009, 0.004, 0.007)
-    found = predicted_passage(BODY, lam, mean_elements(lam, slow_variables(BODY, FIG4)))
+    found = predicted_passage(BODY, lam, mean_elements(lam, slow_elements(BODY, FIG4)))
     assert found.foreseen.place == pytest.approx(0.987, abs=5e-4)
     assert found.foreseen.sense == 0
 

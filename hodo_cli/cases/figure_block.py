@@ -136,7 +136,7 @@ GROUPS = {
     "parameter": Key(Text(), "symbol of the small parameter, in TeX", default=r"\varepsilon"),
 }
 
-ORDER = GROUPS | {"against": Key(NAMES, "the case that each of the cases is compared with")}
+ERROR_ORDER = GROUPS | {"against": Key(NAMES, "the case that each of the cases is compared with")}
 
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "hodograph": MOST_FIGURES | HODOGRAPH,
@@ -147,7 +147,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "phase": MOST_FIGURES | PHASE,
     "invariants": MOST_FIGURES,
     "map": MAP,
-    "order": MOST_FIGURES | ORDER,
+    "order": MOST_FIGURES | ERROR_ORDER,
     "cost": MOST_FIGURES | GROUPS,
     "share": MOST_FIGURES,
 }

@@ -12,7 +12,7 @@ import matplotlib.style
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..results.dataset import Results
-from .averaged import cost, order, share
+from .averaged import cost, error_order, share
 from .maps import sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, series
 from .sheet import STYLE, Drawing, Sheet, check_tex
@@ -27,7 +27,7 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
     "phase": phase,
     "invariants": invariants,
     "map": sweep_map,
-    "order": order,
+    "order": error_order,
     "cost": cost,
     "share": share,
 }

@@ -22,7 +22,7 @@ MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white
 """How shares that are counted look, on the line of those that are calculated."""
 
 
-def order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """The largest relative distance of T and G^2 between two forms of a motion, against the small
     parameter, with the order of each group as the slope of its fit."""
     against = [results.motion(name) for name in spec["against"]]
@@ -31,7 +31,7 @@ def order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
     axes, names = sheet.figure.subplots(), []
     for label, small, motions in groups(spec, results):
-        errors = np.array([apart(m, against.pop(0)) for m in motions])
+        errors = np.array([forms_apart(m, against.pop(0)) for m in motions])
         slope, start = np.polyfit(np.log(small), np.log(errors), 1)
         names.append(f"{label}, order {slope:.2f}")
         style = styles(len(names))[-1]
@@ -58,7 +58,7 @@ def groups(
         yield label, np.array(spec["small"][begin:end]), motions[begin:end]
 
 
-def apart(motion: Motion, other: Motion) -> float:
+def forms_apart(motion: Motion, other: Motion) -> float:
     """The largest relative distance of T and of G^2 between two motions at the same times."""
     if not np.array_equal(motion.time, other.time):
         raise HodoError(f"cases {motion.name} and {other.name} are not stored at the same times")

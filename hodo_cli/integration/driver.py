@@ -8,8 +8,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..engines.protocol import Engine, Status, Watch
-from ..models.base import Event, Model
+from ..engines.protocol import Engine, Hit, Status, Watch
+from ..models.base import Constants, Event, Model, Passed
+from ..models.constants import attributes
 from .trajectory import Occurrence
 from .units import Calendar, Clock, Units
 
@@ -113,11 +114,18 @@ def propagate(
         leg = engine.leg(units.constants(model, k), y, grid, watch)
         if witness is not None:
             witness.flush()
-        hits = [*leg.hits, *([leg.hit] if leg.hit else [])]
-        found += [Occurrence(events[hit.event].kind, clock.true(hit.time)) for hit in hits]
+        found += [Occurrence(events[hit.event].kind, clock.true(hit.time)) for hit in leg.hits]
         samples.add(leg.rows[1:], units.size)  # the first row is where the leg began
         if leg.hit is not None:
-            return samples.ended(found, leg.hit.state, units.size)
+            way = passed(events[leg.hit.event], leg.hit, clock, k)
+            found.append(Occurrence(events[leg.hit.event].kind, way.time, way.details))
+            if way.state is None:
+                return samples.ended(found, leg.hit.state, units.size)
+            y, clock = np.array(way.state, dtype=fp), Calendar(fp(way.onward), fp(0))
+            # Samples that the passage has leapt over are taken behind it.
+            leapt = int(np.searchsorted(times, float(way.onward), side="right")) - samples.done
+            samples.add(np.broadcast_to(y, (max(leapt, 0), len(y))), units.size)
+            continue
         clock.advance(leg.time)
         new = Units.fit(model, k, leg.state.astype(float), units.size)
         if new.size < -LIMIT:
@@ -126,6 +134,17 @@ def propagate(
             watch.give_up(Status.FAILED, f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
     return samples.path(found)
+
+
+def passed(event: Event, hit: Hit, clock: Clock, k: Constants) -> Passed:
+    """What becomes of the motion at a terminal event: it ends, unless the event lets it through.
+
+    A model with such an event has units of its own, so that the time and the state are its own too.
+    """
+    if event.passage is None:
+        return Passed(clock.true(hit.time), {})
+    numbers = attributes(k, hit.state.dtype.type)
+    return event.passage(hit.time, [*hit.state], numbers)
 
 
 def norm_band(engine: Engine, system: Model) -> tuple[float, float] | None:

@@ -202,7 +202,7 @@ def case_variables(
         stored |= columns_of(EVENTS, events) | event_details(events)
         stored["event_time"].attrs["units"] = time_as.units
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
-        stored |= columns_of(CROSSINGS, passages(events, errors.get("event_time", math.nan)))
+        stored |= columns_of(CROSSINGS, crossings_of(events, errors.get("event_time", math.nan)))
     return stored
 
 
@@ -223,7 +223,7 @@ def columns_of(
     }
 
 
-def passages(events: Sequence[Occurrence], error: float) -> list[Crossing]:
+def crossings_of(events: Sequence[Occurrence], error: float) -> list[Crossing]:
     """The events of an averaged motion that take it to another axis, as crossings; `error` is that
     of their times, relative to them."""
     return [

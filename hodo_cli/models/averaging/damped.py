@@ -13,13 +13,13 @@ from ..base import Constants, Event, Passed
 from .forms import (
     EDGE,
     AveragedTurns,
-    axes_of,
     either,
+    left_and_entered,
     stored_elements,
     turning_constants,
     with_part,
 )
-from .free_turn import LANDEN, Body, Slow, frequency
+from .free_turn import LANDEN, Body, Slow, turn_frequency
 from .means import linear_rates, turn_means
 from .passage import outcome, time_in_band
 from .quadrature import damped_part
@@ -70,7 +70,7 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     new_phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
     heavy, light = (k.a, k.c) if side > 0 else (k.c, k.a)
     square = (heavy * math.exp(float(E)) + light * math.exp(float(O))) / (k.a - k.c)
-    details = axes_of(k, int(side), -int(side))
+    details = left_and_entered(k, int(side), -int(side))
     details |= {"momentum": math.sqrt(float(square)), "frequency": n, "scatter": foreseen.scatter}
     if k.mean:
         details |= foreseen.details
@@ -129,7 +129,7 @@ class Damped(AveragedTurns):
             with np.errstate(divide="ignore", invalid="ignore"):  # nothing turns any more
                 slow = Slow(X, Y, side, gap, 1, turned / k.scale)
                 dE, dO = damped_part(body, (k.l1, k.l2, k.l3), slow)
-            turns = frequency(body, square, side) / k.scale
+            turns = turn_frequency(body, square, side) / k.scale
             E, O = with_part(E, dE, turns), with_part(O, dO, turns)
         return stored_elements(k, E, O, side, unit)
 
@@ -173,7 +173,7 @@ class Damped(AveragedTurns):
         ln_E, ln_O, _, side = y.T
         gap = -np.expm1(ln_O - ln_E - side * logarithmic_offset(self.body))
         pace = turn_means(1 - gap, gap, LANDEN).pace
-        n = frequency(self.body, np.exp(ln_E), side)
+        n = turn_frequency(self.body, np.exp(ln_E), side)
         return np.asarray(self.rate * np.pi / 2 / (pace * n))
 
     @property

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..base import Passed
 from .capture import Region, capture_shares
-from .forms import EDGE, axes_of, either, stored_elements, with_part
-from .free_turn import Body, Slow, amplitude, frequency
+from .forms import EDGE, either, left_and_entered, stored_elements, with_part
+from .free_turn import Body, Slow, amplitude, turn_frequency
 from .means import fluid_loss, fluid_weights, turn_means
 from .passage import outcome, time_in_band
 
@@ -114,7 +114,7 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     time, phase = float(t) + seconds, sense * float(y[2] / k.scale) - math.pi / 2 * n * u / du
     # |G| there is sqrt(2 T b), and 2T = (E + O)/(a - c).
     momentum = float(k.unit) * math.sqrt(float(k.b) * (g * g + f * f) / float(k.a - k.c))
-    details = axes_of(k, side, 0) | {"momentum": momentum, "frequency": n}
+    details = left_and_entered(k, side, 0) | {"momentum": momentum, "frequency": n}
     place = lag = 0.0
     if k.branch == FREE:
         foreseen = outcome(-du, n, phase, time, -du)
@@ -129,7 +129,7 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
         if not (chosen := branch(k.branch, shares, (side, sense))):
             return Passed(time, details)
         region = chosen
-    details |= axes_of(k, side, region[0])
+    details |= left_and_entered(k, side, region[0])
     onward, state = behind(k, region, side, at, n, place)
     turned = 0 * y[2] + state[2] * k.scale
     return Passed(
@@ -178,7 +178,7 @@ def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
     cd, sd, sc = (np.where(above, x, z) for x, z in zip(k.weights_a, k.weights_c, strict=True))
     last = np.where(above, k.last_a, k.last_c)
     total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - last * fourth
-    n = frequency(Body(k.a, k.b, k.c, (0, 1, 2), 1), E, slow.side)
+    n = turn_frequency(Body(k.a, k.b, k.c, (0, 1, 2), 1), E, slow.side)
     change = (E * total - sc * O * zeta) / n
     return np.where(above, k.c, -k.a) * change * O / E, np.where(above, -k.a, k.c) * change
 
@@ -195,7 +195,7 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
         X, Y = np.where(above, E, O), np.where(above, O, E)
         slow = Slow(X, Y, side, (E - ratio * O) / E, sense, sense * turned / k.scale)
         dE, dO = fluid_part(k, slow)
-        # `frequency` takes E in true units, where n is larger by `unit`.
+        # `turn_frequency` takes E in true units, where n is larger by `unit`.
         turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale
         E, O = with_part(E, dE / k.unit, turns), with_part(O, dO / k.unit, turns)
     return stored_elements(k, E, O, side, k.unit)

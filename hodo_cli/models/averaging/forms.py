@@ -14,7 +14,7 @@ import numpy as np
 from ...schema.kinds import Choice, Key, Mistake
 from ..base import Label
 from ..rigid_body import BodyFrame, complete
-from .free_turn import Body, Slow, slow_variables
+from .free_turn import Body, Slow, slow_elements
 from .passage import shape_distance
 
 EDGE = 1e-10
@@ -71,7 +71,7 @@ def with_part(mean: Any, part: Any, turns: Any) -> Any:
     return mean * np.exp(np.where((turns > 1) & (np.abs(part) < 1), part, 0))
 
 
-def axes_of(k: Any, before: int, after: int) -> dict[str, float]:
+def left_and_entered(k: Any, before: int, after: int) -> dict[str, float]:
     """The body axes of the sides that a passage leaves and enters; 0 if it enters none."""
     named = {1: float(k.largest), -1: float(k.smallest), 0: 0.0}
     return {"from": named[before], "to": named[after]}
@@ -127,7 +127,7 @@ class AveragedTurns(BodyFrame):
             omega = cls.velocity(data["inertia"], data["initial"])
         except ValueError:  # said by the check above
             return
-        slow = slow_variables(Body.of(data["inertia"]), omega)
+        slow = slow_elements(Body.of(data["inertia"]), omega)
         if not max(slow.pair) or slow.gap < 2 * EDGE:
             yield (
                 ("initial",),
@@ -142,7 +142,7 @@ class AveragedTurns(BodyFrame):
     @property
     def slow(self) -> Slow:
         """The slow variables and the phase at the start, as given."""
-        return slow_variables(self.body, self.velocity(self.inertia, self.initial))
+        return slow_elements(self.body, self.velocity(self.inertia, self.initial))
 
     def periodic_start(self, slow: Slow) -> Sequence[float]:
         """E and O of the start less their means."""

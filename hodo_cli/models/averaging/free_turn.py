@@ -97,7 +97,7 @@ class Slow(NamedTuple):
         return np.where(above, self.X, self.Y), np.where(above, self.Y, self.X)
 
 
-def slow_variables(body: Body, omega: Sequence[float]) -> Slow:
+def slow_elements(body: Body, omega: Sequence[float]) -> Slow:
     """The slow variables and the phase of an angular velocity (3,), along the body axes as given.
 
     1 - m comes from D, as a sum of terms none of which cancels: 1 - m as a difference is noise near
@@ -119,7 +119,7 @@ def slow_variables(body: Body, omega: Sequence[float]) -> Slow:
     return Slow(X, Y, side, gap, sense, float(phase_of(am, gap)))
 
 
-def frequency(body: Body, E: Any, side: Any) -> Any:
+def turn_frequency(body: Body, E: Any, side: Any) -> Any:
     """n = sqrt(w_e E/(a b c)), the factor of t in sn, cn, dn; a turn takes 4 K/n. E and side of any
     shape."""
     return np.sqrt(body.weight(side)[0] * E / (body.a * body.b * body.c))

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .free_turn import LANDEN, SMALLEST_GAP, Body, Slow, frequency
+from .free_turn import LANDEN, SMALLEST_GAP, Body, Slow, turn_frequency
 from .means import linear_rates, shape_rate, turn_means
 
 HALF, REACH = 100, 4.4
@@ -179,7 +179,7 @@ def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Passage |
         for value, fall in zip(slow.pair, way[1:], strict=True)
     )
     phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
-    n, time = float(frequency(body, E, slow.side)), float(way.time)
+    n, time = float(turn_frequency(body, E, slow.side)), float(way.time)
     foreseen = outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
     return Passage(time, E, O, n, phase, foreseen)
 
@@ -213,7 +213,7 @@ def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float
     at = u * FRACTIONS
     mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
     fallen = way_to_separatrix(lam, slow.side, u).E - way_to_separatrix(lam, slow.side, at).E
-    turning = frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
+    turning = turn_frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
     return float((u * WEIGHTS * turning / np.abs(shape_rate(on_side(lam, slow.side), mean))).sum())
 
 

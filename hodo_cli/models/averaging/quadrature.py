@@ -7,7 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from .free_turn import LANDEN, SMALLEST_GAP, Body, Slow, amplitude, free_motion_by_phase, frequency
+from .free_turn import (
+    LANDEN,
+    SMALLEST_GAP,
+    Body,
+    Slow,
+    amplitude,
+    free_motion_by_phase,
+    turn_frequency,
+)
 from .means import turn_means
 
 NODES = 128
@@ -61,7 +69,7 @@ def periodic_part(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) ->
     the rates, divided by i times its frequency, each.
     """
     pace = turn_means(1 - slow.gap, np.maximum(slow.gap, SMALLEST_GAP), LANDEN).pace
-    turning = frequency(body, slow.pair[0], slow.side) * pace
+    turning = turn_frequency(body, slow.pair[0], slow.side) * pace
     # Without the constant, which averaging keeps, and the last frequency, whose phase the nodes
     # cannot tell.
     k = np.arange(1, nodes // 2)
@@ -84,7 +92,7 @@ def damped_part(body: Body, lam: Sequence[float], slow: Slow) -> tuple[Any, Any]
     """
     l1, l2, l3 = lam
     above = np.asarray(slow.side) > 0
-    n = frequency(body, slow.pair[0], slow.side)
+    n = turn_frequency(body, slow.pair[0], slow.side)
     _, zeta = amplitude(slow.phase, slow.gap)
     e, o = np.where(above, l1, l3) - l2, np.where(above, l3, l1) - l2
     return -2 * e * (1 - slow.gap) * zeta / n, -2 * o * zeta / n
