@@ -37,7 +37,7 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
         style = styles(len(names))[-1]
         axes.loglog(small, errors, marker="o", ms=3, color=style["color"], ls="")
         axes.loglog(small, np.exp(start) * small**slope, **style)
-        sheet.record("error", label, small=small, error=errors)
+        sheet.record("error", label, {"small": small, "error": errors})
     axes.set(xlabel=f"${spec['parameter']}$", ylabel="largest relative error of $T$ and $G^2$")
     legend(sheet, case_handles(names), 1)
 
@@ -79,7 +79,7 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         taken = {what: np.array([m.attrs[what] for m in motions]) for what in ("steps", "run_time")}
         for axes, values in zip((steps, seconds), taken.values(), strict=True):
             axes.loglog(small, values, marker="o", ms=3, **style)
-        sheet.record("cost", label, small=small, **taken)
+        sheet.record("cost", label, {"small": small, **taken})
     for axes, what in ((steps, "steps"), (seconds, "run time, s")):
         axes.set(xlabel=f"${spec['parameter']}$", ylabel=what)
     legend(sheet, case_handles(names), len(names))
@@ -109,8 +109,8 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         counted = np.array([np.mean(times <= t) for t in points])
         axes.plot(line, foreseen, **style)
         axes.plot(points, counted, mec=style["color"], **MONTE_CARLO)
-        sheet.record("averaged", names[-1], time=line, share=foreseen)
-        sheet.record("full", names[-1], time=points, share=counted)
+        sheet.record("averaged", names[-1], {"time": line, "share": foreseen})
+        sheet.record("full", names[-1], {"time": points, "share": counted})
     axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
     axes.margins(x=0)
     legend(sheet, case_handles(names), 2)

@@ -120,7 +120,7 @@ def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, f
     return errors
 
 
-def passages_apart(path: Path, reference: Path) -> float:
+def passages_apart(path: Sampled, reference: Sampled) -> float:
     """The largest relative difference of the times at which two motions pass on through an event."""
     ours, theirs = ([e.time for e in each.events if e.details] for each in (path, reference))
     if len(ours) != len(theirs):
