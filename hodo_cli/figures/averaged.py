@@ -119,9 +119,10 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
 def damping_of(swept: Swept, axis: str, i: int) -> list[float]:
     """lambda_1, lambda_2, lambda_3 at a position of an axis."""
     lam = list(swept.case.data["damping"])
-    for (path, _), values in zip(swept.axis(axis).ranges, swept.axis(axis).values, strict=True):
+    varied = swept.axis(axis)
+    for of, (path, _) in enumerate(varied.ranges):
         if path[0] == "damping":
-            lam[int(path[1])] = float(values[i])
+            lam[int(path[1])] = float(varied.values(of)[i])
     return lam
 
 
