@@ -267,8 +267,7 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
         ("a: [1, 2\n",
          ["2:1: not YAML: while parsing a flow sequence, did not find expected ',' or ']'"]),
         ("a:\n\tb: 1",
-         ["2:1: not YAML: while scanning for the next token, found character that cannot start "
-          "any token"]),
+         ["2:1: not YAML: a tab cannot indent a line: use spaces"]),
         ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
         ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
         (GOOD + "titel: t\n",
@@ -288,6 +287,9 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
          ["4:40: figures.f.cases.1: unknown name 'aa'; did you mean 'a'? (valid: a, a.b)"]),
         (GOOD + "figures: {../f: {kind: sphere, cases: a}}\n",
          [f"4:11: figures.../f: {NAME_RULE}"]),
+        (GOOD + "extra:\n",
+         ["4:1: extra: unknown key (valid: title, references, defaults, cases, figures, bench, "
+          "claims, errata)"]),
         ("cases: {a/b: {}}", [f"1:9: cases.a/b: {NAME_RULE}"]),
         ('cases: {"a\\nb": {}}', [rf"1:9: cases.a\nb: {NAME_RULE}"]),
         ('cases: {"a\\0b": {}}', ["1:9: cases: a key is printable text of at most 128 characters"]),
@@ -863,3 +865,11 @@ def test_a_case_is_a_key_and_cannot_be_changed() -> None:
 )
 def test_the_fields_of_a_form_are_its_keys(form: type[Model]) -> None:
     assert {field.name for field in dataclasses.fields(form)} == set(form.keys)
+
+
+def test_a_decimal_comma_is_named() -> None:
+    text = f"cases:\n  a: {{{BODY}, time: {{end: END}}}}\n"
+    with pytest.raises(HodoError, match=r"expected a finite number, got '1,5'; write 1\.5"):
+        parse(text.replace("END", "'1,5'"), "x.yaml")
+    with pytest.raises(HodoError, match=r"decimals are written with a point, as 1\.5"):
+        parse(text.replace("END", "1,5"), "x.yaml")

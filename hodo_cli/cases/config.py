@@ -66,8 +66,13 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     mistakes = Mistakes(name)
     document = read_mapping(text, mistakes)
     # `figures:` with nothing below it is a section that is left out.
-    # `figures:` with nothing below it is a section that is left out.
-    given = {section: value for section, value in document.items() if value is not None}
+    # `figures:` with nothing below it is a section that is left out; a name that is no section is a
+    # mistake all the same.
+    given = {
+        section: value
+        for section, value in document.items()
+        if value is not None or section not in SECTIONS
+    }
     sections, found = resolve(SECTIONS, given)
     named, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
     if "cases" in sections and not named:

@@ -174,9 +174,12 @@ def engine_for(
         raise HodoError(f"there is no method {method!r}")
     if method == "taylor":
         if not have_taylor():
+            # Only heyoka's arithmetic is quadruple: no other method would do.
+            quadruple = precision == "quadruple"
+            needs = "precision quadruple" if quadruple else "method taylor"
+            instead = "precision: extended" if quadruple else "method: auto"
             raise HodoError(
-                "method taylor needs heyoka, which is not installed: "
-                "pip install heyoka, or method: auto"
+                f"{needs} needs heyoka, which is not installed: pip install heyoka, or {instead}"
             )
         from . import taylor
 

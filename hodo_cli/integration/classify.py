@@ -245,7 +245,10 @@ def crossings_of(case: Case, motion: Watched, errors: np.ndarray) -> Decided:
     marks = Marks.joined([motion.marks, samples])
     after = np.searchsorted(path.time, marks.time).clip(max=len(path.time) - 1)
     before = np.where(path.time[after] == marks.time, after, np.maximum(after - 1, 0))
-    return read_marks(marks, CERTAIN * np.maximum(errors[before], errors[after]), order)
+    found = read_marks(marks, CERTAIN * np.maximum(errors[before], errors[after]), order)
+    # A body set going from rest stands on a side as soon as the time differs from the start.
+    started = case.time.start + 1e-12 * (case.time.end - case.time.start)
+    return found._replace(undecided=[time for time in found.undecided if time > started])
 
 
 def settled(found: Decided, theirs: Decided, name: str) -> tuple[list[Crossing], tuple[str, ...]]:

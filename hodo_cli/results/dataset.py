@@ -124,9 +124,9 @@ class Results:
         ]
         for motion in motions:
             if "time" not in motion.data or not len(motion.time):
-                raise HodoError(
-                    f"case {motion.name} has no samples (it {motion.attrs.get('status')})"
-                )
+                status = motion.attrs.get("status")
+                why = "" if status == "ok" else f", its status is {status}"
+                raise HodoError(f"case {motion.name} has no samples{why}")
         return motions
 
     def figure(self, name: str) -> Mapping[str, Any]:

@@ -114,6 +114,11 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         said = ", ".join(part for part in (error.context, error.problem) if part)
+        # The end of a text may be a line beyond its last.
+        lines = text.split("\n")[mark.line : mark.line + 1] if mark else []
+        before = [line[: mark.column + 1] for line in lines if mark]
+        if any("\t" in line for line in before):
+            said = "a tab cannot indent a line: use spaces"
         raise mistakes.fatal(
             reader.place(mark) if mark else Place(1, 1, override), f"not YAML: {said}"
         ) from None

@@ -136,7 +136,8 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     names = list(valid)
     # A line of a terminal or two; beyond that a list hides the mistake.
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
-    return f"unknown {what}{nearest(name, names)}{listed}"
+    comma = "; decimals are written with a point, as 1.5" if name.isdecimal() else ""
+    return f"unknown {what}{nearest(name, names)}{comma}{listed}"
 
 
 SEARCHED = 40
@@ -188,6 +189,10 @@ def shown(value: Any) -> str:
 def expected(what: object, value: Any, hint: str = "") -> Wrong:
     """The mistake of a value that is something else than it should be."""
     return Wrong(((), f"expected {what}, got {shown(value)}{hint}"))
+
+
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+"""1,5 for 1.5: YAML reads a text, and within braces two entries."""
 
 
 def as_finite(value: Any) -> float | None:
@@ -252,7 +257,9 @@ class Number(Bounded):
     def check(self, value: Any) -> float:
         number = as_finite(value)
         if number is None:
-            raise expected(f"a finite {self}", value)
+            comma = isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value)
+            advice = f"; write {value.replace(',', '.')}" if comma else ""
+            raise expected(f"a finite {self}", value, advice)
         self.bounded(value, "a")
         return number
 

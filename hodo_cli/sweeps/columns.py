@@ -113,7 +113,12 @@ def shares(found: Classified, time: Time) -> np.ndarray:
     """The part of the span (n, 3) for which each axis is enclosed."""
     n, crossings = len(found.start_axis), found.crossings
     member = np.concatenate((np.arange(n), crossings.member))
-    axis = np.concatenate((found.start_axis, crossings.end))
+    # A start on D = 0 leaves it at once, for the axis that the motion keeps until it crosses.
+    axis = found.start_axis.copy()
+    on_it, (crossing, first) = axis == 0, np.unique(crossings.member, return_index=True)
+    axis[on_it] = found.end_axis[on_it]
+    axis[crossing] = np.where(on_it[crossing], crossings.start[first], axis[crossing])
+    axis = np.concatenate((axis, crossings.end))
     begin = np.concatenate((np.full(n, time.start), crossings.time))
     order = np.lexsort((begin, member))
     member, axis, begin = member[order], axis[order], begin[order]
