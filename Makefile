@@ -96,7 +96,7 @@ docs/papers.md: claims  ## Renew what is said of the papers, from the verdicts o
 
 lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
 	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml
-	$(LOCK) --upgrade --extra build --extra html --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
+	$(LOCK) --upgrade --extra build --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
 
 clean:  ## Remove results, figures and caches; keep .venv and runs/reference
 	[ ! -d runs ] || find runs -mindepth 1 -maxdepth 1 ! -name reference -exec rm -rf {} +
