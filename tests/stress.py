@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from itertools import cycle, islice
 from pathlib import Path
 
+import faults
 import h5py
 import numpy as np
 
@@ -236,6 +237,38 @@ def processor_time(folder: Path, *arguments: str) -> float:
     )
 
 
+def change_bytes(folder: Path, tries: int) -> Counter[str]:
+    """Flip a bit of a result or clear a block of 512 bytes, so often each."""
+    right, count = faults.prepared(folder), Counter[str]()
+    sound, chance = (folder / "x.h5").read_bytes(), random.Random(3)
+    for spoil in (faults.flipped, faults.zeroed):
+        for _ in range(tries):
+            (folder / "x.h5").write_bytes(sound)
+            spoil(folder / "x.h5", chance)
+            count[f"{spoil.__name__}: {faults.right_or_named(folder / 'x.h5', right)}"] += 1
+    return count
+
+
+def fail_calls(folder: Path, most: int) -> Counter[str]:
+    """Let the N-th call of a run fail, once and for ever, for every N up to so many."""
+    right, count = faults.prepared(folder / "right"), Counter[str]()
+    for forever in (False, True):
+        for first in range(1, most + 1):
+            if not faults.nth_call_fails(folder / "run", right, first, forever):
+                break
+            count["for ever" if forever else "once"] += 1
+    return count
+
+
+def lose_power(folder: Path, most: int) -> Counter[str]:
+    """End a run at its N-th sync, for every N up to so many, and damage what was not synced."""
+    right, count = faults.prepared(folder / "right"), Counter[str]()
+    for last in range(1, most + 1):
+        ended = faults.power_is_lost(folder / "run", right, last, random.Random(last))
+        count["ended" if ended else "had ended before"] += 1
+    return count
+
+
 def report(what: str, count: Counter[str], began: float) -> None:
     figures = ", ".join(f"{number} {name}" for name, number in count.items())
     print(f"{what}: {figures} ({time.monotonic() - began:.0f} s)", flush=True)
@@ -243,7 +276,10 @@ def report(what: str, count: Counter[str], began: float) -> None:
 
 if __name__ == "__main__":
     kills = int(sys.argv[1]) if len(sys.argv) > 1 else 150
-    for what, number in ((kill_runs, kills), (kill_classifications, kills), (many_cases, 10000)):
+    for what, number in (
+        *((kill_runs, kills), (kill_classifications, kills), (many_cases, 10000)),
+        *((change_bytes, 2 * kills), (fail_calls, 10 * kills), (lose_power, kills)),
+    ):
         with tempfile.TemporaryDirectory() as folder:
             began = time.monotonic()
             report(what.__name__.replace("_", " "), what(Path(folder), number), began)

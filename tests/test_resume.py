@@ -69,7 +69,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
         ("cases/case.py", set()),
         ("schema/write.py", set()),
         ("batch/progress.py", set()),
-        ("results/encode.py", set()),
+        ("results/layout.py", set()),
         ("claims/checks.py", set()),
         ("figures/maps.py", set()),
         ("commands/tables.py", set()),
@@ -119,7 +119,7 @@ def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
 def test_another_version_of_a_library_reruns(monkeypatch: pytest.MonkeyPatch) -> None:
     case = parse(CONFIG, "x").cases["single"]
     before = fingerprint(case)
-    for name in mark.LIBRARIES:
+    for name in mark.COMPUTING_LIBRARIES:
         mark.libraries.cache_clear()
         monkeypatch.setattr(mark, "library_version", lambda library, new=name: str(library == new))
         assert fingerprint(case) != before
@@ -144,7 +144,7 @@ def compute(task: int) -> int:
 def test_a_result_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers are processes of their own: they have the mark of the sources, this process
     another."""
-    monkeypatch.setattr(pool, "mark", lambda: "another")
+    monkeypatch.setattr(pool, "process_mark", lambda: "another")
     with pool.pool(2) as workers, pytest.raises(HodoError, match="computes with other code"):
         next(workers.map(compute, [1]))
 

@@ -19,7 +19,7 @@ SWEPT = (*SINGLE, "sweeps", "cases/sweep_block.py")
 """What decides the numbers of a sweep: the members' motions, and how members are made and
 reduced."""
 
-LIBRARIES = ("heyoka", "numpy", "scipy")
+COMPUTING_LIBRARIES = ("heyoka", "numpy", "scipy")
 """The libraries whose arithmetic ends up in results."""
 
 
@@ -50,12 +50,12 @@ def code(swept: bool) -> str:
 @cache
 def libraries() -> str:
     """The hash of the versions of the libraries that compute."""
-    found = [f"{name} {library_version(name)}\n" for name in LIBRARIES]
+    found = [f"{name} {library_version(name)}\n" for name in COMPUTING_LIBRARIES]
     # `auto` takes other methods where heyoka is hidden or its wheel does not load.
     return digest("".join(found) + ("" if have_taylor() else "without heyoka"))
 
 
-def mark() -> str:
+def process_mark() -> str:
     """What this process computes with, in one word; it travels with every result."""
     return f"{code(swept=True)}-{libraries()}"
 

@@ -50,7 +50,7 @@ def check_memory(case: Case, processes: int = 1) -> None:
     have = limit() // processes
     if need(case) > have:
         share = f" for each of {processes} processes" if processes > 1 else ""
-        said = f"would take about {size(need(case))} of memory, and there are {size(have)}{share}"
+        said = f"would take about {in_bytes(need(case))} of memory, and there are {in_bytes(have)}{share}"
         raise HodoError(f"{case.name}: {case.time.samples:,} samples {said}")
 
 
@@ -61,11 +61,11 @@ def check_disk(case: Case, stored: int, folder: Path) -> None:
     # Its parts are there until they are joined.
     taken, free = 2 * stored, shutil.disk_usage(folder).free
     if taken > free:
-        said = f"would take about {size(taken)} on the disk of {folder}, and {size(free)} are free"
+        said = f"would take about {in_bytes(taken)} on the disk of {folder}, and {in_bytes(free)} are free"
         raise HodoError(f"{case.name}: {said}")
 
 
-def size(count: int) -> str:
+def in_bytes(count: int) -> str:
     """A number of bytes with its unit, to three digits."""
     for power, unit in ((5, "PB"), (4, "TB"), (3, "GB"), (2, "MB")):
         if count >= 1000**power:

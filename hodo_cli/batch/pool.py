@@ -17,7 +17,7 @@ from threading import Lock, Thread
 from typing import Any, Self, TypeVar
 
 from .. import BatchError, HodoError
-from .mark import check_late_imports, mark
+from .mark import check_late_imports, process_mark
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -127,7 +127,7 @@ def _marked(function: Callable[[Task], Result], task: Task) -> tuple[str, Result
 
     The mark is taken before the work: a source that changes meanwhile has not computed it.
     """
-    taken = mark()
+    taken = process_mark()
     result = function(task)
     check_late_imports()
     return taken, result
@@ -143,7 +143,7 @@ def _outcome(future: Future[tuple[str, Any]]) -> Any:
     if isinstance(error, Exception):
         return error
     theirs, result = future.result()
-    if theirs != mark():
+    if theirs != process_mark():
         raise BatchError(
             "a worker computes with other code or libraries (hodo, heyoka, numpy, scipy) than this "
             "process: start both anew"

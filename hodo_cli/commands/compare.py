@@ -284,7 +284,7 @@ def largest_at(
     if not at:
         return ""
     where = [
-        f"{dim} = {coordinate(coordinates[dim].data[i])}"
+        f"{dim} = {printed_coordinate(coordinates[dim].data[i])}"
         if dim in coordinates and dim != name
         else f"{dim} {i}"
         for dim, i in zip(b.dims, at, strict=True)
@@ -292,7 +292,7 @@ def largest_at(
     return f"{', '.join(where)}: {printed_value(b, a[at])}, not {printed_value(b, b.data[at])}"
 
 
-def coordinate(value: object) -> str:
+def printed_coordinate(value: object) -> str:
     """A coordinate to ten digits."""
     return f"{value:.10g}" if isinstance(value, np.floating) else str(value)
 

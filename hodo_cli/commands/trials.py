@@ -49,7 +49,7 @@ PATIENCE = 10.0
 REPEATED = 0.2
 """Seconds above which a run is timed once: some milliseconds of other work do not matter then."""
 
-CONSERVED = 1e-15
+UNCHANGED = 1e-15
 """The relative change below which a quantity counts as conserved: 1e4 steps in extended precision
 round by less."""
 
@@ -108,7 +108,7 @@ def truth(case: Case) -> Truth:
         path, kind = solve(case, method, "quadruple", times=times).path, f"{method}, quadruple"
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
     changes = drifts(case, path)
-    kept = tuple(i for i, change in enumerate(changes) if change <= CONSERVED)
+    kept = tuple(i for i, change in enumerate(changes) if change <= UNCHANGED)
     return Truth(path, kind, floor, tuple(crossings), kept)
 
 

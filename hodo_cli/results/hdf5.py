@@ -133,7 +133,7 @@ class Run:
                     continue
                 # Asked for before reading: HDF5 promises any size that a damaged header names.
                 if item.nbytes > memory.limit():
-                    size = memory.size(item.nbytes)
+                    size = memory.in_bytes(item.nbytes)
                     raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {size}")
                 data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(
@@ -223,7 +223,7 @@ def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
             raise ValueError(f"the values of {name} are in other files")
         stored = item.id.get_storage_size()
         if item.nbytes > FEW_BYTES + INFLATION * stored and not _is_placeholder(item):
-            claimed, there = memory.size(item.nbytes), memory.size(stored)
+            claimed, there = memory.in_bytes(item.nbytes), memory.in_bytes(stored)
             raise ValueError(f"{name} claims {claimed}, of which {there} are stored")
         found[name] = item
     return found

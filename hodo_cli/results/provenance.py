@@ -17,7 +17,7 @@ FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer
 files."""
 
-KINDS = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
+TYPE_NAMES = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
 
 LIBRARIES = ("numpy", "scipy", "heyoka", "h5py")
 
@@ -26,7 +26,7 @@ def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) 
     """The attributes of these names. Raises HodoError if one is missing or not of its kind: str,
     int or float."""
     for name, kind in kinds.items():
-        words, wanted = KINDS[kind]
+        words, wanted = TYPE_NAMES[kind]
         if not isinstance(attributes.get(name), wanted):
             raise HodoError(f"{owner} is damaged (its {name} is no {words})")
     return {name: attributes[name] for name in kinds}
