@@ -1,6 +1,7 @@
 """Independent tasks, done here, in other processes or on other machines: the one place that knows
 executors."""
 
+import logging
 import os
 import pickle
 import signal
@@ -310,6 +311,9 @@ class Dask(Executor):
             raise BatchError(
                 "--scheduler needs dask, which is not installed: pip install 'hodo[dask]'"
             ) from None
+        # It logs with tracebacks what ends up as one line of ours.
+        for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         local = {
             "n_workers": workers,
             "threads_per_worker": 1,
