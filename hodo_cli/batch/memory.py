@@ -50,7 +50,8 @@ def check_memory(case: Case, processes: int = 1) -> None:
     have = limit() // processes
     if need(case) > have:
         share = f" for each of {processes} processes" if processes > 1 else ""
-        said = f"would take about {in_bytes(need(case))} of memory, and there are {in_bytes(have)}{share}"
+        there = f"there are {in_bytes(have)}{share}"
+        said = f"would take about {in_bytes(need(case))} of memory, and {there}"
         raise HodoError(f"{case.name}: {case.time.samples:,} samples {said}")
 
 
@@ -61,7 +62,8 @@ def check_disk(case: Case, stored: int, folder: Path) -> None:
     # Its parts are there until they are joined.
     taken, free = 2 * stored, shutil.disk_usage(folder).free
     if taken > free:
-        said = f"would take about {in_bytes(taken)} on the disk of {folder}, and {in_bytes(free)} are free"
+        there = f"{in_bytes(free)} are free"
+        said = f"would take about {in_bytes(taken)} on the disk of {folder}, and {there}"
         raise HodoError(f"{case.name}: {said}")
 
 

@@ -54,8 +54,8 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         return None, row_of(name, Classification(motion.labels, motion.crossings))
     if remark := inapplicable(case, group):
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
-    # Classifying may take five times the memory of integrating: labels and crossings are found in long
-    # double.
+    # Classifying may take five times the memory of integrating: labels and crossings are found in
+    # long double.
     check_memory(case)
     omega = group.variables["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):

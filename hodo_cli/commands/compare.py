@@ -33,7 +33,7 @@ LOCATED = ("event_time", "crossing_time", "crossing_G")
 """The variables to which `CONDITION` applies."""
 
 STATED = 10.0
-"""So many times its stated error a time may be off: the error is that of one compiler's rounding."""
+"""A time may be off by so many times its stated error, which is that of one compiler's rounding."""
 
 ERRORS = ("crossing_error",)
 """Variables that are errors themselves: they agree to their order of magnitude."""
@@ -181,7 +181,7 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
 
 
 def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:
-    """The parameters in which two stored cases differ, and a method that its case does not allow."""
+    """The parameters in which two stored cases differ, and a method that a case does not allow."""
     try:
         ours, theirs = (
             settings(parse_case(str(group.attributes.get("case", "")))) for group in (a, b)

@@ -2,7 +2,7 @@
 fails."""
 
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -64,6 +64,33 @@ class Plan:
         `fail_fast` leaves out what would come after it. Raises HodoError if the result cannot be
         written.
         """
+        self._announce(progress)
+        with Writer(self.path, self._root_attributes(), tuple(self.config.cases)) as writer:
+            lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
+            left = dict.fromkeys([*self.reasons, *lost])
+            writer.unfinished = self._stamps(self.config.cases.keys() - self.kept.keys())
+            cases = [self.config.cases[name] for name in left]
+            failures: dict[str, dict[str, Any]] = {}
+            for case, outcome in outcomes(cases, pool, writer, self, progress):
+                group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
+                is_ok = group.attributes["status"] == "ok"
+                if is_ok or not self._had_ended_well(case.name):
+                    writer.add(case.name, group)
+                    del left[case.name]
+                else:
+                    failures[case.name] = {key: group.attributes[key] for key in SUMMARY}
+                if is_ok:
+                    writer.unfinished -= self._stamps([case.name])
+                progress.done(case.name, problem(group, outcome))
+                if fail_fast and not is_ok:
+                    break
+            for name in left:
+                if name in self.old:
+                    writer.keep(self.old[name])
+        return self._rows(failures)
+
+    def _announce(self, progress: Progress) -> None:
+        """Say what will run, and what the data say against it."""
         for line in self.lines():
             progress.say(line)
         # Before the run: a motion that the data feed energy into may take until its last step.
@@ -71,34 +98,14 @@ class Plan:
             if name in self.reasons and not case.sweep:
                 for warning in case.system.warnings:
                     progress.say(f"{name}: warning: {warning}")
-        history = stamp(f"hodo run {self.config.path}")
-        attributes = root_attributes(
-            self.config.title, self.config.references, self.config.text, history
-        )
-        failures: dict[str, dict[str, Any]] = {}
-        with Writer(self.path, attributes, tuple(self.config.cases)) as writer:
-            lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
-            left = dict.fromkeys([*self.reasons, *lost])
-            writer.unfinished = self._stamps(self.config.cases.keys() - self.kept.keys())
-            for case, outcome in outcomes(
-                [self.config.cases[name] for name in left], pool, writer, self, progress
-            ):
-                group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
-                if group.attributes["status"] == "ok":
-                    writer.add(case.name, group)
-                    writer.unfinished -= self._stamps([case.name])
-                    del left[case.name]
-                elif self._had_ended_well(case.name):
-                    failures[case.name] = {key: group.attributes[key] for key in SUMMARY}
-                else:
-                    writer.add(case.name, group)
-                    del left[case.name]
-                progress.done(case.name, problem(group, outcome))
-                if fail_fast and group.attributes["status"] != "ok":
-                    break
-            for name in left:
-                if name in self.old:
-                    writer.keep(self.old[name])
+
+    def _root_attributes(self) -> dict[str, str | int]:
+        config = self.config
+        history = stamp(f"hodo run {config.path}")
+        return root_attributes(config.title, config.references, config.text, history)
+
+    def _rows(self, failures: Mapping[str, dict[str, Any]]) -> list[dict[str, Any]]:
+        """What is stored of the cases asked for; of one whose good result stays, how it failed."""
         with open_run(self.path) as result:
             return [
                 {"case": name, **(failures.get(name) or result.row(name, SUMMARY))}

@@ -65,4 +65,6 @@ def refusal(error: BaseException) -> str:
     # HDF5 gives the errno in the text of its error, and nowhere else.
     told = re.search(r"error message = '([^']*)'", str(error))
     number = getattr(error, "errno", None)
-    return told[1].lower() if told else os.strerror(number).lower() if number else ""
+    if told:
+        return told[1].lower()
+    return os.strerror(number).lower() if number else ""

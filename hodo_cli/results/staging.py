@@ -116,7 +116,7 @@ def refusals(path: Path, remark: str = "") -> Iterator[None]:
 
 
 def destination(path: Path) -> Path:
-    """The file that a name stands for: what is written through a link goes where the link points."""
+    """The file that a name stands for: what is written through a link goes where it points."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
@@ -129,7 +129,7 @@ def check_writable(path: Path) -> None:
 
 
 def staging_folders(path: Path) -> list[Path]:
-    """The hidden folders and drafts of all processes, living or dead, that write the file `path`."""
+    """The hidden folders and drafts of all processes, living or dead, that write `path`."""
     path = destination(path)
     with suppress(OSError):  # no such folder: nor can a result be written there
         names = sorted(os.listdir(path.parent))
