@@ -27,9 +27,9 @@ from hodo_cli.cases.claim_block import (
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.sweep_block import SWEEP
 from hodo_cli.claims import paper1, paper2, quantities
-from hodo_cli.claims.checks import KINDS
+from hodo_cli.claims.checks import MOTION_CHECKS
 from hodo_cli.claims.finding import Finding, Verdict, erratum
-from hodo_cli.claims.paper import CHECKS, TRENDS
+from hodo_cli.claims.paper import PAPER_CHECKS, PAPER_TRENDS
 from hodo_cli.claims.quantities import number
 from hodo_cli.claims.variations import Motions, changed, members
 from hodo_cli.claims.verdicts import gridded, measure, sampled, together
@@ -74,14 +74,14 @@ def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
 
 
 def test_every_quantity_and_kind_is_computed_once() -> None:
-    assert list(claim_block.CHECK_KINDS) == [*KINDS, "average", "paper"]
+    assert list(claim_block.CHECK_KINDS) == [*MOTION_CHECKS, "average", "paper"]
     assert set(claim_block.QUANTITY_NAMES) <= {
         *QUANTITIES,
         *quantities.NUMBERS,
         *TOP.system.variables,
     }
     assert not set(QUANTITIES) & set(quantities.NUMBERS)
-    assert not set(CHECKS) & set(TRENDS)
+    assert not set(PAPER_CHECKS) & set(PAPER_TRENDS)
 
 
 def test_every_check_of_a_paper_is_used_and_says_what_it_checks() -> None:
@@ -90,8 +90,11 @@ def test_every_check_of_a_paper_is_used_and_says_what_it_checks() -> None:
     under = [reading for claim in claims for reading in readings(claim).values()]
     errata = [erratum for config in configs for erratum in config.errata]
     checks = [entry["check"] for entry in (*under, *errata) if entry["check"]]
-    assert {check["name"] for check in checks if check["kind"] == "paper"} == {*CHECKS, *TRENDS}
-    assert all(function.__doc__ for function in [*CHECKS.values(), *TRENDS.values()])
+    assert {check["name"] for check in checks if check["kind"] == "paper"} == {
+        *PAPER_CHECKS,
+        *PAPER_TRENDS,
+    }
+    assert all(function.__doc__ for function in [*PAPER_CHECKS.values(), *PAPER_TRENDS.values()])
 
 
 def test_monotone_is_judged_by_the_step_back_in_units_of_the_range() -> None:
@@ -199,7 +202,7 @@ def test_a_closed_form_holds_or_is_denied() -> None:
     case = changed(
         load(ROOT / "configs" / "paper1.yaml").cases["fig2-1"], {"time.end": 10, "time.samples": 11}
     )
-    free = quantities.integrate(case)
+    free = quantities.integrated_motion(case)
     assert paper_verdict("free-rotation", free) == REPRODUCED
     assert paper_verdict("no-closed-form", free) == CONTRADICTED
     assert paper_verdict("free-rotation-from-q0", free) == REPRODUCED
@@ -320,7 +323,7 @@ def test_quantities_of_a_known_motion() -> None:
         BODY,
         {"damping": 0.0, "initial": {"p": 0.1, "q": 0.0, "r": 1.0, "G": None}, "time.end": 40.0},
     )
-    free = quantities.integrate(case)
+    free = quantities.integrated_motion(case)
     # Libration of (G1, G2) about x3: the rate of small oscillations is r sqrt((A1-A3)(A2-A3)/(A1
     # A2)).
     rate = math.sqrt(0.4 * 0.2 / 0.8)
@@ -331,12 +334,12 @@ def test_quantities_of_a_known_motion() -> None:
     assert number(free, "crossings") == 0
     assert number(free, "first_crossing") == math.inf
     assert number(free, "area_smallest") == 1
-    damped = quantities.integrate(changed(case, {"damping": 0.01}))
+    damped = quantities.integrated_motion(changed(case, {"damping": 0.01}))
     assert paper1.decay_rate(damped) == pytest.approx(0.01, rel=1e-9)
 
 
 def test_the_rebound_of_u3_is_where_the_reference_has_it() -> None:
-    found = quantities.integrate(changed(TOP, {"time.samples": 4001}))
+    found = quantities.integrated_motion(changed(TOP, {"time.samples": 4001}))
     # tests/data/crossings.csv; the interpolation between samples costs the rest.
     assert number(found, "rebound_u3") == pytest.approx(0.40076030988, abs=1e-6)
 

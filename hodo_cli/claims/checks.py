@@ -15,7 +15,7 @@ from ..models import rigid_body
 from ..results.motion import Array, Motion
 from ..sweeps.averages import average
 from .finding import ROUNDING, Finding, beyond, if_true, listed
-from .quantities import number, series
+from .quantities import number, quantity
 
 Keys = Mapping[str, Any]
 
@@ -49,7 +49,7 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(right), float(max(len(m.crossings) for m in motions)), "; ".join(words))
 
 
-def value(check: Keys, motions: Sequence[Motion]) -> Finding:
+def values_given(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Values at start or end against those given; decided by the largest difference."""
     worst, differences, words = 0.0, [0.0], []
     for name, given in check["values"].items():
@@ -57,7 +57,7 @@ def value(check: Keys, motions: Sequence[Motion]) -> Finding:
         words.append(f"{name} = {listed(found)} (said: {listed(given)})")
         for m, ours, theirs in zip(motions, found, given, strict=True):
             differences.append(abs(ours - theirs))
-            scale = size(m, name)
+            scale = range_of(m, name)
             # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
             worst = max(
                 worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
@@ -65,9 +65,9 @@ def value(check: Keys, motions: Sequence[Motion]) -> Finding:
     return Finding(worst, float(np.max(differences)), "; ".join(words))
 
 
-def size(m: Motion, name: str) -> float:
+def range_of(m: Motion, name: str) -> float:
     """The range of a quantity, zero included; of a single number its size."""
-    values = series(m, name)
+    values = quantity(m, name)
     # The smallest double, so that a quantity that is 0 throughout can be divided by.
     return max(float(np.max(values, initial=0) - np.min(values, initial=0)), math.ulp(0))
 
@@ -77,7 +77,8 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     name, least, most = check["of"], check["least"], check["most"]
     everywhere = check["at"] == "always"
     found = [
-        series(m, name) if everywhere else np.array([number(m, name, check["at"])]) for m in motions
+        quantity(m, name) if everywhere else np.array([number(m, name, check["at"])])
+        for m in motions
     ]
     low, high = float(np.min([f.min() for f in found])), float(np.max([f.max() for f in found]))
     # -inf where there is no bound: nothing can violate it.
@@ -90,7 +91,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         )
     )
     # As the axis of a figure would reach, which shows both the values and the bound.
-    scale = max(max(size(m, name) for m in motions), abs(most or 0), abs(least or 0))
+    scale = max(max(range_of(m, name) for m in motions), abs(most or 0), abs(least or 0))
     words = (
         f"{name} from {low:.6g} to {high:.6g}"
         if everywhere
@@ -106,11 +107,11 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     worst, words = 0.0, []
     for m in motions:
         for name in check["of"]:
-            values = sign * series(m, name)
+            values = sign * quantity(m, name)
             # How far each value is above the least before it: a slow climb counts, not only a
             # single step.
             back = values - np.minimum.accumulate(values)
-            if violation := beyond(float(back.max()) / size(m, name), ROUNDING):
+            if violation := beyond(float(back.max()) / range_of(m, name), ROUNDING):
                 worst = max(worst, violation)
                 when = f"{m.time[back.argmax()]:.4g}"
                 words.append(f"{name} goes back by {violation:.2g} of its range at {when}")
@@ -135,17 +136,17 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
-    values = [series(m, name) for m in motions for name in check["of"]]
+    values = [quantity(m, name) for m in motions for name in check["of"]]
     changes = [float(np.ptp(each) / np.abs(each).max()) for each in values]
     worst = float(np.max(changes))
     words = f"{', '.join(check['of'])}: relative change {listed(changes)}"
     return Finding(beyond(worst, check["within"]), worst, words)
 
 
-KINDS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
+MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
     "axis": axis,
     "crossings": crossings,
-    "value": value,
+    "value": values_given,
     "bound": bound,
     "monotone": monotone,
     "order": order,

@@ -14,17 +14,22 @@ Check = Callable[[Sequence[Motion]], Finding]
 Trend = Callable[[Sequence[Sequence[Motion]]], Finding]
 """From the motions of all members of `over:` at once."""
 
-CHECKS: dict[str, Check] = {}
-TRENDS: dict[str, Trend] = {}
+PAPER_CHECKS: dict[str, Check] = {}
+PAPER_TRENDS: dict[str, Trend] = {}
 
 
 def check(function: Check) -> Check:
     """Register a check of one set of motions."""
-    CHECKS[function.__name__.replace("_", "-")] = function
+    PAPER_CHECKS[function.__name__.replace("_", "-")] = function
     return function
 
 
 def trend(function: Trend) -> Trend:
     """Register a check of all members of a sweep together."""
-    TRENDS[function.__name__.replace("_", "-")] = function
+    PAPER_TRENDS[function.__name__.replace("_", "-")] = function
     return function
+
+
+def in_pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
+    """Motions two by two, where a check compares the cases of a claim in pairs."""
+    return [*zip(motions[::2], motions[1::2], strict=True)]

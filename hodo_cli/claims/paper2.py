@@ -14,8 +14,8 @@ import numpy as np
 
 from ..results.motion import Motion
 from .finding import Finding, beyond, erratum, if_true, listed
-from .paper import check, trend
-from .quantities import end_of_spin, integrate, series
+from .paper import check, in_pairs, trend
+from .quantities import end_of_spin, integrated_motion, quantity
 from .variations import changed
 
 SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)
@@ -32,7 +32,7 @@ def never_at_zero(motions: Sequence[Motion]) -> Finding:
 
 def x_at_end_of_spin(m: Motion) -> float:
     """x where r reaches 0, by interpolation between the samples."""
-    return float(np.interp(end_of_spin(m), m.time, series(m, "x")))
+    return float(np.interp(end_of_spin(m), m.time, quantity(m, "x")))
 
 
 @check
@@ -65,11 +65,11 @@ def with_torque(m: Motion, factor: float, angle: float) -> Motion:
     span = {"start": 0.0, "end": time.end / factor, "samples": int(6000 / math.sqrt(factor))}
     values = {"cavity": alone, "epsilon": data["epsilon"] * factor, "time": span}
     torque = {"torque.0": 0.3 * math.cos(angle), "torque.1": 0.3 * math.sin(angle)}
-    return integrate(changed(m.case, {**values, **torque}))
+    return integrated_motion(changed(m.case, {**values, **torque}))
 
 
 @check
-def slow_variables(motions: Sequence[Motion]) -> Finding:
+def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     """x and y are slow: the rate of r by the fluid, relative to the frequency of (p, q), is of the
     order of kappa. Decided by the power; the rates at the figures' own kappa come first.
     """
@@ -89,7 +89,7 @@ def relative_rate(m: Motion, factor: float) -> float:
     A, _, C = m.inertia
     k = constants_of(m) | {"N3": 0.0}
     k["kappa"] *= factor
-    a, r = math.sqrt(series(m, "x")[0]), math.sqrt(series(m, "y")[0])
+    a, r = math.sqrt(quantity(m, "x")[0]), math.sqrt(quantity(m, "y")[0])
     rhs = m.case.system.rhs
     return float(abs(rhs(0.0, (a, r), SimpleNamespace(**k))[1] / r) / abs((C - A) / A * r))
 
@@ -108,16 +108,12 @@ def averaging_is_exact(motions: Sequence[Motion]) -> Finding:
     return Finding(beyond(worst, 1e-10), worst, f"x and y differ by {worst:.2g}")
 
 
-def in_pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
-    """Motions two by two."""
-    return [*zip(motions[::2], motions[1::2], strict=True)]
-
-
 def apart(full: Motion, other: Motion) -> float:
     """The largest difference of x or y at the times that two motions share."""
     _, i, j = np.intersect1d(full.time.round(9), other.time.round(9), return_indices=True)
     return max(
-        float(np.abs(series(full, name)[i] - series(other, name)[j]).max()) for name in ("x", "y")
+        float(np.abs(quantity(full, name)[i] - quantity(other, name)[j]).max())
+        for name in ("x", "y")
     )
 
 
@@ -129,7 +125,7 @@ def ratio_to_1(members: Sequence[Sequence[Motion]]) -> Finding:
     ratios = [m.inertia[0] / m.inertia[2] for m, *_ in members]
     turning, words = [], []
     for i in range(len(members[0])):
-        limits = [float(series(motions[i], "x")[-1]) for motions in members]
+        limits = [float(quantity(motions[i], "x")[-1]) for motions in members]
         # Where the limit falls with A/C it is smallest at the smallest ratio.
         least = int(np.argmin(limits))
         turning.append(float(ratios[least]))
@@ -180,14 +176,14 @@ def power_of_epsilon(motions: Sequence[Motion]) -> Finding:
     for power in (2, 1):
         # A smaller torque takes longer to end the spin: three times, at these parameters.
         ends = [changed(m.case, {"epsilon": 0.1**power, "time.end": 200.0}) for m in motions]
-        limits = [float(series(integrate(case), "x")[-1]) for case in ends]
+        limits = [float(quantity(integrated_motion(case), "x")[-1]) for case in ends]
         off.append(max(abs(x - given) for x, given in zip(limits, read, strict=True)))
     # The text rounds 0.767 to 0.76.
     return erratum(off[0], off[1], 0.01)
 
 
 @check
-def frequency(motions: Sequence[Motion]) -> Finding:
+def frequency_of_turns(motions: Sequence[Motion]) -> Finding:
     """The frequency of (p, q) in free motion by the full equations, beside |(C - A) r0| as printed
     and |(C - A) r0/A|.
     """

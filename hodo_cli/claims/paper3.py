@@ -14,8 +14,8 @@ import numpy as np
 from ..models.lagrange import mean_cosine
 from ..results.motion import Motion
 from .finding import Finding, Pair, agreement, beyond, difference, erratum, if_true, listed
-from .paper import check
-from .quantities import integrate, number, series
+from .paper import check, in_pairs
+from .quantities import integrated_motion, number, quantity
 from .variations import changed
 
 ROOTS = ("u1", "u2", "u3")
@@ -31,14 +31,14 @@ def ordering(motions: Sequence[Motion]) -> Finding:
     """
     least = np.inf
     for m in motions:
-        u1, u2, u3 = (series(m, name) for name in ROOTS)
+        u1, u2, u3 = (quantity(m, name) for name in ROOTS)
         least = min(least, float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])))
     return Finding(beyond(-least, 1e-12), least, f"the least distance is {least:.2g}")
 
 
 def signs(m: Motion) -> tuple[np.ndarray, np.ndarray]:
     """The signs of R, which is that of Gz^2 - C^2 r^2, and of r over time, each (n,)."""
-    Gz, r = series(m, "Gz"), series(m, "r")
+    Gz, r = quantity(m, "Gz"), quantity(m, "r")
     return np.sign(Gz**2 - (m.inertia[2] * r) ** 2), np.sign(r)
 
 
@@ -62,8 +62,8 @@ def by_2_5(m: Motion, frozen: bool) -> list[Pair]:
     """
     followed = signs(m)
     taken = tuple(np.full(len(s), s[0]) for s in followed) if frozen else followed
-    values = from_roots(m, [series(m, name) for name in ROOTS], *taken)
-    return [(series(m, name), found) for name, found in zip(INTEGRALS, values, strict=True)]
+    values = from_roots(m, [quantity(m, name) for name in ROOTS], *taken)
+    return [(quantity(m, name), found) for name, found in zip(INTEGRALS, values, strict=True)]
 
 
 @check
@@ -93,7 +93,7 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(right), min(times), words)
 
 
-STEPS = 1000
+RUNGE_KUTTA_STEPS = 1000
 """Runge-Kutta steps of a motion: their error in r is 1e-9, far below what is allowed."""
 
 
@@ -107,7 +107,7 @@ def r_by_2_5(motions: Sequence[Motion]) -> Finding:
         end = min(0.9 * number(m, "rebound_u3"), float(m.time[-1]))
         times, r = integrate_3_5(m, end)
         integral = sum(c * times ** (n + 1) / (n + 1) for n, c in enumerate(m.case.data["b"]))
-        exact = series(m, "r")[0] * np.exp(-integral / m.inertia[2])
+        exact = quantity(m, "r")[0] * np.exp(-integral / m.inertia[2])
         worst.append(float(np.abs(r - exact).max()))
     words = f"r differs by {', '.join(f'{x:.1g}' for x in worst)}"
     return Finding(beyond(max(worst), HALF_THE_DIGITS), max(worst), words)
@@ -117,9 +117,9 @@ def integrate_3_5(m: Motion, end: float) -> tuple[np.ndarray, np.ndarray]:
     """The times (n,) of the steps of (3.5) closed by (2.5), and r (n,) there, by the classical
     Runge-Kutta method.
     """
-    times, h = np.linspace(0, end, STEPS + 1), end / STEPS
+    times, h = np.linspace(0, end, RUNGE_KUTTA_STEPS + 1), end / RUNGE_KUTTA_STEPS
     fixed = tuple(s[0] for s in signs(m))
-    u = np.array([series(m, name)[0] for name in ROOTS])
+    u = np.array([quantity(m, name)[0] for name in ROOTS])
     r = [from_roots(m, u, *fixed)[2]]
     for t in times[:-1]:
         k1 = rates_3_5(m, t, u, fixed)
@@ -151,19 +151,14 @@ def equation_3_5(motions: Sequence[Motion]) -> Finding:
     """
     pairs = in_pairs(motions)
     # (3.5) loses digits as u1 and u2 meet.
-    return agreement([(series(a, n), series(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)
+    return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)
 
 
 @check
 def equation_2_8(motions: Sequence[Motion]) -> Finding:
     """The mean over the phase of nutation by quadrature is that in closed form."""
     pairs = in_pairs(motions)
-    return agreement([(series(a, n), series(b, n)) for a, b in pairs for n in INTEGRALS], 1e-10)
-
-
-def in_pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
-    """Motions two by two."""
-    return [*zip(motions[::2], motions[1::2], strict=True)]
+    return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-10)
 
 
 @check
@@ -179,9 +174,11 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     powers, words = [], []
     for limit, full in in_pairs(motions):
         time = {"time": asdict(limit.case.time)}
-        near = [integrate(changed(full.case, time | {"epsilon": value})) for value in epsilons]
+        near = [
+            integrated_motion(changed(full.case, time | {"epsilon": value})) for value in epsilons
+        ]
         for name in ("Gz", "H"):
-            errors = [float(np.abs(series(m, name) - series(limit, name)).max()) for m in near]
+            errors = [float(np.abs(quantity(m, name) - quantity(limit, name)).max()) for m in near]
             powers.append(float((np.diff(np.log(errors)) / np.diff(np.log(epsilons))).min()))
             words.append(f"{name} {', '.join(f'{error:.3g}' for error in errors)}")
     least = min(powers)
@@ -207,7 +204,7 @@ def sooner(motions: Sequence[Motion], name: str, limit: float) -> Finding:
     """Whether a quantity first comes within 1 % of a limit sooner in the first motion."""
     times = []
     for m in motions:
-        near = np.abs(series(m, name) - limit) <= 0.01 * abs(limit)
+        near = np.abs(quantity(m, name) - limit) <= 0.01 * abs(limit)
         times.append(float(m.time[np.argmax(near)]) if near.any() else math.inf)
     words = f"within 1 % of {limit:g} at {listed(times)}"
     return Finding(if_true(times[0] < min(times[1:])), times[0], words)
@@ -224,7 +221,7 @@ def roughness(m: Motion) -> float:
         steps = span / (m.time[1] - m.time[0])
         return float(np.abs(np.diff(values, 2)).max() * steps**2 / np.ptp(values))
 
-    return max(one(series(m, name)) for name in ("Gz", "H", *ROOTS))
+    return max(one(quantity(m, name)) for name in ("Gz", "H", *ROOTS))
 
 
 @check
@@ -248,7 +245,7 @@ def period(motions: Sequence[Motion]) -> Finding:
     theta, r = (m.case.data["initial"][name] for name in ("theta", "r"))
     epsilon = 1e-3
     free = {"a": 0.0, "b": 0.0, "epsilon": epsilon}
-    found = integrate(changed(m.case, {**free, "time.end": 0.05, "time.samples": 20001}))
+    found = integrated_motion(changed(m.case, {**free, "time.end": 0.05, "time.samples": 20001}))
     u = found.stored("gamma")[:, 2]
     # The top is released at u2, its highest point, to which it comes back after each period.
     i = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:]))[:2] + 1

@@ -19,7 +19,7 @@ from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
 
 
-def integrate(case: Case) -> Motion:
+def integrated_motion(case: Case) -> Motion:
     """A case integrated and, where that applies, classified; its error is not measured.
 
     Raises HodoError if it stops before its end.
@@ -42,7 +42,7 @@ def integrate(case: Case) -> Motion:
     return Motion(case, samples | marks, label=case.name)
 
 
-def series(m: Motion, name: str) -> np.ndarray:
+def quantity(m: Motion, name: str) -> np.ndarray:
     """A quantity over time (n,); of one that is a single number that number (1,).
 
     Raises HodoError if the motion does not have it.
@@ -56,9 +56,9 @@ def series(m: Motion, name: str) -> np.ndarray:
 
 
 def number(m: Motion, name: str, at: str = "end") -> float:
-    """A quantity that is one number; of one over time its first or last value. Raises as `series`
+    """A quantity that is one number; of one over time its first or last value. Raises as `quantity`
     does."""
-    return float(series(m, name)[0 if at == "start" else -1])
+    return float(quantity(m, name)[0 if at == "start" else -1])
 
 
 def swept_angle(m: Motion, about: int, where: slice | np.ndarray = slice(None)) -> float:
@@ -75,10 +75,10 @@ def reach(m: Motion, side: int) -> float:
     quadrants: w_l^2 in A (0), where the axis of largest inertia is enclosed, K w_s^2 in B (2).
     """
     axis = m.order[side]
-    return float(np.max(coordinate(m, side)[m.labels == axis + 1], initial=0))
+    return float(np.max(quadrant_coordinate(m, side)[m.labels == axis + 1], initial=0))
 
 
-def coordinate(m: Motion, side: int) -> np.ndarray:
+def quadrant_coordinate(m: Motion, side: int) -> np.ndarray:
     """w_l^2 (side 0) or K w_s^2 (side 2) over time (n,)."""
     # The quadrants of paper 1 have K w_s^2 as their second axis, so that the separatrix is the
     # diagonal.
@@ -88,10 +88,12 @@ def coordinate(m: Motion, side: int) -> np.ndarray:
 
 def area(m: Motion, side: int) -> float:
     """`reach` relative to the largest coordinate of the motion, by which a figure is scaled."""
-    return reach(m, side) / float(max(coordinate(m, 0).max(), coordinate(m, 2).max()))
+    return reach(m, side) / float(
+        max(quadrant_coordinate(m, 0).max(), quadrant_coordinate(m, 2).max())
+    )
 
 
-def growth(m: Motion, side: int) -> float:
+def tilt_growth(m: Motion, side: int) -> float:
     """The rate at which a small tilt away from the axis of largest (0) or smallest (2) inertia
     grows."""
     rates = m.case.system.damping_rates
@@ -131,8 +133,8 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "turns": lambda m: abs(swept_angle(m, int(m.labels[0]) - 1)),
     "area_largest": lambda m: area(m, 0),
     "area_smallest": lambda m: area(m, 2),
-    "growth_largest": lambda m: growth(m, 0),
-    "growth_smallest": lambda m: growth(m, 2),
+    "growth_largest": lambda m: tilt_growth(m, 0),
+    "growth_smallest": lambda m: tilt_growth(m, 2),
     "end_of_spin": end_of_spin,
     "rebound_u3": rebound,
 }

@@ -14,7 +14,7 @@ from ..models import rigid_body
 from ..results.motion import Motion
 from ..sweeps.members import member
 from .finding import ROUNDING
-from .quantities import integrate
+from .quantities import integrated_motion
 
 
 def members(
@@ -88,5 +88,5 @@ class Motions:
         # A member's name is its number in one sweep; the same motion may have another elsewhere.
         unnamed = replace(case, name="variation")
         if unnamed not in self._known:
-            self._known[unnamed] = integrate(case)
+            self._known[unnamed] = integrated_motion(case)
         return self._known[unnamed]

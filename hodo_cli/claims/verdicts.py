@@ -28,16 +28,16 @@ from ..results.hdf5 import Run
 from ..results.motion import Motion, motion_of
 from ..schema.kinds import unknown
 from . import averaging, paper1, paper2, paper3
-from .checks import KINDS, averages
+from .checks import MOTION_CHECKS, averages
 from .finding import PLOTTING_ACCURACY, Finding, Verdict, degree
-from .paper import CHECKS, TRENDS
+from .paper import PAPER_CHECKS, PAPER_TRENDS
 from .variations import Motions, members
 
 PAPERS = (averaging, paper1, paper2, paper3)
-"""The modules whose import fills `paper.CHECKS` and `paper.TRENDS`."""
+"""The modules whose import fills `paper.PAPER_CHECKS` and `paper.PAPER_TRENDS`."""
 
 
-def judge(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
+def judge_claim(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
     """The verdict on one claim by the cases of a result; `known` holds the motions that claims have
     varied.
 
@@ -69,7 +69,7 @@ def together(claim: Mapping[str, Any], found: Mapping[str, Verdict]) -> str:
 
 
 def judge_erratum(erratum: Mapping[str, Any], run: Run) -> Verdict:
-    """Whether the printed form is wrong and the corrected one right. Raises as `judge` does."""
+    """Whether the printed form is wrong and the corrected one right. Raises as `judge_claim` does."""
     if erratum["check"] is None:
         return Verdict(erratum, BY_READING, math.nan, "")
     if missing := unusable(erratum["cases"], run):
@@ -94,7 +94,7 @@ def unusable(cases: Sequence[str], run: Run) -> str:
 
 
 def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
-    """The verdict on a claim without readings. Raises as `judge` does."""
+    """The verdict on a claim without readings. Raises as `judge_claim` does."""
     if missing := unusable(claim["cases"], run):
         return Verdict(claim, NOT_TESTED, math.nan, missing)
     try:
@@ -129,7 +129,7 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     """The verdict on one claim by the motions of its cases, in order, or by the members of its
     `over:`.
 
-    Raises HodoError as `judge` does.
+    Raises HodoError as `judge_claim` does.
     """
     if not claim["over"]:
         finding = decide(claim["check"], motions)
@@ -139,8 +139,8 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     if not found:
         raise HodoError(f"no member starts about {claim['start']}")
     # A trend speaks of all members at once, so no single one of them can decide it.
-    if (name := claim["check"].get("name")) in TRENDS:
-        finding = TRENDS[name]([*found.values()])
+    if (name := claim["check"].get("name")) in PAPER_TRENDS:
+        finding = PAPER_TRENDS[name]([*found.values()])
         return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
     findings = {name: decide(claim["check"], motions) for name, motions in found.items()}
     return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
@@ -150,10 +150,10 @@ def decide(check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
     """What one check finds in one set of motions. Raises HodoError for a check that there is
     not."""
     if check["kind"] != "paper":
-        return KINDS[check["kind"]](check, motions)
-    if (name := check["name"]) not in CHECKS:
-        raise HodoError(unknown(f"check {name!r}", name, [*CHECKS, *TRENDS]))
-    return CHECKS[name](motions)
+        return MOTION_CHECKS[check["kind"]](check, motions)
+    if (name := check["name"]) not in PAPER_CHECKS:
+        raise HodoError(unknown(f"check {name!r}", name, [*PAPER_CHECKS, *PAPER_TRENDS]))
+    return PAPER_CHECKS[name](motions)
 
 
 def gridded(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:

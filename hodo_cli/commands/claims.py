@@ -10,7 +10,7 @@ from ..cases.claim_block import BY_READING, CONFIRMED
 from ..cases.config import Config, parse
 from ..claims.finding import Verdict
 from ..claims.variations import Motions
-from ..claims.verdicts import judge, judge_erratum
+from ..claims.verdicts import judge_claim, judge_erratum
 from ..results.hdf5 import Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
@@ -21,7 +21,7 @@ Rows = list[dict[str, Any]]
 def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
     """Judge and store the claims and the errata of result files; the lines of both tables.
 
-    Raises HodoError as `judge` does, or if a file cannot be read or replaced.
+    Raises HodoError as `judge_claim` does, or if a file cannot be read or replaced.
     """
     statements: Rows = []
     misprints: Rows = []
@@ -31,22 +31,31 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
             statements += [{"run": str(path), **claim_row(verdict)} for verdict in verdicts]
             misprints += [{"run": str(path), **claim_row(verdict)} for verdict in errata]
             if verdicts:
-                changes.write("_claims", claim_group(verdicts, STATEMENT))
+                changes.write("_claims", claim_group(verdicts, STATEMENT_COLUMNS))
             if errata:
-                changes.write("_errata", claim_group(errata, ERRATUM))
+                changes.write("_errata", claim_group(errata, ERRATUM_COLUMNS))
     return statements, misprints
 
 
-STATEMENT = ("where", "original", "statement", "verdict", "expect", "evidence", "measured", "note")
-ERRATUM = ("where", "printed", "should_be", "verdict", "evidence", "note")
+STATEMENT_COLUMNS = (
+    "where",
+    "original",
+    "statement",
+    "verdict",
+    "expect",
+    "evidence",
+    "measured",
+    "note",
+)
+ERRATUM_COLUMNS = ("where", "printed", "should_be", "verdict", "evidence", "note")
 """What is stored of a claim and of an erratum as text, besides its id."""
 
 
 def judged(config: Config, run: Run) -> tuple[list[Verdict], list[Verdict]]:
-    """The verdicts on the claims and on the errata of one result. Raises HodoError as `judge`
+    """The verdicts on the claims and on the errata of one result. Raises HodoError as `judge_claim`
     does."""
     known = Motions()
-    verdicts = [judge(claim, run, known) for claim in config.claims]
+    verdicts = [judge_claim(claim, run, known) for claim in config.claims]
     return verdicts, [judge_erratum(erratum, run) for erratum in config.errata]
 
 
