@@ -96,7 +96,7 @@ def truth(case: Case) -> Truth:
     """The best that can be computed of a case: in quadruple precision unless that takes too
     long."""
     every = sample_times(case)
-    times = every[thinned(every)]
+    times = every[thinned(len(every))]
     method, _ = best(case, "extended")
     # In long double, where the rounding of the integration is far below one ulp of the data.
     path, *moved = [
@@ -197,7 +197,7 @@ def trial(
 
 def compared(path: Sampled) -> Sampled:
     """The samples of a motion at which its error is measured."""
-    rows = thinned(path.time)
+    rows = thinned(len(path.time))
     return Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
 
 

@@ -47,7 +47,7 @@ class Collocation(Stepwise):
         self.dtype, self.model = PRECISIONS[precision], model
         # Below 32 eps the steps double and no digit is gained: the estimate is rounding by then.
         self.tol = max(tol or 0.0, 32 * float(np.finfo(self.dtype).eps))
-        self.band = (1e-200, 1e200)  # its error is relative to the state at every size
+        self.band = (1e-100, 1e100)  # its error is relative to the state at every size
         self.basis, self.degree = LEGENDRE, STAGES
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:

@@ -148,7 +148,7 @@ def passed(event: Event, hit: Hit, clock: Clock, k: Constants) -> Passed:
 
 
 def norm_band(engine: Engine, system: Model) -> tuple[float, float] | None:
-    """Where the squared norm of the state may stay before it gets new units; None for anywhere.
+    """Where the norm of the state may stay before it gets new units; None for anywhere.
 
     New units serve a motion that decays or grows. A model without degrees has none, a body at rest
     needs none, and under a torque that is constant the motion settles at a size of its own.
