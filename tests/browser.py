@@ -1,4 +1,5 @@
-"""A headless Chromium, driven through its debugging pipe: pages as a reader sees and handles them."""
+"""A headless Chromium, driven through its debugging pipe: pages as a reader sees and handles
+them."""
 
 import base64
 import json

@@ -1,5 +1,5 @@
-"""Faults of disks, files and processes, by sample: damage is named and never drawn, finished work is
-never lost. `make stress` tries each class hundreds of times."""
+"""Faults of disks, files and processes, by sample: damage is named and never drawn, finished work
+is never lost. `make stress` tries each class hundreds of times."""
 
 import os
 import random
@@ -347,7 +347,8 @@ def test_what_a_case_file_cannot_mean(old: str, new: str, message: str) -> None:
 def test_a_thousand_wrong_names_show_the_first_twenty_at_once() -> None:
     cases = "".join(f"  name{i}: {{damping: 1}}\n" for i in range(1000))
     head = CONFIG.partition("cases:\n")[0]
-    figure = f"figures: {{f: {{kind: hodograph, cases: [{', '.join(f'nane{i}' for i in range(1000))}]}}}}"
+    names = ", ".join(f"nane{i}" for i in range(1000))
+    figure = f"figures: {{f: {{kind: hodograph, cases: [{names}]}}}}"
     began = time.process_time()
     with pytest.raises(HodoError) as caught:
         parse(f"{head}cases:\n{cases}{figure}", "x")

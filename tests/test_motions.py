@@ -155,7 +155,8 @@ def test_crossings_and_labels_are_right_or_undecided(
 
 
 def labels_change_at_crossings(times: np.ndarray, found: Classification) -> None:
-    """Between two samples with a side, it has changed where an odd number of crossings is stored."""
+    """Between two samples with a side, it has changed where an odd number of crossings is
+    stored."""
     for i, j in pairwise(np.flatnonzero(found.labels > 0)):
         crossings = [c for c in found.crossings if times[i] < c.time <= times[j]]
         assert (len(crossings) % 2 == 1) == (found.labels[i] != found.labels[j])

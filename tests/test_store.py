@@ -46,7 +46,8 @@ FLAGS = {
 }
 CONFIG = """
 cases:
-  fig4: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.1, initial: {p: 1, q: 2, r: 3}, time: {end: 1}}
+  fig4: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.1,
+         initial: {p: 1, q: 2, r: 3}, time: {end: 1}}
 """
 
 
@@ -179,20 +180,27 @@ READERS = {
     "netcdf4": """
 import json, sys, xarray as xr
 tree = xr.open_datatree(sys.argv[1], engine=sys.argv[2])
+def plain(attributes):
+    return {key: x if isinstance(x, str) else float(x) for key, x in attributes.items()}
 print(json.dumps({name: {
-    "attributes": {key: value if isinstance(value, str) else float(value) for key, value in node.attrs.items()},
+    "attributes": plain(node.attrs),
     "variables": {key: [list(v.dims), v.values.tolist(), v.dtype.kind, str(v.attrs.get("units")),
                         str(v.attrs.get("flag_values"))] for key, v in node.variables.items()},
 } for name, node in tree.children.items()}))
 """,
     "plain": """
 import json, sys, netCDF4
+def plain(attributes):
+    return {key: x if isinstance(x, str) else float(x) for key, x in attributes.items()}
+def described(v):
+    kind = "U" if v.dtype is str else v.dtype.kind
+    own = v.__dict__
+    return [list(v.dimensions), v[:].tolist(), kind, str(own.get("units")),
+            str(own.get("flag_values"))]
 with netCDF4.Dataset(sys.argv[1]) as file:
     print(json.dumps({name: {
-        "attributes": {key: value if isinstance(value, str) else float(value) for key, value in g.__dict__.items()},
-        "variables": {key: [list(v.dimensions), v[:].tolist(), "U" if v.dtype is str else v.dtype.kind,
-                            str(v.__dict__.get("units")), str(v.__dict__.get("flag_values"))]
-                      for key, v in g.variables.items()},
+        "attributes": plain(g.__dict__),
+        "variables": {key: described(v) for key, v in g.variables.items()},
     } for name, g in file.groups.items()}))
 """,
 }
@@ -266,8 +274,10 @@ def test_trajectory_as_a_group() -> None:
     case = parse(CONFIG, "x").cases["fig4"]
     trajectory = Trajectory(
         case=case, time=np.array([0.0, 1.0]), state=np.ones((2, 3)), exponent=np.zeros(2),
-        variables={"omega": np.ones((2, 3))}, method="taylor", method_reason="not stiff", tol=2.0**-52, steps=7,
-        run_time=0.5, warnings=("one", "two"), events=(Occurrence("end of spin", 1.0),), errors={"omega": 1e-14},
+        variables={"omega": np.ones((2, 3))}, method="taylor", method_reason="not stiff",
+        tol=2.0**-52, steps=7,
+        run_time=0.5, warnings=("one", "two"), events=(Occurrence("end of spin", 1.0),),
+        errors={"omega": 1e-14},
         error_kind="extended",
     )  # fmt: skip
     item = case_group(
@@ -275,7 +285,8 @@ def test_trajectory_as_a_group() -> None:
         {"omega": (("time", "axis"), "angular velocity", "1/s"), "time": (("time",), "t", "s")},
         "ab",
     )
-    assert {key: item.attributes[key] for key in ("hash", "steps", "error", "warnings", "status")} == {
+    assert {key: item.attributes[key] for key in ("hash", "steps", "error", "warnings",
+                                                  "status")} == {
         "hash": "ab", "steps": 7, "error": 1e-14, "warnings": "one\ntwo", "status": "ok",
     }  # fmt: skip
     assert parse_case(str(item.attributes["case"])) == case
@@ -410,7 +421,8 @@ def test_after_an_exception_the_old_file_stays_and_finished_cases_are_found(path
         writer.add("b", group(seed=1))
         raise KeyboardInterrupt
     assert path.read_bytes() == before
-    assert {name: [item.attributes["hash"] for item in items] for name, items in finished(path).items()} == {
+    assert {name: [item.attributes["hash"] for item in items] for name,
+            items in finished(path).items()} == {
         "a": ["hash 0"], "b": ["hash 1"],
     }  # fmt: skip
     with Writer(path, ROOT_ATTRIBUTES) as writer:
@@ -743,7 +755,8 @@ def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_imports() -> None:
-    code = "import json, sys, hodo_cli.results.writer\nprint(json.dumps([n for n, module in sys.modules.items() if module]))"
+    code = "import json, sys, hodo_cli.results.writer\n"
+    code += "print(json.dumps([n for n, module in sys.modules.items() if module]))"
     loaded = set(alone(code))
     assert not loaded & {"netCDF4", "xarray", "heyoka", "scipy", "matplotlib"}
     assert "h5py" in loaded

@@ -61,7 +61,8 @@ def computed(case: Case, first: int = 0, last: int | None = None) -> dict[str, n
     [
         (
             "{damping.2: 3}",
-            "cases.a.sweep.damping.2: expected one of linspace, logspace, values, zip, sphere, got 3",
+            "cases.a.sweep.damping.2: expected one of linspace, logspace, values, zip, sphere, "
+            "got 3",
         ),
         ("{damping.2: {linspce: [1, 2, 3]}}", "did you mean 'linspace'?"),
         (
@@ -111,15 +112,17 @@ def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) 
 
 def test_a_sphere_needs_a_model_with_directions() -> None:
     with pytest.raises(HodoError, match="only the start of a body-frame model has a direction"):
-        one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, initial: {x: 1, y: 1}, "
+        one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, initial: {x: "
+            "1, y: 1}, "
             "time: {end: 9}, sweep: {d: {sphere: {count: 2}}}")  # fmt: skip
 
 
 def test_store_names_what_a_sweep_has() -> None:
     with pytest.raises(HodoError, match="did you mean 'crossing_time'"):
         one(f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}")
-    for model in (one(f"{FIG4}, {BALL}"), one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
-                                              "initial: {x: 1, y: 1}, time: {end: 9}")):  # fmt: skip
+    cavity = "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
+    cavity += "initial: {x: 1, y: 1}, time: {end: 9}"
+    for model in (one(f"{FIG4}, {BALL}"), one(cavity)):
         found = models.find(model.model, model.form)
         names = {*sweep_block.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
         assert set(columns.columns(model)) == names
@@ -127,7 +130,8 @@ def test_store_names_what_a_sweep_has() -> None:
 
 def test_the_values_of_a_range() -> None:
     case = one(
-        f"{FIG4}, {BALL}, sweep: {{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}"
+        f"{FIG4}, {BALL}, sweep: "
+        f"{{damping.2: {{logspace: [1e-4, 1e-2, 3]}}, damping: {{linspace: [0, 1, 5]}}}}"
     )
     ratio, even = sweep_block.axes_of(case.sweep or {})
     assert ratio.values() == pytest.approx([1e-4, 1e-3, 1e-2], rel=1e-14)
@@ -183,8 +187,9 @@ def test_members_on_a_sphere_are_single_cases(body: str) -> None:
 
 
 def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -> None:
-    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{linspace: [0.5, 1.2, 5]}}, "
-               "damping.0: {values: [0.001, 0.005]}, d: {sphere: {count: 2, seed: 1}}}")  # fmt: skip
+    sweep = "inertia.1: {linspace: [0.5, 1.2, 5]}, damping.0: {values: [0.001, 0.005]}, "
+    sweep += "d: {sphere: {count: 2, seed: 1}}"
+    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{{sweep}}}")
     assert_members_are_single_cases(case, list(range(20)))
 
 
@@ -193,7 +198,8 @@ def test_the_papers_crossings_are_found() -> None:
     """The values of paper 1's figures to all digits known (tests/test_crossings.py has their
     source)."""
     fig4 = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{damping.2: {{values: [0.003, 0.002, 0.005]}}}}"
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: "
+        f"{{damping.2: {{values: [0.003, 0.002, 0.005]}}}}"
     )
     values = computed(fig4)
     assert values["crossing_time"][:2] == pytest.approx(
@@ -201,7 +207,8 @@ def test_the_papers_crossings_are_found() -> None:
     )
     assert values["crossings"].tolist() == [1, 1, 0]
     fig12 = one(
-        f"{FIG12}, initial: {{p: 0.5, q: 0.25, r: 1.40435829552939}}, sweep: {{initial.q: {{values: [0.25]}}}}"
+        f"{FIG12}, initial: {{p: 0.5, q: 0.25, r: 1.40435829552939}}, sweep: "
+        f"{{initial.q: {{values: [0.25]}}}}"
     )
     values = computed(fig12)
     assert values["crossing_time"][0] == pytest.approx(256.993064559, rel=1e-11)
@@ -215,7 +222,8 @@ def test_the_papers_crossings_are_found() -> None:
 @pytest.mark.parametrize("body", [FIG4, FIG12], ids=["linear-diag", "tensor"])
 def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
     case = one(
-        f"{body}, {BALL}, sweep: {{inertia.1: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}"
+        f"{body}, {BALL}, sweep: "
+        f"{{inertia.1: {{values: [0.7, 0.8]}}, d: {{sphere: {{count: 37}}}}}}"
     )
     whole = computed(case)
     cuts = [0, 1, 12, 41, 63, 74]
@@ -231,7 +239,8 @@ def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
 def test_members_are_right_relative_to_their_size(size: float) -> None:
     """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may
     not be a double."""
-    case = one(f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, error: off, time: {{end: {100 / size!r}}}, "
+    case = one(f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0, error: off, time: "
+               f"{{end: {100 / size!r}}}, "
                f"initial: {{p: {0.8 * size!r}, q: {0.5 * size!r}, r: {0.74 * size!r}}}, "
                f"sweep: {{damping: {{values: [0, {0.01 * size!r}, {size!r}]}}}}")  # fmt: skip
     values = computed(case)
@@ -249,7 +258,8 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
 def test_what_an_ensemble_cannot_settle_is_integrated_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 0.8, q: 0.5, r: 0.74}}, "
+    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: "
+               f"{{p: 0.8, q: 0.5, r: 0.74}}, "
                "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
     alone: list[int] = []
     kept = chunk._alone
@@ -271,9 +281,14 @@ def test_what_an_ensemble_cannot_settle_is_integrated_alone(
 def test_starts_that_decide_nothing() -> None:
     """On the separatrix, on each principal axis, at rest; labels as the single case has them."""
     on = math.sqrt(0.6)  # with (p, 0, r) = (sqrt(0.6), 0, 1): D = 0.2 p^2 - 0.12 r^2
-    case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: {{p: 1, q: 1, r: 1}}, "
-               f"sweep: {{start: {{zip: {{initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, "
-               "initial.q: {values: [0, 0, 1, 0, 0]}, initial.r: {values: [1, 0, 0, 1, 0]}}}}")  # fmt: skip
+    zipped = (
+        f"initial.p: {{values: [{on!r}, 1, 0, 0, 0]}}, initial.q: {{values: [0, 0, 1, 0, 0]}}, "
+    )
+    zipped += "initial.r: {values: [1, 0, 0, 1, 0]}"
+    case = one(
+        f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], "
+        f"initial: {{p: 1, q: 1, r: 1}}, sweep: {{start: {{zip: {{{zipped}}}}}}}"
+    )
     values = computed(case)
     assert values["start_axis"].tolist() == [0, 1, 0, 3, -1]
     assert values["crossings"].tolist() == [0] * 5
@@ -282,7 +297,8 @@ def test_starts_that_decide_nothing() -> None:
 
 def test_members_that_are_no_body_are_marked() -> None:
     case = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}"
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: "
+        f"{{inertia.1: {{values: [0.1, 0.8, 2.0]}}}}"
     )
     values = computed(case)
     assert values["status"].tolist() == [Status.INVALID.code, Status.OK.code, Status.INVALID.code]
@@ -291,14 +307,16 @@ def test_members_that_are_no_body_are_marked() -> None:
 
 def test_the_limits_of_a_case_are_those_of_each_member() -> None:
     case = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: {{damping.2: {{values: [0, 1]}}}}"
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, max_steps: 20, sweep: "
+        f"{{damping.2: {{values: [0, 1]}}}}"
     )
     assert computed(case)["status"].tolist() == [Status.TIMEOUT.code, Status.TIMEOUT.code]
 
 
 def test_the_end_of_spin_of_members() -> None:
     """The end of spin in the paper on the cavity: kappa = 0.6048, M3 = -0.1 and -0.3."""
-    case = one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1, "
+    case = one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, "
+               "epsilon: 0.1, "
                "torque: [0, 0, -0.1], initial: {x: 1, y: 1}, time: {end: 60}, error: off, "
                "sweep: {torque.2: {values: [-0.1, -0.3]}}")  # fmt: skip
     values = computed(case)
@@ -347,7 +365,8 @@ cases:
     store: [omega, trajectory]
     sweep: {resistance.diagonal: {values: [0.003, 0.004]}}
 figures:
-  sphere: {kind: map, cases: [ball], variable: crossing_time, panels: damping.2, at: [0, 2], caption: c}
+  sphere: {kind: map, cases: [ball], variable: crossing_time, panels: damping.2, at: [0, 2],
+           caption: c}
 """
 
 
@@ -438,7 +457,8 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
 @pytest.mark.heyoka
 def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
     (tmp_path / "a.yaml").write_text(SMALL, encoding="utf-8")
-    for command in (["run", "a.yaml"], ["classify", "runs/a.h5"], ["show", "runs/a.h5"], ["plot", "runs/a.h5"],
+    for command in (["run", "a.yaml"], ["classify", "runs/a.h5"], ["show", "runs/a.h5"],
+                    ["plot", "runs/a.h5"],
                     ["plot", "runs/a.h5", "--format", "csv"]):  # fmt: skip
         done = hodo(*command)
         assert done.returncode == 0, done.stderr
@@ -447,7 +467,8 @@ def test_a_sweep_goes_through_every_command(tmp_path: Path, hodo: Hodo) -> None:
     before = (tmp_path / "runs" / "a.h5").read_bytes()
     assert hodo("classify", "runs/a.h5").returncode == 0
     assert (tmp_path / "runs" / "a.h5").read_bytes() == before
-    table = np.genfromtxt(tmp_path / "runs" / "figures" / "a" / "sphere.csv", delimiter=",", names=True, dtype=None,
+    table = np.genfromtxt(tmp_path / "runs" / "figures" / "a" / "sphere.csv", delimiter=",",
+                          names=True, dtype=None,
                           encoding="utf-8")  # fmt: skip
     with h5py.File(tmp_path / "runs" / "a.h5") as file:
         stored = file["ball"]["crossing_time"][:][[0, 2]].ravel()
@@ -524,7 +545,8 @@ claims:
   - {id: none, where: "-", statement: "-", cases: [ball], expect: reproduced,
      check: {kind: average, variable: crossings, at: [{damping.2: 1}], most: 0}}
   - {id: rises, where: "-", statement: "-", cases: [ball], expect: contradicted,
-     check: {kind: average, variable: end_axis.x3, at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}], sense: rises}}
+     check: {kind: average, variable: end_axis.x3, sense: rises,
+             at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}]}}
   - {id: more, where: "-", statement: "-", cases: [ball], expect: contradicted,
      check: {kind: average, variable: end_axis.x1, along: [damping.2, direction], sense: falls}}
 """

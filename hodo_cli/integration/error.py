@@ -119,7 +119,8 @@ def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, f
 
 
 def passages_apart(path: Sampled, reference: Sampled) -> float:
-    """The largest relative difference of the times at which two motions pass on through an event."""
+    """The largest relative difference of the times at which two motions pass on through an
+    event."""
     ours, theirs = ([e.time for e in each.events if e.details] for each in (path, reference))
     if len(ours) != len(theirs):
         return math.inf

@@ -142,8 +142,8 @@ from the time left, and the steps taken."""
 
 
 class Suspects(NamedTuple):
-    """Steps (k,) in which an event's function may have zeros: the columns at their start (m + 1, k),
-    their length, and their book."""
+    """Steps (k,) in which an event's function may have zeros: the columns at their start (m + 1,
+    k), their length, and their book."""
 
     before: np.ndarray
     length: np.ndarray
