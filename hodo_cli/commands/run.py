@@ -33,7 +33,7 @@ class Plan:
     """What `hodo run` does with one config: the cases asked for, why some of them run, and what is
     kept.
 
-    `old` holds what is stored of the cases that run: it stays should they not be reached.
+    `old` holds the stored results of cases to be rerun; they are kept if the run stops before them.
     """
 
     config: Config
@@ -229,7 +229,7 @@ def outcomes(
 
 
 def finish(case: Case) -> Group:
-    """A case integrated, as it is stored. Raises HodoError if its method cannot be had here."""
+    """A case integrated, as it is stored. Raises HodoError if its method is not available here."""
     return case_group(integrate(case), case.system.variables, fingerprint(case))
 
 
@@ -257,7 +257,7 @@ def failure(case: Case, error: Exception) -> Group:
 
 
 def problem(group: Group, outcome: Group | Exception) -> str:
-    """What is to be said of a finished case that did not end well; a traceback of what is no
+    """Why a finished case did not end well; with a traceback if that is no
     mistake of the user's."""
     if isinstance(outcome, Exception) and not isinstance(outcome, HodoError):
         return "failed: " + "".join(traceback.format_exception(outcome)).rstrip()

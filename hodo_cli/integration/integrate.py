@@ -1,5 +1,4 @@
-"""Case -> Trajectory: the motion by the method of the case, its measured error, and what is to be
-said about it."""
+"""Case -> Trajectory: the motion by the method of the case, its measured error, and remarks."""
 
 import math
 from collections.abc import Iterator

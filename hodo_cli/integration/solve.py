@@ -57,7 +57,7 @@ def solve(
 ) -> Solution:
     """The motion of a case by one method; the run time excludes imports and compilation.
 
-    Raises HodoError if the method cannot be had here, or numbers of the case are out of range.
+    Raises HodoError if the method is not available here, or numbers of the case are out of range.
     """
     system, times = case.system, sample_times(case) if times is None else times
     if method == "exact":

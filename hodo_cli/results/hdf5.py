@@ -60,9 +60,8 @@ class Variable:
 
 @dataclass(frozen=True)
 class Late:
-    """Variables whose values are too many to be held at once: of their arrays only the shape and
-    type count, and `blocks()` gives the values as (name, where, block) when the group is
-    written."""
+    """Variables too large for memory: their arrays carry only shape and dtype, and the values come
+    from `blocks()` as (name, where, block) when the group is written."""
 
     names: frozenset[str]
     blocks: Callable[[], Iterator[tuple[str, Any, np.ndarray]]]
