@@ -13,65 +13,66 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 ROUNDS = 3
-MEMBERS = 100_000
+MEMBERS = 200_000
 GROWING = (1_000, 10_000, 100_000, 1_000_000)
 TOL = 1e-12
 
-CONFIG = """\
-title: speed of a sweep
-cases:
-  a:
-    model: linear-diag
-    inertia: [1, 0.8, 0.6]
-    damping: [0.005, 0.004, 0.003]
-    initial: {p: 0, q: 0, G: 1}
-    time: {end: 1000}
-    tol: %g
-    error: %s
-    sweep: {direction: {sphere: {count: %d, seed: 1}}}
-"""
+# Members of every form that vary in one number, over the time of the papers' figures.
+TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
+TOP += "initial: {theta: 60 deg, r: 1.7320508}, sweep: {initial.r: {linspace: [1.5, 2, %d]}}"
+CAVITY = "model: cavity+constant, inertia: [8, 8, 4], kappa: 0.6048, torque: [0, 0, -0.1], "
+CAVITY += "epsilon: 0.1, initial: {p: 1, q: 0, r: 1}, sweep: {initial.r: {linspace: [.5, 1.5, %d]}}"
+BALL = "inertia: [1, 0.8, 0.6], initial: {p: 0, q: 0, G: 1}, time: {end: 1000}, "
+BALL += "sweep: {direction: {sphere: {count: %d, seed: 1}}}"
+RESISTANCE = "[[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]]"
+FORMS = {
+    "linear-diag": f"model: linear-diag, damping: [5e-3, 4e-3, 3e-3], {BALL}",
+    "tensor": f"model: tensor, resistance: {RESISTANCE}, {BALL}",
+    "cavity, full": f"{CAVITY}, time: {{end: 10}}",
+    "cavity, averaged": f"{CAVITY}, form: averaged, time: {{end: 60}}",
+    "top, full (epsilon 0.02)": f"{TOP}, form: full, epsilon: 0.02, time: {{end: 4}}",
+    "top, averaged": f"{TOP}, time: {{end: 4}}",
+    "top, averaged-u": f"{TOP}, form: averaged-u, time: {{end: 1}}",
+    "top, averaged-quadrature (32 nodes)": f"{TOP}, form: averaged-quadrature, time: {{end: 4}}",
+}
 
-# What a user of heyoka would write: batches of the recommended width, the separatrix as an event
-# whose times are kept in a list, two processes with half of the starts each. Nothing is stored, and
-# no error is relative.
+# What a user of heyoka would write: batches of 8, which is faster than the width that heyoka
+# recommends on some machines, the separatrix as an event whose times are kept in a list. Nothing is
+# stored, and no error is relative.
 PLAIN = """
 import sys
-from multiprocessing import get_context
 
+import heyoka as hy
 import numpy as np
 
-
-def half(members, seed, events):
-    import heyoka as hy
-
-    hy.set_logger_level_error()
-    p, q, r = hy.make_vars("p", "q", "r")
-    A1, A2, A3, L1, L2, L3 = (hy.par[i] for i in range(6))
-    rhs = [(p, (A2 - A3) / A1 * q * r - L1 * p), (q, (A3 - A1) / A2 * p * r - L2 * q),
-           (r, (A1 - A2) / A3 * p * q - L3 * r)]
-    D = A1 * (A1 - A2) * p * p - A3 * (A2 - A3) * r * r
-    times, width = [], hy.recommended_simd_size()
-    watch = [hy.nt_event_batch(D, lambda ta, t, sign, lane: times.append(t))] if events else []
-    pars = np.repeat(np.array([1, 0.8, 0.6, 0.005, 0.004, 0.003])[:, None], width, 1)
-    tol, start = float(sys.argv[2]), np.zeros((3, width))
-    ta = hy.taylor_adaptive_batch(rhs, start, tol=tol, pars=pars, nt_events=watch)
-    G = np.random.default_rng(seed).standard_normal((3, members))
-    start = G / np.linalg.norm(G, axis=0) / np.array([[1], [0.8], [0.6]])
-    for i in range(0, members - members % width, width):
-        ta.state[:] = start[:, i : i + width]
-        ta.set_time(0.0)
-        ta.propagate_until(1000.0)
-    return len(times)
-
-
-if __name__ == "__main__":
-    members, events = int(sys.argv[1]), sys.argv[3] == "events"
-    with get_context("spawn").Pool(2) as pool:
-        pool.starmap(half, [(members // 2, seed, events) for seed in (1, 2)])
+hy.set_logger_level_error()
+members, tol, model, events, width = int(sys.argv[1]), float(sys.argv[2]), *sys.argv[3:], 8
+p, q, r = hy.make_vars("p", "q", "r")
+A1, A2, A3, *k = (hy.par[i] for i in range(12))
+pull = (k[0] * A1 * p, k[1] * A2 * q, k[2] * A3 * r)
+numbers = [1, 0.8, 0.6, 0.005, 0.004, 0.003]
+if model == "tensor":
+    pull = [k[i] * p + k[i + 1] * q + k[i + 2] * r for i in (0, 3, 6)]
+    numbers = [1, 0.8, 0.6, 0.005, 0.001, 0, 0.001, 0.004, 0, 0, 0, 0.003]
+rhs = [(p, ((A2 - A3) * q * r - pull[0]) / A1), (q, ((A3 - A1) * p * r - pull[1]) / A2),
+       (r, ((A1 - A2) * p * q - pull[2]) / A3)]
+D = A1 * (A1 - A2) * p * p - A3 * (A2 - A3) * r * r
+times = []
+watch = [hy.nt_event_batch(D, lambda ta, t, *_: times.append(t))] if events == "events" else []
+pars, start = np.repeat(np.array(numbers, dtype=float)[:, None], width, 1), np.zeros((3, width))
+ta = hy.taylor_adaptive_batch(rhs, start, tol=tol, pars=pars, nt_events=watch)
+G = np.random.default_rng(1).standard_normal((3, members))
+start = G / np.linalg.norm(G, axis=0) / np.array([[1], [0.8], [0.6]])
+for i in range(0, members - members % width, width):
+    ta.state[:] = start[:, i : i + width]
+    ta.set_time(0.0)
+    ta.propagate_until(1000.0)
 """
 
 SCIPY = """
@@ -114,17 +115,21 @@ def cost(command: list[str], folder: Path) -> Cost:
     return Cost(time.perf_counter() - began, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024)
 
 
-def sweep(folder: Path, members: int, processes: int, error: str = "off", tol: float = TOL) -> Cost:
+def sweep(
+    folder: Path, form: str, members: int, jobs: int = 1, error: str = "off", tol: float = TOL
+) -> Cost:
     """A sweep through the command line, into a new file."""
-    (folder / "sweep.yaml").write_text(CONFIG % (tol, error, members), encoding="utf-8")
+    case = f"{FORMS[form] % members}, tol: {tol:g}, error: {error}"
+    text = f"title: speed of a sweep\ncases:\n  a: {{{case}}}\n"
+    (folder / "sweep.yaml").write_text(text, encoding="utf-8")
     hodo = str(Path(sys.executable).with_name("hodo"))
-    return cost([hodo, "run", "sweep.yaml", "--force", "--quiet", "-j", str(processes)], folder)
+    return cost([hodo, "run", "sweep.yaml", "--force", "--quiet", "-j", str(jobs)], folder)
 
 
-def plain(folder: Path, members: int, events: str, tol: float = TOL) -> Cost:
-    """The plain loop in two processes."""
+def plain(folder: Path, model: str, members: int, events: str) -> Cost:
+    """The plain loop in one process."""
     (folder / "plain.py").write_text(PLAIN, encoding="utf-8")
-    return cost([sys.executable, "plain.py", str(members), repr(tol), events], folder)
+    return cost([sys.executable, "plain.py", str(members), repr(TOL), model, events], folder)
 
 
 def middle(costs: list[Cost]) -> Cost:
@@ -137,19 +142,30 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
     with tempfile.TemporaryDirectory() as name:
         beside(Path(name), members, rounds)
         print()
+        forms(Path(name), max(members // 5, 20_000))
+        print()
         grow(Path(name), growing)
 
 
 def beside(folder: Path, members: int, rounds: int) -> None:
     """Print the table of sweeps beside plain loops."""
     (folder / "scipy_loop.py").write_text(SCIPY, encoding="utf-8")
-    commands = {
-        "`hodo run -j 2`, crossings, files": lambda: sweep(folder, members, 2),
-        "`hodo run -j 1`, crossings, files": lambda: sweep(folder, members, 1),
-        "`hodo run -j 2`, errors measured too": lambda: sweep(folder, members, 2, error="on"),
-        "`hodo run -j 2`, tol 2.2e-16": lambda: sweep(folder, members, 2, tol=2.0**-52),
-        "plain loop, 2 processes, events, nothing stored": lambda: plain(folder, members, "events"),
-        "plain loop, 2 processes, no events": lambda: plain(folder, members, "none"),
+    commands: dict[str, Callable[[], Cost]] = {}
+    for model in ("linear-diag", "tensor"):
+        commands |= {
+            f"{model}: `hodo run -j 1`, crossings, files": partial(sweep, folder, model, members),
+            f"{model}: `hodo run -j 2`, the same": partial(sweep, folder, model, members, 2),
+            f"{model}: plain loop, events": partial(plain, folder, model, members, "events"),
+            f"{model}: plain loop, no events": partial(plain, folder, model, members, "none"),
+        }
+    full = 2.0**-52
+    commands |= {
+        "linear-diag: `hodo run -j 1`, errors measured too": partial(
+            sweep, folder, "linear-diag", members, error="on"
+        ),
+        "linear-diag: `hodo run -j 1`, tol 2.2e-16": partial(
+            sweep, folder, "linear-diag", members, tol=full
+        ),
     }
     for command in commands.values():
         command()  # fills the compiler's cache
@@ -157,15 +173,21 @@ def beside(folder: Path, members: int, rounds: int) -> None:
     for _ in range(rounds):
         for what, command in commands.items():
             costs[what].append(command())
-    print(
-        "| first crossing of random starts | members/s | CPU time per member, us |\n|---|---|---|"
-    )
+    print(f"| {members:,} random starts | members/s | CPU time per member, us |\n|---|---|---|")
     for what, rounds_of_it in costs.items():
         row("{what} | {rate:,.0f} | {cpu:.1f}", what, middle(rounds_of_it), members)
     # SciPy is some thousand times slower, so it gets fewer members.
     few = max(members // 5000, 4)
     slow = cost([sys.executable, "scipy_loop.py", str(few)], folder)
-    row("{what} | {rate:,.1f} | {cpu:,.0f}", "SciPy DOP853 at 1e-10, one process", slow, few)
+    row("{what} | {rate:,.1f} | {cpu:,.0f}", "linear-diag: SciPy DOP853 at 1e-10", slow, few)
+
+
+def forms(folder: Path, members: int) -> None:
+    """Print the table of every form, one process each."""
+    print(f"| {members:,} members | members/s | CPU time per member, us |\n|---|---|---|")
+    for form in FORMS:
+        sweep(folder, form, members)  # fills the compiler's cache
+        row("{what} | {rate:,.0f} | {cpu:.1f}", form, sweep(folder, form, members), members)
 
 
 def grow(folder: Path, counts: list[int]) -> None:
@@ -174,7 +196,7 @@ def grow(folder: Path, counts: list[int]) -> None:
         "| members | seconds | CPU time per member, us | largest process, MB |\n|---|---|---|---|"
     )
     for count in counts:
-        one = sweep(folder, count, 2)
+        one = sweep(folder, "linear-diag", count, 2)
         row("{what} | {wall:.1f} | {cpu:.1f} | {memory:.0f}", f"{count:,}", one, count)
 
 

@@ -108,7 +108,7 @@ def step_size(y: Sequence[Sequence[Any]]) -> Any:
     D. Izzo, Monthly Notices of the RAS 504 (2021) 2614.
     """
     n = len(y[0]) - 1
-    size, last, before = (reduce(larger, [magnitude(c[i]) for c in y]) for i in (0, n, n - 1))
+    size, last, before = (reduce(larger, [absolute(c[i]) for c in y]) for i in (0, n, n - 1))
     size, last, before = larger(size, hy.expression(1.0)), last + TINY, before + TINY
     by_last = hy.lt(power(before / last, n) * last, size)
     coefficient = hy.select(by_last, last, before)
@@ -122,8 +122,8 @@ def clearance(D: Sequence[Any], step: Any) -> Any:
     |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2.
     """
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
-    rest = step * value([magnitude(c) for c in D[2:]], step)
-    return magnitude(D[0]) + step * (smaller(towards_0, hy.expression(0.0)) - rest)
+    rest = step * value([absolute(c) for c in D[2:]], step)
+    return absolute(D[0]) + step * (smaller(towards_0, hy.expression(0.0)) - rest)
 
 
 def larger(a: Any, b: Any) -> Any:
@@ -136,7 +136,7 @@ def smaller(a: Any, b: Any) -> Any:
     return hy.select(hy.lt(a, b), a, b)
 
 
-def magnitude(x: Any) -> Any:
+def absolute(x: Any) -> Any:
     """|x| of an expression."""
     return hy.select(hy.lt(x, 0.0), -x, x)
 

@@ -107,7 +107,7 @@ def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, f
         if a.dtype.kind == "i":  # a label has no error
             continue
         scaled = np.ldexp(a, shift) if system.degree and shift.any() else a
-        off, size = apart(scaled, b), np.abs(b.astype(float))
+        off, size = subtracted(scaled, b), np.abs(b.astype(float))
         if "axis" in variable.dims:
             off, scale = (np.sqrt(np.square(each).sum(axis=-1)) for each in (off, size))
             off[resting] = 0
@@ -127,7 +127,7 @@ def passages_apart(path: Sampled, reference: Sampled) -> float:
     return max((abs(a - b) / abs(b) for a, b in zip(ours, theirs, strict=True)), default=0.0)
 
 
-def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def subtracted(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a - b for doubles a and long doubles b, as doubles: b is taken apart into two, because the
     arithmetic of long doubles takes ten times as long."""
     high = b.astype(float)

@@ -30,7 +30,7 @@ from .columns import (
 from .ensemble import Ensemble, Outcome, Passages
 from .members import Inputs, member, member_inputs, starts
 
-LARGEST, LEAST = 8192, 256
+MOST_MEMBERS, LEAST_MEMBERS = 8192, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
 spends on each call does not count."""
 
@@ -53,7 +53,7 @@ class Chunk:
 def chunks(case: Case) -> Iterator[Chunk]:
     """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
     sizes = shape(case)
-    most = min(LARGEST, max(LEAST, -(-math.prod(sizes) // 16)))
+    most = min(MOST_MEMBERS, max(LEAST_MEMBERS, -(-math.prod(sizes) // 16)))
     if not fits_ensemble(case) or "trajectory" in case.store:
         most = min(most, 64)
     for first, last in boxes(sizes, most):
