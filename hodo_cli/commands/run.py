@@ -66,6 +66,7 @@ class Plan:
         """
         self._announce(progress)
         with Writer(self.path, self._root_attributes(), tuple(self.config.cases)) as writer:
+            # Removed by another process since the plan was made: they have to run after all.
             lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
             left = dict.fromkeys([*self.reasons, *lost])
             writer.unfinished = self._stamps(self.config.cases.keys() - self.kept.keys())
@@ -84,6 +85,7 @@ class Plan:
                 progress.done(case.name, problem(group, outcome))
                 if fail_fast and not is_ok:
                     break
+            # Cases that the batch has not reached keep the results that they had.
             for name in left:
                 if name in self.old:
                     writer.keep(self.old[name])
@@ -257,8 +259,7 @@ def failure(case: Case, error: Exception) -> Group:
 
 
 def problem(group: Group, outcome: Group | Exception) -> str:
-    """Why a finished case did not end well; with a traceback if that is no
-    mistake of the user's."""
+    """Why a finished case did not end well; with a traceback if the user did not cause it."""
     if isinstance(outcome, Exception) and not isinstance(outcome, HodoError):
         return "failed: " + "".join(traceback.format_exception(outcome)).rstrip()
     status = group.attributes["status"]

@@ -32,6 +32,7 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
     axes, names = sheet.figure.subplots(), []
     for label, small, motions in groups(spec, results):
         errors = np.array([forms_apart(m, against.pop(0)) for m in motions])
+        # The order of an error is the slope of its logarithm.
         slope, start = np.polyfit(np.log(small), np.log(errors), 1)
         names.append(f"{label}, order {slope:.2f}")
         style = styles(len(names))[-1]
@@ -133,6 +134,8 @@ def shares_by(body: Body, damping: list[float], times: np.ndarray) -> np.ndarray
     most = min(farthest_that_crosses(lam, side), FARTHEST_DRAWN)
     if not most:
         return np.zeros_like(times)
+    # Dense near the separatrix, where the time falls steeply; without the ends, where it is 0 and
+    # infinite.
     u = most * np.linspace(0, 1, 401)[1:-1] ** 3
     reached = np.interp(times, crossing_time(lam, side, u), u, left=0.0, right=most)
     all_of_it = share_beyond(body, side, 0.0)

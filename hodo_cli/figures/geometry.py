@@ -38,6 +38,7 @@ class View:
 def stretches(*keys: np.ndarray) -> list[slice]:
     """The stretches of a curve on which all keys (n,) are constant, each reaching to the next one's
     first sample."""
+    # Each stretch reaches the next, or a line would have gaps where its colour changes.
     table = np.stack(keys, axis=-1)
     cuts = (np.flatnonzero((table[1:] != table[:-1]).any(axis=-1)) + 1).tolist()
     return [slice(a, b + 1) for a, b in zip([0, *cuts], [*cuts, len(table)], strict=True)]
@@ -58,6 +59,7 @@ def round_step(size: float) -> float:
 def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
     """For each curve in view (n, 3) its point (2,), on the reader's side if it can be, farthest
     from the others."""
+    # Every pair of points is compared; 200 of each curve place a name as well as 20,000 would.
     thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
     places = []
     for i, curve in enumerate(thinned):
@@ -97,6 +99,8 @@ def edges(values: np.ndarray, ratios: bool) -> np.ndarray:
     if len(x) == 1:
         x = np.array([x[0] - 0.5, x[0] + 0.5])
     else:
+        # The outer edges mirror the inner ones, so that the first and last cell are as wide as
+        # their neighbours.
         middle = (x[1:] + x[:-1]) / 2
         x = np.concatenate([[2 * x[0] - middle[0]], middle, [2 * x[-1] - middle[-1]]])
     return np.asarray(np.exp(x) if ratios else x)
@@ -124,6 +128,7 @@ def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
     if len(set(A.tolist())) < 3:
         return []
     largest, middle, smallest = rigid_body.inertia_order(A)
+    # D = 0 in terms of G: D = (1 - A_m/A_l) G_l^2 - (A_m/A_s - 1) G_s^2.
     slope = math.sqrt((1 - A[middle] / A[largest]) / (A[middle] / A[smallest] - 1))
     turn = np.linspace(0, 2 * np.pi, 361)[:, None]
     circles = []

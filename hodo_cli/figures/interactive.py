@@ -49,6 +49,7 @@ def write_interactive(
         raise HodoError(f"a figure of kind {spec['kind']} has nothing to turn or to zoom")
     figure = interactive(sheet, spec, results)
     script = path.parent.parent / SCRIPT
+    # Once for all figures: it has 5 MB, and nothing is fetched from elsewhere when a page opens.
     if not script.exists():
         with replacing(script) as draft:
             draft.write_text(get_plotlyjs(), encoding="utf-8")
@@ -91,6 +92,8 @@ def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figu
         points = np.stack([v for key, v in shown.values.items() if key != "time"], axis=-1)
         colour = spec["colour"] if motion.classified or spec["colour"] != "axis" else "case"
         for name, where, look in _parts(motion, colour, place, len(motions)):
+            # A gap and no shorter curve, so that a point keeps the number under which its hover
+            # text is found.
             part = np.where(where[:, None], points, np.nan)
             figure.add_trace(_space(part, name, line=look, **hover(motion)))
         if not ball and motion.crossing_time.size:
@@ -117,6 +120,7 @@ def turnable_map(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
         points = np.stack([shown.values[f"G.x{axis}/|G|"] for axis in (1, 2, 3)], axis=-1)
         marker = {
             "size": 4,
+            # plotly has no colour for what is not a number.
             "color": np.nan_to_num(values, nan=low),
             "colorscale": _scale(),
             "cmin": low,

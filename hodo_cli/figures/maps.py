@@ -34,6 +34,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
     cells = [cell for row in rows for cell in row]
     values = [map_values(swept, spec, at) for swept, at in cells]
+    # One scale for all panels, or equal colours would mean different values.
     every = np.concatenate([value.ravel() for value in values])
     scale = Normalize(*(spec["range"] or (np.nanmin(every), np.nanmax(every))))
     labels = [*spec["labels"], *[""] * len(cells)]
@@ -60,6 +61,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
 def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
     """Panels for sweeps with so many positions each: a row a sweep, or up to three in a row."""
     n, most = sum(rows), max(rows)
+    # A row for each of several sweeps; else three panels fill the width of a page.
     columns = most if len(rows) > 1 and most > 1 else min(n, 3)
     if len(rows) == 1 and n == 4:
         columns = 2  # two by two, rather than three and one
@@ -127,6 +129,7 @@ def map_image(
         title,
         {spec["x"]: across, spec["y"]: up, spec["variable"]: values.ravel()},
     )
+    # Rasterized: a million cells as vectors make a file that no reader opens.
     axes.pcolormesh(
         edges(x, even_x), edges(y, even_y), values.T, norm=scale, cmap=hues(), rasterized=True
     )
@@ -186,6 +189,7 @@ def map_sphere(
 def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Longitude from x1 and latitude above the x1 x2 plane (n,) of unit vectors (n, 3), radians."""
     x, y, z = directions.T
+    # Rounding may put a unit vector a little beyond the pole.
     return np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))
 
 
@@ -199,6 +203,7 @@ def sphere_cells(
     middle = [(edge[1:] + edge[:-1]) / 2 for edge in (longitude, latitude)]
     along, up = np.meshgrid(*middle)
     cells = np.stack([np.cos(up) * np.cos(along), np.cos(up) * np.sin(along), np.sin(up)], axis=-1)
+    # By distance in space, which no pole or date line disturbs.
     return longitude, latitude, values[cKDTree(directions).query(cells)[1]]
 
 

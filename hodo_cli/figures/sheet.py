@@ -28,6 +28,7 @@ STYLE: Look = {
     "svg.hashsalt": "hodo", "pdf.fonttype": 42,
 }  # fmt: skip
 
+# Without dates and versions, so that the same results give the same bytes.
 UNDATED: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
@@ -76,6 +77,7 @@ class Sheet:
     def csv(self) -> str:
         """What the figure shows, a row per sample; columns that a curve does not have stay
         empty."""
+        # A dict keeps their order, which a set would lose.
         columns = list(dict.fromkeys(name for item in self.shown for name in item.values))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -108,6 +110,8 @@ class Rendered:
 def check_tex(text: str) -> None:
     """Raise HodoError if the formulas in a text, between dollar signs, cannot be set."""
     try:
+        # Before drawing: matplotlib would find the mistake only when it saves, and not say which
+        # text is meant.
         if is_math_text(text):
             MathTextParser("path").parse(text)
     except ValueError as error:
@@ -124,6 +128,7 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
     suffix = path.suffix[1:]
     with replacing(path) as draft:
         if suffix == "csv":
+            # No translation of line ends: the file has the same bytes on every system.
             draft.write_text(sheet.csv(), encoding="utf-8", newline="")
             return
         note = {"pdf": "Subject"}.get(suffix, "Description")

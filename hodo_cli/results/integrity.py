@@ -152,6 +152,7 @@ def _lines_of_child(
 ) -> list[str]:
     """What another process says of the parts, one line each, until it ends, dies or is silent."""
     ours, theirs = os.pipe()
+    # A fork and not a spawn: it starts in a millisecond, and only reads before it ends.
     child = os.fork()
     if child == 0:
         _look_and_exit(theirs, first, then, skipped)
@@ -164,6 +165,7 @@ def _lines_of_child(
             text, deadline = text + block, time.monotonic() + PATIENCE_OF_READER
     finally:
         os.close(ours)
+        # It may be in a loop of HDF5, where no other signal is heard.
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
     return text.decode("utf-8", "replace").split("\n")[:-1]
