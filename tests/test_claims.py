@@ -56,7 +56,7 @@ def motion(
         found = [Crossing(*passage) for passage in passages]
         variables |= layout.label_variables(np.array(labels), found)
     occurrences = [Occurrence(kind, time) for kind, time in events]
-    return Motion(TOP, variables | layout.columns_of(layout.EVENTS, occurrences))
+    return Motion(TOP, variables | layout.columns_of(layout.EVENT_COLUMNS, occurrences))
 
 
 def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:

@@ -207,7 +207,12 @@ def test_the_result_format_is_documented_whole(hodo: Hodo, tmp_path: Path) -> No
     named = set(re.findall(r"`(\w+)`", DOCUMENTS["docs/results.md"]))
     for form in (form for forms in catalogue().values() for form in forms.values()):
         assert set(form.variables) <= named
-    declared = {*layout.ATTRIBUTES, *layout.CROSSINGS, *layout.EVENTS, *layout.MEMBER_CLASSIFIED}
+    declared = {
+        *layout.ATTRIBUTES,
+        *layout.CROSSING_COLUMNS,
+        *layout.EVENT_COLUMNS,
+        *layout.MEMBER_CLASSIFIED,
+    }
     declared |= {f"event_{name}" for name in layout.EVENT_DETAILS}
     declared |= {*layout.MEMBER_STEPS, *layout.MEMBER_EVENT, "growth_rate", "final_axis"}
     assert declared <= named

@@ -14,7 +14,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from ..results.dataset import Results
 from .averaged import cost, error_order, share
 from .maps import sweep_map
-from .plane import invariants, phase, quadrant_sketch, quadrants, series
+from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
 from .sheet import STYLE, Drawing, Sheet, check_tex
 from .space import hodograph, sphere
 
@@ -23,7 +23,7 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
     "sphere": sphere,
     "quadrants": quadrants,
     "quadrant-sketch": quadrant_sketch,
-    "series": series,
+    "series": time_series,
     "phase": phase,
     "invariants": invariants,
     "map": sweep_map,

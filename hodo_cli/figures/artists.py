@@ -135,7 +135,7 @@ def palette(
     return np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int)
 
 
-def mark(
+def mark_points(
     axes: Axes, ends: np.ndarray, crossings: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they are inside."""

@@ -12,7 +12,7 @@ from ..results.hdf5 import Group
 from .artists import GREEN, PAGE, RED, SEPARATRIX, SKY, styles
 from .sheet import STYLE, Sheet
 
-SMALLEST = 1e-17
+LEAST_ERROR = 1e-17
 """Errors below this, zero too, stand at the bottom of a panel."""
 
 VERDICT_COLOUR = (GREEN, SKY, "#F0E442", "#BBBBBB", "#666666", RED)
@@ -42,11 +42,11 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     for i, (axes, case) in enumerate(zip(panels, cases, strict=False)):
         for j, (method, style) in enumerate(zip(methods, styles(len(methods)), strict=True)):
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
-            x, y = time[i, j][done], np.maximum(error[i, j][done], SMALLEST)
+            x, y = time[i, j][done], np.maximum(error[i, j][done], LEAST_ERROR)
             axes.loglog(x, y, marker="o", ms=2, label=method, **style)
             sheet.record(case, method, {"run_time": x, "error": y})
-        axes.axhline(max(floor[i].max(), SMALLEST), **SEPARATRIX)
-        axes.set(title=case, ylim=(SMALLEST, 10))
+        axes.axhline(max(floor[i].max(), LEAST_ERROR), **SEPARATRIX)
+        axes.set(title=case, ylim=(LEAST_ERROR, 10))
     for place, axes in enumerate(panels[len(cases) :], len(cases)):
         axes.set_axis_off()
         panels[place - columns].tick_params(labelbottom=True)

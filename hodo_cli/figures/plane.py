@@ -32,8 +32,8 @@ from .artists import (
     everywhere,
     legend,
     line_width,
-    mark,
     mark_handles,
+    mark_points,
     pair,
     palette,
     plane_curve,
@@ -85,7 +85,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             curve = points[motion.name]
             plane_curve(axes, curve, *palette(motion, "axis", place), 0.8 * line_width(motion))
             on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
-            mark(axes, curve[[0, -1]], on_line, lambda at: at.max(axis=-1) <= limit)  # noqa: B023
+            mark_points(axes, curve[[0, -1]], on_line, lambda at: at.max(axis=-1) <= limit)  # noqa: B023
     if zoom is not None:
         panels[1].set(title="enlarged")
     wide = zoom is not None
@@ -165,7 +165,7 @@ def sketch(axes: Axes, body: Sequence[float]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """Variables against time, a panel for each variable or for each case."""
     motions, variables = results.motions(spec), spec["variables"]
     by_case = spec["panels"] == "case"
@@ -317,7 +317,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         sheet.record("phase", motion.label, {"time": motion.time, x: across, y: up})
         axes.plot(across, up, **style)
         points = np.stack([across, up], axis=-1)
-        mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
+        mark_points(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
     axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
     labels = [motion.label for motion in motions]

@@ -27,8 +27,8 @@ from .artists import (
     heading,
     legend,
     line_width,
-    mark,
     mark_handles,
+    mark_points,
     pair,
     palette,
     plane_curve,
@@ -114,7 +114,7 @@ def space(
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
         seen = view(motion.G)
         space_curve(axes, seen, colours, code, line_width(motion), near)
-        mark(
+        mark_points(
             axes,
             seen[[0, -1], :2],
             view(motion.at_crossings(motion.G))[:, :2],
@@ -183,7 +183,7 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
         points = motion.G[:, [i, j]]
         shades = palette(motion, spec["colour"], place, spec["styles"])
         plane_curve(axes, points, *shades, 0.8 * line_width(motion))
-        mark(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
+        mark_points(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
     axes.autoscale_view()
     axes.set(
         xlabel=axis_label(f"G.x{i + 1}", motions[0]),

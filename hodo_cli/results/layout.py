@@ -103,19 +103,22 @@ def flags(meanings: Mapping[int, str]) -> dict[str, Attribute]:
     }
 
 
-AXES = flags(rigid_body.LABELS)
+AXIS_FLAGS = flags(rigid_body.LABELS)
 
 PRINCIPAL_AXES = Stored("principal axis of inertia", ("axis",), "O")
 
 TIME = Stored("time", ("time",))
 
-ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXES)
+ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXIS_FLAGS)
 
-CROSSINGS = {
+CROSSING_COLUMNS = {
     "crossing_time": ("time", Stored("time of passage through the separatrix", ("crossing",))),
     "crossing_error": ("error", Stored("measured error of crossing_time", ("crossing",))),
-    "crossing_from": ("start", Stored("axis enclosed before", ("crossing",), "i1", flags=AXES)),
-    "crossing_to": ("end", Stored("axis enclosed after", ("crossing",), "i1", flags=AXES)),
+    "crossing_from": (
+        "start",
+        Stored("axis enclosed before", ("crossing",), "i1", flags=AXIS_FLAGS),
+    ),
+    "crossing_to": ("end", Stored("axis enclosed after", ("crossing",), "i1", flags=AXIS_FLAGS)),
     "crossing_G": ("momentum", Stored("|G| at the passage", ("crossing",))),
 }
 """What is stored of each crossing: the field of `Crossing` that it holds, and how."""
@@ -124,9 +127,9 @@ GROWTH_RATE = Stored(
     "rate at which a small tilt away from the axis grows, on the mean over a turn", ("axis",)
 )
 
-FINAL_AXIS = Stored("axis enclosed in the end, predicted from the data", (), "i1", flags=AXES)
+FINAL_AXIS = Stored("axis enclosed in the end, predicted from the data", (), "i1", flags=AXIS_FLAGS)
 
-EVENTS = {
+EVENT_COLUMNS = {
     "event_time": ("time", Stored("time of the event", ("event",))),
     "event_kind": ("kind", Stored("kind of the event", ("event",), "O")),
 }
@@ -153,12 +156,14 @@ MEMBER_STATUS = {
 
 MEMBER_CLASSIFIED = {
     "crossing_time": Stored("time of the first passage through the separatrix"),
-    "crossing_from": Stored("axis enclosed before it", (), "i1", flags=AXES),
-    "crossing_to": Stored("axis enclosed after it", (), "i1", flags=AXES),
+    "crossing_from": Stored("axis enclosed before it", (), "i1", flags=AXIS_FLAGS),
+    "crossing_to": Stored("axis enclosed after it", (), "i1", flags=AXIS_FLAGS),
     "crossing_G": Stored("|G| at it"),
     "crossings": Stored("number of passages", (), "i4"),
-    "start_axis": Stored("axis that the hodograph encloses at the start", (), "i1", flags=AXES),
-    "end_axis": Stored("axis that the hodograph encloses at the end", (), "i1", flags=AXES),
+    "start_axis": Stored(
+        "axis that the hodograph encloses at the start", (), "i1", flags=AXIS_FLAGS
+    ),
+    "end_axis": Stored("axis that the hodograph encloses at the end", (), "i1", flags=AXIS_FLAGS),
     "share": Stored("part of the span in which the hodograph encloses an axis", ("axis",)),
     "separation": Stored("smaller |D| of start and end, as a part of the sum of its terms"),
 }
@@ -194,15 +199,15 @@ def case_variables(
         dims, long_name, units = labels[name]
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
-        meanings = AXES if name == "enclosed_axis" else {}
+        meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
         told = {"long_name": long_name, "units": units, **error, **meanings}
         stored[name] = Variable(dims, data, told)
     stored |= principal_axes(stored.values())
     if events:
-        stored |= columns_of(EVENTS, events) | event_details(events)
+        stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
         stored["event_time"].attrs["units"] = time_as.units
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
-        stored |= columns_of(CROSSINGS, crossings_of(events, errors.get("event_time", math.nan)))
+        stored |= columns_of(CROSSING_COLUMNS, crossings_of(events, errors.get("event_time", math.nan)))
     return stored
 
 
@@ -250,7 +255,9 @@ def event_details(events: Sequence[Occurrence]) -> dict[str, Variable]:
 
 def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[str, Variable]:
     """Labels (n,) and crossings of a motion."""
-    return {"enclosed_axis": ENCLOSED_AXIS.holding(labels)} | columns_of(CROSSINGS, crossings)
+    return {"enclosed_axis": ENCLOSED_AXIS.holding(labels)} | columns_of(
+        CROSSING_COLUMNS, crossings
+    )
 
 
 def case_group(

@@ -19,7 +19,7 @@ from ..cases.case import Case, parse_case
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
-from .layout import CROSSINGS, EVENTS
+from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 from .provenance import typed
 
 
@@ -69,8 +69,8 @@ class Motion:
                     f"case {self.name} has no {missing}, which {variable} needs"
                 ) from None
         name, _, axis = variable.partition(".")
-        if axis in AXES and name in self.vectors:
-            return self.vectors[name][:, AXES.index(axis)]
+        if axis in BODY_AXES and name in self.vectors:
+            return self.vectors[name][:, BODY_AXES.index(axis)]
         if not axis and "." not in variable and self._over_time(variable):
             return self.stored(variable)
         raise HodoError(f"case {self.name} has no variable {variable!r}: {self._hint(name)}")
@@ -104,8 +104,10 @@ class Motion:
     def _hint(self, name: str) -> str:
         """What to write instead of a name that is none."""
         if name in self.vectors:
-            return f"it is a vector, name a component: {', '.join(f'{name}.{x}' for x in AXES)}"
-        has = [f"{vector}.{axis}" for vector in self.vectors for axis in AXES]
+            return (
+                f"it is a vector, name a component: {', '.join(f'{name}.{x}' for x in BODY_AXES)}"
+            )
+        has = [f"{vector}.{axis}" for vector in self.vectors for axis in BODY_AXES]
         has += [str(name) for name in self.data if name != "time" and self._over_time(str(name))]
         return f"it has {', '.join([*has, *self._derived()])}"
 
@@ -174,7 +176,7 @@ class Motion:
             field: self.stored(name).tolist()
             if name in self.data
             else [math.nan] * len(self.data["crossing_time"].data)
-            for name, (field, _) in CROSSINGS.items()
+            for name, (field, _) in CROSSING_COLUMNS.items()
         }
         return tuple(
             Crossing(**dict(zip(fields, values, strict=True)))
@@ -202,7 +204,7 @@ class Motion:
         )
 
 
-AXES = ("x1", "x2", "x3")
+BODY_AXES = ("x1", "x2", "x3")
 
 LATER = ("crossing_error", "crossing_G")
 """What early files of format 1 do not have; it is nan in a crossing."""
@@ -224,13 +226,13 @@ def motion_of(
 def damage(data: Mapping[Any, Array]) -> str:
     """What is wrong with the variables of a single motion; an empty string if nothing is."""
     dims = {"time": ("time",), "omega": ("time", "axis"), "enclosed_axis": ("time",)}
-    dims |= dict.fromkeys(CROSSINGS, ("crossing",))
+    dims |= dict.fromkeys(CROSSING_COLUMNS, ("crossing",))
     present = [
         name for name in ("time", "omega", "enclosed_axis") if name in data or name == "time"
     ]
     if "enclosed_axis" in data:
         # Labels and crossings are stored together.
-        present += [name for name in CROSSINGS if name not in LATER or name in data]
+        present += [name for name in CROSSING_COLUMNS if name not in LATER or name in data]
     for name in present:
         if name not in data or data[name].data.dtype.kind not in "fi":
             return f"its {name} is no array of numbers"
@@ -242,7 +244,7 @@ def damage(data: Mapping[Any, Array]) -> str:
     if "omega" in data and data["omega"].data.shape[1:] != (3,):
         return "its omega holds no vectors"
     sizes: dict[str, int] = {}
-    for name in [*present, *(name for name in EVENTS if name in data)]:
+    for name in [*present, *(name for name in EVENT_COLUMNS if name in data)]:
         for dim, size in zip(data[name].dims, data[name].data.shape, strict=True):
             if sizes.setdefault(dim, size) != size:
                 return f"its {name} has {size} values along {dim}, elsewhere {sizes[dim]}"

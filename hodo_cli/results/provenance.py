@@ -19,7 +19,7 @@ files."""
 
 TYPE_NAMES = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
 
-LIBRARIES = ("numpy", "scipy", "heyoka", "h5py")
+STORED_VERSIONS = ("numpy", "scipy", "heyoka", "h5py")
 
 
 def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def versions() -> dict[str, str]:
     # Started first and read last: git takes longer than all the rest.
     git = _git_status()
     found = {"python_version": sys.version.split()[0]}
-    found |= {f"{library}_version": library_version(library) for library in LIBRARIES}
+    found |= {f"{library}_version": library_version(library) for library in STORED_VERSIONS}
     status = git.communicate()[0] if git else ""
     commit = re.search(r"^# branch.oid ([0-9a-f]+)$", status, re.MULTILINE)
     if commit:
