@@ -118,7 +118,7 @@ def folder(results: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
         save(sheet, files[0], about=spec["caption"])
         write_interactive(sheet, spec, results, files[1], name)
         rendered.append(Rendered(name, files))
-    page.write(out / "index.html", [(results, rendered)])
+    page.write_page(out / "index.html", [(results, rendered)])
     return out
 
 
@@ -168,3 +168,33 @@ def test_series_zoom_in_a_browser(browser: Browser, folder: Path) -> None:
     assert not browser.errors
     shot = base64.b64decode(browser.send("Page.captureScreenshot")["data"])
     assert shot.startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (800, True), (390, False)])
+def test_the_page_of_all_figures_in_a_browser(
+    browser: Browser, folder: Path, width: int, dark: bool
+) -> None:
+    """The filter filters, the columns sort, links lead to their figure; nothing comes from
+    elsewhere."""
+    browser.requests.clear()
+    browser.open(folder / "index.html", width=width, dark=dark)
+    assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    shown = "[...document.querySelectorAll('#index tbody tr:not([hidden])')]"
+    names = f"{shown}.map((row) => row.cells[1].textContent)"
+    assert browser.evaluate(names) == ["space", "ball", "time", "plane", "corner", "bounds"]
+    browser.evaluate("document.querySelectorAll('#index th button')[1].click()")
+    assert browser.evaluate(names) == ["ball", "bounds", "corner", "plane", "space", "time"]
+    browser.evaluate("find.value = 'BALL'; find.dispatchEvent(new Event('input'))")
+    assert browser.evaluate(names) == ["ball"]
+    assert browser.evaluate("document.getElementById('found').textContent") == "1 of 6"
+    browser.evaluate("kinds[0].click()")
+    assert browser.evaluate(names) == []
+    assert browser.evaluate(
+        "[...document.querySelectorAll('#index a')].every((a) => document.querySelector(a.hash))"
+    )
+    browser.evaluate("document.querySelector('figure img').scrollIntoView()")
+    browser.wait_for("document.querySelector('figure img').naturalWidth > 0")
+    turning = browser.evaluate("document.querySelector('figure > a').getAttribute('href')")
+    assert turning == "test/space.html"
+    assert not browser.errors
+    assert all(url.startswith(("file:", "data:")) for url in browser.requests)

@@ -34,7 +34,7 @@ def draw_results(
             else:
                 yield "\n".join(map(str, figure.files)), False
         if not names:
-            page.write(out / "index.html", drawn)
+            page.write_page(out / "index.html", drawn)
             yield str(out / "index.html"), False
 
 

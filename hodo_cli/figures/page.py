@@ -1,11 +1,12 @@
-"""One page with every figure and the numbers behind it: self-contained HTML that opens from
-disk."""
+"""One page with every figure, statement and number of the configs that were drawn into a folder: HTML
+that opens from disk and asks no network for anything."""
 
-import base64
+import json
 import math
 import os
 import struct
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
@@ -20,29 +21,38 @@ from ..results.staging import replacing
 from ..text import magnitude, seconds
 from .sheet import Rendered
 
-MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
+PIECE = "page.json"
+"""What a folder of figures tells the page of: its section, and its entries in the index."""
+
+PICTURES = (".png", ".svg")
+
+WIDE = 1400
+"""Pixels of a picture, at 300 an inch, from which on it takes both columns of the page."""
+
+Entry = dict[str, str]
+"""A line of the index: what it is, its name, link, text and verdict."""
 
 
-def write(
-    path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]], title: str = "Figures"
-) -> None:
-    """Write the page of the figures drawn from these results; links are relative to it.
+def write_page(path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]]) -> None:
+    """Write the page at `path` anew: the figures just drawn, and those of other configs that were
+    drawn into the same folder before.
 
-    A figure drawn as PNG or SVG is in the page itself. Raises HodoError for a damaged result file.
+    Links are relative to the page. Raises HodoError for a damaged result file, or if a file cannot
+    be written.
     """
-    sections = [_section(results, rendered, path.parent) for results, rendered in runs]
-    contents = [
-        f'<li><a href="#{_anchor(results)}">{escape(results.config.title or results.path.name)}</a></li>'
-        for results, _ in runs
-    ]
-    count = sum(len(rendered) for _, rendered in runs)
+    for results, rendered in runs:
+        with replacing(path.parent / results.path.stem / PIECE) as draft:
+            draft.write_text(json.dumps(_piece(results, rendered, path.parent)), encoding="utf-8")
+    files = sorted(path.parent.glob(f"*/{PIECE}"))
+    pieces = [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    entries = [entry for piece in pieces for entry in piece["entries"]]
     page = template("page.html").substitute(
-        title=escape(title),
         style=template("page.css").template,
-        contents="".join(contents),
-        sections="".join(sections),
-        summary=f"{count} figures, with the parameters, measured errors and run times of what "
-        "they show.",
+        script=template("page.js").template,
+        summary=escape(totals(entries)),
+        contents="".join(f"<li>{piece['link']}</li>" for piece in pieces),
+        rows="".join(map(_index_row, entries)),
+        sections="".join(piece["section"] for piece in pieces),
     )
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
@@ -53,21 +63,130 @@ def template(name: str) -> Template:
     return Template((Path(__file__).parent / name).read_text(encoding="utf-8"))
 
 
-def _section(results: Results, rendered: Sequence[Rendered], base: Path) -> str:
-    """All that the page says of one result file."""
+def totals(entries: Iterable[Entry]) -> str:
+    """How many figures, statements and errata there are, and with which verdicts."""
+    kinds: dict[str, Counter[str]] = {}
+    for entry in entries:
+        kinds.setdefault(entry["kind"], Counter())[entry["verdict"]] += 1
+    parts = []
+    for kind, verdicts in kinds.items():
+        named = ", ".join(f"{n} {verdict}" for verdict, n in verdicts.most_common() if verdict)
+        plural = {"erratum": "errata"}.get(kind, f"{kind}s")
+        count = verdicts.total()
+        parts.append(f"{count} {kind if count == 1 else plural}{f' ({named})' if named else ''}")
+    return "; ".join(parts)
+
+
+def _piece(results: Results, rendered: Sequence[Rendered], base: Path) -> dict[str, Any]:
+    """The section of one result file, and its entries in the index."""
     motions = {name: results.motion(name) for name in results.cases}
-    cards = "".join(_card(each, results, motions, base) for each in rendered)
-    return (
-        f'<section id="{_anchor(results)}"><h2>{escape(results.config.title or results.path.name)}</h2>'
+    places = Places(results, rendered)
+    title = escape(results.config.title or results.path.name)
+    cards = "".join(_card(each, results, motions, base, places) for each in rendered)
+    cases = _table(CASE_HEADER, [_case_row(motion) for motion in motions.values()])
+    section = (
+        f'<section id="{places.run}"><h2>{title}</h2>'
         f"<p>{escape(results.config.references)}</p>"
         f'<p class="soft">Data: {_link(results.path, base)}, {len(motions)} cases</p>'
-        f'<div class="figures">{cards}</div>{_claims(results)}{_crossings(motions)}'
-        f"<h3>Cases</h3>{_table(CASE_HEADER, [_case_row(motion) for motion in motions.values()])}</section>"
+        f'<div class="figures">{cards}</div>{_claims(results, places)}{_errata(results, places)}'
+        f"{_crossings(motions, places)}<h3>Cases</h3>{cases}</section>"
     )
+    figures = [
+        {
+            "kind": "figure",
+            "name": each.name,
+            "link": places.figure(each.name),
+            "text": results.figures[each.name]["caption"],
+            "verdict": "not drawn" if each.problem else "",
+        }
+        for each in rendered
+    ]
+    told = [*_told(results, places, "_claims"), *_told(results, places, "_errata")]
+    entries = [{**entry, "run": places.run} for entry in [*figures, *told]]
+    return {
+        "section": section,
+        "entries": entries,
+        "link": f'<a href="#{places.run}">{title}</a>',
+    }
 
 
-def _anchor(results: Results) -> str:
-    return escape(results.path.stem)
+class Places:
+    """The anchors of one result file in the page, and what is linked to what."""
+
+    def __init__(self, results: Results, rendered: Sequence[Rendered]) -> None:
+        self.run = escape(quote(results.path.stem))
+        self._shown: dict[str, list[str]] = {}
+        for each in rendered:
+            for case in results.figures[each.name].get("cases", ()):
+                self._shown.setdefault(case, []).append(each.name)
+        self._told: dict[tuple[str, str], tuple[str, ...]] = {}
+        told = {"claim": results.config.claims, "erratum": results.config.errata}
+        for kind, group in (("claim", "_claims"), ("erratum", "_errata")):
+            # Only what `hodo claims` has judged stands in the page.
+            stored = results.cases[group]["claim"].values if group in results.cases else ()
+            for entry in told[kind]:
+                if entry["id"] in stored:
+                    self._told[kind, entry["id"]] = tuple(entry.get("cases", ()))
+
+    def figure(self, name: str) -> str:
+        """The anchor of a figure."""
+        return f"{self.run}-{escape(quote(name))}"
+
+    def told(self, kind: str, name: str) -> str:
+        """The anchor of a statement ("claim") or an erratum."""
+        return f"{self.run}-{kind}-{escape(quote(name))}"
+
+    def crossings(self, case: str) -> str:
+        """The anchor of the crossings of a case."""
+        return f"{self.run}-crossings-{escape(quote(case))}"
+
+    def figures_of(self, cases: Iterable[str]) -> str:
+        """Links to the figures that show one of the cases."""
+        names = dict.fromkeys(name for case in cases for name in self._shown.get(case, ()))
+        return " ".join(f'<a href="#{self.figure(name)}">{escape(name)}</a>' for name in names)
+
+    def figures_about(self, kind: str, name: str) -> str:
+        """Links to the figures that show what a statement or an erratum is about."""
+        return self.figures_of(self._told.get((kind, name), ()))
+
+    def told_about(self, cases: Iterable[str]) -> str:
+        """Links to the statements and errata about one of the cases."""
+        wanted = set(cases)
+        return " ".join(
+            f'<a href="#{self.told(kind, name)}">{escape(name)}</a>'
+            for (kind, name), about in self._told.items()
+            if wanted & set(about)
+        )
+
+
+def _told(results: Results, places: Places, group: str) -> list[Entry]:
+    """The entries of the index for the stored statements or errata; none before `hodo claims`."""
+    if group not in results.cases:
+        return []
+    found, claims = results.cases[group], group == "_claims"
+    kind, text = ("claim", "statement") if claims else ("erratum", "printed")
+    columns = (map(str, found[name].values) for name in ("claim", text, "verdict"))
+    return [
+        {
+            "kind": "statement" if claims else "erratum",
+            "name": name,
+            "link": places.told(kind, name),
+            "text": said,
+            "verdict": verdict,
+        }
+        for name, said, verdict in zip(*columns, strict=True)
+    ]
+
+
+def _index_row(entry: Entry) -> str:
+    cells = [
+        _cell(entry["kind"]),
+        f'<td class=n><a href="#{entry["link"]}">{escape(entry["name"])}</a></td>',
+        _cell(entry["run"], "n"),
+        _cell(entry["verdict"], "n"),
+        _cell(entry["text"], "text"),
+    ]
+    return f'<tr data-kind="{entry["kind"]}">{"".join(cells)}</tr>'
 
 
 def _link(target: Path, base: Path, text: str = "") -> str:
@@ -75,41 +194,103 @@ def _link(target: Path, base: Path, text: str = "") -> str:
     return f'<a href="{quote(os.path.relpath(target, base))}">{escape(text or target.name)}</a>'
 
 
-def _card(figure: Rendered, results: Results, motions: Mapping[str, Motion], base: Path) -> str:
+def _card(
+    figure: Rendered, results: Results, motions: Mapping[str, Motion], base: Path, places: Places
+) -> str:
     """A figure with its caption, its files, and the cases that it shows."""
     spec = results.figures[figure.name]
     shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
-    files = " ".join(_link(file, base, file.suffix[1:].upper()) for file in figure.files)
-    rows = [[_cell(motion.name), *_numbers(motion)] for motion in shown]
+    files = " ".join(_link(file, base, NAMES.get(file.suffix, file.suffix[1:].upper()))
+                     for file in figure.files)  # fmt: skip
     taken = dict.fromkeys(f"{key}: {said}" for m in shown for key, said in m.case.assumes.items())
     assumed = f'<p class="soft">Assumed: {escape("; ".join(taken))}</p>' if taken else ""
-    numbers = (
-        f"<details><summary>{_summary(shown)}</summary>{_table(CARD_HEADER, rows)}</details>"
-        if shown
-        else ""
-    )
-    picture, wide = _picture(figure, base, spec["caption"] or figure.name)
+    about = places.told_about(spec.get("cases", ()))
+    linked = f"<p class=soft>Statements: {about}</p>" if about else ""
+    picture, wide = _picture(figure, base, described(spec, shown))
     return (
-        f'<figure id="{_anchor(results)}-{escape(figure.name)}"{" class=wide" if wide else ""}>{picture}'
+        f'<figure id="{places.figure(figure.name)}"{" class=wide" if wide else ""}>{picture}'
         f"<figcaption><b>{escape(figure.name)}</b> {escape(spec['caption'])}{assumed}"
-        f'<p class="soft">{files}</p>{numbers}</figcaption></figure>'
+        f'<p class="soft">{files}</p>{linked}{_card_numbers(shown, places)}</figcaption></figure>'
     )
+
+
+NAMES = {".html": "turn and zoom"}
+"""What the link to a file is called, where it is not its format."""
+
+
+def _card_numbers(shown: Sequence[Motion], places: Places) -> str:
+    """The cases of a figure with their parameters, errors, and links to their crossings."""
+    if not shown:
+        return ""
+    rows = []
+    for motion in shown:
+        name = _cell(motion.name)
+        if motion.classified and motion.crossings:
+            link = places.crossings(motion.name)
+            name = f'<td><a href="#{link}">{escape(motion.name)}</a></td>'
+        rows.append([name, *_numbers(motion)])
+    table = _table(CARD_HEADER, rows)
+    return f"<details><summary>{_summary(shown)}</summary>{table}</details>"
+
+
+KINDS_IN_WORDS = {
+    "hodograph": "Hodograph of the angular momentum in body axes",
+    "sphere": "Curves of the direction of angular momentum on the unit sphere",
+    "quadrants": "Squares of two angular velocities, with the regions of both enclosed axes",
+    "quadrant-sketch": "Sketch of the regions of both enclosed axes",
+    "series": "Curves over time",
+    "phase": "One variable against another",
+    "invariants": "Energy, squared momentum and D/2T over time, within their bounds",
+    "map": "Map of a sweep",
+    "curve": "Curves of a sweep",
+}
+"""What each kind of figure shows, for a reader who cannot see it."""
+
+
+def described(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
+    """What a picture shows, in words: its kind, variables, cases and crossings."""
+    parts = [KINDS_IN_WORDS.get(spec["kind"], spec["kind"])]
+    if names := spec.get("variables") or spec.get("variable"):
+        parts.append(names if isinstance(names, str) else ", ".join(names))
+    if spec["kind"] == "phase":
+        parts.append(f"{spec['y']} over {spec['x']}")
+    if spec.get("cases"):
+        parts.append(f"case{'s' * (len(spec['cases']) > 1)} {', '.join(spec['cases'])}")
+    for motion in shown if len(shown) == 1 else ():
+        if motion.classified and motion.labels.size:
+            ends = [LABELS[int(motion.labels[i])] for i in (0, -1)]
+            count = len(motion.crossings)
+            parts.append(
+                f"encloses {ends[0]} first and {ends[1]} last, with {count} "
+                f"crossing{'s' * (count != 1)} of the separatrix"
+            )
+    return "; ".join(parts)
 
 
 def _picture(figure: Rendered, base: Path, alt: str) -> tuple[str, bool]:
-    """The image, in the page, and whether it is broad; in place of it the reason why there is
-    none."""
+    """The image, loaded as it comes into view, and whether it is broad; in place of it the reason
+    why there is none."""
     if figure.problem:
         return f'<p class="problem">Not drawn: {escape(figure.problem)}</p>', False
-    pictures = [file for file in figure.files if file.suffix in MEDIA]
+    pictures = [file for file in figure.files if file.suffix in PICTURES]
     if not pictures:
         return "", False
-    data = pictures[0].read_bytes()
-    width, height = struct.unpack(">II", data[16:24]) if pictures[0].suffix == ".png" else (0, 0)
+    source = quote(os.path.relpath(pictures[0], base))
+    width, height = _size(pictures[0])
     size = f' width="{width // 2}" height="{height // 2}"' if width else ""
-    source = f"data:{MEDIA[pictures[0].suffix]};base64,{base64.b64encode(data).decode()}"
-    image = f'<img alt="{escape(alt)}" src="{source}"{size}>'
-    return f'<a href="{quote(os.path.relpath(pictures[0], base))}">{image}</a>', width > 1400
+    image = f'<img loading="lazy" alt="{escape(alt)}" src="{source}"{size}>'
+    turning = [file for file in figure.files if file.suffix == ".html"]
+    target = quote(os.path.relpath(turning[0], base)) if turning else source
+    return f'<a href="{target}">{image}</a>', width > WIDE
+
+
+def _size(picture: Path) -> tuple[int, int]:
+    """Width and height of a PNG, in pixels; zeros for another format."""
+    if picture.suffix != ".png":
+        return 0, 0
+    with open(picture, "rb") as file:
+        width, height = struct.unpack(">II", file.read(24)[16:])
+    return int(width), int(height)
 
 
 def _summary(motions: Sequence[Motion]) -> str:
@@ -134,9 +315,9 @@ CASE_HEADER = (
     "parameters",
     "notes and warnings",
 )
-CLAIM_HEADER = ("where", "statement", "verdict", "decided by", "measured, notes")
-ERRATUM_HEADER = ("where", "printed", "should be", "verdict", "shown by")
-CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|")
+CLAIM_HEADER = ("where", "statement", "verdict", "decided by", "measured, notes", "figures")
+ERRATUM_HEADER = ("where", "printed", "should be", "verdict", "shown by", "figures")
+CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|", "figures")
 
 
 def _numbers(motion: Motion) -> list[str]:
@@ -161,51 +342,61 @@ def _case_row(motion: Motion) -> list[str]:
     ]  # fmt: skip
 
 
-def _claims(results: Results) -> str:
+def _claims(results: Results, places: Places) -> str:
     """The table of statements with their verdicts; none before `hodo claims`."""
     if "_claims" not in results.cases:
         return ""
     claims = results.cases["_claims"]
-    columns = [
-        map(str, claims[name].values)
-        for name in ("where", "statement", "verdict", "evidence", "measured", "note")
-    ]
+    names = ("claim", "where", "statement", "verdict", "evidence", "measured", "note")
+    columns = [map(str, claims[name].values) for name in names]
     rows = [
-        [_cell(where, "n"), _cell(statement, "text"), _cell(verdict, "n"), _cell(evidence, "text"),
-         _cell(". ".join(filter(None, remarks)), "text")]
-        for where, statement, verdict, evidence, *remarks in zip(*columns, strict=True)
-    ]  # fmt: skip
-    return f"<h3>What the text says</h3>{_table(CLAIM_HEADER, rows)}{_errata(results)}"
+        [
+            f'<td class=n id="{places.told("claim", name)}">{escape(where)}</td>',
+            _cell(statement, "text"),
+            _cell(verdict, "n"),
+            _cell(evidence, "text"),
+            _cell(". ".join(filter(None, remarks)), "text"),
+            f"<td>{places.figures_about('claim', name)}</td>",
+        ]
+        for name, where, statement, verdict, evidence, *remarks in zip(*columns, strict=True)
+    ]
+    return f"<h3>What the text says</h3>{_table(CLAIM_HEADER, rows)}"
 
 
-def _errata(results: Results) -> str:
+def _errata(results: Results, places: Places) -> str:
     """The table of misprints; none without any."""
     if "_errata" not in results.cases:
         return ""
     errata = results.cases["_errata"]
-    names = ("where", "printed", "should_be", "verdict", "evidence")
+    names = ("claim", "where", "printed", "should_be", "verdict", "evidence")
     columns = [map(str, errata[name].values) for name in names]
-    rows = [[_cell(text, "text") for text in row] for row in zip(*columns, strict=True)]
+    rows = [
+        [
+            f'<td class=text id="{places.told("erratum", name)}">{escape(where)}</td>',
+            *(_cell(text, "text") for text in texts),
+            f"<td>{places.figures_about('erratum', name)}</td>",
+        ]
+        for name, where, *texts in zip(*columns, strict=True)
+    ]
     return f"<h3>Errata</h3>{_table(ERRATUM_HEADER, rows)}"
 
 
-def _crossings(motions: Mapping[str, Motion]) -> str:
+def _crossings(motions: Mapping[str, Motion], places: Places) -> str:
     """The table of separatrix crossings, with the enclosed axis at start and end; none without
     classified cases."""
     classified = [motion for motion in motions.values() if motion.classified and motion.labels.size]
-    rows = [row for motion in classified for row in _crossing_rows(motion)]
-    return (
-        f"<h3>Enclosed axes and crossings of the separatrix</h3>{_table(CROSSING_HEADER, rows)}"
-        if rows
-        else ""
-    )
+    rows = [row for motion in classified for row in _crossing_rows(motion, places)]
+    heading = "<h3>Enclosed axes and crossings of the separatrix</h3>"
+    return f"{heading}{_table(CROSSING_HEADER, rows)}" if rows else ""
 
 
-def _crossing_rows(motion: Motion) -> list[list[str]]:
-    ends = [_cell(motion.name, "n"), *(_cell(LABELS[int(motion.labels[i])]) for i in (0, -1))]
+def _crossing_rows(motion: Motion, places: Places) -> list[list[str]]:
+    anchor = f'<td class=n id="{places.crossings(motion.name)}">{escape(motion.name)}</td>'
+    ends = [_cell(LABELS[int(motion.labels[i])]) for i in (0, -1)]
+    shown = f"<td>{places.figures_of([motion.name])}</td>"
     if not motion.crossings:
-        return [[*ends, _cell("none"), *[_cell("")] * 4]]
-    return [
+        return [[anchor, *ends, _cell("none"), *[_cell("")] * 4, shown]]
+    rows = [
         [
             *ends,
             _cell(f"{crossing.time:.15g}", "n"),
@@ -213,9 +404,12 @@ def _crossing_rows(motion: Motion) -> list[list[str]]:
             _cell(LABELS[crossing.start]),
             _cell(LABELS[crossing.end]),
             _cell(f"{crossing.momentum:.6g}"),
+            shown,
         ]
         for crossing in motion.crossings
     ]
+    # The anchor is that of the first; an id may stand only once.
+    return [[anchor, *rows[0]], *([_cell(motion.name, "n"), *row] for row in rows[1:])]
 
 
 def parameters(case: Case) -> str:
@@ -226,15 +420,24 @@ def parameters(case: Case) -> str:
     )
 
 
-def _plain(value: Any) -> str:
+def _plain(value: Any, key: str = "") -> str:
     """A value as text: numbers to 12 digits, lists in brackets, mappings as key = value."""
     if isinstance(value, Mapping):
         return ", ".join(
-            f"{key} = {_plain(item)}" for key, item in value.items() if item is not None
+            f"{key} = {_plain(item, key)}" for key, item in value.items() if item is not None
         )
     if isinstance(value, list | tuple):
         return f"({', '.join(map(_plain, value))})"
+    if key in ANGLES and isinstance(value, float):
+        # A round number of degrees was given so; the case holds it in radians.
+        degrees = math.degrees(value)
+        if abs(degrees - round(degrees, 6)) <= 4 * math.ulp(degrees):
+            return f"{round(degrees, 6):g} deg"
     return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+ANGLES = ("theta",)
+"""The keys of cases that are angles."""
 
 
 def _cell(text: str, kind: str = "") -> str:
@@ -245,4 +448,5 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table that scrolls by itself; the cells of its rows are HTML already."""
     head = "".join(f"<th>{escape(name)}</th>" for name in header)
     body = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="scroll">{table}</div>'
