@@ -207,7 +207,9 @@ def case_variables(
         stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
         stored["event_time"].attrs["units"] = time_as.units
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
-        stored |= columns_of(CROSSING_COLUMNS, crossings_of(events, errors.get("event_time", math.nan)))
+        stored |= columns_of(
+            CROSSING_COLUMNS, crossings_of(events, errors.get("event_time", math.nan))
+        )
     return stored
 
 
