@@ -57,12 +57,12 @@ def thinned(n: int) -> np.ndarray:
 
 
 def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, float | None]]:
-    """Precision, method and tolerance of the computations against which an error can be measured,
+    """Precision, method and tolerance of the computations that an error can be measured against,
     best first.
 
-    That is what `auto` takes, in the next precision; where that cannot be had or gives up, the same
-    method at a hundredth of the tolerance, or where it is at its limit already, so that nothing
-    changes, at a hundred times it.
+    1. What `auto` takes, in the next precision.
+    2. The same method at a hundredth of the tolerance, if that is not available or fails.
+    3. The same at a hundred times the tolerance, if the method is at its limit already.
     """
     finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(
         case.precision
