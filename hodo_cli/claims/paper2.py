@@ -42,16 +42,21 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
 
     Of 12 directions of (M1, M2), 0.3 long, the farthest counts. Decided by the power at which it
     falls between the two smallest factors: 1/2, because the averaging fails while the frequency,
-    which falls with r, is no larger than the rates.
+    which falls with r, is no larger than the rates. The cases after the first two have a
+    transverse torque at the figures' own parameters; x at their end of spin is said besides.
     """
-    full, averaged = motions
+    full, averaged, *given = motions
     limit = x_at_end_of_spin(averaged)
     apart = []
     for factor in SMALLER:
         ends = [x_at_end_of_spin(with_torque(full, factor, i * math.pi / 6)) for i in range(12)]
         apart.append(max(abs(x - limit) for x in ends))
     power = math.log(apart[-2] / apart[-1]) / math.log(SMALLER[-2] / SMALLER[-1])
-    words = f"x off by {', '.join(f'{x:.3g}' for x in apart)} at factors {listed(SMALLER)}"
+    ends = [x_at_end_of_spin(m) for m in given]
+    words = (
+        f"x off by {', '.join(f'{x:.3g}' for x in apart)} at factors {listed(SMALLER)}; "
+        f"with a torque of the figures' size x = {listed(ends)}, without {limit:.6g}"
+    )
     # Within a tenth of 1/2, and falling throughout.
     holds = abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))
     return Finding(if_true(holds), power, f"power {power:.3g}; {words}")
