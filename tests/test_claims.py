@@ -360,8 +360,10 @@ cases:
     method: DOP853
     max_steps: 3
 claims:
-  - {id: turns, where: Fig 1, statement: It turns., cases: turning, check: {kind: crossings, least: 1}, expect: EXPECT}
-  - {id: lost, where: Fig 2, statement: It turns., cases: given-up, check: {kind: axis, end: x3}, expect: not tested}
+  - {id: turns, where: Fig 1, statement: It turns., cases: turning,
+     check: {kind: crossings, least: 1}, expect: EXPECT}
+  - {id: lost, where: Fig 2, statement: It turns., cases: given-up,
+     check: {kind: axis, end: x3}, expect: not tested}
 """
 
 
@@ -417,7 +419,8 @@ def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:
     done = hodo("claims", "runs/c.h5")
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "runs/c.h5: claim turns: case turning has no labels of the enclosed axis: run `hodo classify` first"
+        "runs/c.h5: claim turns: case turning has no labels of the enclosed axis: run `hodo "
+        "classify` first"
     ]
 
 
@@ -426,7 +429,8 @@ def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:
     [
         (
             "cases: turnin",
-            "17:60: cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: turning, given-up)",
+            "17:60: cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: turning, "
+            "given-up)",
         ),
         (
             "cases: turning, over: {damping.3: {values: [1]}}",

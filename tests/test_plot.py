@@ -102,7 +102,8 @@ def test_drawing_loads_neither_pyplot_nor_netCDF4(runs: Path, tmp_path: Path) ->
     script = f"""
 import sys
 from hodo_cli.cli import main
-main(["plot", {str(runs / "paper2.h5")!r}, "fig1", "--out", {str(tmp_path)!r}], standalone_mode=False)
+options = ["fig1", "--out", {str(tmp_path)!r}]
+main(["plot", {str(runs / "paper2.h5")!r}, *options], standalone_mode=False)
 print("loaded:", *({{"matplotlib.pyplot", "netCDF4", "heyoka"}} & set(sys.modules)))
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)

@@ -47,7 +47,8 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
 
 @check
 def first_order(motions: Sequence[Motion]) -> Finding:
-    """Averaged motions are as near to the full ones as the first order makes them, and no nearer."""
+    """Averaged motions are as near to the full ones as the first order makes them, and no
+    nearer."""
     found = order_finding(motions, 1)
     return Finding(
         max(found.deviation, if_true(found.number < 1 + ORDER_WITHIN)), found.number, found.words

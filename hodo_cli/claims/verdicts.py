@@ -69,7 +69,7 @@ def together(claim: Mapping[str, Any], found: Mapping[str, Verdict]) -> str:
 
 
 def judge_erratum(erratum: Mapping[str, Any], run: Run) -> Verdict:
-    """Whether the printed form is wrong and the corrected one right. Raises as `judge_claim` does."""
+    """Whether the printed form is wrong and the corrected one right. Raises as `judge_claim`."""
     if erratum["check"] is None:
         return Verdict(erratum, BY_READING, math.nan, "")
     if missing := unusable(erratum["cases"], run):

@@ -32,8 +32,18 @@ too."""
 
 GREY = "#666666"
 AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#999999"}
-CYCLE = ((BLUE, "-"), (RED, (0, (5, 1.5))), (GREEN, (0, (5, 1.5, 1, 1.5))), (PURPLE, (0, (1, 1))), (ORANGE, "-"),
-         (SKY, (0, (5, 1.5))), (BLACK, (0, (1, 1))), (GREY, "-"))  # fmt: skip
+
+# Neighbours differ in colour and in line, so that they are told apart in grey print too.
+CYCLE = (
+    (BLUE, "-"),
+    (RED, (0, (5, 1.5))),
+    (GREEN, (0, (5, 1.5, 1, 1.5))),
+    (PURPLE, (0, (1, 1))),
+    (ORANGE, "-"),
+    (SKY, (0, (5, 1.5))),
+    (BLACK, (0, (1, 1))),
+    (GREY, "-"),
+)
 VIRIDIS_END = 0.93
 """Where the colour map is cut: its yellow end is too pale on white."""
 
@@ -94,8 +104,15 @@ def time_label(spec: Mapping[str, Any], motion: Motion) -> str:
 
 
 COLOURS = {
-    "blue": BLUE, "orange": ORANGE, "green": GREEN, "sky": SKY, "red": RED, "purple": PURPLE, "black": BLACK,
-    "grey": "#999999"}  # fmt: skip
+    "blue": BLUE,
+    "orange": ORANGE,
+    "green": GREEN,
+    "sky": SKY,
+    "red": RED,
+    "purple": PURPLE,
+    "black": BLACK,
+    "grey": "#999999",
+}
 LINES = {"solid": "-", "dashed": (0, (5, 1.5)), "dotted": (0, (1, 1))}
 
 
@@ -142,6 +159,7 @@ def mark_points(
     for style, points in ((START, ends[:1]), (END, ends[1:]), (CROSSING, crossings)):
         shown = points[inside(points)]
         for artist in axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False):
+            # A mark may stick out of its panel; the layout would make room for it.
             artist.set_in_layout(False)
 
 

@@ -1,8 +1,8 @@
-"""Figures that a reader can turn and zoom, drawn by plotly in a page of their own. The only importer
-of plotly, which is optional.
+"""Figures that a reader can turn and zoom, drawn by plotly in a page of their own. The only
+importer of plotly, which is optional.
 
-Every curve has the values that its printed figure shows (`Sheet.shown`): that figure is drawn first,
-and nothing is computed twice.
+Every curve has the values that its printed figure shows (`Sheet.shown`): that figure is drawn
+first, and nothing is computed twice.
 """
 
 from collections.abc import Mapping, Sequence
@@ -67,7 +67,8 @@ def write_interactive(
 
 
 def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figure:
-    """The figure of plotly for an entry of a `figures:` block, with the values of its printed form."""
+    """The figure of plotly for an entry of a `figures:` block, with the values of its printed
+    form."""
     if spec["kind"] in ("hodograph", "sphere"):
         return turnable(sheet, spec, results)
     if spec["kind"] == "map":

@@ -51,9 +51,8 @@ def squares(motion: Motion) -> np.ndarray:
     where K is inf."""
     K = slope(motion.inertia)
     if math.isinf(K):
-        raise HodoError(
-            f"case {motion.name} has no quadrants to draw: its two larger moments of inertia are equal"
-        )
+        why = "its two larger moments of inertia are equal"
+        raise HodoError(f"case {motion.name} has no quadrants to draw: {why}")
     largest, _, smallest = motion.order
     return np.asarray(motion.omega[:, [largest, smallest]] ** 2 * [1, K])
 
@@ -84,6 +83,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         for place, motion in enumerate(motions):
             curve = points[motion.name]
             plane_curve(axes, curve, *palette(motion, "axis", place), 0.8 * line_width(motion))
+            # A crossing lies on the diagonal; interpolation between samples may leave it a little.
             on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
             mark_points(axes, curve[[0, -1]], on_line, lambda at: at.max(axis=-1) <= limit)  # noqa: B023
     if zoom is not None:
@@ -280,8 +280,16 @@ def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
         below = value > 0.9 * peak
         axes.plot(when, value, **END, clip_on=False, zorder=5)
         early = when - motion.time[0] < 0.4 * (motion.time[-1] - motion.time[0])
-        axes.annotate(text, (when, value), (3 if early else -3, -4 if below else 4), textcoords="offset points", size=7,
-                      ha="left" if early else "right", va="top" if below else "bottom")  # fmt: skip
+        # Toward the middle of the panel, where a text is not cut off.
+        axes.annotate(
+            text,
+            (when, value),
+            (3 if early else -3, -4 if below else 4),
+            textcoords="offset points",
+            size=7,
+            ha="left" if early else "right",
+            va="top" if below else "bottom",
+        )
 
 
 def inset(
@@ -353,6 +361,8 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     for axes in (energy, square):
         low, high = (f(float(f(line.get_ydata())) for line in axes.lines) for f in (min, max))
         axes.set(
+            # More than a decade is unreadable on a linear axis; below that, 0 belongs to the
+            # picture.
             **({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high or 1.0)})
         )
     ratio.set_xlabel(time_label(spec, motions[0]))

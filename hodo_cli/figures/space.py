@@ -103,13 +103,19 @@ def hodograph_panels(sheet: Sheet, frame: np.ndarray, n: int) -> list[Axes]:
 
 
 def space(
-    axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], view: View, reach: np.ndarray, frame: np.ndarray,
+    axes: Axes,
+    motions: Sequence[Motion],
+    spec: Mapping[str, Any],
+    view: View,
+    reach: np.ndarray,
+    frame: np.ndarray,
     cut: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """Hodographs in a view, with body axes of lengths `reach` (2, 3), within a frame (2, 2) of the
     page."""
     body_axes(axes, view, reach)
     near = float(np.ptp(frame)) / 2
+    # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
         seen = view(motion.G)
@@ -136,10 +142,12 @@ def space_curve(
 ) -> None:
     """A curve in view (n, 3), in colours[code]; what is farther from the reader is paler, and
     behind."""
+    # Thirteen layers: enough to show depth, and few enough pieces of line.
     layer = np.clip((seen[:, 2] / near * 6).round(), -6, 6).astype(int)
     pieces = [
         piece
         for piece in stretches(code, layer)
+        # What is far outside an enlarged panel would only make the file larger.
         if np.abs(seen[piece, :2]).min(axis=0).max() < 3 * near
     ]
     pieces.sort(key=lambda piece: int(layer[piece.start]))
@@ -164,16 +172,34 @@ def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
         at = view(counts[counts != 0, None] * step * np.eye(3)[i])
         axes.plot(at[:, 0], at[:, 1], ls="", marker=".", ms=2, color=GREY, zorder=1)
         if counts[-1] > 0:
-            axes.annotate(f"{counts[-1] * step:.10g}", pair(at[-1]), (4, 0) if i == 2 else (1, -6), size=6, color=GREY,
-                          textcoords="offset points", va="center", zorder=5, path_effects=HALO)  # fmt: skip
+            # The upright axis has its value to the right, the others below.
+            axes.annotate(
+                f"{counts[-1] * step:.10g}",
+                pair(at[-1]),
+                (4, 0) if i == 2 else (1, -6),
+                size=6,
+                color=GREY,
+                textcoords="offset points",
+                va="center",
+                zorder=5,
+                path_effects=HALO,
+            )
 
 
 def arm(axes: Axes, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1) -> None:
     """An arrow along a body axis from tail to tip (2,), with its name."""
     arrow(axes, tail, tip, GREY, zorder)
     beyond = 6 * tip / max(float(np.hypot(*tip)), math.ulp(0))
-    axes.annotate(f"${name}$", pair(tip), pair(beyond), textcoords="offset points", ha="center", va="center",
-                  zorder=7, path_effects=HALO)  # fmt: skip
+    axes.annotate(
+        f"${name}$",
+        pair(tip),
+        pair(beyond),
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        zorder=7,
+        path_effects=HALO,
+    )
 
 
 def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], plane: str) -> None:

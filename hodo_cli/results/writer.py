@@ -2,8 +2,8 @@
 is ever lost.
 
 A run puts each finished case into a small file of its own, a *piece*, in its staging folder, and
-joins them at the end. (A single HDF5 file that grows is unreadable, all of it, after one in five of its
-writes; a kill there would cost every case.) A piece is whole or absent; the next run takes the
+joins them at the end. (A single HDF5 file that grows is unreadable, all of it, after one in five of
+its writes; a kill there would cost every case.) A piece is whole or absent; the next run takes the
 pieces of a dead one over. A sweep comes in *parts*, small files too, of which its piece is made.
 """
 
