@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import suppress
+from functools import partial
 from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
@@ -322,14 +323,30 @@ class Dask(Executor):
         }
         self._address = scheduler
         self._killed = distributed.KilledWorker
-        client: Any = distributed.Client  # it is not typed
+        self._client = self._connected(
+            partial(distributed.Client, **local)
+            if scheduler == "dask"
+            else partial(distributed.Client, scheduler, timeout=10)
+        )
+        self._inner = self._client.get_executor(pure=False)
+
+    def _connected(self, connect: Callable[[], Any]) -> Any:
+        """A client. What answers at an address may be any program: dask raises whatever that leads
+        to, or waits for ever."""
+        answer: Future[Any] = Future()
+
+        def try_to() -> None:
+            try:
+                answer.set_result(connect())
+            except Exception as error:
+                answer.set_exception(error)
+
+        Thread(target=try_to, daemon=True).start()
         try:
-            self._client = client(**local) if scheduler == "dask" else client(scheduler, timeout=10)
-        # What answers at an address may be any program, and dask raises whatever that leads to.
+            return answer.result(timeout=PATIENCE_OF_DASK)
         except Exception as error:
             reason = str(error).partition("\n")[0] or type(error).__name__
-            raise BatchError(f"no dask scheduler answers at {scheduler}: {reason}") from None
-        self._inner = self._client.get_executor(pure=False)
+            raise BatchError(f"no dask scheduler answers at {self._address}: {reason}") from None
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Schedule a call. Raises BatchError if the scheduler is gone."""
@@ -366,6 +383,9 @@ class Dask(Executor):
         self._inner.shutdown(wait=wait and not cancel_futures)
         self._client.close()
 
+
+PATIENCE_OF_DASK = 60.0
+"""Seconds in which a scheduler must answer, or one of this machine start its workers."""
 
 AHEAD = 256
 """Tasks that a scheduler elsewhere is given before the first is finished: more than it is likely to
