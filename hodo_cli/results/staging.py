@@ -122,7 +122,7 @@ def destination(path: Path) -> Path:
 
 def check_writable(path: Path) -> None:
     """Raise HodoError if a file is marked as read-only, which replacing it would ignore."""
-    with suppress(FileNotFoundError):
+    with suppress(OSError):  # there is none yet, or writing it will say what is wrong
         mode = stat.S_IMODE(path.stat().st_mode)
         if not mode & 0o222:
             raise HodoError(f"{path} is read-only (mode {mode:o}): chmod u+w, or run --force")
