@@ -21,7 +21,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from hodo_cli import HodoError, figures
-from hodo_cli.cases.config import load
+from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.figure_block import FIGURE_KINDS
 from hodo_cli.commands import plot
 from hodo_cli.figures import artists, geometry, page
@@ -286,19 +286,13 @@ def test_csv_is_what_is_shown(runs: Path) -> None:
         with open_results(runs / f"{paper}.h5") as results:
             sheet = figures.draw(results.figure(name), results)
         rows = list(csv.DictReader(sheet.csv().splitlines()))
-        at = 0
         for shown in sheet.shown:
-            n = len(next(iter(shown.values.values())))
-            mine, at = rows[at : at + n], at + n
-            assert {(row["panel"], row["curve"]) for row in mine} == {(shown.panel, shown.curve)}
+            mine = [row for row in rows if row["curve"] == shown.curve]
             for column, values in shown.values.items():
                 assert [float(row[column]) for row in mine] == values.tolist()
-            assert all(
-                row[column] == ""
-                for row in mine
-                for column in set(row) - set(shown.values) - {"panel", "curve"}
-            )
-        assert at == len(rows) > 0
+        curves = {shown.curve: len(next(iter(shown.values.values()))) for shown in sheet.shown}
+        assert len(rows) == sum(curves.values()) > 0
+        assert set(rows[0]) == {"curve"}.union(*(shown.values for shown in sheet.shown))
 
 
 def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
@@ -325,7 +319,7 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
     with open_results(runs / "paper1.h5") as results:
         out = tmp_path / "out"
         said = refused(lambda: plot.render(results, ["fgi4"], ("png",), out))
-        assert "no figure 'fgi4'" in said
+        assert "unknown figure 'fgi4'" in said
         assert "did you mean 'fig4'?" in said
         assert "did you mean 'png'?" in refused(
             lambda: plot.render(results, ["fig4"], ("pgn",), out)
@@ -529,3 +523,65 @@ def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
     candidates = np.array([[0.2, 0.8], [0.5, 0.9]])
     assert (geometry.clearest(np.array([[0.5, 0.91]]), candidates) == candidates[0]).all()
     assert (geometry.clearest(np.array([[0.2, 0.81]]), candidates) == candidates[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("figure", "message"),
+    [
+        (
+            "kind: sphere, cases: a, labels: [a, b]",
+            "labels: expected one for each of 1 cases, got 2",
+        ),
+        (
+            "kind: series, cases: a, variables: T, span: [5, 1]",
+            "span: expected the lower end first",
+        ),
+        ("kind: map, cases: a, variable: T, range: [5, 1]", "range: expected the lower end first"),
+        ("kind: map, cases: a, variable: T, x: u", "missing 'y': a map has x and y, or neither"),
+        ("kind: map, cases: a, variable: T, x: u, y: u", "y: u is on the horizontal axis already"),
+        (
+            "kind: map, cases: a, variable: T, x: u, y: v, panels: v",
+            "panels: v is an axis of the panels already",
+        ),
+    ],
+)
+def test_keys_that_do_not_fit_each_other_are_named_with_their_place(
+    figure: str, message: str
+) -> None:
+    case = (
+        "a: {model: linear-diag, inertia: [3, 2, 2], initial: {p: 1, q: 1, r: 1}, time: {end: 1}}"
+    )
+    said = refused(lambda: parse(f"cases:\n  {case}\nfigures:\n  f: {{{figure}}}\n", "x.yaml"))
+    assert said.startswith("x.yaml:4:")
+    assert message in said
+
+
+def test_time_is_a_variable_and_words_are_no_formulas(runs: Path) -> None:
+    with open_results(runs / "paper1.h5") as results:
+        series = {**results.figure("fig12-sensitivity"), "span": None, "level": None, "columns": 2}
+        variables = ("time", "enclosed_axis", "T")
+        sheet = figures.draw({**series, "variables": variables}, results)
+        first, second, third = sheet.figure.axes
+        assert (first.lines[0].get_xdata() == first.lines[0].get_ydata()).all()
+        assert second.get_ylabel().startswith(r"$\mathrm{enclosed\ axis}$")
+        # The place below the second panel is empty, and its ticks are its own.
+        assert second.get_xlabel() == third.get_xlabel() != ""
+        assert second.xaxis.get_tick_params()["labelbottom"]
+        phase = {"kind": "phase", "x": "time", "y": "T", "cases": ("fig4",), "time": "t"}
+        drawn = figures.draw({**series, **phase}, results)
+        assert drawn.shown[0].values["time"].size > 1
+        beyond = {**series, "variables": ("T",), "span": (1e5, 2e5)}
+        assert "holds no sample of case" in refused(lambda: figures.draw(beyond, results))
+
+
+def test_a_figure_that_breaks_does_not_cost_the_others(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*given: object) -> None:
+        raise ZeroDivisionError("by zero")
+
+    monkeypatch.setitem(figures.DRAW, "sphere", broken)
+    with open_results(runs / "paper1.h5") as results:
+        first, second = plot.render(results, ["fig1", "fig5"], ("png",), tmp_path)
+    assert first.problem == "ZeroDivisionError: by zero"
+    assert second.files[0].is_file()

@@ -12,7 +12,7 @@ from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, resolve, shown
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
-from .figure_block import FIGURE_KINDS
+from .figure_block import FIGURE_KINDS, check_figure
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
 
@@ -174,6 +174,7 @@ def _figures(
         else:
             # Which other keys are right is not known without the kind.
             figures[name], wrong = resolve(keys, {key: kind for key in block if key == "kind"})
+        wrong += check_figure(figures[name])
         mistakes += [(("figures", name, *at), said) for at, said in wrong]
         if figures[name].get("cases") == ():
             mistakes.append((("figures", name, "cases"), "names no case"))

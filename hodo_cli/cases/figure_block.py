@@ -1,7 +1,21 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
 `kind`."""
 
-from ..schema.kinds import NAMES, Choice, Integer, Key, ListOf, Number, Table, Text, Vector
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ..schema.kinds import (
+    NAMES,
+    Choice,
+    Integer,
+    Key,
+    ListOf,
+    Mistake,
+    Number,
+    Table,
+    Text,
+    Vector,
+)
 
 DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
 LEGEND = Key(
@@ -151,3 +165,29 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "cost": MOST_FIGURES | GROUPS,
     "share": MOST_FIGURES,
 }
+
+
+def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """What is wrong with keys of a figure that are each right by themselves."""
+    named = "bodies" if values.get("kind") == "quadrant-sketch" else "cases"
+    labels, several = values.get("labels", ()), values.get(named, ())
+    # The labels of a map are those of its panels, whose number the sweep decides.
+    if values.get("kind") != "map" and len(labels) > len(several):
+        said = f"expected one for each of {len(several)} {named}, got {len(labels)}"
+        yield ("labels",), said
+    for key in ("range", "span"):
+        if (ends := values.get(key)) and not ends[0] < ends[1]:
+            yield (key,), f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
+    if values.get("kind") == "map":
+        yield from _of_axes(values.get("x"), values.get("y"), values.get("panels"))
+
+
+def _of_axes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:
+    """Axes of a map that are missing, or stand twice."""
+    if (x is None) != (y is None):
+        missing, given = ("x", "y") if x is None else ("y", "x")
+        yield (), f"missing '{missing}': a map has x and y, or neither (it has {given})"
+    elif x is not None and x == y:
+        yield ("y",), f"{y} is on the horizontal axis already"
+    if panels is not None and panels in (x, y):
+        yield ("panels",), f"{panels} is an axis of the panels already"

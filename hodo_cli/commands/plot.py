@@ -60,11 +60,24 @@ def render(
 def _rendered(
     results: Results, name: str, spec: Mapping[str, Any], files: Sequence[Path]
 ) -> Rendered:
+    """Draw one figure into files; whatever goes wrong with it is its own problem."""
     try:
-        sheet = draw(spec, results)
+        return Rendered(name, tuple(_files(results, name, spec, files)))
     except HodoError as error:
         return Rendered(name, problem=str(error))
-    written = []
+    except ModuleNotFoundError:
+        raise
+    except Exception as error:
+        # A mistake of ours in one figure shall not cost the others; it is no traceback then, so
+        # the kind of the error is part of what is said.
+        return Rendered(name, problem=f"{type(error).__name__}: {error}")
+
+
+def _files(
+    results: Results, name: str, spec: Mapping[str, Any], files: Sequence[Path]
+) -> Iterator[Path]:
+    """The files of one figure, each when it is written."""
+    sheet = draw(spec, results)
     for path in files:
         if path.suffix == ".html":
             # Late, because plotly need not be installed where no figure is to be turned.
@@ -75,5 +88,4 @@ def _rendered(
             write_interactive(sheet, spec, results, path, name)
         else:
             save(sheet, path, about=spec["caption"])
-        written.append(path)
-    return Rendered(name, tuple(written))
+        yield path

@@ -90,6 +90,9 @@ def symbol(name: str) -> str:
     base, _, axis = name.partition(".")
     if axis:
         return f"{VECTORS.get(base, base)}_{axis[1:]}"
+    if re.fullmatch(r"[A-Za-z]\w{2,}", name):
+        # A word, not a product of letters, nor an index.
+        return rf"\mathrm{{{name}}}".replace("_", r"\ ")
     return f"{name[0]}_{{{name[1:]}}}" if re.fullmatch("[A-Za-z][a-z0-9]", name) else name
 
 

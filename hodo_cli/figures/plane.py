@@ -182,14 +182,12 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
                 f"the inset's panel {small['panel']!r} is none of the panels ({', '.join(groups)})"
             )
     for axes, (group, curves) in zip(
-        series_panels(sheet, spec, len(groups)), groups.items(), strict=True
+        series_panels(sheet, spec, len(groups), time_label(spec, motions[0])),
+        groups.items(),
+        strict=True,
     ):
         for (motion, name), style in zip(curves, styles(len(curves), given), strict=True):
-            part = (
-                slice(None)
-                if spec["span"] is None
-                else slice(*np.searchsorted(motion.time, spec["span"]))
-            )
+            part = within_span(motion, spec["span"])
             times, values = motion.time[part], motion[name][part]
             sheet.record(group, motion.label, {"time": times, name: values})
             axes.plot(times, values, **style)
@@ -208,8 +206,6 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
                 else {"ylabel": axis_label(group, motions[0])}
             )
         )
-        if axes.get_subplotspec().is_last_row():  # type: ignore[union-attr]
-            axes.set_xlabel(time_label(spec, motions[0]))
         # An inset's curves look as they do in the panel: by variable, or by case.
         looks = styles(len(curves), given)
         named = {
@@ -230,6 +226,22 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
         legend(sheet, case_handles(names, given), max(1, min(int(room), len(names))))
 
 
+def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
+    """The samples of a motion within a span of time; all without one.
+
+    Raises HodoError if there is none.
+    """
+    if span is None:
+        return slice(None)
+    part = slice(*np.searchsorted(motion.time, span).tolist())
+    if part.start >= part.stop:
+        raise HodoError(
+            f"the span {span[0]:g} to {span[1]:g} holds no sample of case {motion.name}, whose "
+            f"time goes from {motion.time[0]:g} to {motion.time[-1]:g}"
+        )
+    return part
+
+
 def first_label(axes: Axes, names: Sequence[str], curves: Sequence[tuple[Motion, str]]) -> str:
     """The label of the vertical axis that panels of cases share: their variables; none but on the
     left.
@@ -239,8 +251,9 @@ def first_label(axes: Axes, names: Sequence[str], curves: Sequence[tuple[Motion,
     return f"{', '.join(names)} {unit(motion, name)}" if left else ""
 
 
-def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
-    """n panels in rows of `columns`; those of cases share both scales."""
+def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> list[Axes]:
+    """n panels in rows of `columns`, with a label below the lowest of each column; those of cases
+    share both scales."""
     columns = min(n, spec["columns"])
     rows = -(-n // columns)
     width = COLUMN if columns == 1 else PAGE
@@ -249,6 +262,10 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int) -> list[Axes]:
     grid = sheet.figure.subplots(rows, columns, sharex=True, sharey=by_case, squeeze=False).ravel()
     for spare in grid[n:]:
         spare.remove()
+    for axes in grid[n - columns : n]:
+        # Also above a place that stays empty, where matplotlib would leave the ticks to it.
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel(label)
     return list(grid[:n])
 
 

@@ -75,21 +75,37 @@ class Sheet:
         )
 
     def csv(self) -> str:
-        """What the figure shows, a row per sample; columns that a curve does not have stay
-        empty."""
+        """What the figure shows: a row for each sample of each curve, a column for each quantity.
+
+        What a curve does not have stays empty.
+        """
+        curves = self._curves()
         # A dict keeps their order, which a set would lose.
-        columns = list(dict.fromkeys(name for item in self.shown for name in item.values))
+        columns = list(dict.fromkeys(name for _, values in curves for name in values))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["panel", "curve", *map(_cell, columns)])
-        for item in self.shown:
-            present = [
-                item.values[name].tolist() if name in item.values else None for name in columns
-            ]
-            for i in range(len(next(iter(item.values.values())))):
-                values = ["" if column is None else column[i] for column in present]
-                writer.writerow(map(_cell, [item.panel, item.curve, *values]))
+        writer.writerow(["curve", *map(_cell, columns)])
+        for curve, values in curves:
+            n = len(next(iter(values.values())))
+            empty = [""] * n
+            present = [values[name].tolist() if name in values else empty for name in columns]
+            for row in zip(*present, strict=True):
+                writer.writerow(map(_cell, [curve, *row]))
         return text.getvalue()
+
+    def _curves(self) -> list[tuple[str, dict[str, np.ndarray]]]:
+        """The curves with all that several panels show of the same samples."""
+        found: list[tuple[str, dict[str, np.ndarray]]] = []
+        for item in self.shown:
+            first = next(iter(item.values))
+            for curve, values in found:
+                same = curve == item.curve and first in values
+                if same and np.array_equal(values[first], item.values[first], equal_nan=True):
+                    values.update(item.values)
+                    break
+            else:
+                found.append((item.curve, dict(item.values)))
+        return found
 
 
 def _cell(value: object) -> object:

@@ -14,7 +14,7 @@ import xarray as xr
 
 from .. import HodoError
 from ..cases.config import Config, parse
-from ..schema.kinds import nearest
+from ..schema.kinds import nearest, unknown
 from .hdf5 import Group, Run, open_run
 from .layout import SHOWN
 from .motion import Motion, motion_of
@@ -132,7 +132,8 @@ class Results:
     def figure(self, name: str) -> Mapping[str, Any]:
         """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
         if name not in self.figures:
-            raise HodoError(f"{self.path} has no figure {name!r}{nearest(name, self.figures)}")
+            said = unknown(f"figure {name!r}", name, self.figures)
+            raise HodoError(f"{self.path}: {said}")
         return self.figures[name]
 
 
