@@ -1,14 +1,17 @@
 """The averaged forms of the body-frame models as users run them: against the full equations, in
 order of the small parameter; through the separatrix; where they do not apply."""
 
+import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Hodo
 
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case
@@ -20,6 +23,7 @@ from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging.capture import capture_shares
 from hodo_cli.models.averaging.fluid import drift_by_region, fluid_constants, fluid_part
 from hodo_cli.models.averaging.free_turn import Body, free_motion_by_phase, slow_elements
+from hodo_cli.models.averaging.passage import crossing_table, crossing_time
 from hodo_cli.models.averaging.quadrature import periodic_part
 from hodo_cli.models.cavity import fluid_torque
 from hodo_cli.models.cavity_averaged import AveragedTriaxial
@@ -404,3 +408,68 @@ def test_equal_resistance_is_no_approximation() -> None:
 def test_the_late_regime_is_told() -> None:
     (told,) = integrate(case()).warnings
     assert "0.027 at the start" in told
+
+
+def test_one_table_serves_all_starts() -> None:
+    u, times = crossing_table((5e-3, 4e-3, 3e-3), 1)
+    some = np.random.default_rng(1).uniform(0.01, 5, 100)
+    direct = crossing_time((5e-3, 4e-3, 3e-3), 1, some)
+    assert np.interp(some, u, times) == pytest.approx(direct, rel=2e-4)
+    assert not len(crossing_table((3e-3, 4e-3, 5e-3), 1)[0])
+
+
+DRAWN = """
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}}
+cases:
+  a: {damping: [0.01, 0.005, 0.007], time: {end: 60, samples: 201}}
+  b: {damping: [0.001, 0.0005, 0.0007], time: {end: 600, samples: 201}}
+  a-mean: {form: averaged, damping: [0.01, 0.005, 0.007], time: {end: 60, samples: 201}}
+  b-mean: {form: averaged, damping: [0.001, 0.0005, 0.0007], time: {end: 600, samples: 201}}
+  fig4: {damping: [0.005, 0.004, 0.003], time: {end: 500}}
+  fig4-mean: {form: averaged, damping: [0.005, 0.004, 0.003], time: {end: 500}}
+  starts:
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0, q: 0, G: 1}
+    time: {end: 1000}
+    store: [crossing_time]
+    sweep: {damping.2: {values: [0.003]}, direction: {sphere: {count: 500, seed: 1}}}
+figures:
+  order: {kind: order, cases: [a-mean, b-mean], against: [a, b], groups: [2], small: [0.01, 0.001]}
+  cost: {kind: cost, cases: [a, b, a-mean, b-mean], groups: [2, 2], small: [0.01, 0.001, 0.01, 0.001]}
+  share: {kind: share, cases: [starts]}
+  passage: {kind: series, cases: [fig4, fig4-mean], variables: [G, J], passages: yes}
+  short: {kind: order, cases: [a-mean, b-mean], against: [a], groups: [2], small: [0.01, 0.001]}
+claims:
+  - {id: second, where: ours, statement: s, cases: [a-mean, a, b-mean, b],
+     check: {kind: paper, name: second-order}, expect: reproduced}
+  - {id: first, where: ours, statement: s, cases: [a-mean, a, b-mean, b],
+     check: {kind: paper, name: first-order}, expect: contradicted}
+  - {id: sense, where: ours, statement: s, cases: [fig4-mean, fig4],
+     check: {kind: paper, name: predicted-sense}, expect: reproduced}
+  - {id: steps, where: ours, statement: s, cases: [a-mean, fig4-mean],
+     check: {kind: paper, name: steps-do-not-grow}, expect: contradicted}
+"""
+
+
+@pytest.mark.heyoka
+def test_figures_and_claims_of_averaging(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "drawn.yaml").write_text(DRAWN, encoding="utf-8")
+    for command in ("run drawn.yaml --quiet", "classify runs/drawn.h5", "claims runs/drawn.h5"):
+        done = hodo(*command.split())
+        assert done.returncode == 0, done.stdout + done.stderr
+    done = hodo("plot", "runs/drawn.h5", "--format", "csv", "--out", "figures")
+    assert "short: `against` wants one case for each of `cases`" in done.stderr
+    shown = {}
+    for name in ("order", "cost", "share", "passage"):
+        text = (tmp_path / "figures" / "drawn" / f"{name}.csv").read_text(encoding="utf-8")
+        shown[name] = list(csv.DictReader(text.splitlines()))
+    errors = [float(row["error"]) for row in shown["order"]]
+    assert errors == pytest.approx([5.7e-4, 5.6e-6], rel=0.1)
+    assert [row["steps"] for row in shown["cost"][2:]] == ["3", "3"]
+    at_end = {
+        row["panel"]: float(row["share"]) for row in shown["share"] if row["time"] == "1000.0"
+    }
+    assert at_end["averaged"] == pytest.approx(0.3766, abs=1e-4)
+    # 500 starts count to 0.02
+    assert at_end["full"] == pytest.approx(0.3705, abs=0.06)
+    assert {row["curve"] for row in shown["passage"]} == {"fig4", "fig4-mean"}

@@ -270,7 +270,7 @@ def test_a_sense_is_undetermined_where_s_is_near_a_whole_number() -> None:
 )
 def test_shares_of_starts_that_cross(lam: Triple, at300: float, at1000: float) -> None:
     rates = [x / 1000 for x in lam]
-    assert [share_that_crosses(BODY, rates, time) for time in (300, 1000)] == pytest.approx(
+    assert share_that_crosses(BODY, rates, np.array([300.0, 1000.0])) == pytest.approx(
         [at300, at1000], abs=5e-5
     )
 
@@ -281,4 +281,4 @@ def test_share_about_the_axis_of_largest_inertia() -> None:
         2 / math.pi * math.atan(math.sqrt(c * (a - b) / (a * (b - c)))), abs=1e-14
     )
     assert share_beyond(BODY, 1, 0.0) + share_beyond(BODY, -1, 0.0) == pytest.approx(1, abs=1e-14)
-    assert share_that_crosses(BODY, LAM4, 1e9) == pytest.approx(0.419569, abs=1e-6)
+    assert share_that_crosses(BODY, LAM4, np.array([1e9])) == pytest.approx(0.419569, abs=1e-6)

@@ -13,28 +13,18 @@ import numpy as np
 
 from hodo_cli.figures.averaged import damping_of
 from hodo_cli.models.averaging.free_turn import Body
-from hodo_cli.models.averaging.passage import crossing_time, farthest_that_crosses
+from hodo_cli.models.averaging.passage import crossing_table
 from hodo_cli.results.dataset import open_results
 from hodo_cli.sweeps.swept import Swept
 
-NODES = 401
-"""Places of the table, denser towards u = 0, where t* goes as u ln u. Between them it is right to
-1e-5 in the middle of the range and to 2e-3 next to u = 0: far less than the scatter of the true
-times."""
 
-FARTHEST = 60.0
-"""The u of the last place: farther starts, 1e-26 of all, are given its time."""
-
-
-def tabulated_times(body: Body, lam: list[float], side: np.ndarray, u: np.ndarray) -> np.ndarray:
+def tabulated_times(lam: list[float], side: np.ndarray, u: np.ndarray) -> np.ndarray:
     """t* (n,) of starts at u (n,) on their sides (n,); nan where they never cross."""
     crossing = 1 if lam[0] > lam[2] else -1
-    most = min(farthest_that_crosses(lam, crossing), FARTHEST)
-    if not most:
+    places, times = crossing_table(lam, crossing)
+    if not len(places):
         return np.full(len(u), np.nan)
-    places = most * np.linspace(0, 1, NODES + 1)[1:-1] ** 3
-    times = np.interp(u, np.append(0, places), np.append(0, crossing_time(lam, crossing, places)))
-    return np.where((side == crossing) & (u < most), times, np.nan)
+    return np.where(side == crossing, np.interp(u, places, times, right=np.nan), np.nan)
 
 
 def shapes(body: Body, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +50,7 @@ def main(path: str) -> None:
     print(f"{full.size} full motions: {spent:.2f} s")
     began, side_and_u = perf_counter(), shapes(body, directions)
     lams = [[damping_of(swept, other, i)[axis] for axis in body.order] for i in range(len(full))]
-    averaged = np.array([tabulated_times(body, lam, *side_and_u) for lam in lams])
+    averaged = np.array([tabulated_times(lam, *side_and_u) for lam in lams])
     print(f"{full.size} averaged times: {perf_counter() - began:.3f} s, {len(full)} tables")
     print("damping  crossed: full, averaged  judged otherwise  median, 90 % of |t* - t|")
     for lam, times, ours in zip(lams, full, averaged, strict=True):

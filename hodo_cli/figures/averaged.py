@@ -8,15 +8,12 @@ import numpy as np
 
 from .. import HodoError
 from ..models.averaging.free_turn import Body
-from ..models.averaging.passage import crossing_time, farthest_that_crosses, share_beyond
+from ..models.averaging.passage import share_that_crosses
 from ..results.dataset import Results
 from ..results.motion import Motion
 from ..sweeps.swept import Swept
 from .artists import COLUMN, PAGE, case_handles, legend, styles
 from .sheet import Sheet
-
-FARTHEST_DRAWN = 60.0
-"""The u from which a closed form of shares is drawn: 1e-26 of the starts are farther."""
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
 """How shares that are counted look, on the line of those that are calculated."""
@@ -53,6 +50,7 @@ def groups(
     motions = [results.motion(name) for name in spec["cases"]]
     if not sum(spec["groups"]) == len(spec["small"]) == len(motions):
         raise HodoError("`groups` wants sizes that add up to the cases, `small` a number for each")
+    # A line is a run of cases, so that a figure reads them in the order in which it names them.
     ends = np.cumsum(spec["groups"])
     for i, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
         label = spec["labels"][i] if i < len(spec["labels"]) else motions[begin].name
@@ -63,6 +61,7 @@ def forms_apart(motion: Motion, other: Motion) -> float:
     """The largest relative distance of T and of G^2 between two motions at the same times."""
     if not np.array_equal(motion.time, other.time):
         raise HodoError(f"cases {motion.name} and {other.name} are not stored at the same times")
+    # G enters squared, as T does: then both have the same order and much the same size.
     return max(
         float(np.abs(motion["T"] / other["T"] - 1).max()),
         float(np.abs((motion["G"] / other["G"]) ** 2 - 1).max()),
@@ -106,7 +105,9 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         lam = damping_of(swept, other, i)
         names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
         style = styles(len(names))[-1]
-        foreseen = shares_by(Body.of(body.tolist()), lam, line)
+        turning = Body.of(body.tolist())
+        foreseen = share_that_crosses(turning, [lam[axis] for axis in turning.order], line)
+        # A start that never crosses has no time, and no comparison with nan holds.
         counted = np.array([np.mean(times <= t) for t in points])
         axes.plot(line, foreseen, **style)
         axes.plot(points, counted, mec=style["color"], **MONTE_CARLO)
@@ -125,18 +126,3 @@ def damping_of(swept: Swept, axis: str, i: int) -> list[float]:
         if path[0] == "damping":
             lam[int(path[1])] = float(varied.values(of)[i])
     return lam
-
-
-def shares_by(body: Body, damping: list[float], times: np.ndarray) -> np.ndarray:
-    """The share (n,) of starts, uniform in the direction of G, that cross by the times (n,)."""
-    lam = [damping[axis] for axis in body.order]
-    side = 1 if lam[0] > lam[2] else -1
-    most = min(farthest_that_crosses(lam, side), FARTHEST_DRAWN)
-    if not most:
-        return np.zeros_like(times)
-    # Dense near the separatrix, where the time falls steeply; without the ends, where it is 0 and
-    # infinite.
-    u = most * np.linspace(0, 1, 401)[1:-1] ** 3
-    reached = np.interp(times, crossing_time(lam, side, u), u, left=0.0, right=most)
-    all_of_it = share_beyond(body, side, 0.0)
-    return np.array([all_of_it - share_beyond(body, side, value) for value in reached])
