@@ -435,7 +435,7 @@ cases:
     sweep: {damping.2: {values: [0.003]}, direction: {sphere: {count: 500, seed: 1}}}
 figures:
   order: {kind: order, cases: [a-mean, b-mean], against: [a, b], groups: [2], small: [0.01, 0.001]}
-  cost: {kind: cost, cases: [a, b, a-mean, b-mean], groups: [2, 2], small: [0.01, 0.001, 0.01, 0.001]}
+  cost: {kind: cost, cases: [a, b, a-mean, b-mean], groups: [2, 2], small: [1, 0.1, 1, 0.1]}
   share: {kind: share, cases: [starts]}
   passage: {kind: series, cases: [fig4, fig4-mean], variables: [G, J], passages: yes}
   short: {kind: order, cases: [a-mean, b-mean], against: [a], groups: [2], small: [0.01, 0.001]}
