@@ -140,7 +140,7 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     return f"unknown {what}{nearest(name, names)}{comma}{listed}"
 
 
-SEARCHED = 40
+LONGEST_SEARCHED = 40
 """Names in a list that is searched by likeness, which takes some 20 us a name; a mistaken file can
 have a thousand names that are none of another thousand."""
 
@@ -149,7 +149,7 @@ def nearest(name: str, valid: Iterable[str]) -> str:
     """'; did you mean ...?', or nothing when no name is near: in a long list, one letter off."""
     folded = {option.casefold(): option for option in valid}
     name = name[:200].casefold()
-    if len(folded) <= SEARCHED:
+    if len(folded) <= LONGEST_SEARCHED:
         close = get_close_matches(name, folded, n=1)
     else:
         shorter = _one_letter_less(tuple(folded))
