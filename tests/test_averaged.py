@@ -129,6 +129,26 @@ def test_figure_4_from_its_raw_start(method: str) -> None:
     assert motion.error < CLOSE
 
 
+BODIES = {8: (1, 0.8, 0.6), 9: (1, 0.8, 0.6), 11: (1, 0.8, 0.6), 6: (1, 0.8, 0.8), 7: (1, 1, 0.6)}
+LATE = {
+    8: ((3e-3, 4e-3, 5e-3), 0.74, 3.881780e-2, 0.985714),
+    9: ((5e-3, 4e-3, 5e-3), 0.74, 1.061427e-2, 0.820597),
+    11: ((5e-3, 4e-3, 2e-3), 0.74, 3.954399e-2, 0.615231),
+    6: ((5e-3, 4e-3, 3e-3), 0.56, 1.892024e-2, 0.813201),
+    7: ((5e-3, 4e-3, 3e-3), 0.55, 1.948771e-2, 0.678491),
+}
+
+
+@pytest.mark.parametrize("figure", LATE)
+def test_figures_of_the_first_paper_at_their_end(figure: int) -> None:
+    lam, r, G, J = LATE[figure]
+    given = {"damping": lam, "inertia": BODIES[figure], "initial": {"p": 0.8, "q": 0.5, "r": r}}
+    motion = integrate(case(mean_start="no", **given))
+    assert last(motion, "momentum") == pytest.approx(G, abs=6e-9)
+    assert last(motion, "J") == pytest.approx(J, abs=6e-7)
+    assert len(motion.events) == (figure == 11)
+
+
 def test_figure_4_from_mean_elements() -> None:
     (passage,) = integrate(case()).events
     found = passage.time, passage.details["predicted"], passage.details["place"]
