@@ -112,3 +112,50 @@ def test_the_notebook_of_the_docs_runs(capsys: pytest.CaptureFixture[str]) -> No
     assert "|G| falls from 0.9986 to 0.0195" in said
     assert "4 of 9 members turn to x3" in said
     assert said.endswith("damping: expected 3 numbers or one for all, got a list of 2\n")
+
+
+def test_curves_of_a_sweep_show_its_values_and_where_there_is_none() -> None:
+    ranges = {"damping.2": {"linspace": [0.003, 0.007, 5]}, "damping.0": {"values": [0.005, 0.006]}}
+    made = api.sweep({**FIG4, "sweep": ranges})
+    figure = api.plot(made, kind="curve", variable="crossing_time", x="damping.2", by="damping.0")
+    (axes,) = figure.axes
+    curves = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
+    assert [line.get_label() for line in curves] == [
+        r"$\lambda_1 = 0.005$",
+        r"$\lambda_1 = 0.006$",
+    ]
+    crosses = [line for line in axes.lines if line.get_marker() == "x"]
+    for i, (line, none) in enumerate(zip(curves, crosses, strict=True)):
+        values = made.crossing_time.values[:, i]
+        np.testing.assert_array_equal(line.get_ydata(), values)
+        np.testing.assert_array_equal(none.get_xdata(), made["damping.2"].values[np.isnan(values)])
+    several = api.plot([made, made], kind="curve", variable="end_axis.x1", x="damping.2")
+    shares = (made.end_axis == 1).mean("damping.0").values
+    for line in several.axes[0].lines[::2]:
+        np.testing.assert_allclose(line.get_ydata(), shares)
+    for wrong, message in (
+        ({"x": "damping.1"}, "has no axis 'damping.1'"),
+        ({"x": "damping.2", "by": "damping.0", "at": [2]}, "positions 0 to 1, not 2"),
+        ({"x": "damping.2", "variable": "nothing"}, "no variable 'nothing'"),
+    ):
+        with pytest.raises(HodoError, match=message):
+            api.plot(made, kind="curve", **{"variable": "crossing_time", **wrong})
+
+
+def test_ranges_of_an_angle_may_be_in_degrees() -> None:
+    top = {
+        "model": "Lagrange-averaged",
+        "inertia": {"A": 1.5, "C": 1},
+        "mu": 0.5,
+        "a": [0.125, 1],
+        "b": [0.1, 1],
+        "time": {"end": 0.1},
+        "initial": {"theta": "60 deg", "r": 1.7320508075688772},
+    }
+    ranges = {"initial.theta": {"linspace": ["30 deg", "60 deg", 3]}}
+    made = api.sweep({**top, "sweep": ranges})
+    assert made["initial.theta"].values == pytest.approx(np.radians([30, 45, 60]), rel=1e-15)
+    with pytest.raises(HodoError, match="expected numbers, got an angle in degrees"):
+        api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["5 deg"]}}})
+    with pytest.raises(HodoError, match="expected"):
+        api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["five"]}}})

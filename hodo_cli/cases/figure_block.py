@@ -144,6 +144,26 @@ MAP = {
     "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
 }
 
+CURVE = {
+    "cases": Key(NAMES, "sweeps to draw, each a curve or a curve an entry of `by`"),
+    "labels": LEGEND,
+    "title": TITLE,
+    "caption": CAPTION,
+    "variable": Key(
+        Text(),
+        "variable of the sweep, a component (`share.x1`), or the share of a label "
+        "(`end_axis.x1`); averaged over the axes that are not drawn",
+    ),
+    "x": Key(Text(), "axis of the sweep on the horizontal axis"),
+    "by": Key(Text(), "axis of the sweep of which each entry is a curve", default=None),
+    "at": Key(
+        ListOf(Integer(least=0)),
+        "positions on `by`, counted from zero (default: all)",
+        default=(),
+    ),
+    "level": Key(Number(), "draws a horizontal line at this value", default=None),
+}
+
 GROUPS = {
     "groups": Key(ListOf(Integer(least=1)), "how many of the cases make up each line"),
     "small": Key(ListOf(Number(above=0)), "the small parameter of each case"),
@@ -161,6 +181,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "phase": MOST_FIGURES | PHASE,
     "invariants": MOST_FIGURES,
     "map": MAP,
+    "curve": CURVE,
     "order": MOST_FIGURES | ERROR_ORDER,
     "cost": MOST_FIGURES | GROUPS,
     "share": MOST_FIGURES,
@@ -171,8 +192,8 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     """What is wrong with keys of a figure that are each right by themselves."""
     named = "bodies" if values.get("kind") == "quadrant-sketch" else "cases"
     labels, several = values.get("labels", ()), values.get(named, ())
-    # The labels of a map are those of its panels, whose number the sweep decides.
-    if values.get("kind") != "map" and len(labels) > len(several):
+    # The labels of a sweep are those of panels or curves, whose number its axes decide.
+    if values.get("kind") not in ("map", "curve") and len(labels) > len(several):
         said = f"expected one for each of {len(several)} {named}, got {len(labels)}"
         yield ("labels",), said
     for key in ("range", "span"):
@@ -180,6 +201,8 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
             yield (key,), f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
     if values.get("kind") == "map":
         yield from _of_axes(values.get("x"), values.get("y"), values.get("panels"))
+    if values.get("kind") == "curve" and values.get("by") == values.get("x"):
+        yield ("by",), f"{values.get('x')} is on the horizontal axis already"
 
 
 def _of_axes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:

@@ -69,6 +69,23 @@ REDUCED = (
 axis."""
 
 
+class InDegrees(float):
+    """A value of a range that was given as "5 deg", in radians: only an angle takes it."""
+
+
+@dataclass(frozen=True)
+class RangeValue(Number):
+    """A number, or an angle as text."""
+
+    def check(self, value: Any) -> float:
+        if isinstance(value, str):
+            return InDegrees(super().check(Angle().check(value)))
+        return super().check(value)
+
+    def schema(self) -> dict[str, Any]:
+        return {"anyOf": [super().schema(), Angle().schema()]}
+
+
 @dataclass(frozen=True)
 class Span(Kind):
     """First value, last value and number of values, all in one list."""
@@ -88,8 +105,8 @@ class Span(Kind):
     def takes(self, value: Any) -> bool:
         return is_list(value)
 
-    def _ends(self) -> Number:
-        return Number(above=0 if self.positive else None)
+    def _ends(self) -> RangeValue:
+        return RangeValue(above=0 if self.positive else None)
 
     def __str__(self) -> str:
         return "[first, last, number of values]" + (", first and last > 0" if self.positive else "")
@@ -98,7 +115,7 @@ class Span(Kind):
 RANGES: dict[str, Kind] = {
     "linspace": Span(),
     "logspace": Span(positive=True),
-    "values": ListOf(Number()),
+    "values": ListOf(RangeValue()),
 }
 ZIPPED = Each(OneOf(RANGES, "range"), "keys to ranges")
 DIRECTIONS = Table(
@@ -265,6 +282,8 @@ def _check_range(
         return
     ((word, value),) = given.items()
     values = value if word == "values" else value[:2]  # a span ends with the number of values
+    if not isinstance(inner, Angle) and any(isinstance(each, InDegrees) for each in values):
+        yield (word,), "expected numbers, got an angle in degrees"
     mistakes = gather((i, inner, each) for i, each in enumerate(values))[1]
     yield from (((word, *at), said) for at, said in mistakes)
 

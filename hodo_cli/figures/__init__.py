@@ -13,7 +13,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..results.dataset import Results
 from .averaged import cost, error_order, share
-from .maps import sweep_map
+from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
 from .sheet import STYLE, Drawing, Sheet, check_tex
 from .space import hodograph, sphere
@@ -27,6 +27,7 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
     "phase": phase,
     "invariants": invariants,
     "map": sweep_map,
+    "curve": sweep_curve,
     "order": error_order,
     "cost": cost,
     "share": share,

@@ -74,6 +74,8 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.F
     if spec["kind"] == "map":
         flat = spec["x"] is None or spec["y"] is None
         return turnable_map(sheet, spec) if flat else images(sheet.shown, spec)
+    if spec["kind"] == "curve":
+        return panels(sheet.shown, spec, {})
     motions = {motion.label: motion for motion in results.motions(spec)}
     return panels(sheet.shown, spec, motions)
 
@@ -190,7 +192,7 @@ def _curves(
 ) -> list[tuple[str, str, str, str, Mapping[str, np.ndarray]]]:
     """Panel, curve, and the names on both axes of what one record shows."""
     names = list(shown.values)
-    if spec["kind"] in ("phase", "quadrants", "map"):
+    if spec["kind"] in ("phase", "quadrants", "curve"):
         x, y = [name for name in names if name != "time"][:2]
         return [(shown.panel, shown.curve, x, y, shown.values)]
     across = "time" if "time" in names else names[0]

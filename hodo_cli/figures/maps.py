@@ -1,6 +1,7 @@
-"""Figures of sweeps: one variable over two axes, or over the directions of a sphere."""
+"""Figures of sweeps: one variable over one axis, over two, or over the directions of a sphere."""
 
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from scipy.spatial import cKDTree
 from .. import HodoError
 from ..results.dataset import Results
 from ..sweeps.swept import Swept
-from .artists import COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair
+from .artists import COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
 from .geometry import edges, separatrix_circles
 from .sheet import Sheet
 
@@ -213,6 +214,81 @@ def unbroken(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     longitude, latitude = angles(curve)
     jumps = np.flatnonzero(np.abs(np.diff(longitude)) > np.pi) + 1
     return np.insert(longitude, jumps, np.nan), np.insert(latitude, jumps, np.nan)
+
+
+STORED_ERRORS = {"crossing_time": "crossing_error"}
+"""The variables of a sweep whose errors may be stored, and under which name."""
+
+
+def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+    """A variable of sweeps over one axis: a curve a sweep, or a curve an entry of another axis."""
+    sweeps = [Swept.of(name, results.cases) for name in spec["cases"]]
+    curves = [(swept, at) for swept in sweeps for at in positions(swept, _as_panels(spec))]
+    sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
+    axes = sheet.figure.subplots()
+    labels = [*spec["labels"], *[""] * len(curves)]
+    lacking = False
+    for (swept, at), given, style in zip(curves, labels, styles(len(curves)), strict=False):
+        label = given or ", ".join(
+            ([swept.case.name] if len(sweeps) > 1 or not at else [])
+            + [position(swept, name, i) for name, i in at.items()]
+        )
+        lacking |= curve_of(sheet, axes, swept, spec, at, label, style)
+    if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
+        raise HodoError(f"sweep {sweeps[0].case.name} has no value of {spec['variable']} to draw")
+    if spec["level"] is not None:
+        axes.axhline(spec["level"], **SEPARATRIX)
+    x, even = sweeps[0].ticks(spec["x"])
+    axes.set(
+        xscale="log" if even else "linear",
+        xlim=(x.min(), x.max()) if len(x) > 1 else None,
+        xlabel=f"${key_symbol(sweeps[0].key(spec['x']))}$",
+        # Two lines of words, rather than one that is longer than the panel is high.
+        ylabel=textwrap.fill(map_label(sweeps[0], spec["variable"]), 40),
+    )
+    handles: list[Line2D] = []
+    if len(curves) > 1 or spec["labels"]:
+        handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
+    none = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label="none")
+    legend(sheet, [*handles, *([none] if lacking else [])], 2)
+
+
+def _as_panels(spec: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a curve as `positions` takes those of a map."""
+    return {"panels": spec["by"], "at": spec["at"]}
+
+
+def curve_of(
+    sheet: Sheet,
+    axes: Axes,
+    swept: Swept,
+    spec: Mapping[str, Any],
+    at: Mapping[str, int],
+    label: str,
+    style: Mapping[str, Any],
+) -> bool:
+    """Draw one curve, with the stored errors of its values and crosses at the bottom where there is
+    none; whether there are such places."""
+    x, _ = swept.ticks(spec["x"])
+    values = swept.values(spec["variable"], [spec["x"]], at)
+    shown = {spec["x"]: x, spec["variable"]: values}
+    axes.plot(x, values, **style, marker=".", ms=3, label=label)
+    if (error := STORED_ERRORS.get(spec["variable"], "")) in swept.data:
+        shown[error] = swept.values(error, [spec["x"]], at)
+        axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"], capsize=2)
+    none = ~np.isfinite(values)
+    bottom = axes.get_xaxis_transform()
+    axes.plot(
+        x[none],
+        np.full(int(none.sum()), 0.02),
+        transform=bottom,
+        ls="",
+        marker="x",
+        ms=4,
+        color=style["color"],
+    )
+    sheet.record(swept.case.name, label, shown)
+    return bool(none.any())
 
 
 def map_label(swept: Swept, variable: str) -> str:
