@@ -80,7 +80,7 @@ def test_a_result_equals_itself(tmp_path: Path) -> None:
     assert {line.case for line in lines} == set(CASES)
     assert {line.variable for line in lines if line.case == "fig4"} == {
         "time", "omega", "axis", "enclosed_axis", "crossing_time", "crossing_from", "crossing_to",
-        "crossing_G",
+        "crossing_G", "growth_rate",
     }  # fmt: skip
 
 
