@@ -130,7 +130,10 @@ def _marked(function: Callable[[Task], Result], task: Task) -> tuple[str, Result
     The mark is taken before the work: a source that changes meanwhile has not computed it.
     """
     taken = process_mark()
-    result = function(task)
+    try:
+        result = function(task)
+    except ImportError as error:  # missing, or too large for a limit on memory: no case is to blame
+        raise BatchError(f"a library cannot be loaded: {error}") from None
     check_late_imports()
     return taken, result
 
