@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -85,7 +85,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             plane_curve(axes, curve, *palette(motion, "axis", place), 0.8 * line_width(motion))
             # A crossing lies on the diagonal; interpolation between samples may leave it a little.
             on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
-            mark_points(axes, curve[[0, -1]], on_line, lambda at: at.max(axis=-1) <= limit)  # noqa: B023
+            mark_points(axes, curve[[0, -1]], on_line, up_to(limit))
     if zoom is not None:
         panels[1].set(title="enlarged")
     wide = zoom is not None
@@ -94,6 +94,11 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         axis_handles(motions) + mark_handles(motions, spec["time"], wide),
         5 if wide else 3,
     )
+
+
+def up_to(limit: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Tells which points (n, 2) lie in a panel that ends at `limit`."""
+    return lambda points: np.asarray(points.max(axis=-1) <= limit)
 
 
 NAME_PLACES = np.stack(np.meshgrid(np.linspace(0.17, 0.83, 12), np.linspace(0.05, 0.95, 19)), -1)
