@@ -57,6 +57,14 @@ def test_one_ulp_moves_every_number_that_is_not_zero() -> None:
     assert next(perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
 
 
+def test_a_symmetric_body_stays_symmetric_when_its_numbers_are_moved() -> None:
+    body = replace(CASES["a"], data={**CASES["a"].data, "inertia": (8.0, 8.0, 4.0)})
+    for one in perturbed(body):
+        A, B, C = one.data["inertia"]
+        assert A == B != 8
+        assert C != 4
+
+
 def test_the_floor_is_that_of_the_phase() -> None:
     # An ulp in the data turns the motion by about its angle of 10 times 1e-16.
     assert 1e-16 < truth(CASES["b"]).floor < 1e-14

@@ -68,10 +68,10 @@ def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:
     trajectory = integrate(case)
     assert trajectory.variables["omega"].shape == (1_000_000, 3)
     assert trajectory.error < 1e-12
-    rows = thinned(trajectory.time)
+    rows = thinned(len(trajectory.time))
     assert COMPARED / 2 < len(rows) <= COMPARED + 1
     assert rows[[0, -1]].tolist() == [0, 999_999]
-    assert thinned(trajectory.time[:5]).tolist() == [0, 1, 2, 3, 4]
+    assert thinned(5).tolist() == [0, 1, 2, 3, 4]
 
 
 def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:

@@ -141,9 +141,10 @@ def _moved(value: Any, towards: Iterator[float]) -> Any:
     if isinstance(value, Mapping):
         return {key: _moved(item, towards) for key, item in value.items()}
     if isinstance(value, tuple):
-        if len(set(value)) == 1:  # a scalar that stands for three must stay one
-            return (_moved(value[0], towards),) * len(value)
-        return tuple(_moved(item, towards) for item in value)
+        # A scalar that stands for three must stay one, and a symmetric body symmetric: its form
+        # has another state.
+        moved = {item: _moved(item, towards) for item in dict.fromkeys(value)}
+        return tuple(moved[item] for item in value)
     if isinstance(value, float) and value != 0:
         return math.nextafter(value, next(towards))
     return value
