@@ -2,10 +2,16 @@
 alone."""
 
 import json
+import math
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 from conftest import ROOT, Hodo
+
+from hodo_cli.commands.resume import content_mark, telling, told
+from hodo_cli.results.hdf5 import Group, Variable
 
 CONFIG = """\
 title: two cases
@@ -128,3 +134,36 @@ def test_the_schema_accepts_the_papers(hodo: Hodo) -> None:
 )
 def test_every_config_of_the_papers_can_be_planned(hodo: Hodo, config: Path) -> None:
     assert hodo("run", config, "--dry-run").returncode == 0
+
+
+def test_what_was_told_is_told_again_until_the_data_change(tmp_path: Path, hodo: Hodo) -> None:
+    """classify does nothing twice; a motion that was changed behind its back is seen."""
+    text = (ROOT / "configs" / "paper1.yaml").read_text(encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    assert hodo("run", "a.yaml", "--case", "fig4", "--case", "fig8").returncode == 0
+    path = tmp_path / "runs" / "a.h5"
+    first = hodo("classify", "runs/a.h5", "--json").stdout
+    stored = path.stat().st_mtime_ns
+    assert hodo("classify", "runs/a.h5", "--json").stdout == first
+    assert path.stat().st_mtime_ns == stored
+    with h5py.File(path, "r+") as file:
+        file["fig4/omega"][7, 0] += 0.1
+    assert "fig4 is damaged" in hodo("classify", "runs/a.h5").stderr
+
+
+def test_a_mark_is_that_of_the_content() -> None:
+    """One number, one name or the text makes another mark; what was told of it is told no more."""
+    numbers = Variable(("time",), np.array([1.0, math.nan]), {})
+    mark = content_mark([Group({"n": 1, "s": "a"}, {"x": numbers})], "text")
+    assert content_mark([Group({"s": "a", "n": np.int64(1)}, {"x": numbers})], "text") == mark
+    group = Group(telling(mark, [1, {"a": None}]), {})
+    assert told(group, mark) == [1, {"a": None}]
+    other = Variable(("time",), np.array([1.0, 2.0]), {})
+    marks = {
+        content_mark([Group({"n": 1, "s": "a"}, {"x": other})], "text"),
+        content_mark([Group({"n": 1, "s": "a"}, {"y": numbers})], "text"),
+        content_mark([Group({"n": 2, "s": "a"}, {"x": numbers})], "text"),
+        content_mark([Group({"n": 1, "s": "a"}, {"x": numbers})], "another"),
+    }
+    assert len(marks | {mark}) == 5
+    assert all(told(group, each) is None for each in marks)

@@ -1,11 +1,13 @@
 """`hodo claims`: verdicts on the claims and errata of a result file."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .. import HodoError
 from ..cases.claim_block import BY_READING, CONFIRMED
 from ..cases.config import Config, parse
 from ..claims.finding import Verdict
@@ -14,6 +16,7 @@ from ..claims.verdicts import judge_claim, judge_erratum
 from ..results.hdf5 import Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
+from .resume import content_mark, telling, told
 
 Rows = list[dict[str, Any]]
 
@@ -27,13 +30,21 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
     misprints: Rows = []
     for path in paths:
         with update(path, stamp(f"hodo claims {path}")) as changes:
-            verdicts, errata = judged(parse(changes.run.text, str(path)), changes.run)
-            statements += [{"run": str(path), **claim_row(verdict)} for verdict in verdicts]
-            misprints += [{"run": str(path), **claim_row(verdict)} for verdict in errata]
-            if verdicts:
-                changes.write("_claims", claim_group(verdicts, STATEMENT_COLUMNS))
-            if errata:
-                changes.write("_errata", claim_group(errata, ERRATUM_COLUMNS))
+            mark, rows = "", None
+            with suppress(HodoError):  # a case that cannot be read may matter to no claim
+                mark = content_mark(map(changes.run.read, changes.run.cases()), changes.run.text)
+                if "_claims" in changes.run:
+                    rows = told(changes.run.read("_claims"), mark)
+            if rows is None:
+                verdicts, errata = judged(parse(changes.run.text, str(path)), changes.run)
+                rows = [[claim_row(verdict) for verdict in each] for each in (verdicts, errata)]
+                if verdicts:
+                    group = claim_group(verdicts, STATEMENT_COLUMNS)
+                    changes.write("_claims", Group(telling(mark, rows), group.variables))
+                if errata:
+                    changes.write("_errata", claim_group(errata, ERRATUM_COLUMNS))
+            statements += [{"run": str(path), **row} for row in rows[0]]
+            misprints += [{"run": str(path), **row} for row in rows[1]]
     return statements, misprints
 
 

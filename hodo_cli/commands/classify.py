@@ -12,11 +12,12 @@ from ..cases.case import Case, parse_case
 from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
-from ..results.hdf5 import Group
+from ..results.hdf5 import Attribute, Group
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
 from ..results.provenance import stamp, typed
 from ..results.update import update
+from .resume import content_mark, telling, told
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -29,14 +30,27 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
         with update(path, stamp(f"hodo classify {path}")) as changes:
             for name in changes.run.cases():
                 try:
-                    part, row = classified(name, changes.run.read(name))
+                    group = changes.run.read(name)
+                    row = told(group, content_mark([group]))
+                    part = None
+                    if row is None:
+                        part, row = classified(name, group)
                 except HodoError as error:
                     problems.append(f"{path}: {error}")
                     continue
                 rows.append({"run": str(path), **row})
                 if part is not None:
-                    changes.write(name, part)
+                    changes.write(
+                        name, Group({**part.attributes, **kept(group, part, row)}, part.variables)
+                    )
     return rows, problems
+
+
+def kept(group: Group, part: Group, row: dict[str, Any]) -> dict[str, Attribute]:
+    """A case's line in the table, to be told again while the case is as this part makes it."""
+    attributes = {**group.attributes, **part.attributes}
+    whole = Group(attributes, {**group.variables, **part.variables})
+    return telling(content_mark([whole]), row)
 
 
 def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
