@@ -482,7 +482,8 @@ def test_figures_and_claims_of_averaging(hodo: Hodo, tmp_path: Path) -> None:
     shown = {}
     for name in ("order", "cost", "share", "passage"):
         text = (tmp_path / "figures" / "drawn" / f"{name}.csv").read_text(encoding="utf-8")
-        shown[name] = list(csv.DictReader(text.splitlines()))
+        rows = [line for line in text.splitlines() if not line.startswith("#")]
+        shown[name] = list(csv.DictReader(rows))
     errors = [float(row["error"]) for row in shown["order"]]
     assert errors == pytest.approx([5.7e-4, 5.6e-6], rel=0.1)
     assert [row["steps"] for row in shown["cost"][2:]] == ["3", "3"]
