@@ -255,11 +255,15 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
 )
 @_folder("runs/figures")
 def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
-    """Draw the figures of each RUN (*.h5): those named, or all, with a page that shows them."""
+    """Draw the figures of each RUN: those named, or all, with a page that shows them.
+
+    RUN is a result (*.h5), or the config (*.yaml) whose result is in runs/: its figures are then
+    those of the config as it is now.
+    """
     from .commands import plot
 
-    files = [Path(name) for name in runs if name.endswith(".h5")]
-    names = [name for name in runs if not name.endswith(".h5")]
+    files = [Path(name) for name in runs if name.endswith(plot.SOURCES)]
+    names = [name for name in runs if not name.endswith(plot.SOURCES)]
     failed = False
     for line, is_problem in plot.draw_results(files, names, formats, out):
         click.echo(line, err=is_problem)

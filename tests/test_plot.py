@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, Hodo
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -585,3 +585,30 @@ def test_a_figure_that_breaks_does_not_cost_the_others(
         first, second = plot.render(results, ["fig1", "fig5"], ("png",), tmp_path)
     assert first.problem == "ZeroDivisionError: by zero"
     assert second.files[0].is_file()
+
+
+def test_every_curve_stands_out_on_paper() -> None:
+    """The contrast of WCAG 2: (1 + 0.05) / (L + 0.05) on white, with L by the linear values."""
+    colours = {*artists.COLOURS.values(), *artists.AXIS_COLOUR.values(), artists.GREY}
+    colours |= {colour for colour, _ in artists.CYCLE}
+    shades = [to_rgb(colour) for colour in colours]
+    shades += [tuple(rgb[:3]) for rgb in artists.hues(64, artists.CURVE_END).colors]
+    for shade in np.array(shades):
+        linear = np.where(shade <= 0.03928, shade / 12.92, ((shade + 0.055) / 1.055) ** 2.4)
+        assert 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05) >= 3, shade
+
+
+def test_a_config_is_drawn_as_it_is_now(hodo: Hodo, tmp_path: Path) -> None:
+    config = tmp_path / "c.yaml"
+    case = "{model: linear-diag, inertia: [3, 2, 2], initial: {p: 1, q: 1, r: 1}, time: {end: 1}}"
+    text = f"cases: {{a: {case}}}\nfigures: {{f: {{kind: phase, cases: a, x: p, y: q, caption: old}}}}\n"
+    config.write_text(text)
+    assert hodo("run", "c.yaml", "--quiet").returncode == 0
+    config.write_text(text.replace("old", "new"))
+    done = hodo("plot", "c.yaml")
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "runs" / "figures" / "index.html").read_text()
+    assert "new" in page
+    assert "old" not in page
+    assert "unknown figure 'g' (valid: f)" in hodo("plot", "runs/c.h5", "g").stderr
+    assert "name a result or its config" in hodo("plot", "f").stderr

@@ -1,15 +1,35 @@
 """`hodo plot`: figures from result files."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from .. import HodoError
+from ..cases.config import load
 from ..figures import draw, page
 from ..figures.sheet import FORMATS, Rendered, save
 from ..results.dataset import Results, open_results
 from ..schema.kinds import nearest
+
+SOURCES = (".h5", ".yaml", ".yml")
+"""What the name of a result or of its config ends with; any other name is that of a figure."""
+
+
+@contextmanager
+def results_of(path: Path) -> Iterator[Results]:
+    """A result file, or that of a config in the folder runs, with the figures of the config.
+
+    Raises HodoError if one of the two cannot be read.
+    """
+    if path.suffix == ".h5":
+        with open_results(path) as results:
+            yield results
+        return
+    config = load(path)
+    with open_results(Path("runs") / f"{path.stem}.h5") as results:
+        results.config = config
+        yield results
 
 
 def draw_results(
@@ -21,9 +41,9 @@ def draw_results(
     does, or if no file is given or one cannot be read.
     """
     if not files:
-        raise HodoError("name a result file: hodo plot runs/NAME.h5 [FIGURE]...")
+        raise HodoError("name a result or its config: hodo plot runs/NAME.h5 [FIGURE]...")
     with ExitStack() as stack:
-        opened = [stack.enter_context(open_results(path)) for path in files]
+        opened = [stack.enter_context(results_of(path)) for path in files]
         drawn = [
             (results, render(results, names, formats, out / results.path.stem))
             for results in opened

@@ -26,12 +26,12 @@ COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 """Widths of a journal's column and page, inches."""
 
 BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
-    "#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
-"""The palette of Okabe and Ito, legible to the colour-blind; blue and orange differ in grey print
-too."""
+    "#0072B2", "#BF8200", "#009E73", "#2E8FCB", "#D55E00", "#CC79A7", "#000000")  # fmt: skip
+"""The palette of Okabe and Ito, legible to the colour-blind; its orange and sky are darker here, so
+that every curve has a contrast of at least 3 to 1 on white."""
 
 GREY = "#666666"
-AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#999999"}
+AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#8A8A8A"}
 
 # Neighbours differ in colour and in line, so that they are told apart in grey print too.
 CYCLE = (
@@ -44,8 +44,13 @@ CYCLE = (
     (BLACK, (0, (1, 1))),
     (GREY, "-"),
 )
-VIRIDIS_END = 0.93
-"""Where the colour map is cut: its yellow end is too pale on white."""
+COLOUR_MAP = "plasma"
+"""From blue by red to yellow; of the maps that are even to the eye, the one with the most hues
+before it grows too pale for a curve."""
+
+AREA_END, CURVE_END = 0.93, 0.63
+"""Where the colour map is cut for areas, and for curves: beyond, the contrast of a curve on white is
+below 3 to 1."""
 
 TIME_COLOURS = 64
 """Colours along a curve that is coloured by time; more cannot be told apart."""
@@ -60,9 +65,9 @@ HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 # What several kinds draw
 
 
-def hues(n: int = 256) -> ListedColormap:
+def hues(n: int = 256, end: float = AREA_END) -> ListedColormap:
     """The colours of every scale, from early or small to late or large."""
-    return ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, VIRIDIS_END, n)))
+    return ListedColormap(matplotlib.colormaps[COLOUR_MAP](np.linspace(0, end, n)))
 
 
 def unit(motion: Motion, variable: str, power: int = 1) -> str:
@@ -114,7 +119,7 @@ COLOURS = {
     "red": RED,
     "purple": PURPLE,
     "black": BLACK,
-    "grey": "#999999",
+    "grey": "#8A8A8A",
 }
 LINES = {"solid": "-", "dashed": (0, (5, 1.5)), "dotted": (0, (1, 1))}
 
@@ -144,7 +149,7 @@ def palette(
     says; by case, of the styles given."""
     if colour == "time":
         since = motion.time - motion.time[0]
-        colours = np.asarray(hues(TIME_COLOURS).colors)[:, :3]
+        colours = np.asarray(hues(TIME_COLOURS, CURVE_END).colors)[:, :3]
         return colours, (since / (since[-1] or 1.0) * (TIME_COLOURS - 1)).astype(int)
     if colour == "axis":
         labels = sorted(AXIS_COLOUR)
@@ -277,7 +282,7 @@ def everywhere(points: np.ndarray) -> np.ndarray:
 
 def time_bar(sheet: Sheet, panels: list[Axes], motion: Motion, spec: Mapping[str, Any]) -> None:
     """The colour bar of a curve that is coloured by time."""
-    scale = ScalarMappable(Normalize(motion.time[0], motion.time[-1]), hues())
+    scale = ScalarMappable(Normalize(motion.time[0], motion.time[-1]), hues(end=CURVE_END))
     bar = sheet.figure.colorbar(
         scale, ax=panels, location="bottom", fraction=0.03, pad=0.02, shrink=0.6, aspect=50
     )

@@ -22,7 +22,7 @@ from ..models.rigid_body import LABELS
 from ..results.dataset import Results
 from ..results.motion import Motion
 from ..results.staging import replacing
-from .artists import AXIS_COLOUR, CYCLE, hues
+from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
 from .geometry import graticule, separatrix_circles, stretches
 from .sheet import Sheet, Shown
 
@@ -233,7 +233,12 @@ def _parts(
     """A curve in the parts that differ in colour: name, samples (n,), and look of each."""
     n = len(motion.time)
     if colour == "time":
-        scale = {"color": motion.time, "colorscale": _scale(), "showscale": place == 0, "width": 4}
+        scale = {
+            "color": motion.time,
+            "colorscale": _scale(CURVE_END),
+            "showscale": place == 0,
+            "width": 4,
+        }
         return [(motion.label, np.ones(n, dtype=bool), scale)]
     if colour == "case":
         look = {"color": CYCLE[place % len(CYCLE)][0], "width": 4}
@@ -303,9 +308,9 @@ def _scene(ball: bool) -> dict[str, Any]:
     return {"aspectmode": "data", **axes}
 
 
-def _scale() -> list[list[Any]]:
+def _scale(end: float = AREA_END) -> list[list[Any]]:
     """The scale of colours of the printed figures, for plotly."""
-    colours = (255 * np.asarray(hues(16).colors)[:, :3]).astype(int)
+    colours = (255 * np.asarray(hues(16, end).colors)[:, :3]).astype(int)
     return [[i / 15, f"rgb({r},{g},{b})"] for i, (r, g, b) in enumerate(colours.tolist())]
 
 
