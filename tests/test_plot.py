@@ -601,7 +601,8 @@ def test_every_curve_stands_out_on_paper() -> None:
 def test_a_config_is_drawn_as_it_is_now(hodo: Hodo, tmp_path: Path) -> None:
     config = tmp_path / "c.yaml"
     case = "{model: linear-diag, inertia: [3, 2, 2], initial: {p: 1, q: 1, r: 1}, time: {end: 1}}"
-    text = f"cases: {{a: {case}}}\nfigures: {{f: {{kind: phase, cases: a, x: p, y: q, caption: old}}}}\n"
+    figure = "{kind: phase, cases: a, x: p, y: q, caption: old}"
+    text = f"cases: {{a: {case}}}\nfigures: {{f: {figure}}}\n"
     config.write_text(text)
     assert hodo("run", "c.yaml", "--quiet").returncode == 0
     config.write_text(text.replace("old", "new"))

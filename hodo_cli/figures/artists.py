@@ -49,8 +49,8 @@ COLOUR_MAP = "plasma"
 before it grows too pale for a curve."""
 
 AREA_END, CURVE_END = 0.93, 0.63
-"""Where the colour map is cut for areas, and for curves: beyond, the contrast of a curve on white is
-below 3 to 1."""
+"""Where the colour map is cut for areas, and for curves: beyond, a curve on white has a contrast of
+less than 3 to 1."""
 
 TIME_COLOURS = 64
 """Colours along a curve that is coloured by time; more cannot be told apart."""
