@@ -337,8 +337,12 @@ def _show(runs: tuple[Path, ...], as_json: bool) -> None:
     """Print what is in RUNS: the cases, how they ended, their error and run time."""
     from .commands import show, tables
 
-    rows = show.stored_cases(runs)
+    rows, problems = show.stored_cases(runs)
+    for problem in problems:
+        click.echo(problem, err=True)
     click.echo(json.dumps(rows) if as_json else tables.case_table(rows))
+    if problems:
+        sys.exit(1)
 
 
 @main.command("schema")

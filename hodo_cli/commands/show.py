@@ -11,20 +11,25 @@ from ..results.layout import SUMMARY, typed_as
 CASE = typed_as("case")
 
 
-def stored_cases(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """The cases of result files, with the attributes that a line of the table shows.
+def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
+    """The cases of result files, with the attributes that a line of the table shows, and what is
+    wrong with those that are damaged.
 
-    Raises HodoError as `open_run` does.
+    Raises HodoError as `open_run` does, or if a case has no such attributes.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
+    problems = []
     for path in paths:
         with open_run(path) as run:
+            # One damaged case hides no other.
+            problems += [f"{path}: {name} is damaged ({why})" for name, why in run.damaged.items()]
             rows += [
                 {"run": str(path), "case": name, **run.row(name, SUMMARY), "assumes": assumed}
                 for name in run.cases()
+                if name not in run.damaged
                 for assumed in [assumes_of(run.row(name, CASE)["case"])]
             ]
-    return rows
+    return rows, problems
 
 
 def assumes_of(text: str) -> str:
