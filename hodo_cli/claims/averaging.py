@@ -40,6 +40,7 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
     """The order of the distance in the size of the resistance, against one expected at least."""
     small = [max(full.case.data["damping"]) for _, full in pairs(motions)]
     errors = [distance(averaged, full, margin) for averaged, full in pairs(motions)]
+    # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
     words = f"order {slope:.3f}, from distances {listed(errors)}"
     return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words)
@@ -76,6 +77,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
         n, when = averaged.stored("event_frequency")[0], full.crossing_time[0]
         missed.append(float(n * abs(averaged.stored("event_predicted")[0] - when)))
         averaged_missed.append(float(n * abs(averaged.crossing_time[0] - when)))
+    # Compared as angles: in time, even a perfect prediction's error would grow as the turns slow.
     right = all(a < b for a, b in zip(missed[1:], missed, strict=False))
     right &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
     words = f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}"

@@ -93,6 +93,7 @@ def turning_constants(body: Body) -> dict[str, float]:
 
 def either(side: Any, above: Any, below: Any) -> Any:
     """`above` on side +1, `below` on side -1; for symbols too."""
+    # A choice would not pass through an engine's symbols; the side is +1 or -1 to the last digit.
     return (above + below) / 2 + side * ((above - below) / 2)
 
 
@@ -190,6 +191,7 @@ def shifted(body: Body, slow: Slow, part: Sequence[float]) -> Slow | None:
     w_e, w_o = (float(weight) for weight in body.weight(slow.side))
     if min(E, O) < 0 or not (gap := 1 - w_o * O / (w_e * E)) > 0:
         return None
+    # Half the way: nearer, the mean element would hang on terms that the first order leaves out.
     if shape_distance(gap) < shape_distance(slow.gap) / 2:
         return None
     X, Y = (E, O) if slow.side > 0 else (O, E)
