@@ -23,7 +23,7 @@ LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hash
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test stress lint bench docs lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test stress mutants lint bench docs lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -72,6 +72,9 @@ test: lint  ## The checks of `lint`, then the whole test suite, without heyoka a
 stress: $(TOOLS)  ## Kill runs at random moments, run 10,000 cases, feed the loader 20,000 bad inputs (some 15 minutes)
 	$(BIN)/python tests/stress.py
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
+
+mutants: $(TOOLS)  ## Break the package at COUNT=300 random places (SEED=1) and see that tests notice
+	nice $(BIN)/python tools/mutants.py --map --count $(or $(COUNT),300) --seed $(or $(SEED),1) $(TESTS)
 
 lint: $(TOOLS)  ## ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .

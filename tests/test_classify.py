@@ -244,3 +244,10 @@ def test_a_motion_that_dies_out_about_the_middle_axis_keeps_no_side() -> None:
     assert classification.crossings[0].time < 1
     assert set(classification.labels[1:3]) == {3}
     assert set(classification.labels[10:]) == {rigid_body.SEPARATRIX}
+
+
+def test_a_margin_of_just_the_band_stands_on_neither_side() -> None:
+    A, omega = np.array(BODY), np.array([0.8, 0.5, 1.03])
+    band = abs(float(rigid_body.margin(A, omega, (0, 1, 2))))
+    assert rigid_body.enclosed_axis(A, omega, band) == rigid_body.SEPARATRIX
+    assert rigid_body.enclosed_axis(A, omega, math.nextafter(band, 0)) in (1, 3)

@@ -21,6 +21,7 @@ from hodo_cli.batch.pool import pool
 from hodo_cli.cases.config import parse
 from hodo_cli.commands.resume import fingerprint
 from hodo_cli.results import integrity, writer
+from hodo_cli.results.disk import Disk
 from hodo_cli.results.hdf5 import Group, Variable, open_run
 from hodo_cli.results.staging import replacing, staging_folders
 from hodo_cli.results.update import update
@@ -363,3 +364,24 @@ def test_a_fingerprint_is_that_of_every_process() -> None:
     with pool(2) as workers:
         ((_, theirs),) = workers.map(fingerprint, [case])
     assert theirs == fingerprint(case)
+
+
+def test_what_a_disk_holds_and_what_it_refused_is_read_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # HDF5 reads its own file while it writes: the count of bytes must be that of the buffer.
+    with Disk(tmp_path / "a") as disk:
+        disk.write(b"abcdef")
+        disk.seek(2)
+        buffer = bytearray(3)
+        assert disk.readinto(buffer) == 3
+        assert buffer == b"cde"
+        monkeypatch.setattr(disk, "error", OSError(28, "No space left on device"))
+        disk.seek(6)
+        assert disk.write(b"gh") == 2  # kept in memory
+        disk.seek(4)
+        buffer = bytearray(6)
+        assert disk.readinto(buffer) == 6
+        assert buffer == b"efgh\0\0"
+        with pytest.raises(OSError, match="No space"):
+            disk.check()

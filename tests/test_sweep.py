@@ -15,6 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import series
 from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
@@ -38,6 +39,7 @@ from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sw
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
+BODY = (1.0, 0.8, 0.6)
 FIG4 = f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003]"
 FIG12 = f"model: tensor, {HEAD}, resistance: {{diagonal: 0.005, off_diagonal: 0.005}}"
 
@@ -378,6 +380,15 @@ def results(folder: Path, text: str, workers: Pool) -> Path:
     return folder / "a.h5"
 
 
+def test_swept_trajectories_are_stored_with_the_times_of_their_samples(tmp_path: Path) -> None:
+    with h5py.File(results(tmp_path, SMALL, pool(1))) as file:
+        paths, case = file["paths"], parse_case(file["paths"].attrs["case"])
+        scales = [scale[0].name.rpartition("/")[2] for scale in paths["omega"].dims]
+        assert scales == ["resistance.diagonal", "time", "axis"]
+        expected = np.linspace(case.time.start, case.time.end, case.time.samples)
+        assert np.array_equal(paths["time"][:], expected)
+
+
 @pytest.mark.heyoka
 def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
     with h5py.File(results(tmp_path, SMALL, pool(1))) as file:
@@ -615,3 +626,40 @@ def test_the_sweep_of_the_documents_is_one() -> None:
     config = parse(text, "README.md")
     assert columns.shape(config.cases["starts"]) == (17, 4000)
     assert config.figures["starts"]["kind"] == "map"
+
+
+# Beside the middle axis D is a difference of terms of 1e-26 and less in a body that turns at 1.
+BESIDE = (
+    "model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 300}, initial: {p: 1e-13, q: 1, r: 0},"
+    " sweep: {initial.p: {logspace: [1e-13, 1e-9, 3]}, initial.r: {values: [0, 3e-12, 1e-11]}}"
+)
+
+
+@pytest.mark.parametrize("error", ["on", "off"])
+@pytest.mark.parametrize("last", [1e-3, 1.001e-3])
+def test_members_beside_the_middle_axis_cross_as_they_must_or_are_undecided(
+    last: float, error: str
+) -> None:
+    damping = [1e-3, 5e-3, last]
+    case = one(f"{BESIDE}, damping: {damping}, error: {error}")
+    found = computed(case)
+    decided = found["status"] == Status.OK.code
+    assert (decided | (found["status"] == Status.UNDECIDED.code)).all()
+    for i in np.flatnonzero(decided):
+        start = members.member(case, int(i)).system.start
+        true = series.crossings(BODY, series.diagonal(BODY, damping), start, 300.0, bits=256)
+        # lambda1 = lambda3 forbids a crossing, and lambda1 < lambda3 allows one to x1.
+        assert found["crossings"][i] == len(true) <= (last != 1e-3)
+        if true:
+            # An ulp of |omega| is up to 2e-5 of p and r, a few units of time at this difference
+            # of the coefficients; the motion leaves the axis long before that has added up.
+            assert found["crossing_time"][i] == pytest.approx(float(true[0].time), rel=1e-6)
+            assert (found["crossing_from"][i], found["crossing_to"][i]) == (3, 1)
+        single = replace(members.member(case, int(i)), error=error)
+        motion = integrate(single)
+        alone = classify(single, motion.method, motion.tol, motion.error, motion.variables["omega"])
+        assert len(alone.crossings) == len(true)
+        assert alone.labels[[0, -1]].tolist() == [found["start_axis"][i], found["end_axis"][i]]
+    # With equal coefficients D decays from 1e-18 and less of what its terms become: no precision
+    # decides that. A difference of 1e-6 drives it off 0.
+    assert decided.any() == (last != 1e-3)

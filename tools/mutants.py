@@ -1,0 +1,189 @@
+"""Break the package at random places, one at a time, and see whether a test notices.
+
+`python tools/mutants.py --count 300 --seed 1` maps once which test calls which function, draws
+mutants (an operator, a comparison, a condition, a returned number) and runs for each the tests that
+call its function, shortest first. It prints the survivors, each of which wants a test or a
+sentence why it changes nothing, and ends with status 1 if there are some.
+
+Tools for this exist, but those that choose tests by coverage draw no sample by a seed, and those
+that draw one run the whole suite for each mutant: ten minutes, times 300, are two days.
+"""
+
+import argparse
+import ast
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+WORK = ROOT / "build" / "mutants"
+ROOMS = ("engines", "integration", "models", "sweeps", "results", "commands")
+"""The folders of the package that hold numeric, storage and command code."""
+
+SECONDS = 20.0
+"""What the tests of one mutant may take together by the map; the longer ones are left out."""
+
+SWAPS: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
+    ast.And: ast.Or, ast.Or: ast.And, ast.In: ast.NotIn, ast.NotIn: ast.In,
+}  # fmt: skip
+
+
+class Mutant(NamedTuple):
+    """A change: of the n-th place that can be changed, in a function that begins at a line."""
+
+    path: str
+    n: int
+    function: int
+    line: int
+    words: str
+
+
+class Recorder:
+    """A plugin of pytest: the functions of the package that each test calls, and its seconds."""
+
+    def __init__(self) -> None:
+        self.called: dict[str, set[str]] = defaultdict(set)
+        self.seconds: dict[str, float] = defaultdict(float)
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        calls, package = self.called[nodeid], str(ROOT / "hodo_cli")
+
+        def watch(frame: object, event: str, argument: object) -> None:
+            code = frame.f_code  # type: ignore[attr-defined]
+            if event == "call" and code.co_filename.startswith(package):
+                path = os.path.relpath(code.co_filename, ROOT)
+                calls.add(f"{path}:{code.co_firstlineno}")
+
+        sys.setprofile(watch)
+
+    def pytest_runtest_logreport(self, report: object) -> None:
+        self.seconds[report.nodeid] += report.duration  # type: ignore[attr-defined]
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        sys.setprofile(None)
+
+
+def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
+    """The tests of each function, shortest first. Functions that run only in other processes are
+    not seen: their mutants count as not covered."""
+    import pytest
+
+    recorder = Recorder()
+    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests], plugins=[recorder])
+    found: dict[str, list[tuple[float, str]]] = defaultdict(list)
+    for test, functions in recorder.called.items():
+        for function in functions:
+            found[function].append((round(recorder.seconds[test], 3), test))
+    return {function: sorted(of) for function, of in found.items()}
+
+
+def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
+    """What can be changed: a node, how it would read, and the first line of its function."""
+
+    def walk(node: ast.AST, function: int) -> Iterator[tuple[ast.AST, str, int]]:
+        if isinstance(node, ast.FunctionDef):
+            # As the interpreter counts: from the first decorator.
+            function = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+        operator = next(iter(getattr(node, "ops", [])), getattr(node, "op", None))
+        if function and type(operator) in SWAPS:
+            yield node, f"{type(operator).__name__} -> {SWAPS[type(operator)].__name__}", function
+        if function and isinstance(node, ast.If | ast.While | ast.IfExp):
+            yield node, "condition reversed", function
+        if function and isinstance(node, ast.Return) and node.value is not None:
+            yield node, "returns 0", function
+        for child in ast.iter_child_nodes(node):
+            yield from walk(child, function)
+
+    yield from walk(tree, 0)
+
+
+def mutants() -> list[Mutant]:
+    """Every change that can be made."""
+    found = []
+    for path in sorted(p for room in ROOMS for p in (ROOT / "hodo_cli" / room).glob("*.py")):
+        name = str(path.relative_to(ROOT))
+        every = places(ast.parse(path.read_text(encoding="utf-8")))
+        for n, (node, words, function) in enumerate(every):
+            found.append(Mutant(name, n, function, node.lineno, words))  # type: ignore[attr-defined]
+    return found
+
+
+def changed(mutant: Mutant) -> str:
+    """The text of its module with the mutant in it."""
+    tree = ast.parse((ROOT / mutant.path).read_text(encoding="utf-8"))
+    node = list(places(tree))[mutant.n][0]
+    if mutant.words == "condition reversed":
+        node.test = ast.UnaryOp(ast.Not(), node.test)  # type: ignore[attr-defined]
+    elif isinstance(node, ast.Return):
+        node.value = ast.Constant(0)
+    elif isinstance(node, ast.Compare):
+        node.ops[0] = SWAPS[type(node.ops[0])]()  # type: ignore[assignment]
+    else:
+        node.op = SWAPS[type(node.op)]()  # type: ignore[attr-defined]
+    return ast.unparse(ast.fix_missing_locations(tree))
+
+
+def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> str:
+    """Whether the tests notice a mutant, in a copy of the package."""
+    chosen, spent = [], 0.0
+    for seconds, test in tests:
+        if not chosen or spent + seconds < SECONDS:
+            chosen, spent = [*chosen, test], spent + seconds
+    if not chosen:
+        return "not covered"
+    target = WORK / mutant.path
+    target.write_text(changed(mutant), encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *chosen]
+    try:
+        # Ten times what they take at rest: what is still running then hangs.
+        ended = subprocess.run(
+            command, cwd=WORK, capture_output=True, timeout=60 + 10 * spent,
+            env={**os.environ, "PYTHONPATH": str(WORK), "PYTHONDONTWRITEBYTECODE": "1"},
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return "hung"
+    finally:
+        shutil.copyfile(ROOT / mutant.path, target)
+    return "killed" if ended.returncode else "survived"
+
+
+def main() -> int:
+    """Try a sample; see the head of this file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--map", action="store_true", help="map the tests anew")
+    parser.add_argument("tests", nargs="*", default=["tests"], help="those to be mapped")
+    options = parser.parse_args()
+    if options.map:
+        shutil.rmtree(WORK, ignore_errors=True)
+    if not (WORK / "map.json").exists():
+        WORK.mkdir(parents=True, exist_ok=True)
+        (WORK / "map.json").write_text(json.dumps(recorded(options.tests)), encoding="utf-8")
+    tests = json.loads((WORK / "map.json").read_text(encoding="utf-8"))
+    for name in ("hodo_cli", "tests", "configs"):
+        shutil.copytree(ROOT / name, WORK / name, dirs_exist_ok=True)
+    shutil.copyfile(ROOT / "pyproject.toml", WORK / "pyproject.toml")
+    every = mutants()
+    fates: Counter[str] = Counter()
+    for mutant in random.Random(options.seed).sample(every, min(options.count, len(every))):
+        end = fate(mutant, tests.get(f"{mutant.path}:{mutant.function}", []))
+        fates[end] += 1
+        if end != "killed":
+            print(f"{mutant.path}:{mutant.line}: {mutant.words}: {end}", flush=True)
+    print(f"{len(every)} mutants; tried, seed {options.seed}: {dict(fates)}")
+    return 1 if fates["survived"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
