@@ -26,11 +26,16 @@ COMPUTING_LIBRARIES = ("heyoka", "numpy", "scipy")
 def _sources() -> dict[str, str]:
     """The hash of each source file that decides numbers, by its path within the package."""
     files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
-    return {
-        str(file.relative_to(PACKAGE)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(files)
-        if file.suffix == ".py"
-    }
+    names = sorted(str(file.relative_to(PACKAGE)) for file in files if file.suffix == ".py")
+    return {name: _source_hash(name) for name in names}
+
+
+def _source_hash(name: str) -> str:
+    """The hash of one source file; empty if it is gone."""
+    try:
+        return hashlib.sha256((PACKAGE / name).read_bytes()).hexdigest()
+    except FileNotFoundError:
+        return ""
 
 
 # Read while the modules themselves are being imported: a source that is edited later, during a run,
@@ -70,7 +75,7 @@ def check_late_imports() -> None:
     for name in sys.modules.keys() - _known:
         _known.add(name)
         source = name.removeprefix(__package__.partition(".")[0] + ".").replace(".", "/") + ".py"
-        if source in _BEGUN and _BEGUN[source] != _sources().get(source):
+        if source in _BEGUN and _BEGUN[source] != _source_hash(source):
             raise BatchError(f"{source} of hodo has changed during the run: run again")
 
 
