@@ -159,3 +159,13 @@ def test_ranges_of_an_angle_may_be_in_degrees() -> None:
         api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["5 deg"]}}})
     with pytest.raises(HodoError, match="expected"):
         api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["five"]}}})
+
+
+def test_trajectories_are_samples_whatever_else_is_stored() -> None:
+    ranges = {"damping.2": {"values": [0.003, 0.004]}}
+    given = {**FIG4, "sweep": ranges, "store": ["trajectory", "crossing_time"]}
+    made = api.sweep(given)
+    assert made.omega.dims == ("damping.2", "time", "axis")
+    single = api.run({**FIG4, "damping": [0.005, 0.004, 0.004]}, classify=False)
+    np.testing.assert_array_equal(made.omega[1], single.omega)
+    assert set(made.data_vars) == {"omega", "crossing_time", "status"}

@@ -34,6 +34,9 @@ HOVER = ("G", "T", "D")
 
 MARGIN = {"l": 60, "r": 20, "t": 40, "b": 50}
 
+OF_SWEEPS = ("curve", "share")
+"""Kinds that show sweeps, which have no samples for the pointer to tell of."""
+
 STILL = ("quadrant-sketch",)
 """Kinds that show nothing to turn or to zoom."""
 
@@ -74,7 +77,7 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.F
     if spec["kind"] == "map":
         flat = spec["x"] is None or spec["y"] is None
         return turnable_map(sheet, spec) if flat else images(sheet.shown, spec)
-    if spec["kind"] == "curve":
+    if spec["kind"] in OF_SWEEPS:
         return panels(sheet.shown, spec, {})
     motions = {motion.label: motion for motion in results.motions(spec)}
     return panels(sheet.shown, spec, motions)

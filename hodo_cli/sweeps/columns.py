@@ -33,6 +33,8 @@ def columns(case: Case) -> dict[str, Stored]:
 def kept(case: Case) -> dict[str, Stored]:
     """What of that is stored in the result."""
     asked = set(case.store) - {"trajectory"}
+    if asked and "trajectory" in case.store:
+        asked |= set(case.system.variables)  # whose samples are the trajectory
     return {
         name: column
         for name, column in columns(case).items()
