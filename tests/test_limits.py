@@ -32,6 +32,26 @@ def test_what_the_data_do_is_said_before_the_run(hodo, tmp_path: Path) -> None:
     assert "max_steps in the case allows more" in ran.stdout
 
 
+def test_what_the_ends_of_a_sweep_do_is_said_before_the_run(hodo, tmp_path: Path) -> None:
+    # The value that the sweep replaces is not run, and nothing is said of it.
+    text = """\
+cases:
+  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [-0.5, 0, 0], time: {end: 10},
+      initial: {p: 0.5, q: 0.25, G: 1}, sweep: {damping.0: {linspace: [LOW, 0.01, 3]}}}
+"""
+    for low, expected in (
+        ("-0.01", ["member 0 of 3: negative damping feeds energy in"]),
+        ("0", []),
+    ):
+        (tmp_path / "a.yaml").write_text(text.replace("LOW", low))
+        ran = hodo("run", "a.yaml", "--force")
+        assert ran.returncode == 0
+        said = [line for line in ran.stderr.splitlines() if ": warning: " in line]
+        assert [line.split("warning: ")[1] for line in said] == expected
+        if said:
+            assert ran.stderr.index(said[0]) < ran.stderr.index("[1/1]")
+
+
 @pytest.mark.parametrize("method", protocol.DRIVEN)
 def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if method == "taylor" and not protocol.have_taylor():

@@ -97,8 +97,8 @@ class Plan:
             progress.say(line)
         # Before the run: a motion that the data feed energy into may take until its last step.
         for name, case in self.config.cases.items():
-            if name in self.reasons and not case.sweep:
-                for warning in case.system.warnings:
+            if name in self.reasons:
+                for warning in foreseen(case):
                     progress.say(f"{name}: warning: {warning}")
 
     def _root_attributes(self) -> dict[str, str | int]:
@@ -264,3 +264,12 @@ def problem(group: Group, outcome: Group | Exception) -> str:
         return "failed: " + "".join(traceback.format_exception(outcome)).rstrip()
     status = group.attributes["status"]
     return "" if status == "ok" else f"{status}: {group.attributes['message']}"
+
+
+def foreseen(case: Case) -> list[str]:
+    """What the data of a case, or of the members at the ends of a sweep, say against its model."""
+    if not case.sweep:
+        return case.system.warnings
+    from ..sweeps.members import warnings_of_ends  # only sweeps need them
+
+    return warnings_of_ends(case)

@@ -1,5 +1,6 @@
 """The members of a sweep: their data, and any one of them as a single case."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -88,3 +89,19 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
     return replace(
         case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off"
     )
+
+
+def warnings_of_ends(case: Case) -> list[str]:
+    """What the data of the first and of the last member say against their model.
+
+    The data of the case itself may never be run. Values on an axis mostly rise or fall, so that
+    what is said of any member is said of one of these two.
+    """
+    last = math.prod(shape(case)) - 1
+    found: dict[str, int] = {}
+    for number in sorted({0, last}):
+        (given,), _, _ = member_inputs(case, np.array([number]))
+        if given.start is not None:
+            for warning in member(case, number).system.warnings:
+                found.setdefault(warning, number)
+    return [f"member {number} of {last + 1}: {warning}" for warning, number in found.items()]
