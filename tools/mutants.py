@@ -54,6 +54,7 @@ class Recorder:
     def __init__(self) -> None:
         self.called: dict[str, set[str]] = defaultdict(set)
         self.seconds: dict[str, float] = defaultdict(float)
+        self.failed: set[str] = set()
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         calls, package = self.called[nodeid], str(ROOT / "hodo_cli")
@@ -68,6 +69,8 @@ class Recorder:
 
     def pytest_runtest_logreport(self, report: object) -> None:
         self.seconds[report.nodeid] += report.duration  # type: ignore[attr-defined]
+        if report.failed:  # type: ignore[attr-defined]
+            self.failed.add(report.nodeid)  # type: ignore[attr-defined]
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         sys.setprofile(None)
@@ -82,7 +85,8 @@ def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
     pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests], plugins=[recorder])
     found: dict[str, list[tuple[float, str]]] = defaultdict(list)
     for test, functions in recorder.called.items():
-        for function in functions:
+        # What fails without a mutant notices none.
+        for function in functions if test not in recorder.failed else ():
             found[function].append((round(recorder.seconds[test], 3), test))
     return {function: sorted(of) for function, of in found.items()}
 
