@@ -746,7 +746,7 @@ def test_a_package_outside_a_checkout_has_no_commit(
 
 
 def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "", ("no-such-library", "numpy"))
+    monkeypatch.setattr(provenance, "STORED_VERSIONS", ("no-such-library", "numpy"))
     found = provenance.versions()
     assert (found["no-such-library_version"], found["numpy_version"]) == (
         "not installed",
