@@ -96,7 +96,9 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
 
     Raises HodoError if there is no such kind or key, or the kind has no meaning for the data.
     """
-    several = [data] if isinstance(data, xr.Dataset) else list(data)
+    several = [data] if isinstance(data, xr.Dataset) or not isinstance(data, Iterable) else [*data]
+    if wrong := [item for item in several if not isinstance(item, xr.Dataset)]:
+        raise HodoError(f"expected a dataset or several, as run gives them, got {wrong[0]!r:.80}")
     if kind not in FIGURE_KINDS:
         raise HodoError(
             f"unknown kind {kind!r}{nearest(kind, FIGURE_KINDS)} (valid: {', '.join(FIGURE_KINDS)})"
@@ -113,7 +115,11 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
 
 
 def _case(given: Given, name: str) -> Case:
-    return given if isinstance(given, Case) else case_from(_plain(given), name)
+    if isinstance(given, Case):
+        return given
+    if not isinstance(given, Mapping):
+        raise HodoError(f"expected a Case or a mapping of its keys to values, got {given!r:.80}")
+    return case_from(_plain(given), name)
 
 
 def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:

@@ -34,6 +34,12 @@ class Hodo(click.Group):
     """Turns the user's mistakes into one line and exit status 2, Ctrl-C into 130, and SIGTERM into
     143."""
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            _refuse(ctx, misused(error))
+
     def invoke(self, ctx: click.Context) -> Any:
         before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
@@ -48,6 +54,8 @@ class Hodo(click.Group):
             if ctx.params["traceback"]:
                 traceback.print_exc()
             _refuse(ctx, str(error))
+        except click.UsageError as error:
+            _refuse(ctx, misused(error))
         except ModuleNotFoundError as error:
             # A module of hodo itself that is missing is a bug, and keeps its traceback.
             if (error.name or "").startswith(__package__):
@@ -66,6 +74,12 @@ class Hodo(click.Group):
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def misused(error: click.UsageError) -> str:
+    """A wrong option or argument in one line: click's own message takes four."""
+    command = error.ctx.command_path if error.ctx else "hodo"
+    return f"{command}: {error.format_message().rstrip('.')} (see {command} --help)"
 
 
 RESOURCES = (
@@ -208,9 +222,9 @@ def _run(
 @RUNS
 @JSON
 def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
-    """Label the axis that each hodograph encloses, and find every separatrix crossing.
+    """Label the enclosed axes, and find every separatrix crossing.
 
-    Both are added to RUNS.
+    The labels of every sample and the crossings are added to RUNS.
     """
     from .commands import classify, tables
 
@@ -226,8 +240,9 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
 @RUNS
 @JSON
 def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
-    """Check the `claims:` and `errata:` of RUNS against their results; the verdicts go into RUNS.
+    """Check the statements of RUNS against their results.
 
+    These are the `claims:` and `errata:` of the case file; the verdicts go into RUNS.
     Exit status 3 if a verdict is not the one that the case file expects.
     """
     from . import text
@@ -237,7 +252,7 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     if as_json:
         click.echo(text.as_json({"statements": statements, "errata": errata}))
     else:
-        click.echo(tables.claim_table(statements))
+        click.echo(tables.claim_table(statements), nl=bool(statements))
         click.echo(tables.erratum_table(errata), nl=bool(errata))
     if not all(map(claims.as_expected, [*statements, *errata])):
         sys.exit(3)
@@ -255,8 +270,9 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
 )
 @_folder("runs/figures")
 def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
-    """Draw the figures of each RUN: those named, or all, with a page that shows them.
+    """Draw the figures of each RUN.
 
+    Those named are drawn, or all, with a page that shows them.
     RUN is a result (*.h5), or the config (*.yaml) whose result is in runs/: its figures are then
     those of the config as it is now.
     """
@@ -283,8 +299,9 @@ def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
 )
 @JSON
 def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
-    """Compare the result A with the reference B: each case, label, crossing and value of B.
+    """Compare the result A with the reference B.
 
+    Each case, label, crossing and value of B is compared.
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
     Times of crossings and events may be off by 100 times rtol.
     """
@@ -315,9 +332,9 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
 def _bench(
     config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool
 ) -> None:
-    """Measure error against run time for every case of CONFIG.
+    """Measure error against run time.
 
-    Its bench: section names the methods and tolerances.
+    This is done for every case of CONFIG; its bench: section names the methods and tolerances.
     The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/.
     Exit status 1 if auto gave a wrong result without saying so, or took longer than 10 s.
     """
@@ -334,7 +351,10 @@ def _bench(
 @RUNS
 @JSON
 def _show(runs: tuple[Path, ...], as_json: bool) -> None:
-    """Print what is in RUNS: the cases, how they ended, their error and run time."""
+    """List the cases in RUNS.
+
+    Of each: how it was integrated, how it ended, its error and run time.
+    """
     from .commands import show, tables
 
     rows, problems = show.stored_cases(runs)

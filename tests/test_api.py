@@ -169,3 +169,26 @@ def test_trajectories_are_samples_whatever_else_is_stored() -> None:
     single = api.run({**FIG4, "damping": [0.005, 0.004, 0.004]}, classify=False)
     np.testing.assert_array_equal(made.omega[1], single.omega)
     assert set(made.data_vars) == {"omega", "crossing_time", "status"}
+
+
+def test_a_wrong_argument_says_what_is_right(tmp_path: Path, hodo: Hodo) -> None:
+    with pytest.raises(HodoError, match="expected a Case or a mapping of its keys"):
+        api.run(3)  # type: ignore[arg-type]
+    for data in (3, [3]):
+        with pytest.raises(HodoError, match="expected a dataset or several"):
+            api.plot(data)  # type: ignore[arg-type]
+    with pytest.raises(HodoError, match="a Case has no such form"):
+        api.Case(FIG4)  # type: ignore[call-arg, arg-type]
+
+
+def test_a_case_that_is_not_in_a_file_is_named_with_those_that_are(
+    hodo: Hodo, tmp_path: Path
+) -> None:
+    keys = "".join(f"    {key}: {value}\n" for key, value in FIG4.items()).replace("'", "")
+    (tmp_path / "a.yaml").write_text("cases:\n  turns:\n" + keys)
+    hodo("run", "a.yaml")
+    opened = api.open(tmp_path / "runs" / "a.h5")
+    with pytest.raises(HodoError, match=r"unknown case 'nix' \(valid: turns\)"):
+        opened["nix"]
+    assert "nix" not in opened
+    assert opened.get("nix") is None

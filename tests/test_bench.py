@@ -127,4 +127,4 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
     } <= set(names)
     assert status == "accurate"
     missing = hodo("bench", "small.yaml", "--case", "zzz")
-    assert (missing.returncode, missing.stderr) == (2, "no case matches zzz\n")
+    assert (missing.returncode, missing.stderr) == (2, "no case matches zzz (valid: a, b)\n")

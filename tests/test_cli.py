@@ -167,3 +167,47 @@ def test_a_mark_is_that_of_the_content() -> None:
     }
     assert len(marks | {mark}) == 5
     assert all(told(group, each) is None for each in marks)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["run", "two.yaml", "-j", "0"], "hodo run: Invalid value for '-j' / '--jobs': 0 is not"),
+        (["--nix"], "hodo: No such option '--nix'"),
+        (["nix"], "hodo: No such command 'nix'"),
+        (["run"], "hodo run: Missing argument 'CONFIGS...'"),
+        (["run", "two.yaml", "--case", "turn"], "no case matches turn; did you mean 'turns'?"),
+        (["compare", "a.h5", "b.h5", "--rtol=-1"], "--rtol: expected a number >= 0, got -1"),
+        (["compare", "a.h5", "b.h5", "--atol=nan"], "--atol: expected a number >= 0, got nan"),
+    ],
+)  # fmt: skip
+def test_a_wrong_option_is_one_line(
+    hodo: Hodo, config: Path, arguments: list[str], said: str
+) -> None:
+    done = hodo(*arguments)
+    assert done.returncode == 2
+    assert done.stderr.startswith(said)
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_summaries_of_the_commands_are_whole(hodo: Hodo) -> None:
+    assert "..." not in hodo("--help").stdout.partition("Commands:")[2]
+
+
+def test_a_motion_that_was_broken_off_says_how_far_it_goes(hodo: Hodo, tmp_path: Path) -> None:
+    """Its last label is not the axis that it ends about, and its figure is not whole."""
+    figures = "figures: {f: {kind: sphere, cases: [turns]}}\n"
+    (tmp_path / "cut.yaml").write_text(
+        CONFIG.replace("defaults:\n", "defaults:\n  max_steps: 10\n") + figures
+    )
+    hodo("run", "cut.yaml")
+    rows = json.loads(hodo("classify", "runs/cut.h5", "--json").stdout)
+    assert rows[0]["warnings"] == ["timeout: to t = 4 only"]
+    assert "turns: timeout: drawn to t = 4 only" in hodo("plot", "runs/cut.h5", "f").stderr
+
+
+def test_a_result_without_claims_says_so(hodo: Hodo, config: Path) -> None:
+    hodo("run", config, "--case", "turns")
+    done = hodo("claims", "runs/two.h5")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == "runs/two.h5 has no claims: or errata:\n"

@@ -438,3 +438,7 @@ def test_a_variable_without_a_tolerance_has_the_default_one() -> None:
         1e-3,
         2.0,
     )
+
+
+def test_equal_values_are_called_equal(tmp_path: Path) -> None:
+    assert {line.place for line in compared(tmp_path, len)} == {"equal"}

@@ -64,6 +64,12 @@ class Case:
     assumes: Mapping[str, str] = field(default_factory=dict)
     sweep: Mapping[str, Any] | None = None
 
+    def __new__(cls, *given: Any, **_: Any) -> "Case":
+        """Raises HodoError for a mapping, which a notebook may try."""
+        if given and isinstance(given[0], Mapping):
+            raise HodoError("a Case has no such form: hodo.run and hodo.sweep take the mapping")
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         for name in ("data", "sweep", "store", "assumes"):
             # The way into a frozen dataclass.

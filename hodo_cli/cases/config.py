@@ -8,7 +8,7 @@ from typing import Any
 
 from .. import HodoError
 from ..schema.document import MAX_BYTES, Block
-from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, resolve, shown, unknown
+from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, nearest, resolve, shown, unknown
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
@@ -60,12 +60,18 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     return parse(text, name, overrides)
 
 
+def no_case(globs: Sequence[str], names: Iterable[str]) -> HodoError:
+    """The error for `--case` options that match no name of a case."""
+    valid = list(dict.fromkeys(names))
+    near = nearest(globs[-1], valid)
+    return HodoError(f"no case matches {' or '.join(globs)}{near} (valid: {', '.join(valid)})")
+
+
 def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     """The config in a text; `name` stands for the file in messages. Raises HodoError as `load`
     does."""
     mistakes = Mistakes(name)
     document = read_mapping(text, mistakes)
-    # `figures:` with nothing below it is a section that is left out.
     # `figures:` with nothing below it is a section that is left out; a name that is no section is a
     # mistake all the same.
     given = {

@@ -15,7 +15,7 @@ from .. import HodoError
 from ..batch.pool import Pool, Processes
 from ..batch.progress import Progress
 from ..cases.case import Case
-from ..cases.config import Config
+from ..cases.config import Config, no_case
 from ..figures.bench import draw_bench
 from ..figures.sheet import save
 from ..integration.integrate import ASKED
@@ -106,7 +106,7 @@ def chosen(config: Config, globs: Sequence[str]) -> list[Case]:
         name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs)
     ]
     if not names:
-        raise HodoError(f"no case matches {' or '.join(globs)}")
+        raise no_case(globs, config.cases)
     return [config.cases[name] for name in names]
 
 

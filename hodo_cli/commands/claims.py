@@ -1,5 +1,6 @@
 """`hodo claims`: verdicts on the claims and errata of a result file."""
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -24,6 +25,7 @@ Rows = list[dict[str, Any]]
 def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
     """Judge and store the claims and the errata of result files; the lines of both tables.
 
+    A file without any is warned of: an empty table would look like a check that was passed.
     Raises HodoError as `judge_claim` does, or if a file cannot be read or replaced.
     """
     statements: Rows = []
@@ -43,6 +45,8 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
                     changes.write("_claims", Group(telling(mark, rows), group.variables))
                 if errata:
                     changes.write("_errata", claim_group(errata, ERRATUM_COLUMNS))
+            if not any(rows):
+                warnings.warn(f"{path} has no claims: or errata:", stacklevel=2)
             statements += [{"run": str(path), **row} for row in rows[0]]
             misprints += [{"run": str(path), **row} for row in rows[1]]
     return statements, misprints

@@ -75,7 +75,11 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
     found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    return label_group(found), row_of(name, found)
+    row = row_of(name, found)
+    if (status := group.attributes.get("status")) != Status.OK:
+        # The last label of a motion that was broken off is not the one that it ends with.
+        row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
+    return label_group(found), row
 
 
 def row_of(name: str, found: Classification) -> dict[str, Any]:

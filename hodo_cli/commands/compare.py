@@ -56,10 +56,16 @@ EXACT = ("model", "form", "status")
 @dataclass(frozen=True)
 class Tolerance:
     """The difference that is allowed: atol + rtol max|b|. None: the variable's own, or the
-    default."""
+    default. Raises HodoError for a negative or infinite one."""
 
     rtol: float | None = None
     atol: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            # An infinite one would call all values equal, and nan none.
+            if value is not None and not 0 <= value < math.inf:
+                raise HodoError(f"--{name}: expected a number >= 0, got {value:g}")
 
     def of(self, name: str, variable: Variable) -> tuple[float, float]:
         """rtol and atol of a variable of the reference."""
@@ -177,7 +183,8 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
             continue
         allowed = tolerance.allowed(key, b, error_b)
         scaled, at = scaled_difference(ours, reference.data, allowed)
-        yield Line(name, key, scaled, largest_at(key, at, ours, reference, b.variables))
+        place = largest_at(key, at, ours, reference, b.variables) if scaled else "equal"
+        yield Line(name, key, scaled, place)
 
 
 def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:

@@ -16,7 +16,7 @@ from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..batch.progress import Progress
 from ..cases.case import Case, dump
-from ..cases.config import Config
+from ..cases.config import Config, no_case
 from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
@@ -26,6 +26,8 @@ from ..results.provenance import root_attributes, stamp
 from ..results.staging import check_writable
 from ..results.writer import Finished, Writer, finished
 from .resume import FORCED, fingerprint, why
+
+KEPT = "is kept: nothing that it depends on has changed"
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Plan:
         """For each case that is asked for, why it runs or not; and for each result that goes,
         why."""
         does = {
-            name: f"will run: {self.reasons[name]}" if name in self.reasons else "is kept"
+            name: f"will run: {self.reasons[name]}" if name in self.reasons else KEPT
             for name in self.asked
         }
         does |= dict.fromkeys(self.dropped, "is dropped, it is not in the config any more")
@@ -167,7 +169,7 @@ def plans(
         plan_of(config, path, globs, force) for config, path in zip(configs, paths, strict=True)
     ]
     if not any(plan.asked for plan in made):
-        raise HodoError(f"no case matches {' or '.join(globs)}")
+        raise no_case(globs, [name for plan in made for name in plan.config.cases])
     for plan in made:
         for case in (plan.config.cases[name] for name in plan.reasons):
             check_memory(case, jobs)

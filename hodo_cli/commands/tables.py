@@ -62,13 +62,15 @@ def passage(crossing: Mapping[str, Any]) -> str:
 
 def claim_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Statements with their verdicts and what decides them, and how many have which verdict; one
-    that is not the one expected is marked."""
+    that is not the one expected is marked. Nothing without any."""
+    if not rows:
+        return ""
     lines = []
     for row in rows:
         unexpected = "" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"
         lines.append((row["id"], row["where"], row["verdict"] + unexpected, row["evidence"]))
     statements = table(("claim", "where", "verdict", "decided by"), lines)
-    return f"{statements}\n{totals('statement', rows, VERDICTS)}" if rows else statements
+    return f"{statements}\n{totals('statement', rows, VERDICTS)}"
 
 
 def erratum_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -4,6 +4,7 @@ importer of xarray.
 Claims and `compare` read the same groups without it: loading xarray takes longer than they do.
 """
 
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -58,6 +59,13 @@ class Datasets(Mapping[str, xr.Dataset]):
         return isinstance(name, str) and name in self._run
 
 
+class NoSuchCase(HodoError, KeyError):
+    """A case that a file does not hold; a KeyError too, as `in` and `get` of a mapping expect."""
+
+    # A KeyError prints its message in quotes.
+    __str__ = Exception.__str__
+
+
 class Opened(Mapping[str, xr.Dataset]):
     """The cases of a result file by name, each read when it is asked for.
 
@@ -72,9 +80,9 @@ class Opened(Mapping[str, xr.Dataset]):
             self.attrs = dict(run.attributes)
 
     def __getitem__(self, name: str) -> xr.Dataset:
-        """A case, in memory. Raises KeyError if it is not there, HodoError if it is damaged."""
+        """A case, in memory. Raises HodoError if it is not there, or is damaged."""
         if name not in self._names:
-            raise KeyError(f"{self.path} has no case {name!r}{nearest(name, self._names)}")
+            raise NoSuchCase(f"{self.path}: {unknown(f'case {name!r}', str(name), self._names)}")
         with open_run(self.path) as run:
             return Datasets(run)[name]
 
@@ -109,6 +117,9 @@ class Results:
                 raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
             owner, data = f"{self.path}: {name}", self.cases[name]
             typed(data.attrs, SHOWN, owner)
+            if (status := data.attrs["status"]) != "ok" and data.sizes.get("time"):
+                end = float(data["time"].values[-1])
+                warnings.warn(f"{name}: {status}: drawn to t = {end:.6g} only", stacklevel=2)
             # Kept, because most cases stand in several figures and on the page.
             self._motions[name] = motion_of(data, data.attrs, owner)
         return replace(self._motions[name], label=label or name)
