@@ -22,6 +22,7 @@ from hodo_cli.integration.solve import solve, stored
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging.capture import capture_shares
 from hodo_cli.models.averaging.fluid import drift_by_region, fluid_constants, fluid_part
+from hodo_cli.models.averaging.forms import either
 from hodo_cli.models.averaging.free_turn import Body, free_motion_by_phase, slow_elements
 from hodo_cli.models.averaging.passage import crossing_table, crossing_time
 from hodo_cli.models.averaging.quadrature import periodic_part
@@ -494,3 +495,8 @@ def test_figures_and_claims_of_averaging(hodo: Hodo, tmp_path: Path) -> None:
     # 500 starts count to 0.02
     assert counted == pytest.approx([0.3705], abs=0.06)
     assert {row["curve"] for row in shown["passage"]} == {"fig4", "fig4-mean"}
+
+
+def test_the_side_chooses_to_the_last_digit() -> None:
+    assert either(-1.0, 1.5e15, 6.7e-16) == 6.7e-16
+    assert either(1.0, 6.7e-16, 1.5e15) == 6.7e-16

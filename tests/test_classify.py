@@ -251,3 +251,16 @@ def test_a_margin_of_just_the_band_stands_on_neither_side() -> None:
     band = abs(float(rigid_body.margin(A, omega, (0, 1, 2))))
     assert rigid_body.enclosed_axis(A, omega, band) == rigid_body.SEPARATRIX
     assert rigid_body.enclosed_axis(A, omega, math.nextafter(band, 0)) in (1, 3)
+
+
+def test_a_motion_without_a_measured_error_has_that_of_its_tolerance() -> None:
+    case = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74), error="off")
+    motion = integrate(case)
+    found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
+    assert [c.time for c in found.crossings] == [pytest.approx(CROSSING, rel=1e-9)]
+    # Of a hundred tolerances of 1e-4 eight count: 0.08 of what D could be.
+    loose = replace(case, method="DOP853", tol=1e-4)
+    motion = integrate(loose)
+    found = classify(loose, "DOP853", 1e-4, math.nan, motion.variables["omega"])
+    assert found.hidden
+    assert (found.labels == rigid_body.SEPARATRIX).any()

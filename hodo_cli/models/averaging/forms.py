@@ -94,7 +94,9 @@ def turning_constants(body: Body) -> dict[str, float]:
 def either(side: Any, above: Any, below: Any) -> Any:
     """`above` on side +1, `below` on side -1; for symbols too."""
     # A choice would not pass through an engine's symbols; the side is +1 or -1 to the last digit.
-    return (above + below) / 2 + side * ((above - below) / 2)
+    # Both weights are then 0 or 1. A mean and half a difference would lose the smaller of two
+    # ratios that are each other's inverse, as of a nearly symmetric body.
+    return (1 + side) / 2 * above + (1 - side) / 2 * below
 
 
 @dataclass(frozen=True)
