@@ -319,6 +319,7 @@ def _scale(end: float = AREA_END) -> list[list[Any]]:
 
 def _plain(text: str) -> str:
     """A label without TeX: plotly sets formulas by a script that would have to be fetched."""
-    for tex, plain in ((r"\tau", "τ"), (r"\lambda", "λ"), (r"\gamma", "γ"), (r"\varepsilon", "ε")):
+    letters = {r"\tau": "τ", r"\lambda": "λ", r"\gamma": "γ", r"\varepsilon": "ε"}
+    for tex, plain in letters.items():
         text = text.replace(tex, plain)
     return text.translate(str.maketrans("", "", "${}\\")).replace("_", "")

@@ -49,7 +49,7 @@ def write_page(path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]]) -
     page = template("page.html").substitute(
         style=template("page.css").template,
         script=template("page.js").template,
-        summary=escape(totals(entries)),
+        summary=escape(index_totals(entries)),
         contents="".join(f"<li>{piece['link']}</li>" for piece in pieces),
         rows="".join(map(_index_row, entries)),
         sections="".join(piece["section"] for piece in pieces),
@@ -63,7 +63,7 @@ def template(name: str) -> Template:
     return Template((Path(__file__).parent / name).read_text(encoding="utf-8"))
 
 
-def totals(entries: Iterable[Entry]) -> str:
+def index_totals(entries: Iterable[Entry]) -> str:
     """How many figures, statements and errata there are, and with which verdicts."""
     kinds: dict[str, Counter[str]] = {}
     for entry in entries:
@@ -200,7 +200,7 @@ def _card(
     """A figure with its caption, its files, and the cases that it shows."""
     spec = results.figures[figure.name]
     shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
-    files = " ".join(_link(file, base, NAMES.get(file.suffix, file.suffix[1:].upper()))
+    files = " ".join(_link(file, base, LINK_NAMES.get(file.suffix, file.suffix[1:].upper()))
                      for file in figure.files)  # fmt: skip
     taken = dict.fromkeys(f"{key}: {said}" for m in shown for key, said in m.case.assumes.items())
     assumed = f'<p class="soft">Assumed: {escape("; ".join(taken))}</p>' if taken else ""
@@ -214,7 +214,7 @@ def _card(
     )
 
 
-NAMES = {".html": "turn and zoom"}
+LINK_NAMES = {".html": "turn and zoom"}
 """What the link to a file is called, where it is not its format."""
 
 
