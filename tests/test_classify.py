@@ -179,6 +179,16 @@ def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
     assert read_marks(marks, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
 
 
+def test_what_is_undecided_in_the_end_is_named_by_its_own_time() -> None:
+    # The last mark beyond doubt is that of time 2; the zero before it is a crossing.
+    margin = np.array([0.5, 0.0, -0.5, 1e-4, 2e-4])
+    vanishes = np.array([False, True, False, False, False])
+    marks = Marks(np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5))
+    verdict = read_marks(marks, np.full(5, 1e-3), (0, 1, 2))
+    assert [c.time for c in verdict.crossings] == [1.0]
+    assert verdict.undecided == [3.0]
+
+
 @given(
     st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3),
     st.permutations([1.0, 0.8, 0.6]),

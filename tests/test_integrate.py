@@ -272,3 +272,14 @@ def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(
     motion = integrate(case)
     assert (motion.method, motion.error_kind) == ("collocation", "refined")
     assert 0 < motion.error < 1e-15
+
+
+def test_the_evaluations_of_the_equations_are_counted() -> None:
+    solution = solve(diagonal((0.005, 0.004, 0.003), time=Time(end=10.0, samples=3)), "DOP853")
+    # Twelve stages a step, those that are repeated besides, and four more for the dense output.
+    assert 12 * solution.steps <= solution.evaluations < 40 * solution.steps
+
+
+def test_the_lower_part_of_the_time_reached_is_part_of_it() -> None:
+    clock = Clock(high=np.float64(1.0), low=np.float64(2.0**-60), factor=1.0)
+    assert clock.grid(np.array([1.0])).tolist() == [0.0, -(2.0**-60)]

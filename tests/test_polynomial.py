@@ -17,6 +17,7 @@ from hodo_cli.engines.polynomial import (
     to_bernstein,
     weights,
 )
+from hodo_cli.engines.stepwise import chebyshev
 
 DTYPES = [np.dtype(np.float64), np.dtype(np.longdouble)]
 EPS = float(np.finfo(float).eps)
@@ -121,3 +122,12 @@ def test_rounding_is_bounded() -> None:
         single = (c @ to_bernstein(basis, 12, DTYPES[0])).astype(np.longdouble)
         exact = c.astype(np.longdouble) @ to_bernstein(basis, 12, DTYPES[1])
         assert (np.abs(single - exact).max(axis=1) <= rounding(c, basis)).all()
+
+
+@pytest.mark.parametrize("degree", [0, 1, 5, 16])
+def test_a_polynomial_is_known_by_its_values_at_the_zeros_of_chebyshevs(degree: int) -> None:
+    coefficients = np.random.default_rng(degree).normal(size=degree + 1)
+    places, transform = chebyshev(degree)
+    assert ((places > 0) & (places < 1)).all()
+    values = np.polynomial.chebyshev.chebval(2 * places - 1, coefficients)
+    assert np.abs(values @ transform - coefficients).max() < 1e-13
