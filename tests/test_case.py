@@ -25,6 +25,7 @@ from hodo_cli.cases.key_tables import key_tables
 from hodo_cli.cases.keys import COMMON, METHODS
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Model
+from hodo_cli.results.hdf5 import open_run
 from hodo_cli.schema import document
 from hodo_cli.schema.document import read
 from hodo_cli.schema.kinds import (
@@ -70,6 +71,13 @@ def one_case(entries: str) -> Case:
 
 
 # What is read
+
+
+ONE = """\
+cases:
+  a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0,
+      initial: {p: 1, q: 0, r: 0}, time: {end: 1}}
+"""
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
@@ -265,9 +273,9 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
         ("cases:\n  a: {}", ["2:6: cases.a: missing 'model', 'time'"]),
         ("a: 1\n--- 2", ["2:1: a second document starts here; one is allowed"]),
         ("a: [1, 2\n",
-         ["2:1: not YAML: while parsing a flow sequence, did not find expected ',' or ']'"]),
+         ["2:1: not YAML: the [ of line 1 is not closed, or lacks a comma"]),
         ("a:\n\tb: 1",
-         ["2:1: not YAML: a tab cannot indent a line: use spaces"]),
+         ["2:1: not YAML: a tab; indent with spaces"]),
         ("a: b\n c\0d", ["2:3: the character U+0000 is not allowed"]),
         ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
         (GOOD + "titel: t\n",
@@ -543,7 +551,7 @@ def test_an_override_leaves_an_alias_of_its_value_alone() -> None:
             "a.inertia.0=9",
             "cases.a.inertia.0: no body has A1 = 9 larger than the sum of the other two",
         ),
-        ("a.tol=[1", "not YAML: while parsing a flow sequence, did not find expected ',' or ']'"),
+        ("a.tol=[1", "not YAML: the [ is not closed, or lacks a comma"),
         ("a.tol=" + "[" * 100, "nested deeper than 50 levels"),
         ("a" + ".a" * 1000 + "=1", "an override reads CASE.KEY=VALUE"),
     ],
@@ -558,7 +566,7 @@ def test_mistakes_of_overrides_follow_those_of_the_file() -> None:
         "x.yaml:2:113: cases.a.damping: expected a finite number, got 'x'",
         "--set a.b.tol=3: cases.a.b.tol: expected a positive number < 1, got 3",
         "--set b.tol=1: unknown case 'b' (valid: a, a.b)",
-        "--set a.tol=[: not YAML: while parsing a flow node, did not find expected node content",
+        "--set a.tol=[: not YAML: the [ or { is not closed, or lacks a comma",
     ]
 
 
@@ -873,3 +881,37 @@ def test_a_decimal_comma_is_named() -> None:
         parse(text.replace("END", "'1,5'"), "x.yaml")
     with pytest.raises(HodoError, match=r"decimals are written with a point, as 1\.5"):
         parse(text.replace("END", "1,5"), "x.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("cases: {a: {model: linear-diag\n", ["2:1: not YAML: the { of line 1 is not closed"]),
+        ("cases:\n  a: b: c\n", ["2:7: not YAML: a second ': ' on one line"]),
+        ("case: {a: 1}\nfigures: {f: {kind: sphere, cases: [a]}}", ["1:1: case: unknown key; did"]),
+        (f"{ONE}figures: {{f: {{kind: sphere, cases: [a], styles: [bleu]}}}}",
+         ["4:50: figures.f.styles.0: unknown colour or line 'bleu'; did you mean 'blue'?"]),
+        (f"{ONE}claims: [{{id: c, where: w, statement: s, cases: [a], expect: reproduced, "
+         "check: {kind: monotone, of: [foo], sense: falls}}]",
+         ["4:103: claims.0.check.of.0: expected a quantity, got 'foo'"]),
+    ],
+)  # fmt: skip
+def test_one_mistake_is_one_line(text: str, said: list[str]) -> None:
+    """What follows from a mistake is not a second one."""
+    with pytest.raises(HodoError) as caught:
+        parse(text, "c.yaml")
+    lines = str(caught.value).splitlines()
+    assert len(lines) == len(said)
+    assert all(line.startswith(f"c.yaml:{start}") for line, start in zip(lines, said, strict=True))
+
+
+def test_a_result_is_no_case_file(tmp_path: Path) -> None:
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n")
+    with pytest.raises(HodoError, match="a result, where a case file"):
+        load(tmp_path / "a.h5")
+    (tmp_path / "a.yaml").write_text("cases:\n")
+    with (
+        pytest.raises(HodoError, match="a case file, where a result"),
+        open_run(tmp_path / "a.yaml"),
+    ):
+        pass

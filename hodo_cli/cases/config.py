@@ -45,7 +45,12 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
             # One byte more than allowed tells a file that is too large without reading it.
             raw = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        raise HodoError(f"{name!r}: {getattr(error, 'strerror', None) or error}") from None
+        # In lower case, as where a result is missing.
+        reason = str(getattr(error, "strerror", None) or error).lower()
+        shown_name = name if name.isprintable() else repr(name)
+        raise HodoError(f"{shown_name}: {reason}") from None
+    if raw.startswith(b"\x89HDF"):
+        raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")
     mistakes = Mistakes(name)
     if len(raw) > MAX_BYTES:
         raise mistakes.fatal(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
@@ -80,6 +85,10 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         if value is not None or section not in SECTIONS
     }
     sections, found = resolve(SECTIONS, given)
+    if "cases" not in given:
+        # Every name of a case would be a mistake besides, and hide this one.
+        note(found, document, (), Place(1, 1), mistakes)
+        raise mistakes.error()
     named, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
     if "cases" in sections and not named:
         found.append((("cases",), "there is no case"))

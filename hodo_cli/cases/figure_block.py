@@ -15,6 +15,7 @@ from ..schema.kinds import (
     Table,
     Text,
     Vector,
+    unknown,
 )
 
 DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
@@ -24,6 +25,10 @@ LEGEND = Key(
 TITLE = Key(
     Text(), "short title above the panels, so that a picture alone says what it shows", default=""
 )
+COLOUR_NAMES = ("blue", "orange", "green", "sky", "red", "purple", "black", "grey")
+LINE_NAMES = ("solid", "dashed", "dotted")
+"""What a style is made of; the drawing says how each looks."""
+
 STYLES = Key(
     NAMES,
     "colour and line of each case, such as `red`, `blue dashed` or `grey dotted`, in their order "
@@ -196,6 +201,11 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     if values.get("kind") not in ("map", "curve") and len(labels) > len(several):
         said = f"expected one for each of {len(several)} {named}, got {len(labels)}"
         yield ("labels",), said
+    for i, style in enumerate(values.get("styles", ())):
+        colour, _, line = style.partition(" ")
+        for word, known in ((colour, COLOUR_NAMES), (line or "solid", LINE_NAMES)):
+            if word not in known:
+                yield ("styles", i), unknown(f"colour or line {word!r}", word, known)
     for key in ("range", "span"):
         if (ends := values.get(key)) and not ends[0] < ends[1]:
             yield (key,), f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from .. import HodoError
+from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
 from ..schema.kinds import unknown
 from .geometry import stretches, windings
@@ -111,17 +112,10 @@ def time_label(spec: Mapping[str, Any], motion: Motion) -> str:
     return f"${spec['time']}$ {unit(motion, 'time')}"
 
 
-COLOURS = {
-    "blue": BLUE,
-    "orange": ORANGE,
-    "green": GREEN,
-    "sky": SKY,
-    "red": RED,
-    "purple": PURPLE,
-    "black": BLACK,
-    "grey": "#8A8A8A",
-}
-LINES = {"solid": "-", "dashed": (0, (5, 1.5)), "dotted": (0, (1, 1))}
+COLOURS = dict(
+    zip(COLOUR_NAMES, (BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK, "#8A8A8A"), strict=True)
+)
+LINES = dict(zip(LINE_NAMES, ("-", (0, (5, 1.5)), (0, (1, 1))), strict=True))
 
 
 def styles(n: int, given: Sequence[str] = ()) -> list[dict[str, Any]]:

@@ -316,6 +316,8 @@ def _why_closed(path: Path, error: Exception) -> str:
     if os.path.isdir(path):
         return "a folder, not a file"
     if "signature not found" in text:
+        if path.suffix in (".yaml", ".yml"):
+            return "a case file, where a result is expected: hodo run makes one of it"
         return "not an HDF5 file"
     if "truncated file" in text:
         return "truncated: its end is missing; restore it, or move it away and run again"

@@ -35,6 +35,14 @@ _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
+OPENED = {
+    "while parsing a flow sequence": "the [",
+    "while parsing a flow mapping": "the {",
+    "while parsing a flow node": "the [ or {",
+}
+"""PyYAML's words for the brackets that an unfinished text leaves open."""
+
+
 class Block(dict[str, Any]):
     """A mapping that knows the places of its keys and values, and which keys it inherited from
     `defaults`.
@@ -117,8 +125,14 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
         # The end of a text may be a line beyond its last.
         lines = text.split("\n")[mark.line : mark.line + 1] if mark else []
         before = [line[: mark.column + 1] for line in lines if mark]
+        if error.context in OPENED and error.context_mark:
+            # An override is one line, and stands within a document of its own.
+            where = "" if override else f" of line {error.context_mark.line + 1}"
+            said = f"{OPENED[error.context]}{where} is not closed, or lacks a comma"
+        if error.problem == "mapping values are not allowed in this context":
+            said = "a second ': ' on one line: indent a new key, or put the text in quotes"
         if any("\t" in line for line in before):
-            said = "a tab cannot indent a line: use spaces"
+            said = "a tab; indent with spaces"
         raise mistakes.fatal(
             reader.place(mark) if mark else Place(1, 1, override), f"not YAML: {said}"
         ) from None

@@ -124,7 +124,10 @@ def resolve(
         ((Misnamed(name),), unknown("key", name, keys)) for name in given if name not in keys
     ]
     absent = {name: key.default for name, key in keys.items() if name not in given}
-    if missing := [name for name, default in absent.items() if default is REQUIRED]:
+    # One that is misspelt is not missing as well.
+    meant = {nearest(name, keys) for name in given if name not in keys}
+    missing = [name for name, default in absent.items() if default is REQUIRED]
+    if missing := [name for name in missing if f"; did you mean {name!r}?" not in meant]:
         mistakes.append(((), f"missing {', '.join(map(repr, missing))}"))
     values |= {name: default for name, default in absent.items() if default is not REQUIRED}
     # In the order in which the keys are declared, which is that in a stored case.
