@@ -55,3 +55,11 @@ def test_a_thinned_motion_keeps_its_ends() -> None:
     assert rows[0] == 0
     assert rows[-1] == 249_999
     assert len(rows) <= COMPARED + 1
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-4])  # with the first it ends too early, then too late
+def test_the_time_at_which_an_event_ends_a_motion_has_its_error(tol: float) -> None:
+    loose = replace(SPIN, method="DOP853", tol=tol, time=Time(end=60.0, samples=61))
+    motion = integrate(loose)
+    end = integrate(replace(loose, method="auto", tol=None)).time[-1]
+    assert motion.errors["time"] == pytest.approx(abs(motion.time[-1] / end - 1), rel=1e-3)
