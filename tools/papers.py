@@ -127,7 +127,7 @@ def page(run: Run) -> str:
         f"## {config.title}\n\n{config.references}",
         f"{len(config.figures)} figures and {len(config.cases)} cases, with a measured error of at "
         f"most {largest:.1g}; {holds} of {len(claims)} statements hold. All figures: "
-        f"`runs/figures/{stem}/`, drawn by `make figures`.",
+        f"`runs/figures/{stem}/`; the links work once `make figures` has drawn them.",
         f"### What the text says\n\n{statements(claims, config, stem)}",
         f"### Errata\n\n{errata(misprints)}",
         f"### What the text leaves open\n\n{assumptions(config)}",

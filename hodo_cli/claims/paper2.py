@@ -1,7 +1,8 @@
 """Checks for D. Leshchenko and T. Kozachenko, Evolution of dynamically symmetric gyrostat motion
 under the action of constant torque (2023).
 
-Equation numbers are the paper's; x = p^2 + q^2 and y = r^2. The body has A1 = A2 = A and A3 = C.
+What several papers need is in `checks`, and what becomes of a finding in `verdicts`. Equation
+numbers are the paper's; x = p^2 + q^2 and y = r^2. The body has A1 = A2 = A and A3 = C.
 """
 
 import itertools

@@ -6,7 +6,7 @@ import math
 import os
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from html import escape
 from pathlib import Path
 from string import Template
@@ -87,7 +87,7 @@ def _piece(results: Results, rendered: Sequence[Rendered], base: Path) -> dict[s
     section = (
         f'<section id="{places.run}"><h2>{title}</h2>'
         f"<p>{escape(results.config.references)}</p>"
-        f'<p class="soft">Data: {_link(results.path, base)}, {len(motions)} cases</p>'
+        f'<p class="soft">Data: {_link(results.path, base)}, {_counted(motions)}</p>'
         f'<div class="figures">{cards}</div>{_claims(results, places)}{_errata(results, places)}'
         f"{_crossings(motions, places)}<h3>Cases</h3>{cases}</section>"
     )
@@ -295,6 +295,10 @@ def _size(picture: Path) -> tuple[int, int]:
     return int(width), int(height)
 
 
+def _counted(motions: Sized) -> str:
+    return "1 case" if len(motions) == 1 else f"{len(motions)} cases"
+
+
 def _summary(motions: Sequence[Motion]) -> str:
     """The largest error and the sum of run times of some cases, in one line."""
     error = max(
@@ -302,7 +306,7 @@ def _summary(motions: Sequence[Motion]) -> str:
         default=math.nan,
     )
     total = sum(float(motion.attrs["run_time"]) for motion in motions)
-    count = "1 case" if len(motions) == 1 else f"{len(motions)} cases"
+    count = _counted(motions)
     return f"{count}: error {magnitude(error)}, run time {seconds(total)}"
 
 

@@ -28,7 +28,7 @@ CAVITY = Key(
             "P0": Key(
                 Number(above=0),
                 "shape factor P0 of the cavity",
-                unit="length^5 * length^2",
+                unit="length^7",
                 default=None,
             ),
             "radius": Key(

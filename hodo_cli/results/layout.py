@@ -1,8 +1,10 @@
-"""The layout of a result file: every stored variable and attribute is declared here, once.
+"""The layout of a case in a result file: the variables and attributes that any model's may have.
 
 A case is a group. What the integration stores of it is named by its model (`variables` there); what
-else a group may hold, its labels, crossings, events, the columns of a sweep and the attributes, is
-named below.
+else it may hold, its labels, crossings, events, the columns of a sweep and the attributes, is named
+below. Named elsewhere, by who writes them: the quantiles of a sweep's errors (`sweeps.summary`),
+verdicts (`commands.claims`), checksums (`integrity`), and the attributes of the file
+(`provenance`).
 """
 
 import math

@@ -1,6 +1,7 @@
 """Files that are written beside the place where they belong, and take it in one step.
 
-A name that exists is complete, and stays so: nothing is ever changed in place. There are no lock
+A name that exists is complete, and stays so: nothing is ever changed in place. Pieces of a
+run wait in a hidden folder beside the file; `writer` puts them into it. There are no lock
 files and no marks to go stale: what is being written belongs to the process that holds its `flock`,
 which ends with the process.
 """

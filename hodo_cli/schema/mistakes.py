@@ -1,4 +1,7 @@
-"""Mistakes in a case file: where each stands, and all of them as one error."""
+"""Mistakes in a case file: where each stands, and all of them as one error.
+
+`document` takes the places down as it reads; `document.locate` finds that of a key.
+"""
 
 from typing import NamedTuple
 
