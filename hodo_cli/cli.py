@@ -60,9 +60,8 @@ class Hodo(click.Group):
             # A module of hodo itself that is missing is a bug, and keeps its traceback.
             if (error.name or "").startswith(__package__):
                 raise
-            _refuse(
-                ctx, f"this needs {error.name}, which is not installed: pip install {error.name}"
-            )
+            wanted = EXTRAS.get(error.name or "", error.name)
+            _refuse(ctx, f"this needs {error.name}, which is not installed: pip install {wanted}")
         except MemoryError:
             _refuse(ctx, "the memory is exhausted, or the limit on it (ulimit -v) too low")
         except OSError as error:
@@ -74,6 +73,10 @@ class Hodo(click.Group):
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+EXTRAS = {"dask": "'.[dask]'", "distributed": "'.[dask]'", "plotly": "'.[html]'"}
+"""How the libraries are installed that only some users need, from a clone."""
 
 
 def misused(error: click.UsageError) -> str:

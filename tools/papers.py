@@ -17,7 +17,6 @@ from hodo_cli.cases.claim_block import (
     REPRODUCED,
     UNDERDETERMINED,
     VERDICTS,
-    readings,
 )
 from hodo_cli.cases.config import Config, parse
 from hodo_cli.commands.tables import totals
@@ -98,13 +97,10 @@ def assumptions(config: Config) -> str:
     return table(("taken", "by the cases"), lines)
 
 
-def decided(config: Config, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """What each reading of the text decides, for the statements that have several."""
-    evidence = {row["claim"]: (row["verdict"], row["evidence"]) for row in rows}
-    for claim in config.claims:
-        if len(readings(claim)) > 1:
-            verdict, words = evidence[claim["id"]]
-            yield f"- {cell(claim['statement'])} **{verdict}**: {cell(words)}"
+def sentence(text: str) -> str:
+    """A remark that stands by itself: it begins with a capital, unless its first word is a letter
+    of a formula."""
+    return text[:1].upper() + text[1:] if text[1:2].isalpha() else text
 
 
 def open_statements(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -112,7 +108,7 @@ def open_statements(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for verdict in (CONTRADICTED, UNDERDETERMINED):
         for row in rows:
             if row["verdict"] == verdict:
-                note = f" {cell(row['note'])}." if row["note"] else ""
+                note = f" {cell(sentence(row['note']))}." if row["note"] else ""
                 yield f"- **{verdict}** ({cell(row['where'])}): {cell(row['statement'])}{note}"
 
 
@@ -132,8 +128,6 @@ def page(run: Run) -> str:
         f"### Errata\n\n{errata(misprints)}",
         f"### What the text leaves open\n\n{assumptions(config)}",
     ]
-    if lines := [*decided(config, claims)]:
-        parts.append("What the readings decide:\n\n" + "\n".join(lines))
     if lines := [*open_statements(claims)]:
         parts.append("### Statements that stay open\n\n" + "\n".join(lines))
     return "\n\n".join(parts)

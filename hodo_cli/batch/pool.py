@@ -313,7 +313,7 @@ class Dask(Executor):
             import distributed
         except ImportError:
             raise BatchError(
-                "--scheduler needs dask, which is not installed: pip install 'hodo[dask]'"
+                "--scheduler needs dask, which is not installed: pip install '.[dask]'"
             ) from None
         # It logs with tracebacks what ends up as one line of ours.
         for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:

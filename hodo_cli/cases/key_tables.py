@@ -102,4 +102,7 @@ def key_tables() -> str:
             "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows
         ]
         parts.append("")
-    return "\n".join(parts)
+    parts += ["### Quantities of checks\n", "| quantity | meaning |", "|---|---|"]
+    for name, doc in claim_block.QUANTITY_NAMES.items():
+        parts.append(f"| `{name}` | " + doc.replace("|", "\\|") + " |")
+    return "\n".join([*parts, ""])

@@ -176,7 +176,8 @@ def sampled(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
     """The verdict over a sample of what the statement speaks of."""
     holds = sum(f.deviation <= PLOTTING_ACCURACY for f in found.values())
     share = holds / len(found)
-    words = f"holds for {holds} of {len(found)} members of a sample ({share:.3g}){spread(found)}"
+    percent = f"{100 * share:.3g} %"
+    words = f"holds for {holds} of {len(found)} members of a sample ({percent}){spread(found)}"
     return Verdict(claim, REPRODUCED if share >= claim["share"] else CONTRADICTED, share, words)
 
 
