@@ -76,7 +76,9 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
     with TemporaryDirectory(prefix="hodo-") as folder:
         path = Path(folder) / "sweep.h5"
         with pool(jobs, None) as workers, Writer(path, {}) as writer:
-            group = sweeps.run(made, fingerprint(made), workers, writer, False, lambda line: None)
+            group = sweeps.run_sweep(
+                made, fingerprint(made), workers, writer, False, lambda line: None
+            )
             writer.add(made.name, group)
         with open_run(path) as result:
             return dataset(result.read(made.name))

@@ -206,8 +206,9 @@ def _run(
 
     Finished cases that have not changed are kept.
     """
+    from . import tables
     from .cases.config import load
-    from .commands import run, tables
+    from .commands import run
 
     plans = run.plans([load(path, overrides) for path in configs], out, globs, force, jobs)
     if dry_run:
@@ -229,12 +230,13 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
 
     The labels of every sample and the crossings are added to RUNS.
     """
-    from .commands import classify, tables
+    from . import tables
+    from .commands import classify
 
     rows, problems = classify.classify_results(runs)
     for problem in problems:
         click.echo(problem, err=True)
-    click.echo(json.dumps(rows) if as_json else tables.crossing_table(rows))
+    click.echo(json.dumps(rows) if as_json else tables.table_of_crossings(rows))
     if problems:
         sys.exit(1)
 
@@ -248,8 +250,8 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     These are the `claims:` and `errata:` of the case file; the verdicts go into RUNS.
     Exit status 3 if a verdict is not the one that the case file expects.
     """
-    from . import text
-    from .commands import claims, tables
+    from . import tables, text
+    from .commands import claims
 
     statements, errata = claims.judge_results(runs)
     if as_json:
@@ -308,8 +310,8 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
     Times of crossings and events may be off by 100 times rtol.
     """
-    from . import text
-    from .commands import compare, tables
+    from . import tables, text
+    from .commands import compare
 
     lines = compare.compare_results(a, b, compare.Tolerance(rtol, atol))
     rows = [{**vars(line), "differs": line.differs} for line in lines]
@@ -358,7 +360,8 @@ def _show(runs: tuple[Path, ...], as_json: bool) -> None:
 
     Of each: how it was integrated, how it ended, its error and run time.
     """
-    from .commands import show, tables
+    from . import tables
+    from .commands import show
 
     rows, problems = show.stored_cases(runs)
     for problem in problems:

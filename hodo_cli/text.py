@@ -24,7 +24,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[
 
 
 def _printable(text: str) -> str:
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def seconds(value: float) -> str:
@@ -38,7 +38,9 @@ def seconds(value: float) -> str:
 
 def magnitude(value: float) -> str:
     """An error to two digits; a dash where none was measured."""
-    return "-" if math.isnan(value) else "0" if value == 0 else f"{value:.1e}"
+    if math.isnan(value):
+        return "-"
+    return "0" if value == 0 else f"{value:.1e}"
 
 
 def as_json(value: Any) -> str:

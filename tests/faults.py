@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from hodo_cli import HodoError
 from hodo_cli.cli import main
-from hodo_cli.results import disk, integrity
+from hodo_cli.results import disk
 from hodo_cli.results.hdf5 import open_run
 
 CONFIG = """\
@@ -189,7 +189,7 @@ def power_is_lost(folder: Path, right: Motions, last: int, chance: random.Random
     for path in [*folder.glob(".*/*"), *folder.glob("*.h5")]:
         if str(path.stat().st_ino) not in safe:
             chance.choice((flipped, zeroed, lambda path, _: os.truncate(path, 0)))(path, chance)
-    integrity._fits.cache_clear()
+    disk._fits.cache_clear()
     again = hodo("run", folder / "x.yaml", "--out", folder, "--quiet")
     assert again.exit_code == 0, (last, again.output)
     equal(motions(folder / "x.h5"), right)

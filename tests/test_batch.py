@@ -25,7 +25,7 @@ from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
-from hodo_cli.commands.run import KEPT
+from hodo_cli.commands.run import IS_KEPT
 from hodo_cli.results.hdf5 import Group
 
 DEFAULTS = (
@@ -212,7 +212,7 @@ def test_white_space_and_comments_change_nothing(config: Path) -> None:
     config.write_text(
         "# a comment\n\n" + CONFIG.replace("{damping: ", "{damping:    ").replace("0.004", "4e-3")
     )
-    assert run(config, "--dry-run").stdout.splitlines() == [f"{name}: {KEPT}" for name in "abcd"]
+    assert run(config, "--dry-run").stdout.splitlines() == [f"{name}: {IS_KEPT}" for name in "abcd"]
 
 
 def test_a_case_that_is_not_in_the_config_any_more_is_dropped_and_said_to_be(config: Path) -> None:

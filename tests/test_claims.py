@@ -28,8 +28,7 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.sweep_block import SWEEP
 from hodo_cli.claims import paper1, paper2, quantities
 from hodo_cli.claims.checks import MOTION_CHECKS
-from hodo_cli.claims.finding import Finding, Verdict, erratum
-from hodo_cli.claims.paper import PAPER_CHECKS, PAPER_TRENDS
+from hodo_cli.claims.finding import PAPER_CHECKS, PAPER_TRENDS, Finding, Verdict, erratum
 from hodo_cli.claims.quantities import number
 from hodo_cli.claims.variations import Motions, changed, members
 from hodo_cli.claims.verdicts import gridded, measure, sampled, together

@@ -25,16 +25,17 @@ def by_program(case):
     return classified.crossings, 1e-12 if motion.method in ("taylor", "exact") else 1e-8
 
 
-def by_reference(A, resistance, start, end):
-    """The crossings, with as many bits as the decay costs besides."""
-    if len(resistance) == 3:
-        system = series.diagonal(A, resistance)
-    else:
-        diagonal, off_diagonal = resistance
-        system = series.tensor(
-            A, [[diagonal if i == j else off_diagonal for j in range(3)] for i in range(3)]
-        )
-    return series.crossings(A, system, start, end, bits=128 + round(1.5 * max(resistance) * end))
+def by_reference(A, system, largest, start, end):
+    """The crossings, with as many bits as the decay at the `largest` rate costs besides."""
+    return series.crossings(A, system, start, end, bits=128 + round(1.5 * largest * end))
+
+
+def rows(resistance):
+    """The tensor that a case file gives in full or by its two different entries."""
+    if isinstance(resistance, tuple):
+        return resistance
+    entries = resistance["diagonal"], resistance["off_diagonal"]
+    return [[entries[i != j] for j in range(3)] for i in range(3)]
 
 
 def axes(crossings):
@@ -45,11 +46,13 @@ def axes(crossings):
 def test_crossings_of_the_figures(name):
     case = PAPER1[name]
     A, start = case.data["inertia"], case.system.start
-    given = case.data.get("damping") or (
-        case.data["resistance"]["diagonal"],
-        case.data["resistance"]["off_diagonal"],
-    )
-    expected = by_reference(A, given, start, case.time.end)
+    if "damping" in case.data:
+        damping = case.data["damping"]
+        system, largest = series.diagonal(A, damping), max(damping)
+    else:
+        tensor = rows(case.data["resistance"])
+        system, largest = series.tensor(A, tensor), max(map(max, tensor))
+    expected = by_reference(A, system, largest, start, case.time.end)
     crossings, tolerance = by_program(case)
     assert axes(crossings) == [(c.before, c.after) for c in expected]
     for crossing, exact in zip(crossings, expected, strict=True):
@@ -80,7 +83,7 @@ def test_one_crossing_at_most_and_its_direction(A, lam, start):
     }
     case = Case("random", "linear-diag", "full", data, Time(end=200.0, samples=11))
     crossings, tolerance = by_program(case)
-    expected = by_reference(A, lam, start, 200)
+    expected = by_reference(A, series.diagonal(A, lam), max(lam), start, 200)
     assert axes(crossings) == [(c.before, c.after) for c in expected]
     if crossings:
         (crossing,), (exact,) = crossings, expected

@@ -20,7 +20,7 @@ from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases.config import parse
 from hodo_cli.commands.resume import fingerprint
-from hodo_cli.results import integrity, writer
+from hodo_cli.results import disk, writer
 from hodo_cli.results.disk import Disk
 from hodo_cli.results.hdf5 import Group, Variable, open_run
 from hodo_cli.results.staging import replacing, staging_folders
@@ -79,7 +79,7 @@ def test_a_damaged_case_is_named_by_every_command_and_run_anew(
 def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(integrity, "PATIENCE_OF_READER", 0.3)
+    monkeypatch.setattr(disk, "PATIENCE_OF_READER", 0.3)
 
     def look_at(name: str) -> str:
         if name == "hangs":
@@ -88,9 +88,9 @@ def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time(
             os.kill(os.getpid(), signal.SIGKILL)
         return "wrong" if name == "bad" else ""
 
-    found = integrity.look(lambda: ["good", "hangs", "bad", "dies", "fine"], look_at)
+    found = disk.look(lambda: ["good", "hangs", "bad", "dies", "fine"], look_at)
     assert found == {
-        "hangs": integrity.SILENT, "bad": "wrong", "dies": integrity.SILENT,
+        "hangs": disk.SILENT, "bad": "wrong", "dies": disk.SILENT,
     }  # fmt: skip
 
 
@@ -235,7 +235,7 @@ def test_a_case_that_is_more_than_plain_datasets_is_refused(
     for sealed in (False, True):
         if sealed:  # a seal is no signature: a stranger can put one there too
             with open(result, "r+b", buffering=0) as raw:
-                integrity.seal(raw)  # type: ignore[arg-type]
+                disk.seal(raw)  # type: ignore[arg-type]
         done = hodo("plot", result, "--format", "csv", "--out", result.parent / "figures")
         assert done.exit_code in (1, 2)
         assert "a is damaged (" in done.stderr

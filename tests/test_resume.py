@@ -15,7 +15,7 @@ from hodo_cli import HodoError
 from hodo_cli.batch import mark, pool
 from hodo_cli.cases.config import parse
 from hodo_cli.commands.resume import fingerprint
-from hodo_cli.commands.run import KEPT
+from hodo_cli.commands.run import IS_KEPT
 from hodo_cli.integration import choice
 
 CONFIG = """\
@@ -73,7 +73,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
         ("results/layout.py", set()),
         ("claims/checks.py", set()),
         ("figures/maps.py", set()),
-        ("commands/tables.py", set()),
+        ("tables.py", set()),
         ("cli.py", set()),
     ],
 )
@@ -85,7 +85,7 @@ def test_one_line_in_a_folder_reruns_what_it_computes(
     try:
         path.write_text(before + "CHANGED = True\n")
         assert copy.plan() == [
-            f"{name}: {CODE if name in reruns else KEPT}" for name in ("single", "swept")
+            f"{name}: {CODE if name in reruns else IS_KEPT}" for name in ("single", "swept")
         ]
     finally:
         path.write_text(before)
@@ -108,7 +108,7 @@ def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
             + CONFIG.replace("single: {", "single: {note: remark, ")
             + "figures: {f: {kind: hodograph, cases: [single], caption: new}}\n"
         )
-        assert copy.plan() == [f"single: {KEPT}", f"swept: {KEPT}"]
+        assert copy.plan() == [f"single: {IS_KEPT}", f"swept: {IS_KEPT}"]
         (copy.folder / "a.yaml").write_text(CONFIG.replace("0.003", "0.0031"))
         assert copy.plan() == [
             f"{name}: will run: its case has changed" for name in ("single", "swept")

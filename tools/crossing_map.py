@@ -11,7 +11,7 @@ from time import perf_counter
 
 import numpy as np
 
-from hodo_cli.figures.averaged import damping_of
+from hodo_cli.figures.costs import damping_of
 from hodo_cli.models.averaging.free_turn import Body
 from hodo_cli.models.averaging.passage import crossing_table
 from hodo_cli.results.dataset import open_results

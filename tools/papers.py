@@ -19,8 +19,8 @@ from hodo_cli.cases.claim_block import (
     VERDICTS,
 )
 from hodo_cli.cases.config import Config, parse
-from hodo_cli.commands.tables import totals
 from hodo_cli.results.hdf5 import Run, open_run
+from hodo_cli.tables import totals
 
 LONGEST = 400
 """Characters of evidence that a cell holds; `hodo claims` prints all of it."""

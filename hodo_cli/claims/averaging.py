@@ -9,8 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..results.motion import Motion
-from .finding import Finding, beyond, if_true, listed
-from .paper import check
+from .finding import Finding, beyond, check, if_true, listed
 
 NEAR_CROSSING = 0.05
 """The part of the time of a crossing, on either side of it, in which the order of the error is not

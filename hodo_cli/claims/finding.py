@@ -1,13 +1,18 @@
-"""What a check found, and the verdict that it makes."""
+"""What a check found, the verdict that it makes, and the checks that are written for one paper.
+
+`check: {kind: paper, name: ...}` names the function, with hyphens; its docstring says what it
+checks.
+"""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..cases.claim_block import CONTRADICTED, PLOTTING, REPRODUCED
+from ..results.motion import Motion
 
 PLOTTING_ACCURACY = 0.01
 """A violation, relative to a quantity's range, that a figure does not show: half a line's width."""
@@ -95,3 +100,30 @@ def erratum(printed: float, corrected: float, within: float) -> Finding:
     """
     words = f"as printed off by {printed:.3g}, corrected by {corrected:.2g}"
     return Finding(if_true(corrected <= within < printed), printed, words)
+
+
+Check = Callable[[Sequence[Motion]], Finding]
+"""From the motions of a claim's cases, in order, or of one member of its `over:`."""
+
+Trend = Callable[[Sequence[Sequence[Motion]]], Finding]
+"""From the motions of all members of `over:` at once."""
+
+PAPER_CHECKS: dict[str, Check] = {}
+PAPER_TRENDS: dict[str, Trend] = {}
+
+
+def check(function: Check) -> Check:
+    """Register a check of one set of motions."""
+    PAPER_CHECKS[function.__name__.replace("_", "-")] = function
+    return function
+
+
+def trend(function: Trend) -> Trend:
+    """Register a check of all members of a sweep together."""
+    PAPER_TRENDS[function.__name__.replace("_", "-")] = function
+    return function
+
+
+def in_pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
+    """Motions two by two, where a check compares the cases of a claim in pairs."""
+    return [*zip(motions[::2], motions[1::2], strict=True)]

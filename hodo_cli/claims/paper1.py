@@ -17,8 +17,7 @@ from ..integration.solve import solve, stored
 from ..models import closed_form
 from ..models.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion
-from .finding import Finding, agreement, difference, erratum, if_true, listed
-from .paper import check, trend
+from .finding import Finding, agreement, check, difference, erratum, if_true, listed, trend
 from .quantities import first, number, reach, swept_angle, zeros
 
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..results.motion import Motion
-from .finding import Finding, beyond, erratum, if_true, listed
-from .paper import check, in_pairs, trend
+from .finding import Finding, beyond, check, erratum, if_true, in_pairs, listed, trend
 from .quantities import end_of_spin, integrated_motion, quantity
 from .variations import changed
 

@@ -13,8 +13,18 @@ import numpy as np
 
 from ..models.lagrange import mean_cosine
 from ..results.motion import Motion
-from .finding import Finding, Pair, agreement, beyond, difference, erratum, if_true, listed
-from .paper import check, in_pairs
+from .finding import (
+    Finding,
+    Pair,
+    agreement,
+    beyond,
+    check,
+    difference,
+    erratum,
+    if_true,
+    in_pairs,
+    listed,
+)
 from .quantities import integrated_motion, number, quantity
 from .variations import changed
 

@@ -29,8 +29,7 @@ from ..results.motion import Motion, motion_of
 from ..schema.kinds import unknown
 from . import averaging, paper1, paper2, paper3
 from .checks import MOTION_CHECKS, averages
-from .finding import PLOTTING_ACCURACY, Finding, Verdict, degree
-from .paper import PAPER_CHECKS, PAPER_TRENDS
+from .finding import PAPER_CHECKS, PAPER_TRENDS, PLOTTING_ACCURACY, Finding, Verdict, degree
 from .variations import Motions, members
 
 PAPERS = (averaging, paper1, paper2, paper3)

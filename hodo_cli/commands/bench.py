@@ -16,7 +16,7 @@ from ..batch.pool import Pool, Processes
 from ..batch.progress import Progress
 from ..cases.case import Case
 from ..cases.config import Config, no_case
-from ..figures.bench import draw_bench
+from ..figures.costs import draw_bench
 from ..figures.sheet import save
 from ..integration.integrate import ASKED
 from ..results.hdf5 import Group, Variable, create

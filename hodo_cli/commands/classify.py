@@ -41,12 +41,13 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                 rows.append({"run": str(path), **row})
                 if part is not None:
                     changes.write(
-                        name, Group({**part.attributes, **kept(group, part, row)}, part.variables)
+                        name,
+                        Group({**part.attributes, **row_kept(group, part, row)}, part.variables),
                     )
     return rows, problems
 
 
-def kept(group: Group, part: Group, row: dict[str, Any]) -> dict[str, Attribute]:
+def row_kept(group: Group, part: Group, row: dict[str, Any]) -> dict[str, Attribute]:
     """A case's line in the table, to be told again while the case is as this part makes it."""
     attributes = {**group.attributes, **part.attributes}
     whole = Group(attributes, {**group.variables, **part.variables})

@@ -27,7 +27,7 @@ from ..results.staging import check_writable
 from ..results.writer import Finished, Writer, finished
 from .resume import FORCED, fingerprint, why
 
-KEPT = "is kept: nothing that it depends on has changed"
+IS_KEPT = "is kept: nothing that it depends on has changed"
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Plan:
         """For each case that is asked for, why it runs or not; and for each result that goes,
         why."""
         does = {
-            name: f"will run: {self.reasons[name]}" if name in self.reasons else KEPT
+            name: f"will run: {self.reasons[name]}" if name in self.reasons else IS_KEPT
             for name in self.asked
         }
         does |= dict.fromkeys(self.dropped, "is dropped, it is not in the config any more")
@@ -225,7 +225,10 @@ def outcomes(
 
             resume = plan.reasons.get(case.name) != FORCED
             try:
-                yield case, sweep.run(case, fingerprint(case), pool, writer, resume, progress.say)
+                yield (
+                    case,
+                    sweep.run_sweep(case, fingerprint(case), pool, writer, resume, progress.say),
+                )
             except BatchError:
                 raise
             except Exception as error:

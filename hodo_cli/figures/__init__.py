@@ -12,7 +12,7 @@ import matplotlib.style
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..results.dataset import Results
-from .averaged import cost, error_order, share
+from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
 from .sheet import STYLE, Drawing, Sheet, check_tex

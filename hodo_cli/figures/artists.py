@@ -74,7 +74,9 @@ def hues(n: int = 256, end: float = AREA_END) -> ListedColormap:
 def unit(motion: Motion, variable: str, power: int = 1) -> str:
     """The units of a variable, in brackets, raised to a power; a dash where it has none."""
     stored = motion.units(variable)
-    return "[–]" if stored == "1" else f"[{stored}]" if power == 1 else f"[({stored})$^{power}$]"
+    if stored == "1":
+        return "[–]"
+    return f"[{stored}]" if power == 1 else f"[({stored})$^{power}$]"
 
 
 VECTORS = {"gamma": r"\gamma"}

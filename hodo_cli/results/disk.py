@@ -1,10 +1,25 @@
-"""What the operating system refuses: a file for HDF5 that outlives a full disk, and the reasons."""
+"""What disks do to files: a file for HDF5 that outlives a full disk, the reasons of refusals, and
+how damage is noticed.
 
+HDF5 trusts what it reads: a wrong byte can make it loop for ever, deaf to signals, or take the
+process down. A seal over the bytes that fits says that no byte has changed, before HDF5 sees any.
+Where there is none, or it does not fit, each group is read in another process first, which may hang
+or crash, and its checksum compared.
+"""
+
+import hashlib
 import io
 import os
 import re
+import select
+import signal
+import time
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 
 class Disk(io.FileIO):
@@ -68,3 +83,176 @@ def refusal(error: BaseException) -> str:
     if told:
         return told[1].lower()
     return os.strerror(number).lower() if number else ""
+
+
+SEAL = b"\nhodo sha256 "
+SEALED = len(SEAL) + 64 + 1
+"""The bytes of a seal. It stands behind the end of the HDF5 file proper, where readers do not look,
+and goes when another program changes the file."""
+
+BLOCK_SIZE = 1 << 20
+"""Bytes hashed at a time: between two blocks, Ctrl-C is heard."""
+
+PATIENCE_OF_READER = 10.0
+"""Seconds in which a case must be read; the largest that fit into memory take less."""
+
+HANGS = 3
+"""How many cases may hang or crash the reader before the file is given up as a whole."""
+
+
+def seal(file: io.FileIO) -> None:
+    """Put a seal behind what a file holds."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    hashed = _hash(file, size)
+    file.seek(size)
+    file.write(SEAL + hashed.encode() + b"\n")
+
+
+def is_sealed(path: Path) -> bool:
+    """Whether a file has a seal that fits. Raises OSError if it cannot be read."""
+    status = path.stat()
+    return _fits(str(path), status.st_ino, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=4096)
+def _fits(path: str, inode: int, changed: int, size: int) -> bool:
+    """Reading a file again that has not changed would show nothing new."""
+    with open(path, "rb", buffering=0) as file:
+        file.seek(max(size - SEALED, 0))
+        tail = file.read(SEALED)
+        if not tail.startswith(SEAL):
+            return False
+        file.seek(0)
+        return tail[len(SEAL) : -1] == _hash(file, size - SEALED).encode()
+
+
+def _hash(file: io.FileIO, size: int) -> str:
+    hashed = hashlib.sha256()
+    while size > 0 and (block := file.read(min(size, BLOCK_SIZE))):
+        hashed.update(block)
+        size -= len(block)
+    return hashed.hexdigest()
+
+
+class Checksum:
+    """The checksum of a group: of its attributes and of its variables, in the order in which they
+    are stored. What is added to the group later is not covered, and does not disturb it."""
+
+    def __init__(self, attributes: Mapping[str, Any]) -> None:
+        self._lines = [_described(attributes)]
+
+    def add(self, name: str, dims: tuple[str, ...], digest: str, attrs: Mapping[str, Any]) -> None:
+        """A variable, with the digest of its values."""
+        self._lines.append(f"{name} {dims} {digest} {_described(attrs)}")
+
+    def __str__(self) -> str:
+        hashed = hashlib.sha256("\n".join(self._lines).encode("utf-8", "replace"))
+        return f"sha256:{len(self._lines) - 1}:{hashed.hexdigest()[:32]}"
+
+
+class Digest:
+    """The digest of an array's values, which may come block by block, in their order."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+        self._kind = ""
+
+    def add(self, values: np.ndarray) -> None:
+        """Some values; text by its characters, numbers by their bits."""
+        if values.dtype.kind in "OU":
+            self._hash.update("\0".join([*map(str, values.ravel()), ""]).encode("utf-8", "replace"))
+        else:
+            self._kind = values.dtype.str
+            self._hash.update(np.ascontiguousarray(values).data.cast("B") if values.size else b"")
+
+    def __str__(self) -> str:
+        return f"{self._kind}{self._hash.hexdigest()}"
+
+
+def digest_of(values: np.ndarray) -> str:
+    """The digest of an array that is there as a whole."""
+    digest = Digest()
+    digest.add(values)
+    return str(digest)
+
+
+def _described(attributes: Mapping[str, Any]) -> str:
+    """Attributes in a form that is the same before they are written and after they are read."""
+    return "\n".join(f"{name}={np.asarray(value).tolist()!r}" for name, value in attributes.items())
+
+
+SILENT = "reading it does not end, or ends the process"
+
+
+def look(first: Callable[[], list[str]], then: Callable[[str], str]) -> dict[str, str]:
+    """What is wrong with the parts of a file, by their names, looked at in another process.
+
+    `first` opens the file and gives the names, `then` says what is wrong with one of them, or "".
+    A part at which that process hangs or dies is reported as such; the name "" stands for the whole
+    file. Signals are heard meanwhile.
+    """
+    wrong: dict[str, str] = {}
+    seen: set[str] = set()
+    for _ in range(HANGS):
+        last, done = "", False
+        for line in _lines_of_child(first, then, seen):
+            kind, name, reason = line.split("\0")
+            done = kind == "done"
+            last = name if kind == "begin" else ""
+            if kind == "end":
+                seen.add(name)
+                if reason:
+                    wrong[name] = reason
+        if done:
+            return wrong
+        wrong[last] = SILENT
+        seen.add(last)
+        if not last:
+            break
+    return wrong | {"": SILENT}
+
+
+def _lines_of_child(
+    first: Callable[[], list[str]], then: Callable[[str], str], skipped: set[str]
+) -> list[str]:
+    """What another process says of the parts, one line each, until it ends, dies or is silent."""
+    ours, theirs = os.pipe()
+    # A fork and not a spawn: it starts in a millisecond, and only reads before it ends.
+    child = os.fork()
+    if child == 0:
+        _look_and_exit(theirs, first, then, skipped)
+    os.close(theirs)
+    text, deadline = b"", time.monotonic() + PATIENCE_OF_READER
+    try:
+        while select.select([ours], [], [], max(deadline - time.monotonic(), 0))[0]:
+            if not (block := os.read(ours, BLOCK_SIZE)):
+                break
+            text, deadline = text + block, time.monotonic() + PATIENCE_OF_READER
+    finally:
+        os.close(ours)
+        # It may be in a loop of HDF5, where no other signal is heard.
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    return text.decode("utf-8", "replace").split("\n")[:-1]
+
+
+def _look_and_exit(
+    pipe: int, first: Callable[[], list[str]], then: Callable[[str], str], skipped: set[str]
+) -> None:
+    """What the other process does."""
+    # What ends it is told by the line that is missing, not by its own last words.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        for name in first():
+            if name not in skipped:
+                os.write(pipe, f"begin\0{name}\0\n".encode("utf-8", "replace"))
+                reason = then(name).replace("\n", " ").replace("\0", " ")
+                os.write(pipe, f"end\0{name}\0{reason}\n".encode("utf-8", "replace"))
+        os.write(pipe, b"done\0\0\n")
+    except Exception:  # it cannot be opened: so this process will find, and say why
+        os.write(pipe, b"done\0\0\n")
+    finally:
+        os._exit(0)

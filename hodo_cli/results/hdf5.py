@@ -17,8 +17,7 @@ from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
 from .. import HodoError
 from ..batch import memory
-from .disk import Disk, refusal
-from .integrity import Checksum, Digest, digest_of, is_sealed, look, seal
+from .disk import Checksum, Digest, Disk, digest_of, is_sealed, look, refusal, seal
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()

@@ -210,7 +210,7 @@ def case_variables(
         stored["event_time"].attrs["units"] = time_as.units
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
         stored |= columns_of(
-            CROSSING_COLUMNS, crossings_of(events, errors.get("event_time", math.nan))
+            CROSSING_COLUMNS, passages_as_crossings(events, errors.get("event_time", math.nan))
         )
     return stored
 
@@ -232,7 +232,7 @@ def columns_of(
     }
 
 
-def crossings_of(events: Sequence[Occurrence], error: float) -> list[Crossing]:
+def passages_as_crossings(events: Sequence[Occurrence], error: float) -> list[Crossing]:
     """The events of an averaged motion that take it to another axis, as crossings; `error` is that
     of their times, relative to them."""
     return [

@@ -95,7 +95,8 @@ def lost_part(chunk: Chunk) -> Group:
     """A chunk whose worker failed."""
     found = {}
     for name, column in columns(chunk.case).items():
-        fill = Status.FAILED.code if name == "status" else 0 if column.dtype[0] == "i" else np.nan
+        missing = 0 if column.dtype[0] == "i" else np.nan
+        fill = Status.FAILED.code if name == "status" else missing
         data = np.full(
             (chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype
         )

@@ -22,7 +22,7 @@ from .summary import Part, lost_part, measured, sampled_errors, summarized
 Say = Callable[[str], None]
 
 
-def run(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Say) -> Group:
+def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Say) -> Group:
     """All members of a sweep; the chunks of an earlier run with the same `mark` are taken over if
     `resume`.
 

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..cases.claim_block import MISPRINTS, VERDICTS
-from ..text import magnitude, seconds, table
+from .cases.claim_block import MISPRINTS, VERDICTS
+from .text import magnitude, seconds, table
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -35,7 +35,7 @@ def remark(row: Mapping[str, Any]) -> str:
     return "; ".join([*ended, *row["warnings"].splitlines()])
 
 
-def crossing_table(rows: Sequence[Mapping[str, Any]]) -> str:
+def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
     """Cases with the axes enclosed at start and end, the growth rates of a small tilt away from an
     axis, the axis that theory predicts in the end, and the crossings."""
     return table(
