@@ -19,13 +19,14 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time, dump, parse_case
 from hodo_cli.cases.claim_block import CLAIM
 from hodo_cli.cases.config import load, parse
-from hodo_cli.cases.figure_block import FIGURE_KINDS
+from hodo_cli.cases.figure_block import DERIVED, FIGURE_KINDS
 from hodo_cli.cases.json_schema import schema
 from hodo_cli.cases.key_tables import key_tables
 from hodo_cli.cases.keys import COMMON, METHODS
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Model
 from hodo_cli.results.hdf5 import open_run
+from hodo_cli.results.motion import QUANTITIES
 from hodo_cli.schema import document
 from hodo_cli.schema.document import read
 from hodo_cli.schema.kinds import (
@@ -891,6 +892,8 @@ def test_a_decimal_comma_is_named() -> None:
         ("case: {a: 1}\nfigures: {f: {kind: sphere, cases: [a]}}", ["1:1: case: unknown key; did"]),
         (f"{ONE}figures: {{f: {{kind: sphere, cases: [a], styles: [bleu]}}}}",
          ["4:50: figures.f.styles.0: unknown colour or line 'bleu'; did you mean 'blue'?"]),
+        (f"{ONE}figures: {{f: {{kind: series, cases: [a], variables: [T, Q, omega.x1]}}}}",
+         ["4:56: figures.f.variables.1: unknown variable 'Q'"]),
         (f"{ONE}claims: [{{id: c, where: w, statement: s, cases: [a], expect: reproduced, "
          "check: {kind: monotone, of: [foo], sense: falls}}]",
          ["4:103: claims.0.check.of.0: expected a quantity, got 'foo'"]),
@@ -915,3 +918,7 @@ def test_a_result_is_no_case_file(tmp_path: Path) -> None:
         open_run(tmp_path / "a.yaml"),
     ):
         pass
+
+
+def test_a_figure_may_name_every_derived_quantity() -> None:
+    assert set(DERIVED) == set(QUANTITIES)

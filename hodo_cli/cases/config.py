@@ -12,7 +12,7 @@ from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, nearest, resol
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
-from .figure_block import FIGURE_KINDS, check_figure
+from .figure_block import FIGURE_KINDS, check_figure, check_variables
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
 
@@ -98,6 +98,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         apply_override(override, blocks, mistakes)
     cases = _checked(blocks, named.value_places, mistakes)
     figures, not_figures = _figures(sections.get("figures") or {}, named)
+    not_figures += _of_variables(figures, cases)
     checks = {case: partial(check_sweep, cases[case]) if case in cases else None for case in named}
     of_claims = claim_block.cross_check(given.get("claims"), given.get("errata"), checks)
     found += [*not_cases, *_of_defaults(defaults, blocks.values()), *not_figures, *of_claims]
@@ -172,6 +173,22 @@ def _of_defaults(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
         known = key in all_keys()
         said = "no case here takes this key" if known else unknown("key", key, sorted(taken))
         yield ("defaults", Misnamed(key)), said
+
+
+def _of_variables(
+    figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case]
+) -> Iterator[Mistake]:
+    """Variables of figures that none of their cases can have; not where a case is wrong itself."""
+    for name, values in figures.items():
+        drawn = values.get("cases", ())
+        if all(case in cases for case in drawn):
+            # Labels are stored by `classify`, whatever the model.
+            stored = {v for case in drawn for v in cases[case].system.variables} | {
+                "enclosed_axis",
+                "time",
+            }
+            for at, said in check_variables(values, stored):
+                yield ("figures", name, *at), said
 
 
 def _figures(

@@ -1,7 +1,7 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
 `kind`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from ..schema.kinds import (
@@ -9,6 +9,7 @@ from ..schema.kinds import (
     Choice,
     Integer,
     Key,
+    KeyPath,
     ListOf,
     Mistake,
     Number,
@@ -25,6 +26,12 @@ LEGEND = Key(
 TITLE = Key(
     Text(), "short title above the panels, so that a picture alone says what it shows", default=""
 )
+DERIVED = (
+    *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H"),
+    *("x1_direction", "separatrix_distance"),
+)
+"""What `results.motion` computes from the samples of a motion, besides what is stored of it."""
+
 COLOUR_NAMES = ("blue", "orange", "green", "sky", "red", "purple", "black", "grey")
 LINE_NAMES = ("solid", "dashed", "dotted")
 """What a style is made of; the drawing says how each looks."""
@@ -213,6 +220,19 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from _of_axes(values.get("x"), values.get("y"), values.get("panels"))
     if values.get("kind") == "curve" and values.get("by") == values.get("x"):
         yield ("by",), f"{values.get('x')} is on the horizontal axis already"
+
+
+def check_variables(values: Mapping[str, Any], stored: Iterable[str]) -> Iterator[Mistake]:
+    """Names of variables that motions with these stored variables cannot have."""
+    valid = [*DERIVED, *stored]
+    given: dict[KeyPath, str] = {
+        ("variables", i): name for i, name in enumerate(values.get("variables", ()))
+    }
+    if values.get("kind") == "phase":
+        given |= {(key,): values[key] for key in ("x", "y") if key in values}
+    for at, name in given.items():
+        if name.partition(".")[0] not in valid:
+            yield at, unknown(f"variable {name!r}", name, valid)
 
 
 def _of_axes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:
