@@ -1,1 +1,2 @@
-"""Solvers behind one protocol, one heavy library each. Imports models and schema."""
+"""Methods of integration behind one protocol, one heavy library each. Imports cases, models and
+schema; knows neither files nor what a motion is wanted for."""

@@ -1,4 +1,5 @@
-"""The models, one file each, found by scanning this folder: to add one, add a file."""
+"""The mechanics. A model is one file, found by scanning this folder: to add one, add a file.
+Imports schema and text only; knows no solver, file or plot."""
 
 import pkgutil
 from functools import cache

@@ -1,2 +1,2 @@
-"""Declared keys, their checks and descriptions, and YAML text that knows its places. No mechanics,
-no numpy."""
+"""Declared keys, their checks and descriptions, and YAML text that knows its places. Imports
+nothing of the package: no mechanics, no numpy."""

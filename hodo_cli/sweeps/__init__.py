@@ -1,1 +1,2 @@
-"""Ensembles: a case with a `sweep:` block as many members, reduced to a few numbers each."""
+"""Ensembles: a case with a `sweep:` block as many members, reduced to a few numbers each. Imports
+results and what lies below."""
