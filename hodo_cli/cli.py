@@ -178,6 +178,9 @@ def _folder(default: str) -> Callable[[Command], Command]:
 @_folder("runs")
 @click.option("--force", is_flag=True, help="Run finished cases again too.")
 @click.option(
+    "--prune", is_flag=True, help="Drop stored cases that are not in the config any more."
+)
+@click.option(
     "-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes."
 )
 @click.option(
@@ -195,6 +198,7 @@ def _run(
     overrides: tuple[str, ...],
     out: Path,
     force: bool,
+    prune: bool,
     jobs: int,
     scheduler: str | None,
     dry_run: bool,
@@ -204,13 +208,14 @@ def _run(
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5.
 
-    Finished cases that have not changed are kept.
+    Finished cases that have not changed are kept, and so are those that have left the config.
     """
     from . import tables
     from .cases.config import load
     from .commands import run
 
-    plans = run.plans([load(path, overrides) for path in configs], out, globs, force, jobs)
+    loaded = [load(path, overrides) for path in configs]
+    plans = run.plans(loaded, out, globs, force, jobs, prune)
     if dry_run:
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return

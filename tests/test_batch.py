@@ -215,10 +215,30 @@ def test_white_space_and_comments_change_nothing(config: Path) -> None:
     assert run(config, "--dry-run").stdout.splitlines() == [f"{name}: {IS_KEPT}" for name in "abcd"]
 
 
-def test_a_case_that_is_not_in_the_config_any_more_is_dropped_and_said_to_be(config: Path) -> None:
+def test_a_case_that_has_left_the_config_stays_until_it_is_pruned(config: Path) -> None:
     run(config)
+    result = config.with_suffix(".h5")
+    with h5py.File(result) as file:
+        before = file["d/omega"][()]
     config.write_text("".join(CONFIG.splitlines(keepends=True)[:-1]))
-    assert "d: is dropped, it is not in the config any more" in run(config).stderr
+    for options in ([], ["--force"], ["--case", "a"]):
+        assert f"d: {run_command.LEFT_AND_KEPT}" in run(config, *options).stderr
+        with h5py.File(result) as file:
+            assert set(file) == {*"abcd"}
+            np.testing.assert_array_equal(file["d/omega"], before)
+    assert f"d: {run_command.LEFT}" in run(config, "--prune").stderr
+    with h5py.File(result) as file:
+        assert list(file) == ["a", "b", "c"]
+
+
+def test_a_damaged_case_that_has_left_the_config_is_dropped_and_said_to_be(config: Path) -> None:
+    run(config)
+    with h5py.File(config.with_suffix(".h5"), "a") as file:
+        file["d/omega"][3, 0] += 1e-9
+    config.write_text("".join(CONFIG.splitlines(keepends=True)[:-1]))
+    done = run(config)
+    assert done.exit_code == 0, done.output
+    assert f"d: {run_command.LEFT}" in done.stderr
     with h5py.File(config.with_suffix(".h5")) as file:
         assert list(file) == ["a", "b", "c"]
 

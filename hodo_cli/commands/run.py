@@ -28,12 +28,14 @@ from ..results.writer import Finished, Writer, finished
 from .resume import FORCED, fingerprint, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
+LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
+LEFT = "is dropped, it is not in the config any more"
 
 
 @dataclass(frozen=True)
 class Plan:
     """What `hodo run` does with one config: the cases asked for, why some of them run, and what is
-    kept.
+    kept. `left` are the stored cases that the config does not have any more, and whether they stay.
 
     `old` holds the stored results of cases to be rerun; they are kept if the run stops before them.
     """
@@ -44,7 +46,7 @@ class Plan:
     reasons: dict[str, str]
     kept: dict[str, Finished]
     old: dict[str, Finished]
-    dropped: tuple[str, ...]
+    left: dict[str, bool]
 
     def lines(self) -> list[str]:
         """For each case that is asked for, why it runs or not; and for each result that goes,
@@ -53,7 +55,7 @@ class Plan:
             name: f"will run: {self.reasons[name]}" if name in self.reasons else IS_KEPT
             for name in self.asked
         }
-        does |= dict.fromkeys(self.dropped, "is dropped, it is not in the config any more")
+        does |= {name: LEFT_AND_KEPT if stays else LEFT for name, stays in self.left.items()}
         return [f"{name}: {what}" for name, what in does.items()]
 
     def execute(
@@ -70,7 +72,8 @@ class Plan:
         with Writer(self.path, self._root_attributes(), tuple(self.config.cases)) as writer:
             # Removed by another process since the plan was made: they have to run after all.
             lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
-            left = dict.fromkeys([*self.reasons, *lost])
+            # What has left the config cannot be run again.
+            left = dict.fromkeys([*self.reasons, *(name for name in lost if name not in self.left)])
             writer.unfinished = self._stamps(self.config.cases.keys() - self.kept.keys())
             cases = [self.config.cases[name] for name in left]
             failures: dict[str, dict[str, Any]] = {}
@@ -119,6 +122,8 @@ class Plan:
 
     def _keep(self, writer: Writer, done: Finished) -> bool:
         """Take over a result, with the remarks that the case has now."""
+        if done.name in self.left:
+            return writer.keep(done)
         case = self.config.cases[done.name]
         is_same = done.attributes.get("hash") == fingerprint(case)
         return writer.keep(done, dump(case) if is_same else "")
@@ -152,9 +157,16 @@ def execute(
 
 
 def plans(
-    configs: Sequence[Config], out: Path, globs: Sequence[str], force: bool, jobs: int = 1
+    configs: Sequence[Config],
+    out: Path,
+    globs: Sequence[str],
+    force: bool,
+    jobs: int = 1,
+    prune: bool = False,
 ) -> list[Plan]:
     """The plan of each config with a case that is asked for; its results go to `out`/NAME.h5.
+
+    Stored cases that have left the config stay, unless `prune`.
 
     Raises HodoError if two configs have one name, no case is asked for, a result that is there is
     not whole, or a case does not fit into the memory that each of so many jobs can have.
@@ -166,7 +178,8 @@ def plans(
                 f"{path} would hold the results of {paths.count(path)} configs: rename one"
             )
     made = [
-        plan_of(config, path, globs, force) for config, path in zip(configs, paths, strict=True)
+        plan_of(config, path, globs, force, prune)
+        for config, path in zip(configs, paths, strict=True)
     ]
     if not any(plan.asked for plan in made):
         raise no_case(globs, [name for plan in made for name in plan.config.cases])
@@ -177,12 +190,14 @@ def plans(
                 from ..sweeps.columns import stored_bytes
 
                 check_disk(case, stored_bytes(case), out)
-        if plan.reasons and not force:
+        if (plan.reasons or not all(plan.left.values())) and not force:
             check_writable(plan.path)
     return [plan for plan in made if plan.asked]
 
 
-def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool) -> Plan:
+def plan_of(
+    config: Config, path: Path, globs: Sequence[str], force: bool, prune: bool = False
+) -> Plan:
     """Which cases of a config run, and why; those that `globs` leave out stay as they are
     stored."""
     done = finished(path)
@@ -202,15 +217,11 @@ def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool) -> Pl
         else:
             reasons[name] = found[0][1] if found else why(case, None, force)
     old = {name: done[name][0] for name in reasons if name in done}
-    return Plan(
-        config,
-        path,
-        asked,
-        reasons,
-        kept,
-        old,
-        tuple(name for name in done if name not in config.cases),
-    )
+    gone = {name: found[0] for name, found in done.items() if name not in config.cases}
+    # A damaged one cannot be copied into the new file.
+    left = {name: not prune and not item.damage for name, item in gone.items()}
+    kept |= {name: gone[name] for name, stays in left.items() if stays}
+    return Plan(config, path, asked, reasons, kept, old, left)
 
 
 def outcomes(
