@@ -131,12 +131,23 @@ def _say(message: object) -> None:
 @click.group(cls=Hodo, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="hodo")
 @click.option("--traceback", is_flag=True, help="Show the traceback of an error.")
-def main(traceback: bool) -> None:
+@click.option(
+    "--models",
+    "own",
+    multiple=True,
+    metavar="FILE.py",
+    help="Take models of your own from a file too (repeatable).",
+)
+def main(traceback: bool, own: tuple[str, ...]) -> None:
     """Run rigid-body rotation experiments from case files; classify, plot and check the results.
 
     Exit status: 0 all went well, 1 a case failed, 2 bad input, 3 a difference from what was
     expected, 130 interrupted.
     """
+    # Through the environment, because the processes of -j N and of dask on this machine inherit it;
+    # it is read when models are first imported, which no command has done yet.
+    if own:
+        os.environ["HODO_MODELS"] = os.pathsep.join(map(os.path.abspath, own))
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])

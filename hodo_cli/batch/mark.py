@@ -7,7 +7,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from .. import BatchError
+from .. import BatchError, models
 from ..engines.protocol import have_taylor
 
 PACKAGE = Path(__file__).parents[1]
@@ -45,11 +45,12 @@ _known = set(sys.modules)
 
 
 @cache
-def code(swept: bool) -> str:
-    """The hash of the code that computes single cases, or members of sweeps too."""
+def code(swept: bool, model: str = "") -> str:
+    """The hash of the code that computes single cases, or members of sweeps too, and of the model
+    where hodo does not have it."""
     parts = SWEPT if swept else SINGLE
     lines = [f"{name} {hash}\n" for name, hash in _BEGUN.items() if name.startswith(parts)]
-    return digest("".join(lines))
+    return digest("".join(lines) + (models.foreign_mark(model) if model else ""))
 
 
 @cache
@@ -62,7 +63,7 @@ def libraries() -> str:
 
 def process_mark() -> str:
     """What this process computes with, in one word; it travels with every result."""
-    return f"{code(swept=True)}-{libraries()}"
+    return f"{code(swept=True)}-{libraries()}{models.foreign_mark()}"
 
 
 def check_late_imports() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
 from ..results.hdf5 import Attribute, Group
@@ -34,7 +35,9 @@ def fingerprint(case: Case) -> str:
 
     Nothing is integrated for it: the method that `auto` takes follows from the three.
     """
-    return "-".join((code(bool(case.sweep)), libraries(), digest(dump(case, remarks=False))))
+    return "-".join(
+        (code(bool(case.sweep), case.model), libraries(), digest(dump(case, remarks=False)))
+    )
 
 
 def why(case: Case, done: Finished | None, force: bool) -> str:
@@ -57,8 +60,9 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
 
 @cache
 def package_mark() -> str:
-    """The hash of all sources of hodo and of the libraries that compute."""
-    sources = hashlib.sha256(libraries().encode())
+    """The hash of all sources of hodo, of models that are not its own, and of the libraries that
+    compute."""
+    sources = hashlib.sha256((libraries() + models.foreign_mark()).encode())
     for file in sorted(PACKAGE.rglob("*.py")):
         sources.update(file.read_bytes())
     return sources.hexdigest()

@@ -1,12 +1,27 @@
-"""The mechanics. A model is one file, found by scanning this folder: to add one, add a file.
-Imports schema and text only; knows no solver, file or plot."""
+"""The mechanics. A model is one file, found by scanning this folder: to add one, add a file, or
+name one of your own. Imports schema and text only; knows no solver, result or plot."""
 
+import hashlib
+import os
 import pkgutil
+import sys
+import traceback
+from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
 
 from .. import HodoError
 from .base import Model
+
+OWN = "HODO_MODELS"
+"""The variable of the environment with the user's own files, separated as in PATH: worker processes
+inherit it."""
+
+GROUP = "hodo.models"
+"""The entry points of installed packages that name a module with models."""
 
 
 def _is_form(item: type[Model]) -> bool:
@@ -15,15 +30,91 @@ def _is_form(item: type[Model]) -> bool:
     return "form" in vars(item) and hasattr(item, "name")
 
 
+def _forms(module: ModuleType) -> Iterator[type[Model]]:
+    """The forms that a module itself defines, not those that it builds on."""
+    for item in vars(module).values():
+        if getattr(item, "__module__", "") != module.__name__ or not isinstance(item, type):
+            continue
+        if issubclass(item, Model) and _is_form(item):
+            yield item
+
+
 @cache
 def catalogue() -> dict[str, dict[str, type[Model]]]:
-    """Every model class by its YAML name and form; the first form of a model is its default."""
+    """Every model class by its YAML name and form; the first form of a model is its default.
+
+    Raises HodoError if an installed package's models cannot be loaded, or one is there already.
+    """
     found: dict[str, dict[str, type[Model]]] = {}
-    for module in pkgutil.iter_modules(__path__):
-        for item in vars(import_module(f"{__name__}.{module.name}")).values():
-            if isinstance(item, type) and issubclass(item, Model) and _is_form(item):
-                found.setdefault(item.name, {})[item.form] = item
+    for info in pkgutil.iter_modules(__path__):
+        for item in _forms(import_module(f"{__name__}.{info.name}")):
+            found.setdefault(item.name, {})[item.form] = item
+    for source, module, _ in _foreign():
+        for item in _forms(module):
+            # Which of two is meant would depend on the order of files.
+            if item.form in found.get(item.name, {}):
+                said = f"there is already a model {item.name!r} with the form {item.form!r}"
+                raise HodoError(f"{source}: {said}")
+            found.setdefault(item.name, {})[item.form] = item
     return found
+
+
+@cache
+def foreign_mark(name: str = "") -> str:
+    """The hash of the sources of models that are not hodo's: of those with a name, or of all; empty
+    if there are none."""
+    marks = [
+        mark
+        for _, module, mark in _foreign()
+        if not name or name in {item.name for item in _forms(module)}
+    ]
+    return " ".join(marks)
+
+
+Foreign = tuple[str, ModuleType, str]
+"""Where a module with models comes from, the module, and the hash of its source."""
+
+
+@cache
+def _foreign() -> tuple[Foreign, ...]:
+    """The modules of the user's own files and of installed packages, all with a model."""
+    found = list(_own)
+    for point in entry_points(group=GROUP):
+        source = f"{point.value} (entry point {point.name})"
+        try:
+            module = import_module(point.module)
+            text = Path(str(module.__file__)).read_bytes()
+        except Exception as error:
+            raise HodoError(f"{source}: {type(error).__name__}: {error}") from error
+        found.append((source, module, hashlib.sha256(text).hexdigest()))
+    for source, module, _ in found:
+        if not any(_forms(module)):
+            raise HodoError(f"{source}: there is no model in it (a class with `name` and `form`)")
+    return tuple(found)
+
+
+def _load(path: str, name: str) -> Foreign:
+    """A file of the user's own as a module of this package.
+
+    Raises HodoError, one line with the place, if it cannot be read or run.
+    """
+    module = ModuleType(f"{__name__}.{name}")
+    module.__file__, module.__package__ = path, __name__
+    # Before it runs, because `dataclass` looks its module up.
+    sys.modules[module.__name__] = module
+    try:
+        # What is hashed is what is run, even if the file is edited meanwhile.
+        text = Path(path).read_bytes()
+        exec(compile(text, path, "exec"), vars(module))
+    except OSError as error:
+        raise HodoError(f"{path}: {str(error.strerror).lower()}") from None
+    except SyntaxError as error:
+        raise HodoError(f"{path}:{error.lineno or 1}: {error.msg}") from None
+    except Exception as error:
+        lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at[0] == path]
+        said = f"{type(error).__name__}: {error}".partition("\n")[0]
+        raise HodoError(f"{path}:{lines[-1] if lines else 1}: {said}") from error
+    return path, module, hashlib.sha256(text).hexdigest()
 
 
 def find(name: str, form: str) -> type[Model]:
@@ -35,3 +126,10 @@ def find(name: str, form: str) -> type[Model]:
         return catalogue()[name][form]
     except KeyError:
         raise HodoError(f"there is no model {name!r} with the form {form!r}") from None
+
+
+# At once, because a worker that is sent an object of such a class imports this package for it.
+_own = [
+    _load(path, f"own{i}")
+    for i, path in enumerate(filter(None, os.environ.get(OWN, "").split(os.pathsep)))
+]

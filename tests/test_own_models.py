@@ -1,0 +1,97 @@
+"""Models that are not hodo's: the example of the documents in a file, and in a package."""
+
+import json
+import os
+from pathlib import Path
+
+import h5py
+import pytest
+from conftest import ROOT, Hodo
+from test_docs import snippets
+
+EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)
+CONFIG = """\
+defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
+           initial: {p: 0.8, q: 0.5, r: 0.74}}
+cases:
+  one: {model: quadratic-drag, drag: 0.1}
+  two: {model: quadratic-drag, drag: 0.2}
+  swept: {model: quadratic-drag, drag: 0.2, error: off, sweep: {drag: {values: [0, 0.1]}}}
+  known: {model: linear-diag}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "drag.py").write_text(EXAMPLE, encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(CONFIG, encoding="utf-8")
+    return tmp_path
+
+
+def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder: Path) -> None:
+    """It slows the body, its members run too, and only its own cases depend on its source."""
+    done = hodo("--models", "drag.py", "run", "a.yaml", "-j", "2")
+    assert done.returncode == 0, done.stderr
+    assert hodo("--models", "drag.py", "classify", "runs/a.h5").returncode == 0
+    with h5py.File(folder / "runs" / "a.h5") as file:
+        speeds = [sum(file[name]["omega"][-1] ** 2) for name in ("known", "one", "two")]
+        assert speeds[0] > speeds[1] > speeds[2] > 0
+        assert list(file["swept/status"]) == [0, 0]
+    planned = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout
+    assert planned.count("is kept") == 4
+    (folder / "drag.py").write_text(EXAMPLE + "CHANGED = True\n", encoding="utf-8")
+    lines = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout.splitlines()
+    changed = [line for line in lines if "the code that computes it has changed" in line]
+    assert [line.split(":")[0] for line in changed] == ["one", "two", "swept"]
+
+
+def test_the_schema_has_it_and_the_environment_names_it(hodo: Hodo, folder: Path) -> None:
+    assert "quadratic-drag" not in hodo("schema").stdout
+    schema = hodo("--models", "drag.py", "schema").stdout
+    assert "quadratic-drag" in json.dumps(json.loads(schema))
+    assert hodo("schema", env={**os.environ, "HODO_MODELS": "drag.py"}).stdout == schema
+    assert "quadratic-drag" in hodo("--models", "drag.py", "schema", "--table").stdout
+
+
+def test_a_package_names_its_models_as_entry_points(hodo: Hodo, folder: Path) -> None:
+    site = folder / "site"
+    info = site / "dragging-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: dragging\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[hodo.models]\ndrag = dragging\n")
+    (site / "dragging.py").write_text(EXAMPLE, encoding="utf-8")
+    known = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH")]))
+    installed = {**os.environ, "PYTHONPATH": known}
+    done = hodo("run", "a.yaml", "-j", "2", env=installed)
+    assert done.returncode == 0, done.stderr
+    (site / "dragging.py").write_text(EXAMPLE + "CHANGED = True\n", encoding="utf-8")
+    planned = hodo("run", "a.yaml", "--dry-run", env=installed).stdout
+    assert planned.count("the code that computes it has changed") == 3
+    (site / "dragging.py").write_text("import nothing_of_this_name\n")
+    done = hodo("schema", env=installed)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("dragging (entry point drag): ModuleNotFoundError: No module")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, ": no such file or directory"),
+        ("x = 1\ny = (\n", ":2: '(' was never closed"),
+        ("x = 1\nraise ValueError('no\\nno')\n", ":2: ValueError: no"),
+        ("x = 1\n", ": there is no model in it (a class with `name` and `form`)"),
+        ("from hodo_cli.models.tensor import Tensor\n", ": there is no model in it (a class with"),
+        (
+            EXAMPLE.replace('"quadratic-drag"', '"linear-diag"'),
+            ": there is already a model 'linear-diag' with the form 'full'",
+        ),
+    ],
+)
+def test_a_bad_file_is_one_line(hodo: Hodo, folder: Path, text: str | None, said: str) -> None:
+    if text is not None:
+        (folder / "bad.py").write_text(text, encoding="utf-8")
+    for command in (["schema"], ["run", ROOT / "configs" / "paper1.yaml", "--dry-run"]):
+        done = hodo("--models", "bad.py", *command)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith(f"{folder / 'bad.py'}{said}")
+        assert done.stderr.count("\n") == 1
