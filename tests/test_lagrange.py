@@ -366,6 +366,11 @@ def test_the_full_top_is_regular_at_the_vertical() -> None:
     assert np.array_equal(motion.variables["gamma"], np.tile([0.0, 0.0, 1.0], (41, 1)))
 
 
+def test_a_constant_is_a_polynomial_of_one_coefficient() -> None:
+    assert case(a="0.1") == case(a="[0.1]")
+    assert case(b="0.2") == case(b="[0.2]")
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -383,7 +388,8 @@ def test_the_full_top_is_regular_at_the_vertical() -> None:
         ({"initial": "{theta: 0, r: 2}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
         ({"initial": "{theta: 1, r: 0}", "form": "averaged-u"}, "divides by r and by u2 - u1"),
         ({"form": "full"}, "missing 'epsilon'"),
-        ({"a": "[]"}, "a: expected"),
+        ({"a": "[]"}, r"a: expected a number, or a polynomial in tau: \[a0, a1, ...\]"),
+        ({"a": "much"}, r"a: expected a finite number, got 'much'"),
         ({"a": "{law: sine, value: 1}"}, "exponential or power"),
         ({"a": "{law: exponential, value: 1}"}, "missing 'rate'"),
         (

@@ -30,7 +30,7 @@ ROOT_ROUNDING = 1e-13
 """How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
 
 LAW = Either(
-    ListOf(Number()),
+    ListOf(Number(), alone=True, title="a number, or a polynomial in tau: [a0, a1, ...]"),
     Variant(
         "law",
         {
@@ -46,7 +46,7 @@ LAW = Either(
         },
     ),
 )
-"""A function of tau: the coefficients of 1, tau, tau^2, ..., or a law of LAWS with its
+"""A function of tau: a constant, the coefficients of 1, tau, tau^2, ..., or a law of LAWS with its
 parameters."""
 
 
