@@ -4,6 +4,8 @@ PAPERS := $(wildcard configs/paper*.yaml)
 SWEEPS := configs/sweep_crossing.yaml configs/sweep_resistance.yaml
 CONFIGS ?= $(PAPERS)
 RUNS = $(CONFIGS:configs/%.yaml=runs/%.h5)
+# A file that is named by what --set changes; _ stands for its asterisk.
+QUADRUPLE := $(PAPERS:configs/%.yaml=build/reference/%,_.precision=quadruple.h5)
 
 # The first Python that is new enough; looked for only when .venv has to be made.
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
@@ -62,8 +64,8 @@ compare: $(READY)  ## Run the papers anew and compare with runs/reference (OPTIO
 
 reference: $(READY)  ## Compute runs/reference anew, in quadruple precision
 	$(BIN)/hodo run $(PAPERS) --set '*.precision=quadruple' --force --quiet --out build/reference
-	$(BIN)/hodo classify $(PAPERS:configs/%.yaml=build/reference/%.h5)
-	$(BIN)/python tools/reference.py runs/reference $(PAPERS:configs/%.yaml=build/reference/%.h5)
+	$(BIN)/hodo classify $(QUADRUPLE)
+	$(BIN)/python tools/reference.py runs/reference $(QUADRUPLE)
 
 test: lint  ## The checks of `lint`, then the whole test suite, without heyoka and with it
 	$(PYTEST) --no-heyoka

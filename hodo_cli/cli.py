@@ -184,7 +184,7 @@ def _folder(default: str) -> Callable[[Command], Command]:
     "overrides",
     multiple=True,
     metavar="CASE.KEY=VALUE",
-    help="Change a value: fig4.damping.2=0.002 (repeatable).",
+    help="Change a value: fig4.damping.2=0.002 (repeatable). The result is a file of its own.",
 )
 @_folder("runs")
 @click.option("--force", is_flag=True, help="Run finished cases again too.")
@@ -217,7 +217,7 @@ def _run(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Integrate the cases of CONFIGS into runs/NAME.h5.
+    """Integrate the cases of CONFIGS into runs/NAME.h5, with --set into runs/NAME,KEY=VALUE.h5.
 
     Finished cases that have not changed are kept, and so are those that have left the config.
     """
@@ -226,7 +226,7 @@ def _run(
     from .commands import run
 
     loaded = [load(path, overrides) for path in configs]
-    plans = run.plans(loaded, out, globs, force, jobs, prune)
+    plans = run.plans(loaded, out, globs, force, jobs, prune, overrides)
     if dry_run:
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return

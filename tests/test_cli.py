@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from conftest import ROOT, Hodo
 
+from hodo_cli.cases.config import load
 from hodo_cli.commands.resume import content_mark, telling, told
+from hodo_cli.commands.run import result_name
 from hodo_cli.results.hdf5 import Group, Variable
 
 CONFIG = """\
@@ -84,8 +86,29 @@ def test_a_change_from_the_command_line(hodo: Hodo, config: Path) -> None:
     (row,) = json.loads(ran.stdout)
     assert row["case"] == "stays"
     assert row["status"] == "ok"
-    (row,) = json.loads(hodo("classify", "runs/two.h5", "--json").stdout)
+    changed = "runs/two,stays.damping.0=0.009.h5"
+    (row,) = json.loads(hodo("classify", changed, "--json").stdout)
     assert [(c["from"], c["to"]) for c in row["crossings"]] == [("x1", "x3")]
+
+
+def test_a_change_leaves_the_result_of_the_config_alone(
+    hodo: Hodo, config: Path, tmp_path: Path
+) -> None:
+    assert hodo("run", config).returncode == 0
+    before = (tmp_path / "runs" / "two.h5").read_bytes()
+    options = ("--set", "turns.max_steps=99999", "--set", "*.error=off")
+    for order in (options, options[2:] + options[:2]):
+        assert hodo("run", config, *order).returncode == 0
+    assert (tmp_path / "runs" / "two.h5").read_bytes() == before
+    names = {path.name for path in (tmp_path / "runs").iterdir()}
+    assert names == {"two.h5", "two,_.error=off,turns.max_steps=99999.h5"}
+
+
+def test_no_change_is_too_long_for_the_name_of_a_file(config: Path) -> None:
+    long = [f"stays.note={'é/' * 200}{end}" for end in "ab"]
+    names = [result_name(load(config), [text]) for text in long]
+    assert names[0] != names[1]
+    assert all(len(name.encode()) < 200 and "/" not in name for name in names)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +135,7 @@ def test_a_failed_case_is_exit_status_1_and_costs_no_other(hodo: Hodo, config: P
     ran = hodo("run", config, "--set", "turns.max_steps=3")
     assert ran.returncode == 1
     assert "timeout: max_steps: stopped after 3 steps" in ran.stdout
-    rows = json.loads(hodo("show", "runs/two.h5", "--json").stdout)
+    rows = json.loads(hodo("show", "runs/two,turns.max_steps=3.h5", "--json").stdout)
     assert [row["status"] for row in rows] == ["timeout", "ok"]
 
 

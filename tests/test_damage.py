@@ -147,7 +147,8 @@ def test_a_piece_that_cannot_be_linked_is_copied(
 
 def test_a_failure_does_not_replace_a_good_result(result: Path) -> None:
     config = result.with_suffix(".yaml")
-    done = hodo("run", config, "--out", result.parent, "--set", "a.max_steps=2", "--force")
+    config.write_text(config.read_text().replace("a: {", "a: {max_steps: 2, ", 1))
+    done = hodo("run", config, "--out", result.parent, "--force")
     assert done.exit_code == 1
     assert "a (timeout)" in done.stderr
     with open_run(result) as run:

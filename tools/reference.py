@@ -1,8 +1,9 @@
 """Make the stored datasets, which `make compare` compares with, out of results computed in
 quadruple precision.
 
-`python tools/reference.py OUT RUN...` writes a thinned copy of each classified RUN to OUT, with the
-tolerance of each variable, and every event of every case to OUT/crossings.csv.
+`python tools/reference.py OUT RUN...` writes a thinned copy of each classified RUN to OUT, under
+the name of its paper (the part before the comma that `--set` appends), with the tolerance of each
+variable, and every event of every case to OUT/crossings.csv.
 """
 
 import csv
@@ -114,8 +115,9 @@ def main(out: Path, runs: list[Path]) -> None:
         table.writeheader()
         for path in runs:
             with open_run(path) as run:
-                write(run, out / path.name)
-                table.writerows({"paper": path.stem, **row} for row in events(run))
+                paper = path.stem.partition(",")[0]
+                write(run, out / f"{paper}.h5")
+                table.writerows({"paper": paper, **row} for row in events(run))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Which cases of a config are run, and why; their running, and what becomes of a case that
 fails."""
 
+import re
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,10 @@ from .resume import FORCED, fingerprint, why
 IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
 LEFT = "is dropped, it is not in the config any more"
+
+LONGEST = 150
+"""Bytes of overrides in the name of a file. Names have at most 255, of which the config's own and
+those of the hidden folder beside the file need some."""
 
 
 @dataclass(frozen=True)
@@ -163,15 +168,17 @@ def plans(
     force: bool,
     jobs: int = 1,
     prune: bool = False,
+    overrides: Sequence[str] = (),
 ) -> list[Plan]:
-    """The plan of each config with a case that is asked for; its results go to `out`/NAME.h5.
+    """The plan of each config with a case that is asked for; its results go into the folder `out`,
+    under the name that `result_name` gives.
 
     Stored cases that have left the config stay, unless `prune`.
 
     Raises HodoError if two configs have one name, no case is asked for, a result that is there is
     not whole, or a case does not fit into the memory that each of so many jobs can have.
     """
-    paths = [out / f"{Path(config.path).stem}.h5" for config in configs]
+    paths = [out / result_name(config, overrides) for config in configs]
     for path in paths:
         if paths.count(path) > 1:
             raise HodoError(
@@ -193,6 +200,15 @@ def plans(
         if (plan.reasons or not all(plan.left.values())) and not force:
             check_writable(plan.path)
     return [plan for plan in made if plan.asked]
+
+
+def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
+    """The file of a config's results: NAME.h5, or NAME,CASE.KEY=VALUE.h5 with what overrides
+    change, so that a trial does not replace the results of the config as it is."""
+    changes = ",".join(sorted(re.sub(r"[^\w.,=+()\[\]{}-]", "_", text) for text in overrides))
+    if len(changes.encode()) > LONGEST:
+        changes = f"{changes.encode()[:LONGEST].decode(errors='ignore')}-{digest(changes)[:8]}"
+    return ",".join(filter(None, [Path(config.path).stem, changes])) + ".h5"
 
 
 def plan_of(
