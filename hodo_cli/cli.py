@@ -184,10 +184,14 @@ def _folder(default: str) -> Callable[[Command], Command]:
     "overrides",
     multiple=True,
     metavar="CASE.KEY=VALUE",
-    help="Change a value: fig4.damping.2=0.002 (repeatable). The result is a file of its own.",
+    help="Change a value: fig4.damping.2=0.002 (repeatable).",
 )
 @_folder("runs")
-@click.option("--force", is_flag=True, help="Run finished cases again too.")
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Run finished cases again too, and replace what another config of this name left.",
+)
 @click.option(
     "--prune", is_flag=True, help="Drop stored cases that are not in the config any more."
 )
@@ -217,9 +221,10 @@ def _run(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Integrate the cases of CONFIGS into runs/NAME.h5, with --set into runs/NAME,KEY=VALUE.h5.
+    """Integrate the cases of CONFIGS into runs/NAME.h5.
 
     Finished cases that have not changed are kept, and so are those that have left the config.
+    With --set, the result is runs/NAME,CASE.KEY=VALUE.h5.
     """
     from . import tables
     from .cases.config import load

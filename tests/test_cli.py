@@ -14,6 +14,8 @@ from hodo_cli.cases.config import load
 from hodo_cli.commands.resume import content_mark, telling, told
 from hodo_cli.commands.run import result_name
 from hodo_cli.results.hdf5 import Group, Variable
+from hodo_cli.results.provenance import root_attributes
+from hodo_cli.results.writer import Writer
 
 CONFIG = """\
 title: two cases
@@ -102,6 +104,42 @@ def test_a_change_leaves_the_result_of_the_config_alone(
     assert (tmp_path / "runs" / "two.h5").read_bytes() == before
     names = {path.name for path in (tmp_path / "runs").iterdir()}
     assert names == {"two.h5", "two,_.error=off,turns.max_steps=99999.h5"}
+
+
+def test_the_result_of_another_config_of_this_name_is_not_replaced(
+    hodo: Hodo, config: Path, tmp_path: Path
+) -> None:
+    assert hodo("run", config).returncode == 0
+    before = (tmp_path / "runs" / "two.h5").read_bytes()
+    other = tmp_path / "other" / "two.yaml"
+    other.parent.mkdir()
+    other.write_text(CONFIG)
+    assert hodo("run", other).returncode == 0  # a copy: nothing is lost
+    other.write_text(CONFIG.replace("0.003", "0.002"))
+    for options in ([], ["--dry-run"]):
+        ran = hodo("run", "other/two.yaml", *options)
+        assert ran.returncode == 2
+        assert ran.stderr == (
+            "runs/two.h5 holds the results of two.yaml, not of other/two.yaml: "
+            "write elsewhere (--out), or over them (--force)\n"
+        )
+    assert (tmp_path / "runs" / "two.h5").read_bytes() == before
+    assert hodo("run", other, "--out", "other/runs").returncode == 0
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    other.parent.rename(moved / "other")  # the whole project: its paths stay as they are
+    (moved / "other" / "two.yaml").write_text(CONFIG)
+    again = hodo("run", "moved/other/two.yaml", "--out", "moved/other/runs")
+    assert again.returncode == 0, again.stderr
+    assert hodo("run", "moved/other/two.yaml", "--force").returncode == 0
+    with h5py.File(tmp_path / "runs" / "two.h5") as file:
+        assert file.attrs["config_path"] == "../moved/other/two.yaml"
+    # Results of earlier versions do not say where their config lies.
+    (tmp_path / "runs" / "two.h5").unlink()
+    with Writer(tmp_path / "runs" / "two.h5", root_attributes("", "", "another text", "")):
+        pass
+    config.write_text(CONFIG.replace("0.003", "0.001"))
+    assert hodo("run", config).returncode == 0
 
 
 def test_no_change_is_too_long_for_the_name_of_a_file(config: Path) -> None:

@@ -69,7 +69,7 @@ def write(run: Run, path: Path) -> None:
     root = {
         key: value
         for key, value in run.attributes.items()
-        if key not in ("config", "history", "format_version")
+        if key not in ("config", "config_path", "history", "format_version")
     }
     with create(path, {**root, "history": stamp("make reference"), "reference": HOW}) as output:
         for name in run.cases():

@@ -1,6 +1,7 @@
 """Which cases of a config are run, and why; their running, and what becomes of a case that
 fails."""
 
+import os
 import re
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,6 +32,9 @@ from .resume import FORCED, fingerprint, why
 IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
 LEFT = "is dropped, it is not in the config any more"
+
+CONFIG_PATH = "config_path"
+"""The attribute of a result that tells its config from another of the same name."""
 
 LONGEST = 150
 """Bytes of overrides in the name of a file. Names have at most 255, of which the config's own and
@@ -114,7 +118,8 @@ class Plan:
     def _root_attributes(self) -> dict[str, str | int]:
         config = self.config
         history = stamp(f"hodo run {config.path}")
-        return root_attributes(config.title, config.references, config.text, history)
+        made = root_attributes(config.title, config.references, config.text, history)
+        return {**made, CONFIG_PATH: path_from(config, self.path)}
 
     def _rows(self, failures: Mapping[str, dict[str, Any]]) -> list[dict[str, Any]]:
         """What is stored of the cases asked for; of one whose good result stays, how it failed."""
@@ -176,7 +181,8 @@ def plans(
     Stored cases that have left the config stay, unless `prune`.
 
     Raises HodoError if two configs have one name, no case is asked for, a result that is there is
-    not whole, or a case does not fit into the memory that each of so many jobs can have.
+    not whole or, without `force`, that of another config, or a case does not fit into the memory
+    that each of so many jobs can have.
     """
     paths = [out / result_name(config, overrides) for config in configs]
     for path in paths:
@@ -184,6 +190,9 @@ def plans(
             raise HodoError(
                 f"{path} would hold the results of {paths.count(path)} configs: rename one"
             )
+    if not force:
+        for config, path in zip(configs, paths, strict=True):
+            check_origin(config, path)
     made = [
         plan_of(config, path, globs, force, prune)
         for config, path in zip(configs, paths, strict=True)
@@ -200,6 +209,30 @@ def plans(
         if (plan.reasons or not all(plan.left.values())) and not force:
             check_writable(plan.path)
     return [plan for plan in made if plan.asked]
+
+
+def path_from(config: Config, path: Path) -> str:
+    """Where a config lies, seen from the folder of its result: a project that is moved as a whole
+    keeps this path."""
+    return os.path.relpath(os.path.realpath(config.path), os.path.realpath(path.parent))
+
+
+def check_origin(config: Config, path: Path) -> None:
+    """Raise HodoError if a result was made from a config of the same name in another folder.
+
+    One with the same text may be a copy, or be moved there: nothing that it holds would be lost.
+    Results that do not say where their config lies, as early ones, are accepted.
+    """
+    if not os.path.lexists(path):
+        return
+    with open_run(path) as run:
+        origin, text = str(run.attributes.get(CONFIG_PATH, "")), run.text
+    if origin and origin != path_from(config, path) and text != config.text:
+        made_from = os.path.relpath(os.path.join(os.path.realpath(path.parent), origin))
+        raise HodoError(
+            f"{path} holds the results of {made_from}, not of {config.path}: "
+            "write elsewhere (--out), or over them (--force)"
+        )
 
 
 def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
