@@ -176,6 +176,15 @@ def _folder(default: str) -> Callable[[Command], Command]:
     )
 
 
+@main.command("init")
+@click.argument("name", type=click.Path(path_type=Path))
+def _init(name: Path) -> None:
+    """Write a commented case file NAME.yaml to begin with."""
+    from .cases.config import write_new
+
+    click.echo(write_new(name))
+
+
 @main.command("run")
 @click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @GLOBS
@@ -223,6 +232,7 @@ def _run(
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5.
 
+    A bare NAME is NAME.yaml in this folder, or a case file that comes with hodo: paper1.
     Finished cases that have not changed are kept, and so are those that have left the config.
     With --set, the result is runs/NAME,CASE.KEY=VALUE.h5.
     """

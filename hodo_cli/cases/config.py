@@ -32,23 +32,62 @@ class Config:
     bench: dict[str, Any] | None = None
 
 
+HERE = Path(__file__).parent
+
+BROUGHT = next(f for f in (HERE.parent / "configs", HERE.parents[1] / "configs") if f.exists())
+"""The folder of the case files that come with hodo: within an installed package, beside it in a
+clone."""
+
+
+def _found(path: str) -> tuple[Path, str]:
+    """The file that a name stands for, and what messages call it. A bare name without a suffix may
+    be that of NAME.yaml in the working folder, or else of a case file that comes with hodo."""
+    bare = path and Path(path).name == path and not Path(path).suffix and not Path(path).exists()
+    if bare and Path(f"{path}.yaml").exists():
+        return Path(f"{path}.yaml"), f"{path}.yaml"
+    if bare and (brought := BROUGHT / f"{path}.yaml").exists():
+        return brought, path
+    return Path(path), path
+
+
+def write_new(path: Path) -> Path:
+    """Write a case file to begin with, with remarks; its name ends with .yaml.
+
+    Raises HodoError if there is one already, or it cannot be written.
+    """
+    path = path if path.suffix in (".yaml", ".yml") else path.with_name(f"{path.name}.yaml")
+    text = (HERE / "new.yaml").read_text(encoding="utf-8")
+    try:
+        # "x" refuses a file that is there, in one step with making it.
+        with open(path, "x", encoding="utf-8") as file:
+            file.write(text.replace("{name}", str(path)).replace("{stem}", path.stem))
+    except FileExistsError:
+        raise HodoError(f"{path} is there already: take another name") from None
+    except OSError as error:
+        raise HodoError(f"cannot write {path}: {str(error.strerror).lower()}") from None
+    return path
+
+
 def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     """The config in a file, with overrides such as "fig4.damping.2=0.001" applied to its cases.
+
+    `path` may be the bare name of NAME.yaml here, or of a case file that comes with hodo: paper1.
 
     An override is CASE.KEY.PATH=VALUE: a case's name or a glob, a key, further keys or zero-based
     positions within its value, and a value in YAML. It may add a key. Raises HodoError, one line
     for each mistake.
     """
-    name = str(path)
+    file_path, name = _found(str(path))
     try:
-        with open(path, "rb") as file:
+        with open(file_path, "rb") as file:
             # One byte more than allowed tells a file that is too large without reading it.
             raw = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         # In lower case, as where a result is missing.
         reason = str(getattr(error, "strerror", None) or error).lower()
         shown_name = name if name.isprintable() else repr(name)
-        raise HodoError(f"{shown_name}: {reason}") from None
+        near = nearest(name, [brought.stem for brought in BROUGHT.glob("*.yaml")])
+        raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")
     mistakes = Mistakes(name)

@@ -1,0 +1,70 @@
+"""hodo beyond a clone: what comes with the package, and where parts of it are missing."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, Hodo
+
+
+def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) -> None:
+    done = hodo("init", "mine")
+    assert (done.returncode, done.stdout) == (0, "mine.yaml\n")
+    text = (tmp_path / "mine.yaml").read_text(encoding="utf-8")
+    told = [line.removeprefix("#     hodo ") for line in text.splitlines() if "#     hodo" in line]
+    assert [line.split()[0] for line in told] == ["run", "classify", "plot"]
+    for line in told:
+        done = hodo(*line.split())
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "runs" / "figures" / "mine" / "turning.png").exists()
+    done = hodo("init", "mine.yaml")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "mine.yaml is there already: take another name\n",
+    )
+    assert (tmp_path / "mine.yaml").read_text(encoding="utf-8") == text
+    done = hodo("init", "none/mine")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_a_file_of_the_working_folder_goes_before_what_is_brought(
+    hodo: Hodo, tmp_path: Path
+) -> None:
+    planned = hodo("run", "paper1", "--dry-run").stdout
+    assert "fig4: will run" in planned
+    assert hodo("run", "paper1", "--case", "fig4").returncode == 0
+    assert (tmp_path / "runs" / "paper1.h5").exists()
+    hodo("init", "paper1")
+    assert "staying: will run" in hodo("run", "paper1", "--dry-run").stdout
+    done = hodo("run", "papr2", "--dry-run")
+    assert done.stderr == "papr2: no such file or directory; did you mean 'paper2'?\n"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, unpacked as an installer does it."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "site")
+    return folder / "site"
+
+
+def test_the_wheel_brings_the_case_files(installed: Path, tmp_path: Path) -> None:
+    for command in (["run", "paper3", "--dry-run"], ["init", "mine"], ["run", "mine", "--dry-run"]):
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "hodo_cli.cli", *command],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(installed)},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout
+    brought = {path.name for path in (installed / "hodo_cli" / "configs").iterdir()}
+    assert brought == {path.name for path in (ROOT / "configs").iterdir()}
