@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -27,6 +28,7 @@ from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
 from hodo_cli.commands.run import IS_KEPT
 from hodo_cli.results.hdf5 import Group
+from hodo_cli.results.writer import Writer
 
 DEFAULTS = (
     "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"
@@ -229,6 +231,21 @@ def test_a_case_that_has_left_the_config_stays_until_it_is_pruned(config: Path) 
     assert f"d: {run_command.LEFT}" in run(config, "--prune").stderr
     with h5py.File(result) as file:
         assert list(file) == ["a", "b", "c"]
+
+
+def test_what_an_interrupted_batch_has_finished_is_taken_in_at_once(config: Path) -> None:
+    """By the name of a finished case: none of the others has to run first."""
+    cases, result = parse(CONFIG, "x").cases, config.with_suffix(".h5")
+    with suppress(KeyboardInterrupt), Writer(result, {}) as writer:
+        for name in "ab":
+            writer.add(name, run_command.finish(cases[name]))
+        raise KeyboardInterrupt
+    assert not result.exists()
+    done = run(config, "--case", "a")
+    assert f"a: {IS_KEPT}" in done.stderr.splitlines()
+    with h5py.File(result) as file:
+        assert list(file) == ["a", "b"]
+    assert "c: will run" in run(config, "--dry-run").stdout
 
 
 def test_a_damaged_case_that_has_left_the_config_is_dropped_and_said_to_be(config: Path) -> None:

@@ -174,7 +174,7 @@ def test_axes_and_crossings() -> None:
     assert verdict({"kind": "crossings", "from": "x3"}, turns)[0] == CONTRADICTED
     assert verdict({"kind": "crossings", "most": 0}, turns)[0] == CONTRADICTED
     assert verdict({"kind": "crossings", "least": 2}, turns)[0] == CONTRADICTED
-    with pytest.raises(HodoError, match="run `hodo classify` first"):
+    with pytest.raises(HodoError, match="run `hodo classify RUN` first"):
         verdict({"kind": "crossings", "most": 0}, motion())
 
 
@@ -419,8 +419,25 @@ def test_claims_want_labels(hodo: Hodo, tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
         "runs/c.h5: claim turns: case turning has no labels of the enclosed axis: run `hodo "
-        "classify` first"
+        "classify runs/c.h5` first"
     ]
+
+
+def test_figures_without_labels_and_labels_that_a_rerun_drops_name_the_command(
+    hodo: Hodo, tmp_path: Path
+) -> None:
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("EXPECT", REPRODUCED), encoding="utf-8")
+    assert "are gone" not in hodo("run", "c.yaml").stderr
+    said = "runs/c.h5 is not classified: run `hodo classify runs/c.h5` for labels and crossings"
+    assert said in hodo("plot", "runs/c.h5", "--out", "page").stderr.splitlines()
+    hodo("classify", "runs/c.h5")
+    assert "is not classified" not in hodo("plot", "runs/c.h5", "--out", "page").stderr
+    # The other case has not ended well, so it runs again.
+    assert "the labels of given-up are gone" in hodo("run", "c.yaml").stderr
+    again = hodo("run", "c.yaml", "--case", "turning", "--force").stderr.splitlines()
+    said = "the labels of turning are gone with the old results: hodo classify runs/c.h5"
+    assert said in again
+    assert said not in hodo("run", "c.yaml", "--force").stderr
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,8 @@ def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
     """The largest relative distance of T and G^2, but for that part of a crossing's time about
     it."""
     seen = np.ones(len(full.time), dtype=bool)
-    for when in full.crossing_time if margin else ():
+    # Not `crossing_time`: it is empty where nothing has been classified.
+    for when in [crossing.time for crossing in full.crossings] if margin else ():
         seen &= np.abs(full.time - when) > margin * when
     energy = np.abs(averaged["T"] / full["T"] - 1)[seen]
     square = np.abs((averaged["G"] / full["G"]) ** 2 - 1)[seen]
@@ -73,7 +74,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     and is below that of the averaged one."""
     missed, averaged_missed = [], []
     for averaged, full in pairs(motions):
-        n, when = averaged.stored("event_frequency")[0], full.crossing_time[0]
+        n, when = averaged.stored("event_frequency")[0], full.crossings[0].time
         missed.append(float(n * abs(averaged.stored("event_predicted")[0] - when)))
         averaged_missed.append(float(n * abs(averaged.crossing_time[0] - when)))
     # Compared as angles: in time, even a perfect prediction's error would grow as the turns slow.

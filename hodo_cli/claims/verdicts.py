@@ -121,7 +121,7 @@ def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
 def stored_motion(run: Run, name: str) -> Motion:
     """The motion of one case of a result. Raises HodoError if it is damaged."""
     group = run.read(name)
-    return motion_of(group.variables, group.attributes, f"{run.path}: {name}")
+    return motion_of(group.variables, group.attributes, f"{run.path}: {name}", str(run.path))
 
 
 def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions) -> Verdict:

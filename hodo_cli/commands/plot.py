@@ -1,5 +1,6 @@
 """`hodo plot`: figures from result files."""
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -56,6 +57,11 @@ def draw_results(
         if not names:
             page.write_page(out / "index.html", drawn)
             yield str(out / "index.html"), False
+        # At the end, when all that is drawn or on the page has been read.
+        for results in opened:
+            if results.lacks_labels:
+                said = f"run `hodo classify {results.path}` for labels and crossings"
+                warnings.warn(f"{results.path} is not classified: {said}", stacklevel=2)
 
 
 def render(

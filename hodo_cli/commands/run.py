@@ -78,6 +78,7 @@ class Plan:
         written.
         """
         self._announce(progress)
+        before = labelled(self.path, self.old)
         with Writer(self.path, self._root_attributes(), tuple(self.config.cases)) as writer:
             # Removed by another process since the plan was made: they have to run after all.
             lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
@@ -103,6 +104,9 @@ class Plan:
             for name in left:
                 if name in self.old:
                     writer.keep(self.old[name])
+        if gone := [name for name in before if name not in labelled(self.path, before)]:
+            said = f"the labels of {', '.join(gone)} are gone with the old results"
+            progress.say(f"{said}: hodo classify {self.path}")
         return self._rows(failures)
 
     def _announce(self, progress: Progress) -> None:
@@ -215,6 +219,15 @@ def path_from(config: Config, path: Path) -> str:
     """Where a config lies, seen from the folder of its result: a project that is moved as a whole
     keeps this path."""
     return os.path.relpath(os.path.realpath(config.path), os.path.realpath(path.parent))
+
+
+def labelled(path: Path, names: Iterable[str]) -> list[str]:
+    """Those of the cases of a result that `hodo classify` has labelled."""
+    if not os.path.lexists(path):
+        return []
+    with open_run(path) as run:
+        sound = [name for name in names if name in run and name not in run.damaged]
+        return [name for name in sound if run.summary(name, ("classify_warnings",))]
 
 
 def check_origin(config: Config, path: Path) -> None:

@@ -121,8 +121,13 @@ class Results:
                 end = float(data["time"].values[-1])
                 warnings.warn(f"{name}: {status}: drawn to t = {end:.6g} only", stacklevel=2)
             # Kept, because most cases stand in several figures and on the page.
-            self._motions[name] = motion_of(data, data.attrs, owner)
+            self._motions[name] = motion_of(data, data.attrs, owner, str(self.path))
         return replace(self._motions[name], label=label or name)
+
+    @property
+    def lacks_labels(self) -> bool:
+        """Whether a case that has been read would be labelled by `classify`, and is not."""
+        return any(motion.lacks_labels for motion in self._motions.values())
 
     def motions(self, spec: Mapping[str, Any]) -> list[Motion]:
         """The cases of a figure, in order, under the labels that it gives them.

@@ -43,12 +43,13 @@ class Array(Protocol):
 @dataclass(frozen=True)
 class Motion:
     """A case, its variables by name (an `xarray.Dataset`, or those of an `hdf5.Group`), the
-    attributes that are stored with them, and what a figure calls it."""
+    attributes that are stored with them, what a figure calls it, and the file that holds it."""
 
     case: Case
     data: Mapping[Any, Array]
     attrs: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
+    path: str = "RUN"
 
     @property
     def name(self) -> str:
@@ -159,11 +160,23 @@ class Motion:
         return self._over_time("enclosed_axis")
 
     @property
+    def lacks_labels(self) -> bool:
+        """Whether `classify` would label this motion, and has not."""
+        return not (
+            self.classified
+            or self.case.sweep
+            or self.case.system.unclassifiable
+            or "omega" not in self.data
+            or not len(self.omega)
+        )
+
+    @property
     def labels(self) -> np.ndarray:
         """The enclosed axis (n,). Raises HodoError if there is none."""
         if not self.classified:
             raise HodoError(
-                f"case {self.name} has no labels of the enclosed axis: run `hodo classify` first"
+                f"case {self.name} has no labels of the enclosed axis: "
+                f"run `hodo classify {self.path}` first"
             )
         return self.stored("enclosed_axis")
 
@@ -211,16 +224,16 @@ LATER = ("crossing_error", "crossing_G")
 
 
 def motion_of(
-    data: Mapping[Any, Array], attrs: Mapping[str, Any], owner: str, label: str = ""
+    data: Mapping[Any, Array], attrs: Mapping[str, Any], owner: str, path: str = "RUN"
 ) -> Motion:
-    """The motion in a stored case, whose variables and attributes these are.
+    """The motion in a stored case, whose variables and attributes these are; `path` is its file.
 
     Raises HodoError, which begins with `owner`, if what is stored does not fit together.
     """
     case = parse_case(typed(attrs, {"case": str}, owner)["case"])
     if not case.sweep and (problem := damage(data)):
         raise HodoError(f"{owner} is damaged ({problem})")
-    return Motion(case, data, attrs, label or case.name)
+    return Motion(case, data, attrs, case.name, path)
 
 
 def damage(data: Mapping[Any, Array]) -> str:
