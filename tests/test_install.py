@@ -1,13 +1,17 @@
 """hodo beyond a clone: what comes with the package, and where parts of it are missing."""
 
 import os
+import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
 from conftest import ROOT, Hodo
+
+from hodo_cli.results import staging
 
 
 def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) -> None:
@@ -38,7 +42,7 @@ def test_a_file_of_the_working_folder_goes_before_what_is_brought(
     assert hodo("run", "paper1", "--case", "fig4").returncode == 0
     assert (tmp_path / "runs" / "paper1.h5").exists()
     hodo("init", "paper1")
-    assert "staying: will run" in hodo("run", "paper1", "--dry-run").stdout
+    assert "staying: will run" in hodo("run", "paper1", "--dry-run", "--out", "own").stdout
     done = hodo("run", "papr2", "--dry-run")
     assert done.stderr == "papr2: no such file or directory; did you mean 'paper2'?\n"
 
@@ -68,3 +72,60 @@ def test_the_wheel_brings_the_case_files(installed: Path, tmp_path: Path) -> Non
         assert done.stdout
     brought = {path.name for path in (installed / "hodo_cli" / "configs").iterdir()}
     assert brought == {path.name for path in (ROOT / "configs").iterdir()}
+
+
+def test_hodo_works_without_what_windows_lacks(hodo: Hodo, tmp_path: Path) -> None:
+    """In processes too; and what it locked is given up and gone."""
+    pytest.importorskip("filelock")
+    lacking = {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "without_fcntl")}
+    hidden = [sys.executable, "-c", "import fcntl"]
+    assert (
+        "import of fcntl halted"
+        in subprocess.run(hidden, env=lacking, capture_output=True, text=True).stderr
+    )
+    hodo("init", "mine")
+    for line in (
+        "run mine.yaml -j 2",
+        "classify runs/mine.h5",
+        "plot runs/mine.h5",
+        "show runs/mine.h5",
+        "compare runs/mine.h5 runs/mine.h5",
+        "schema",
+    ):
+        done = hodo(*line.split(), env=lacking)
+        assert done.returncode == 0, done.stderr
+    assert "turning: is kept" in hodo("run", "mine", "--dry-run", env=lacking).stdout
+    left = {path.name for path in (tmp_path / "runs").iterdir()}
+    assert left - {".hodo.lock"} == {"figures", "mine.h5"}
+
+
+@pytest.mark.parametrize("flock", [True, False])
+def test_the_staging_folder_of_a_living_process_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flock: bool
+) -> None:
+    if not flock:
+        pytest.importorskip("filelock")
+    monkeypatch.setattr(staging, "HAVE_FLOCK", flock)
+    living, other = staging.Staging(tmp_path / "a.h5"), staging.Staging(tmp_path / "a.h5")
+    (living / "piece").write_text("x")
+    assert other.take_orphans() == []
+    living.close()
+    assert other.take_orphans() == [living.folder]
+    with other.publishing():
+        assert staging._lock(tmp_path) is None
+    lock = staging._lock(tmp_path)
+    assert lock is not None
+    lock()
+    other.close()
+    assert not list(tmp_path.glob(".*.partial.lock"))
+
+
+def test_the_environment_of_conda_has_every_dependency() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    text = (ROOT / "environment.yml").read_text(encoding="utf-8").lower()
+    # conda-forge calls these two otherwise.
+    called = {"heyoka": "heyoka.py", "matplotlib": "matplotlib-base"}
+    for wanted in project["dependencies"] + project["optional-dependencies"]["html"]:
+        name, least = re.match(r"([A-Za-z0-9-]+)(>=[0-9.]+)", wanted).groups()
+        name = called.get(name.lower(), name.lower())
+        assert re.search(rf"^  - {re.escape(name + least)}(?= |$)", text, re.MULTILINE), wanted

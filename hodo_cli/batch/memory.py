@@ -1,14 +1,19 @@
 """The memory of this machine, and the refusal of cases that exceed it."""
 
 import os
-import resource
 import shutil
+import sys
 from contextlib import suppress
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from .. import HodoError
 from ..cases.case import Case
+
+HAVE_LIMITS = find_spec("resource") is not None
+if HAVE_LIMITS:
+    import resource
 
 BYTES = 75
 """Peak of memory for each number of each sample (the state and the stored variables), rounded up
@@ -20,6 +25,9 @@ classified."""
 def limit() -> int:
     """The bytes that a process may have at most: the machine's memory, or a lower limit of its
     container or shell."""
+    # Windows tells neither, and refuses by itself what exceeds it.
+    if not HAVE_LIMITS:
+        return sys.maxsize
     # The whole memory, not what is free now: other programs may end, and Linux counts caches as
     # used.
     limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]

@@ -200,11 +200,12 @@ class _Worker(Thread):
         self._pipe: Connection | None = None
 
     def run(self) -> None:
-        # Starting this helper of the standard library unblocks the signal, so it comes first.
-        resource_tracker.ensure_running()
-        # Processes inherit it: Ctrl-C, which a terminal sends to all of them, is this process's
-        # affair.
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        if hasattr(signal, "pthread_sigmask"):  # Windows has neither this nor the helper
+            # Starting this helper of the standard library unblocks the signal, so it comes first.
+            resource_tracker.ensure_running()
+            # Processes inherit it: Ctrl-C, which a terminal sends to all of them, is this process's
+            # affair.
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         while (item := self._calls.get()) is not None:
             future, call = item
             if not future.set_running_or_notify_cancel():

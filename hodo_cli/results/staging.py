@@ -3,19 +3,27 @@
 A name that exists is complete, and stays so: nothing is ever changed in place. Pieces of a
 run wait in a hidden folder beside the file; `writer` puts them into it. There are no lock
 files and no marks to go stale: what is being written belongs to the process that holds its `flock`,
-which ends with the process.
+which ends with the process. Where there is no `flock` (Windows), a locked file beside it does.
 """
 
-import fcntl
 import os
 import shutil
 import stat
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 from .. import BatchError, HodoError
 from .disk import refusal
+
+HAVE_FLOCK = find_spec("fcntl") is not None
+if HAVE_FLOCK:
+    import fcntl
+
+Release = Callable[[], object]
+"""What gives up a lock."""
 
 
 class Staging:
@@ -48,9 +56,9 @@ class Staging:
                     found.append(folder)
         return found
 
-    def _hold(self, lock: int | None) -> None:
+    def _hold(self, lock: Release | None) -> None:
         if lock is not None:
-            self._locks.callback(os.close, lock)
+            self._locks.callback(lock)
 
     @contextmanager
     def publishing(self) -> Iterator[None]:
@@ -60,7 +68,7 @@ class Staging:
             yield
         finally:
             if lock is not None:
-                os.close(lock)
+                lock()
 
     def publish(self, whole: Path) -> None:
         """Give a complete file the name `path`, and see it on the disk."""
@@ -93,13 +101,14 @@ def replacing(path: Path) -> Iterator[Path]:
         for orphan in staging_folders(path):
             with suppress(OSError):  # it is a folder, or another process has just removed it
                 if (lock := _lock(orphan)) is not None:
-                    failed.callback(os.close, lock)
+                    failed.callback(lock)
                     orphan.unlink()
         draft = _beside(path)
-        descriptor = os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
-        failed.callback(os.close, descriptor)
-        with suppress(OSError):  # the file system has no locks
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
+        # Open for writing, without which NFS gives no lock.
+        with suppress(OSError):
+            if (lock := _lock(draft, flags=os.O_RDWR)) is not None:
+                failed.callback(lock)
         failed.callback(draft.unlink, missing_ok=True)
         yield draft
         _publish(draft, path)
@@ -153,7 +162,10 @@ def identity(path: Path) -> tuple[int, int] | None:
 
 def synced(path: Path) -> None:
     """Wait until a file, or the names in a folder, are on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+    # Windows opens no folders, and syncs only what is open for writing.
+    if os.name == "nt" and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
@@ -169,7 +181,8 @@ def _publish(draft: Path, path: Path) -> None:
     """Replace a file by its draft, which takes over owner and mode."""
     with suppress(FileNotFoundError):
         before = path.stat()
-        with suppress(PermissionError):  # only the superuser gives files away
+        # Only the superuser gives files away, and Windows has no such call.
+        with suppress(PermissionError, AttributeError):
             os.chown(draft, before.st_uid, before.st_gid)
         draft.chmod(stat.S_IMODE(before.st_mode))
     synced(draft)
@@ -177,13 +190,38 @@ def _publish(draft: Path, path: Path) -> None:
     synced(path.parent)
 
 
-def _lock(path: Path, wait: bool = False) -> int | None:
-    """A descriptor that locks a file or folder while it is open, or None: another has it, or locks
-    do not work there."""
-    descriptor = os.open(path, os.O_RDONLY)
+def _lock(path: Path, wait: bool = False, flags: int = os.O_RDONLY) -> Release | None:
+    """A lock of a file or folder, or None: another process has it, or locks do not work there."""
+    if not HAVE_FLOCK:
+        return _lock_beside(path, wait)
+    descriptor = os.open(path, flags)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
         os.close(descriptor)
         return None
-    return descriptor
+    return partial(os.close, descriptor)
+
+
+def _lock_beside(path: Path, wait: bool) -> Release | None:
+    """`_lock` by a file that `filelock` locks: for a draft or staging folder beside it, for the
+    folder of results in it."""
+    import filelock
+
+    os.stat(path)  # as opening it would, if another process has removed it
+    own = path.suffix == ".partial"
+    file = path.with_name(f"{path.name}.lock") if own else path / ".hodo.lock"
+    lock = filelock.FileLock(file)
+    try:
+        lock.acquire(timeout=-1 if wait else 0)
+    except (OSError, filelock.Timeout):
+        return None
+
+    def release() -> None:
+        lock.release()
+        # The name of a draft is never used again; that of the folder's lock is, and must stay.
+        if own:
+            with suppress(OSError):
+                file.unlink()
+
+    return release
