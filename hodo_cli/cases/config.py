@@ -34,9 +34,9 @@ class Config:
 
 HERE = Path(__file__).parent
 
-BROUGHT = next(f for f in (HERE.parent / "configs", HERE.parents[1] / "configs") if f.exists())
+BROUGHT = (HERE.parent if (HERE.parent / "configs").exists() else HERE.parents[1]) / "configs"
 """The folder of the case files that come with hodo: within an installed package, beside it in a
-clone."""
+clone. There need be none: a copy of the package alone runs too."""
 
 
 def _found(path: str) -> tuple[Path, str]:
