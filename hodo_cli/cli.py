@@ -142,7 +142,7 @@ def main(traceback: bool, own: tuple[str, ...]) -> None:
     """Run rigid-body rotation experiments from case files; classify, plot and check the results.
 
     Exit status: 0 all went well, 1 a case failed, 2 bad input, 3 a difference from what was
-    expected, 130 interrupted.
+    expected, 130 interrupted. Completion in bash: eval "$(_HODO_COMPLETE=bash_source hodo)".
     """
     # Through the environment, because the processes of -j N and of dask on this machine inherit it;
     # it is read when models are first imported, which no command has done yet.

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, Hodo
+from test_docs import snippets
 
 from hodo_cli.results import staging
 
@@ -129,3 +131,23 @@ def test_the_environment_of_conda_has_every_dependency() -> None:
         name, least = re.match(r"([A-Za-z0-9-]+)(>=[0-9.]+)", wanted).groups()
         name = called.get(name.lower(), name.lower())
         assert re.search(rf"^  - {re.escape(name + least)}(?= |$)", text, re.MULTILINE), wanted
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_bash_completes_as_documented(hodo: Hodo, tmp_path: Path) -> None:
+    """The line of the documents defines the completion, which knows commands and options."""
+    (line,) = snippets("docs/case-files.md", "bash")
+    assert line.strip() in " ".join(hodo("--help").stdout.split())
+    scripts = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    shown = f"{line}complete -p hodo\n"
+    for words in ("hodo cla", "hodo run --dr"):
+        shown += f"COMP_WORDS=({words}); COMP_CWORD={words.count(' ')}; COMPREPLY=()\n"
+        shown += '_hodo_completion hodo; echo "${COMPREPLY[@]}"\n'
+    done = subprocess.run(
+        ["bash", "-c", shown],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": scripts},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.splitlines()[-2:] == ["claims classify", "--dry-run"], done.stderr
