@@ -104,7 +104,8 @@ import sys
 from hodo_cli.cli import main
 options = ["fig1", "--out", {str(tmp_path)!r}]
 main(["plot", {str(runs / "paper2.h5")!r}, *options], standalone_mode=False)
-print("loaded:", *({{"matplotlib.pyplot", "netCDF4", "heyoka"}} & set(sys.modules)))
+loaded = {{name for name, module in sys.modules.items() if module}}
+print("loaded:", *({{"matplotlib.pyplot", "netCDF4", "heyoka"}} & loaded))
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "loaded:", done.stdout + done.stderr
