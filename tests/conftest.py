@@ -22,7 +22,7 @@ settings.load_profile("repeatable")
 
 
 # What these try is the same with and without heyoka: case files, documents, drawings, files under
-# fault, arithmetic. The leg that hides heyoka leaves them to the other leg, which takes minutes off.
+# fault, arithmetic. The leg that hides heyoka leaves them to the other one, which saves minutes.
 SAME_IN_BOTH_LEGS = frozenset(
     f"test_{name}.py"
     for name in (

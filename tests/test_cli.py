@@ -265,7 +265,8 @@ def test_a_motion_that_was_broken_off_says_how_far_it_goes(hodo: Hodo, tmp_path:
     hodo("run", "cut.yaml")
     rows = json.loads(hodo("classify", "runs/cut.h5", "--json").stdout)
     (said,) = rows[0]["warnings"]
-    assert (reached := re.fullmatch(r"timeout: to t = (\d+) only", said))
+    reached = re.fullmatch(r"timeout: to t = (\d+) only", said)
+    assert reached
     assert 0 < int(reached[1]) < 100  # how far ten steps reach is the method's affair
     drawn = f"turns: timeout: drawn to t = {reached[1]} only"
     assert drawn in hodo("plot", "runs/cut.h5", "f").stderr
