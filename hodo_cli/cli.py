@@ -44,7 +44,7 @@ class Hodo(click.Group):
         before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             with warnings.catch_warnings():
-                warnings.showwarning = lambda message, *_: _say(message)
+                warnings.showwarning = _once()
                 _open_standard_files()
                 try:
                     return super().invoke(ctx)
@@ -120,6 +120,18 @@ def _refuse(ctx: click.Context, line: str) -> NoReturn:
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     ctx.exit(2)
+
+
+def _once() -> Callable[..., None]:
+    """What says each warning once, however many places give it: a command may open a file twice."""
+    said = set()
+
+    def show(message: Warning, *_: object) -> None:
+        if str(message) not in said:
+            said.add(str(message))
+            _say(message)
+
+    return show
 
 
 def _say(message: object) -> None:
