@@ -127,16 +127,18 @@ PHASE = {
     "y": Key(Text(), "variable on the vertical axis"),
 }
 
+SWEPT_VARIABLE = Key(
+    Text(),
+    "variable of the sweep, a component (`share.x1`), or the share of a label "
+    "(`end_axis.x1`); averaged over the axes that are not drawn",
+)
+
 MAP = {
     "cases": Key(NAMES, "sweeps to draw, a row of panels each"),
     "labels": LEGEND,
     "title": TITLE,
     "caption": CAPTION,
-    "variable": Key(
-        Text(),
-        "variable of the sweep, a component (`share.x1`), or the share of a label "
-        "(`end_axis.x1`); averaged over the axes that are not drawn",
-    ),
+    "variable": SWEPT_VARIABLE,
     "x": Key(
         Text(),
         "axis of the sweep on the horizontal axis "
@@ -161,11 +163,7 @@ CURVE = {
     "labels": LEGEND,
     "title": TITLE,
     "caption": CAPTION,
-    "variable": Key(
-        Text(),
-        "variable of the sweep, a component (`share.x1`), or the share of a label "
-        "(`end_axis.x1`); averaged over the axes that are not drawn",
-    ),
+    "variable": SWEPT_VARIABLE,
     "x": Key(Text(), "axis of the sweep on the horizontal axis"),
     "by": Key(Text(), "axis of the sweep of which each entry is a curve", default=None),
     "at": Key(
