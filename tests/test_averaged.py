@@ -16,7 +16,7 @@ from conftest import Hodo
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import parse
-from hodo_cli.engines.protocol import have_taylor
+from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve, stored
 from hodo_cli.integration.trajectory import Trajectory

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError
+from hodo_cli import HodoError, engines
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.engines import protocol
 from hodo_cli.integration.classify import Classification, classify
 from hodo_cli.integration.crossings import Crossing, Marks, read_marks
 from hodo_cli.integration.integrate import integrate
@@ -100,7 +99,7 @@ def test_labels_go_on_below_the_smallest_double() -> None:
 @pytest.mark.parametrize("samples", [1, 2, 17, 5001])
 def test_crossings_do_not_depend_on_the_sampling(samples: int) -> None:
     (crossing,) = found(replace(FIG4, time=Time(end=1000.0, samples=samples))).crossings
-    bound = 1e-12 if protocol.have_taylor() else 1e-10
+    bound = 1e-12 if engines.have_taylor() else 1e-10
     assert crossing.time == pytest.approx(CROSSING, rel=bound)
     assert (crossing.start, crossing.end) == (1, 3)
 

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
 from hodo_cli.commands.trials import PATIENCE, trial, truth
-from hodo_cli.engines import exact, protocol
+from hodo_cli.engines import exact
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integration.choice import choose
 from hodo_cli.integration.error import COMPARED, EXTENDED, extended, thinned
@@ -54,7 +55,7 @@ def test_auto_is_right_or_says_so(name: str) -> None:
     "name", ["damping-1e9", "separatrix-1e-15", "horizon-1e8", "cavity-1e6-triaxial", "top-b-1e6"]
 )
 def test_auto_needs_no_taylor_series(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(protocol, "have_taylor", lambda: False)
+    monkeypatch.setattr(engines, "have_taylor", lambda: False)
     began = perf_counter()
     trajectory = integrate(CASES[name])
     assert trajectory.method in ("exact", "collocation")
@@ -77,7 +78,7 @@ def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:
 def test_what_is_stiff_only_for_a_moment_is_left_to_the_series() -> None:
     # The spin ends within the first thousandth of the span; close to u2 = u3 only the start is
     # fast.
-    if protocol.have_taylor():
+    if engines.have_taylor():
         assert choose(CASES["cavity-averaged-1e6"])[0] == "taylor"
         assert choose(CASES["top-sleeping"])[0] == "taylor"
     assert choose(CASES["cavity-1e6-triaxial"])[0] == "collocation"

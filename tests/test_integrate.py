@@ -8,9 +8,9 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from hodo_cli import HodoError
+from hodo_cli import HodoError, engines
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.engines import exact, protocol
+from hodo_cli.engines import exact
 from hodo_cli.integration.choice import choose, taylor_steps
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import sample_times, solve
@@ -106,7 +106,7 @@ def test_each_precision_is_as_good_as_it_says(precision: str) -> None:
 
 @pytest.mark.parametrize("method", ["taylor", "collocation", "DOP853", "LSODA"])
 def test_the_error_falls_with_the_tolerance(method: str) -> None:
-    if method == "taylor" and not protocol.have_taylor():
+    if method == "taylor" and not engines.have_taylor():
         pytest.skip("heyoka is not installed")
     case = diagonal((0.02, 0.01, 0.03), method=method, time=Time(end=50.0, samples=11))
     errors = [integrate(replace(case, tol=tol)).error for tol in (1e-4, 1e-7, 1e-10)]
@@ -127,7 +127,7 @@ def test_samples_do_not_depend_on_their_number() -> None:
     case = diagonal((0.01, 0.02, 0.03), time=Time(end=100.0, samples=11))
     few, many = integrate(case), integrate(replace(case, time=Time(end=100.0, samples=1001)))
     assert distance(many.variables["omega"][::100], few.variables["omega"]) < (
-        1e-14 if protocol.have_taylor() else 1e-11
+        1e-14 if engines.have_taylor() else 1e-11
     )
 
 
@@ -145,7 +145,7 @@ def test_the_method_is_chosen_by_what_the_case_is() -> None:
     assert choose(diagonal((0.1, 0.1, 0.1))) == ("exact", "closed form")
     assert choose(diagonal((1e9, 1.0, 2.0)))[0] == "collocation"
     assert choose(diagonal((0.1, 0.2, 0.3)))[0] == (
-        "taylor" if protocol.have_taylor() else "collocation"
+        "taylor" if engines.have_taylor() else "collocation"
     )
     assert choose(diagonal((0.1, 0.1, 0.1), precision="quadruple"))[0] == "taylor"
 
@@ -267,7 +267,7 @@ def test_no_step_is_beyond_the_limit_where_each_asks_for_new_units() -> None:
 def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(protocol, "have_taylor", lambda: False)
+    monkeypatch.setattr(engines, "have_taylor", lambda: False)
     case = diagonal((0.005, 0.004, 0.003), precision="extended", time=Time(end=50.0, samples=11))
     motion = integrate(case)
     assert (motion.method, motion.error_kind) == ("collocation", "refined")

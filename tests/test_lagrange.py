@@ -16,7 +16,7 @@ import series
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load, parse
-from hodo_cli.engines.protocol import have_taylor
+from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.models import catalogue, lagrange

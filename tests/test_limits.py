@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import protocol
 from hodo_cli.integration.integrate import integrate
@@ -54,7 +55,7 @@ cases:
 
 @pytest.mark.parametrize("method", protocol.DRIVEN)
 def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if method == "taylor" and not protocol.have_taylor():
+    if method == "taylor" and not engines.have_taylor():
         pytest.skip("needs heyoka")
     assert 1e5 <= protocol.LAST_STEP[method] <= 1e7
     monkeypatch.setitem(protocol.LAST_STEP, method, 50)

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from .. import BatchError, models
-from ..engines.protocol import have_taylor
+from ..engines import have_taylor
 
 PACKAGE = Path(__file__).parents[1]
 

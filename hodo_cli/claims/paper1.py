@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engines.protocol import have_taylor
+from ..engines import have_taylor
 from ..integration.classify import EPS
 from ..integration.solve import solve, stored
 from ..models import closed_form

@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines.protocol import extended
+from ..engines import extended
 from ..integration.choice import choose
 from ..integration.classify import EPS, cross
 from ..integration.solve import solve, stored

@@ -13,7 +13,8 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines.protocol import Status, extended
+from ..engines import extended
+from ..engines.protocol import Status
 from ..integration.choice import best, choose, taylor_steps
 from ..integration.classify import cross
 from ..integration.crossings import Crossing

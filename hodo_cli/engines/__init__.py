@@ -1,2 +1,73 @@
 """Methods of integration behind one protocol, one heavy library each. Imports cases, models and
-schema; knows neither files nor what a motion is wanted for."""
+schema; knows neither files nor what a motion is wanted for.
+
+An engine is loaded when it is first asked for, and heyoka with it.
+"""
+
+from importlib.util import find_spec
+
+import numpy as np
+
+from .. import HodoError
+from ..models.base import Event, Model
+from ..models.constants import structure
+from .protocol import DRIVEN, Engine
+
+
+def extended(values: np.ndarray) -> np.ndarray:
+    """Values of any precision as long doubles."""
+    if values.dtype.type in (np.float64, np.longdouble):
+        return values.astype(np.longdouble)
+    from . import taylor
+
+    return taylor.longdouble(values)
+
+
+def have_taylor() -> bool:
+    """Whether heyoka is installed."""
+    try:
+        return find_spec("heyoka") is not None
+    except ValueError:
+        return False
+
+
+def engine_for(
+    method: str,
+    system: Model,
+    events: tuple[Event, ...],
+    tol: float | None,
+    precision: str,
+) -> Engine:
+    """The engine of a method, bound to the equations of a model; for taylor this compiles, once per
+    process for all systems of one structure.
+
+    Raises HodoError if there is no such method, it needs what is not installed, or cannot work in
+    that precision.
+    """
+    model = type(system)
+    if method not in DRIVEN:
+        raise HodoError(f"there is no method {method!r}")
+    if method == "taylor":
+        if not have_taylor():
+            # Only heyoka's arithmetic is quadruple: no other method would do.
+            quadruple = precision == "quadruple"
+            needs = "precision quadruple" if quadruple else "method taylor"
+            instead = "precision: extended" if quadruple else "method: auto"
+            raise HodoError(
+                f"{needs} needs heyoka, which is not installed: pip install heyoka, or {instead}"
+            )
+        from . import taylor
+
+        form = structure(system.constants)
+        return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
+    if method == "collocation" and precision != "quadruple":
+        from .collocation import Collocation
+
+        return Collocation(model, events, tol, precision)
+    if method == "collocation":
+        raise HodoError("method collocation works in double and extended precision only")
+    if precision != "double":
+        raise HodoError(f"method {method} works in double precision only, not {precision}")
+    from .scipy_ivp import Ivp
+
+    return Ivp(method, model, events, tol)

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .. import HodoError
+from .. import HodoError, engines
 from ..cases.case import Case
-from ..engines import exact, protocol
+from ..engines import exact
 from ..models.constants import attributes, jacobian
 from .driver import Sampled
 from .solve import solve
@@ -41,7 +41,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
         return "taylor", "quadruple precision"
     if exact.applies(case):
         return "exact", "closed form"
-    if not protocol.have_taylor():
+    if not engines.have_taylor():
         return "collocation", "heyoka is not installed"
     with suppress(ArithmeticError, HodoError):  # numbers out of range, as `solve` will say
         # Cheap first: most cases are not stiff at their start, and end here.

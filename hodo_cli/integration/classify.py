@@ -8,7 +8,8 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines.protocol import PRECISION, extended
+from ..engines import extended
+from ..engines.protocol import PRECISION
 from ..models import rigid_body
 from .choice import best
 from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks

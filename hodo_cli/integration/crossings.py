@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engines import extended
 from ..engines.polynomial import TAYLOR, isolate, rounding, to_bernstein, weights
-from ..engines.protocol import Engine, extended
+from ..engines.protocol import Engine
 from ..models import rigid_body
 from .units import Clock, Units
 

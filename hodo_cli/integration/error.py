@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from .. import engines
 from ..cases.case import Case
-from ..engines import protocol
-from ..engines.protocol import extended
+from ..engines import extended
 from ..models.constants import attributes
 from .choice import best
 from .driver import LIMIT, Sampled
@@ -69,7 +69,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
     )
     if finer:
         better, _ = best(case, finer)
-        if better != "taylor" or protocol.have_taylor():
+        if better != "taylor" or engines.have_taylor():
             yield finer, better, None
     if method != "exact":
         yield case.precision, method, tol / 100

@@ -6,9 +6,9 @@ from time import perf_counter
 
 import numpy as np
 
-from .. import HodoError
+from .. import HodoError, engines
 from ..cases.case import Case
-from ..engines import exact, protocol
+from ..engines import exact
 from ..engines.protocol import LAST_STEP, Status, Watch
 from ..models.constants import attributes
 from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Sampled, Witness, propagate
@@ -63,7 +63,7 @@ def solve(
     if method == "exact":
         return closed_form(case, times, precision)
     events = system.run_events
-    engine = protocol.engine_for(method, system, events, tol, precision)
+    engine = engines.engine_for(method, system, events, tol, precision)
     watch = Watch(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engines.protocol import extended
+from ..engines import extended
 from ..models.base import Model
 
 SLOWEST = -1000

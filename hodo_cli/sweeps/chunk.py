@@ -10,7 +10,8 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines.protocol import Status, have_taylor
+from ..engines import have_taylor
+from ..engines.protocol import Status
 from ..integration.classify import classify
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
