@@ -25,6 +25,7 @@ IMPORTERS = {
     "netCDF4": "",
     "plotly": "figures/interactive.py",
     "scipy.integrate": "engines/scipy_ivp.py",
+    "tqdm": "progress.py",
     "xarray": "results/dataset.py api.py",
     "yaml": "schema/document.py",
 }
@@ -122,6 +123,7 @@ HEAVY = {
     "yaml",
     "pandas",
     "dask",
+    "tqdm",
 }
 
 

@@ -69,7 +69,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
         ("cases/sweep_block.py", {"swept"}),
         ("cases/case.py", set()),
         ("schema/write.py", set()),
-        ("batch/progress.py", set()),
+        ("progress.py", set()),
         ("results/layout.py", set()),
         ("claims/checks.py", set()),
         ("figures/maps.py", set()),

@@ -22,7 +22,6 @@ from hypothesis import strategies as st
 
 from hodo_cli import HodoError, models
 from hodo_cli.batch.pool import Pool, pool
-from hodo_cli.batch.progress import Progress
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
@@ -34,6 +33,7 @@ from hodo_cli.figures.maps import GRID, sphere_cells, unbroken
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
+from hodo_cli.progress import Progress
 from hodo_cli.results.hdf5 import Variable
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
 

@@ -19,6 +19,7 @@ from threading import Lock, Thread
 from typing import Any, Self, TypeVar
 
 from .. import BatchError, HodoError
+from ..progress import hear, listening
 from .mark import check_late_imports, process_mark
 
 Task = TypeVar("Task")
@@ -211,7 +212,7 @@ class _Worker(Thread):
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                done, value = pickle.loads(self._reply(call))
+                done, value = self._reply(call)
             except (EOFError, OSError):
                 self._discard()
                 future.set_exception(WorkerLost())
@@ -221,12 +222,16 @@ class _Worker(Thread):
                 (future.set_result if done else future.set_exception)(value)
         self._discard()
 
-    def _reply(self, call: bytes) -> bytes:
+    def _reply(self, call: bytes) -> tuple[bool, Any]:
+        """What a call comes to; what it says of its progress before is passed on."""
         if self._pipe is None:
             self._start()
         assert self._pipe is not None
         self._pipe.send_bytes(call)
-        return self._pipe.recv_bytes()
+        while isinstance((answer := pickle.loads(self._pipe.recv_bytes()))[0], str):
+            hear(*answer)
+        done, value = answer
+        return done, value
 
     def _start(self) -> None:
         """Raises BatchError if no process can be started, EOFError if this executor has ended."""
@@ -280,8 +285,11 @@ def _serve(pipe: Connection) -> None:
             parent.join()
             os._exit(1)
 
+    def say(name: str, part: float) -> None:
+        pipe.send_bytes(pickle.dumps((name, part)))
+
     Thread(target=end_with_parent, daemon=True).start()
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError), listening(say):
         pipe.send_bytes(b"ready")
         while True:
             pipe.send_bytes(_answer(pipe.recv_bytes()))

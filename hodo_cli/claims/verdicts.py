@@ -24,6 +24,7 @@ from ..cases.claim_block import (
     UNDERDETERMINED,
     readings,
 )
+from ..progress import share
 from ..results.hdf5 import Run
 from ..results.motion import Motion, motion_of
 from ..schema.kinds import unknown
@@ -133,8 +134,11 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     if not claim["over"]:
         finding = decide(claim["check"], motions)
         return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
-    varied = members([each.case for each in motions], claim["over"], claim["start"])
-    found = {name: [known(case) for case in cases] for name, cases in varied}
+    varied = [*members([each.case for each in motions], claim["over"], claim["start"])]
+    found = {}
+    for i, (name, cases) in enumerate(varied):
+        with share(i / len(varied), (i + 1) / len(varied)):
+            found[name] = [known(case) for case in cases]
     if not found:
         raise HodoError(f"no member starts about {claim['start']}")
     # A trend speaks of all members at once, so no single one of them can decide it.

@@ -13,12 +13,12 @@ import numpy as np
 
 from .. import HodoError
 from ..batch.pool import Pool, Processes
-from ..batch.progress import Progress
 from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench
 from ..figures.sheet import save
 from ..integration.integrate import ASKED
+from ..progress import Progress
 from ..results.hdf5 import Group, Variable, create
 from ..results.provenance import root_attributes, stamp
 from ..results.staging import replacing

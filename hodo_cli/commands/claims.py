@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from ..cases.config import Config, parse
 from ..claims.finding import Verdict
 from ..claims.variations import Motions
 from ..claims.verdicts import judge_claim, judge_erratum
+from ..progress import Progress
 from ..results.hdf5 import Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
@@ -69,9 +71,13 @@ ERRATUM_COLUMNS = ("where", "printed", "should_be", "verdict", "evidence", "note
 def judged(config: Config, run: Run) -> tuple[list[Verdict], list[Verdict]]:
     """The verdicts on the claims and on the errata of one result. Raises HodoError as `judge_claim`
     does."""
-    known = Motions()
-    verdicts = [judge_claim(claim, run, known) for claim in config.claims]
-    return verdicts, [judge_erratum(erratum, run) for erratum in config.errata]
+    known, total = Motions(), len(config.claims) + len(config.errata)
+    by_id = itemgetter("id")
+    with Progress(total, logs=False) as progress:
+        return (
+            [judge_claim(claim, run, known) for claim in progress.each(config.claims, by_id)],
+            [judge_erratum(erratum, run) for erratum in progress.each(config.errata, by_id)],
+        )
 
 
 def claim_row(verdict: Verdict) -> dict[str, Any]:

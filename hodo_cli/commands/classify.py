@@ -12,6 +12,7 @@ from ..cases.case import Case, parse_case
 from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
+from ..progress import Progress
 from ..results.hdf5 import Attribute, Group
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
@@ -27,8 +28,11 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
     """
     rows, problems = [], []
     for path in paths:
-        with update(path, stamp(f"hodo classify {path}")) as changes:
-            for name in changes.run.cases():
+        with (
+            update(path, stamp(f"hodo classify {path}")) as changes,
+            Progress(len(changes.run.cases()), logs=False) as progress,
+        ):
+            for name in progress.each(changes.run.cases()):
                 try:
                     group = changes.run.read(name)
                     row = told(group, content_mark([group]))

@@ -16,12 +16,12 @@ from .. import BatchError, HodoError
 from ..batch.mark import digest
 from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
-from ..batch.progress import Progress
 from ..cases.case import Case, dump
 from ..cases.config import Config, no_case
 from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
+from ..progress import Progress, task
 from ..results.hdf5 import Group, open_run
 from ..results.layout import SUMMARY, case_group
 from ..results.provenance import root_attributes, stamp
@@ -298,10 +298,11 @@ def outcomes(
 
             resume = plan.reasons.get(case.name) != FORCED
             try:
-                yield (
-                    case,
-                    sweep.run_sweep(case, fingerprint(case), pool, writer, resume, progress.say),
-                )
+                with task(case.name):
+                    group = sweep.run_sweep(
+                        case, fingerprint(case), pool, writer, resume, progress.say
+                    )
+                yield case, group
             except BatchError:
                 raise
             except Exception as error:
@@ -310,7 +311,8 @@ def outcomes(
 
 def finish(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method is not available here."""
-    return case_group(integrate(case), case.system.variables, fingerprint(case))
+    with task(case.name):
+        return case_group(integrate(case), case.system.variables, fingerprint(case))
 
 
 def failure(case: Case, error: Exception) -> Group:

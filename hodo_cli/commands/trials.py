@@ -4,7 +4,7 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import cycle, repeat
+from itertools import cycle, product, repeat
 from statistics import median
 from time import perf_counter
 from typing import Any
@@ -24,6 +24,7 @@ from ..integration.integrate import ASKED, remarks, solved
 from ..integration.solve import Solution, sample_times, solve, stored
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
+from ..progress import reached, share, task
 
 TRIAL_VERDICTS = (
     "accurate",
@@ -237,12 +238,14 @@ def trials_of(
     """The trials of a case, by tolerances within methods (no tolerance: each method's own), and the
     seconds they took."""
     began = perf_counter()
-    with warnings.catch_warnings():
+    tried = list(product(methods, tols or (None,)))
+    found = []
+    with warnings.catch_warnings(), task(case.name):
         warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
         sure = truth(case)
-        found = [
-            trial(case, sure, method, tol, repeats, PATIENCE if method == "auto" else max_seconds)
-            for method in methods
-            for tol in tols or (None,)
-        ]
+        for i, (method, tol) in enumerate(tried):
+            patience = PATIENCE if method == "auto" else max_seconds
+            with share(i / len(tried), (i + 1) / len(tried)):
+                reached(0)
+                found.append(trial(case, sure, method, tol, repeats, patience))
     return found, perf_counter() - began

@@ -69,6 +69,9 @@ class Leg(NamedTuple):
     hits: tuple[Hit, ...] = ()
 
 
+INTERVAL = 0.1
+"""Seconds between two words on how far a motion is: oftener would nobody read them."""
+
 Observer = Callable[[Any, Any, np.ndarray], None]
 """Called after each step as observer(start, end, series): the state's polynomial on the step, by
 its coefficients (m, degree + 1) in the `basis` of the engine. They are lent, not given: heyoka
@@ -107,9 +110,14 @@ class Watch:
     evaluations: int = 0
     status: Status = Status.OK
     message: str = ""
+    moment: Callable[[], Any] = float
+    """The time that the engine has reached in the leg; the engine says how to ask for it."""
+    tell: Callable[[], object] = bool
+    """Called every INTERVAL seconds, to say how far the motion is."""
 
     def __post_init__(self) -> None:
-        self.deadline = perf_counter() + self.max_seconds
+        self.told = perf_counter()
+        self.deadline = self.told + self.max_seconds
 
     def step(self, y: np.ndarray) -> bool:
         """Count a step that ended in `y`; False to stop."""
@@ -121,13 +129,20 @@ class Watch:
             )
         # Asking for the time takes about a tenth of a fast step. The first step tells whether
         # compiling has taken it all.
-        if self.steps % 64 == 1 and perf_counter() > self.deadline:
+        if self.steps % 64 == 1 and not self._in_time():
             spent = f"max_seconds: stopped after {self.max_seconds:g} s"
             return self.give_up(Status.TIMEOUT, spent)
         if self.band is not None:
             # Of Python's own numbers: numpy's take ten times as long one by one.
             return self.band[0] < math.hypot(*map(float, y.tolist())) < self.band[1]
         return True
+
+    def _in_time(self) -> bool:
+        now = perf_counter()
+        if now > self.told + INTERVAL:
+            self.told = now
+            self.tell()
+        return now <= self.deadline
 
     def give_up(self, status: Status, message: str) -> bool:
         """Record that the motion ends here, and why."""

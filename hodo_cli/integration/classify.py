@@ -11,10 +11,11 @@ from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import PRECISION
 from ..models import rigid_body
+from ..progress import share
 from .choice import best
 from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks
 from .driver import Sampled
-from .error import references
+from .error import MOTION, references
 from .solve import Solution, sample_times, solve, stored
 
 EPS = 2.0**-52
@@ -62,12 +63,14 @@ def classify(
     """
     A = np.array(case.data["inertia"])
     expected = max(EPS, UNKNOWN * tol if math.isnan(error) else error)
-    motion = watched(case, method, case.precision, tol, CERTAIN * expected)
+    with share(0, MOTION):
+        motion = watched(case, method, case.precision, tol, CERTAIN * expected)
     samples = motion.sampled[: len(omega)]
     check_stored(
         case, stored(case, motion.solution.path)["omega"][samples], omega, expected, motion
     )
-    errors, reference = against_reference(case, method, motion, expected)
+    with share(MOTION, 1):
+        errors, reference = against_reference(case, method, motion, expected)
     state = extended(motion.solution.path.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])

@@ -11,6 +11,7 @@ import numpy as np
 from ..engines.protocol import Engine, Hit, Status, Watch
 from ..models.base import Constants, Event, Model, Passed
 from ..models.constants import attributes
+from ..progress import reached
 from .trajectory import Occurrence
 from .units import Calendar, Clock, Units
 
@@ -103,6 +104,7 @@ def propagate(
     samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
     found: list[Occurrence] = []
     watch.band, watch.observer = norm_band(engine, system), witness
+    watch.tell = lambda: reached((clock.true(watch.moment()) - start) / (float(times[-1]) - start))
     while samples.done < len(times) and watch.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
         next_times = times[samples.done : samples.done + SAMPLES_AT_ONCE]

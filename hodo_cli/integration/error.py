@@ -17,6 +17,10 @@ from .solve import Solution, sample_times, solve
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
 
+MOTION = 1 / 4
+"""The part of all work on a motion that the motion itself takes; the rest goes into its reference,
+whose long doubles take 2 to 4 times as long."""
+
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
+from ..progress import share
 from .choice import choose
-from .error import measured_error
+from .error import MOTION, measured_error
 from .solve import Solution, solve, stored
 from .trajectory import Trajectory
 
@@ -22,8 +23,11 @@ def integrate(case: Case) -> Trajectory:
     Raises HodoError if its method is not available here. A case that stops early comes back with
     status `timeout` or `failed` and the samples it reached.
     """
-    method, reason, solution = solved(case)
-    errors, kind = measured_error(case, method, solution) if case.error == "on" else ({}, "none")
+    judged = case.error == "on"
+    with share(0, MOTION if judged else 1):
+        method, reason, solution = solved(case)
+    with share(MOTION, 1):
+        errors, kind = measured_error(case, method, solution) if judged else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
     system, remarked = case.system, remarks(case, solution, variables, errors)
     doubts = system.doubts(path.time, path.state.astype(float)) if len(path.time) else []

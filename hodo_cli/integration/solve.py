@@ -11,6 +11,7 @@ from ..cases.case import Case
 from ..engines import exact
 from ..engines.protocol import LAST_STEP, Status, Watch
 from ..models.constants import attributes
+from ..progress import reached
 from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Sampled, Witness, propagate
 
 
@@ -97,6 +98,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
             watch.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
             times, state, exponent = times[:i], state[:i], exponent[:i]
             break
+        reached(i / len(times))
         here = slice(i, i + SAMPLES_AT_ONCE)
         state[here], exponent[here] = exact.exact_scaled(case, times[here].astype(fp))
     lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
@@ -18,6 +19,7 @@ from ..integration.trajectory import Trajectory
 from ..models import rigid_body
 from ..models.base import Event
 from ..models.constants import Structure, flatten
+from ..progress import share
 from ..results.hdf5 import Attribute, Group, Variable
 from . import ensemble
 from .columns import (
@@ -99,7 +101,9 @@ def compute(chunk: Chunk) -> Group:
     left = _together(chunk, values) if fits_ensemble(case) else np.arange(n)
     for i in left:
         if values["status"][i] != Status.INVALID.code:
-            status, of = _alone(case, chunk.first + int(i))
+            number = chunk.first + int(i)
+            with _of_member(case, number):
+                status, of = _alone(case, number)
             values["status"][i] = status.code
             if of is not None:
                 enter(values, np.array([i]), of, case.time)
@@ -219,12 +223,20 @@ def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:
     return Status.UNDECIDED if found.hidden else Status.OK, labels
 
 
+def _of_member(case: Case, number: int) -> AbstractContextManager[None]:
+    """The work on one member, as a part of that on its sweep."""
+    total = math.prod(shape(case))
+    return share(number / total, (number + 1) / total)
+
+
 def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
     """The stored variables at every sample (n, samples, ...); nan from where a motion ended."""
     case = chunk.case
     found: dict[str, np.ndarray] = {}
     for i in np.flatnonzero(status == Status.OK.code):
-        motion = integrate(member(case, chunk.first + int(i), case.time.samples))
+        number = chunk.first + int(i)
+        with _of_member(case, number):
+            motion = integrate(member(case, number, case.time.samples))
         for name, values in motion.variables.items():
             size = (len(status), case.time.samples, *values.shape[1:])
             found.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[

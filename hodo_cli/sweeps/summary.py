@@ -16,6 +16,7 @@ from ..integration.error import errors_against, references
 from ..integration.solve import solve
 from ..models import rigid_body
 from ..models.constants import attributes
+from ..progress import reached
 from ..results.hdf5 import Group, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import columns
@@ -23,6 +24,13 @@ from .members import member
 
 SAMPLE, NEAREST = 256, 64
 """Members whose error is measured: drawn at random, and nearest to the separatrix."""
+
+PROBED = 16
+"""Members of one task: of some milliseconds each, enough tasks for any number of processes, few
+enough for their overhead."""
+
+PROBES = (SAMPLE + NEAREST) // PROBED
+"""The most tasks that the errors of a sweep take."""
 
 LEVELS = (0.5, 0.9, 0.99, 1.0)
 """Of the errors, these quantiles are stored."""
@@ -169,16 +177,14 @@ def _add(found: Summary, number: int, omega: np.ndarray, time: float) -> None:
 
 def sampled_errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
     """Quantiles of the measured errors."""
-    # Tasks of some milliseconds each: enough for any number of processes, few enough for their
-    # overhead.
-    step = 16
     tasks = [
-        Probe(case, summary.members[i : i + step], np.array(summary.omega[i : i + step]),
-              np.array(summary.crossing_time[i : i + step]))
-        for i in range(0, len(summary.members), step)
+        Probe(case, summary.members[i : i + PROBED], np.array(summary.omega[i : i + PROBED]),
+              np.array(summary.crossing_time[i : i + PROBED]))
+        for i in range(0, len(summary.members), PROBED)
     ]  # fmt: skip
     found: list[tuple[float, float, str]] = []
-    for _, outcome in pool.map(probe, tasks):
+    for i, (_, outcome) in enumerate(pool.map(probe, tasks), 1):
+        reached(i / len(tasks))
         if isinstance(outcome, Exception):
             raise outcome
         found += outcome

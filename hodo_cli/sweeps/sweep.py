@@ -13,11 +13,12 @@ from functools import partial
 from ..batch.mark import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
+from ..progress import reached, share
 from ..results.hdf5 import Group
 from ..results.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
-from .summary import Part, lost_part, measured, sampled_errors, summarized
+from .summary import PROBES, Part, lost_part, measured, sampled_errors, summarized
 
 Say = Callable[[str], None]
 
@@ -34,12 +35,17 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
     problems: dict[str, int] = {}
     if parts:
         say(f"{case.name}: {len(parts)} of {len(tasks)} chunks are kept")
-    for chunk, outcome in pool.map(compute, [task for task in tasks if task.first not in parts]):
-        if isinstance(outcome, Exception):
-            # A chunk that fails costs its own members; the sweep goes on and says how many.
-            problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
-        else:
-            writer.add_part(stamp, chunk.first, outcome)
+    left = [task for task in tasks if task.first not in parts]
+    # A chunk and a task of measuring errors take about as long as each other.
+    members = len(tasks) / (len(tasks) + (PROBES if measured(case) else 0))
+    with share(0, members):
+        for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(parts) + 1):
+            reached(i / len(tasks))
+            if isinstance(outcome, Exception):
+                # A chunk that fails costs its own members; the sweep goes on and says how many.
+                problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
+            else:
+                writer.add_part(stamp, chunk.first, outcome)
     done = writer.parts(stamp)
 
     @contextmanager
@@ -52,5 +58,6 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
                 yield Part(part.summary("part"), partial(part.array, "part"))
 
     summary = summarized(case, tasks, read)
-    errors = sampled_errors(case, pool, summary) if measured(case) else {}
+    with share(members, 1):
+        errors = sampled_errors(case, pool, summary) if measured(case) else {}
     return group_of_columns(case, mark, tasks, read, summary, errors, problems)
