@@ -262,14 +262,30 @@ def test_a_margin_of_just_the_band_stands_on_neither_side() -> None:
     assert rigid_body.enclosed_axis(A, omega, math.nextafter(band, 0)) in (1, 3)
 
 
-def test_a_motion_without_a_measured_error_has_that_of_its_tolerance() -> None:
+def test_a_motion_without_a_measured_error_is_compared_where_its_error_decides() -> None:
     case = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74), error="off")
     motion = integrate(case)
     found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
-    assert [c.time for c in found.crossings] == [pytest.approx(CROSSING, rel=1e-9)]
+    (crossing,) = found.crossings
+    assert crossing.time == pytest.approx(CROSSING, rel=1e-9)
+    assert math.isnan(crossing.error)
     # Of a hundred tolerances of 1e-4 eight count: 0.08 of what D could be.
     loose = replace(case, method="DOP853", tol=1e-4)
     motion = integrate(loose)
     found = classify(loose, "DOP853", 1e-4, math.nan, motion.variables["omega"])
-    assert found.hidden
-    assert (found.labels == rigid_body.SEPARATRIX).any()
+    (crossing,) = found.crossings
+    assert abs(crossing.time - CROSSING) <= 3 * crossing.error
+
+
+@pytest.mark.parametrize("beside", [6.05412358e-10, 2.21898234e-09, 1e-8])
+@pytest.mark.parametrize("part", [1e-2, 1e-6, -1e-2])
+def test_rounding_makes_no_crossing_of_a_motion_that_turns_over(beside: float, part: float) -> None:
+    """lambda1 = lambda3 forbids a crossing. The motion comes back to the middle axis, where what
+    rounding took from D on the way is larger than D; nobody has measured that."""
+    on = math.sqrt(0.2 / 0.12) * beside
+    start = (beside, 1.0, on * (1 - part))
+    case = diagonal((1e-3, 5e-3, 1e-3), start, error="off")
+    motion = integrate(case)
+    found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
+    assert not found.crossings
+    assert set(found.labels.tolist()) <= {0, 1 if part > 0 else 3}

@@ -22,7 +22,11 @@ from hodo_cli.progress import Progress, listening, reached, share, task
 DATA = {
     "model": "tensor",
     "inertia": [1, 0.8, 0.6],
-    "resistance": [[0.002, 0.001, 0], [0.001, 0.002, 0], [0, 0, 0.002]],  # it meets new units on the way
+    "resistance": [
+        [0.002, 0.001, 0],
+        [0.001, 0.002, 0],
+        [0, 0, 0.002],
+    ],  # it meets new units on the way
     "initial": {"p": 0.5, "q": 0.25, "r": 1},
     "time": {"end": 2000},
 }

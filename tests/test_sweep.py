@@ -30,7 +30,7 @@ from hodo_cli.engines import exact
 from hodo_cli.engines.protocol import Status
 from hodo_cli.figures.geometry import edges
 from hodo_cli.figures.maps import GRID, sphere_cells, unbroken
-from hodo_cli.integration.classify import classify
+from hodo_cli.integration.classify import classify, cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress
@@ -663,3 +663,62 @@ def test_members_beside_the_middle_axis_cross_as_they_must_or_are_undecided(
     # With equal coefficients D decays from 1e-18 and less of what its terms become: no precision
     # decides that. A difference of 1e-6 drives it off 0.
     assert decided.any() == (last != 1e-3)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("end", [100, 1000])
+@pytest.mark.parametrize("part", [1e-2, -1e-2])
+def test_no_member_crosses_where_equal_coefficients_forbid_it(end: float, part: float) -> None:
+    """From 3e-10 beside the middle axis, where rounding decides, to 1e-2, where it does not."""
+    p = np.logspace(-9.5, -2, 24)
+    r = math.sqrt(0.2 / 0.12) * p * (1 - part)
+    zipped = f"initial.p: {{values: {p.tolist()}}}, initial.r: {{values: {r.tolist()}}}"
+    case = one(
+        f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: [1e-3, 5e-3, 1e-3], "
+        f"time: {{end: {end}}}, initial: {{p: 0, q: 1, r: 0}}, error: off, "
+        f"sweep: {{start: {{zip: {{{zipped}}}}}}}"
+    )
+    found = computed(case)
+    decided = found["status"] == Status.OK.code
+    assert decided[p > 1e-3].all()
+    assert (decided | (found["status"] == Status.UNDECIDED.code)).all()
+    assert not found["crossings"][decided].any()
+    for at in ("start_axis", "end_axis"):
+        assert set(found[at][decided].tolist()) <= {0, 1 if part > 0 else 3}
+
+
+RANDOM = "initial: {p: 0, q: 0, G: 1}, sweep: {d: {sphere: {count: 60, seed: 3}}}"
+MANY = {
+    "paper": f"{FIG4}, {RANDOM}",
+    "weak": f"model: linear-diag, inertia: [0.6, 1, 0.8], damping: [2e-4, 5e-4, 4e-4], "
+    f"time: {{end: 10000}}, error: off, {RANDOM}",
+    "loose": f"{FIG4}, tol: 1e-9, {RANDOM}",
+    "tensor": f"model: tensor, {HEAD}, resistance: [[9e-3, 2e-3, -4e-3], [0, 7e-3, 5e-3], "
+    f"[3e-3, -6e-3, 4e-3]], {RANDOM}",
+    "cavity": f"model: cavity+constant, inertia: [1, 0.8, 0.6], kappa: 0.01, "
+    f"torque: [1e-3, 2e-3, 1e-3], time: {{end: 200}}, error: off, {RANDOM}",
+    "growth": f"model: linear-diag, inertia: [1, 0.8, 0.6], damping: [-0.004, -0.01, -0.02], "
+    f"time: {{end: 150}}, error: off, {RANDOM}",
+    "middle": "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [1e-3, 5e-3, 1.001e-3], "
+    "time: {end: 300}, initial: {p: 0, q: 1, r: 0}, error: off, sweep: "
+    "{initial.p: {logspace: [1e-6, 1e-3, 8]}, initial.r: {logspace: [1e-6, 1e-3, 8]}}",
+}
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("kind", MANY)
+def test_the_time_of_a_crossing_is_right_to_the_error_that_the_member_states(kind: str) -> None:
+    """Against long double, whose own error is a thousandth of it."""
+    case = one(MANY[kind])
+    found = computed(case)
+    decided = found["status"] == Status.OK.code
+    crossing = np.flatnonzero(decided & (found["crossings"] > 0) & np.isfinite(found["separation"]))
+    assert len(crossing) >= 5
+    assert np.isfinite(found["crossing_error"][crossing]).all()
+    for i in crossing[:25].tolist():
+        true = cross(members.member(case, i), "taylor", "extended", None)[1][0]
+        off = abs(found["crossing_time"][i] - true.time)
+        assert off <= found["crossing_error"][i]
+        assert found["crossing_to"][i] == true.end
+    if kind == "paper":  # an error that is stated far too large would be no use
+        assert np.median(found["crossing_error"][crossing]) < 1e-10 * 1000

@@ -56,6 +56,7 @@ RESERVED = ("time", "axis", "member")
 
 REDUCED = (
     "crossing_time",
+    "crossing_error",
     "crossing_from",
     "crossing_to",
     "crossing_G",

@@ -31,6 +31,10 @@ UNKNOWN = 100.0
 """The error of a motion, in tolerances, where none was measured: what the worst of the solvers
 reach, see DOP853 and LSODA in `hodo bench`."""
 
+ASSUMED = 1e-9
+"""The least error at which a motion is judged whose error was not measured: rounding alone does not
+reach it in the steps that a motion may take. Where it would decide, a reference is asked."""
+
 
 @dataclass(frozen=True)
 class Classification:
@@ -62,15 +66,16 @@ def classify(
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
     A = np.array(case.data["inertia"])
-    expected = max(EPS, UNKNOWN * tol if math.isnan(error) else error)
+    expected = UNKNOWN * max(EPS, tol) if math.isnan(error) else max(EPS, error)
+    judged = max(ASSUMED, expected) if math.isnan(error) else expected
     with share(0, MOTION):
-        motion = watched(case, method, case.precision, tol, CERTAIN * expected)
+        motion = watched(case, method, case.precision, tol, CERTAIN * judged)
     samples = motion.sampled[: len(omega)]
     check_stored(
         case, stored(case, motion.solution.path)["omega"][samples], omega, expected, motion
     )
     with share(MOTION, 1):
-        errors, reference = against_reference(case, method, motion, expected)
+        errors, reference = against_reference(case, method, motion, judged)
     state = extended(motion.solution.path.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
@@ -146,13 +151,16 @@ def against_reference(
     """The error of a motion at each of its times (n,), and what its reference says of the
     crossings, with the reference's name.
 
-    Without a reference the error is `expected` everywhere but at the start, and nothing is said.
+    Without a reference the error is `expected` everywhere but at the start. Where a case has
+    `error: off` that will do, unless such an error leaves anything undecided.
     """
     solution, path = motion.solution, motion.solution.path
+    assumed = expected * left_axis(case, path)
+    assumed[:1] = start_error(case)
+    if case.error == "off" and not crossings_of(case, motion, assumed).undecided:
+        return assumed, None
     end = math.inf if solution.whole else float(path.time[-1])
-    for precision, other, tol in (
-        references(case, method, solution.tol) if case.error == "on" else ()
-    ):
+    for precision, other, tol in references(case, method, solution.tol):
         reference = watched(case, other, precision, tol, until=end)
         if (solution.whole and not reference.solution.whole) or (
             tol is not None and reference.solution.tol == solution.tol
@@ -163,9 +171,7 @@ def against_reference(
         theirs[:1] = errors[:1] = start_error(case)
         name = f"{other} in {precision} precision"
         return errors, (crossings_of(case, reference, theirs), name)
-    errors = expected * left_axis(case, path)
-    errors[:1] = start_error(case)
-    return errors, None
+    return assumed, None
 
 
 def left_axis(case: Case, path: Sampled) -> np.ndarray:

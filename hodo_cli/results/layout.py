@@ -158,6 +158,7 @@ MEMBER_STATUS = {
 
 MEMBER_CLASSIFIED = {
     "crossing_time": Stored("time of the first passage through the separatrix"),
+    "crossing_error": Stored("error that crossing_time may have"),
     "crossing_from": Stored("axis enclosed before it", (), "i1", flags=AXIS_FLAGS),
     "crossing_to": Stored("axis enclosed after it", (), "i1", flags=AXIS_FLAGS),
     "crossing_G": Stored("|G| at it"),

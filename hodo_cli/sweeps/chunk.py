@@ -178,7 +178,8 @@ def _labelled(e: Ensemble, outcome: Outcome, well: np.ndarray, passed: Passages)
     G = A[:, passed.motion] * passed.state
     size = np.ldexp(np.sqrt(np.square(G).sum(axis=0)), passed.exponent)
     to, from_ = axes[passed.direction + 1], axes[1 - passed.direction]
-    return Classified(start, end, part, Crossings(passed.motion, passed.time, from_, to, size))
+    crossings = Crossings(passed.motion, passed.time, passed.error, from_, to, size)
+    return Classified(start, end, part, crossings)
 
 
 def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
@@ -187,8 +188,9 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
     if any(model.check(single.data)):
         return Status.INVALID, None
     if not model.unclassifiable:
-        # Its crossings need the error of the motion; `member` leaves it out for all others.
-        single = replace(single, error=case.error)
+        # Its crossings need the error of the motion, also where none is asked for if an ensemble
+        # has left it in doubt; `member` leaves it out for all others.
+        single = replace(single, error="on" if fits_ensemble(case) else case.error)
     try:
         motion = integrate(single)
         if motion.status is not Status.OK:
@@ -215,6 +217,7 @@ def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:
     crossings = Crossings(
         np.zeros(len(passed), dtype=np.int64),
         np.array([c.time for c in passed]),
+        np.array([c.error for c in passed]),
         np.array([c.start for c in passed], dtype=np.int8),
         np.array([c.end for c in passed], dtype=np.int8),
         np.array([c.momentum for c in passed]),

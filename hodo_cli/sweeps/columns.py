@@ -62,10 +62,11 @@ def stored_bytes(case: Case) -> int:
 
 class Crossings(NamedTuple):
     """Passages through the separatrix, in order of member and time, (k,) each: of which member,
-    from which axis to which, and |G| there."""
+    the error that the time may have, from which axis to which, and |G| there."""
 
     member: np.ndarray
     time: np.ndarray
+    error: np.ndarray
     start: np.ndarray
     end: np.ndarray
     G: np.ndarray
@@ -106,8 +107,8 @@ def enter(values: Mapping[str, np.ndarray], at: np.ndarray, of: Reduction, time:
     values["crossings"][at] = np.bincount(crossings.member, minlength=len(at))
     values["share"][at] = shares(found, time)
     member, first = np.unique(crossings.member, return_index=True)
-    columns = crossings.time, crossings.start, crossings.end, crossings.G
-    for name, column in zip(("time", "from", "to", "G"), columns, strict=True):
+    names = ("time", "error", "from", "to", "G")
+    for name, column in zip(names, crossings[1:], strict=True):
         values[f"crossing_{name}"][at[member]] = column[first]
 
 
