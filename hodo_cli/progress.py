@@ -1,6 +1,6 @@
 """How far the work is: said where it is done, and shown on stderr.
 
-What takes time names its task by `task`, and says by `reached` how much of it is done; `share`
+What takes time names its task by `task`, and says by `reached` how much of it is done; `portion`
 makes the whole of a piece of work a part of another's. Nothing comes of it unless somebody listens:
 a `Progress` on a terminal, or the pipe that leads from a worker to one.
 """
@@ -58,7 +58,7 @@ def task(name: str) -> Iterator[None]:
 
 
 @contextmanager
-def share(low: float, high: float) -> Iterator[None]:
+def portion(low: float, high: float) -> Iterator[None]:
     """The work that takes the present one from `low` to `high`, as parts of its whole."""
     outer = _scope.get()
     size = outer.high - outer.low
@@ -82,7 +82,7 @@ def hear(name: str, part: float) -> None:
         _listener(name, part)
 
 
-PATIENCE = 0.5
+BRIEF = 0.5
 """Seconds before a line is shown: what is done by then needs none, nor the library that draws
 it."""
 
@@ -177,7 +177,7 @@ class Progress:
     def _draw_on(self) -> None:
         """Draw the line now and then. In a thread, so that its clock goes on while a library
         works."""
-        wait = PATIENCE
+        wait = BRIEF
         while not self._ended.wait(wait):
             wait = TICK
             with self._lock:

@@ -17,16 +17,13 @@ from hodo_cli.batch.pool import pool
 from hodo_cli.cases.case import Case, case_from
 from hodo_cli.engines import protocol
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.progress import Progress, listening, reached, share, task
+from hodo_cli.progress import Progress, listening, portion, reached, task
 
 DATA = {
     "model": "tensor",
     "inertia": [1, 0.8, 0.6],
-    "resistance": [
-        [0.002, 0.001, 0],
-        [0.001, 0.002, 0],
-        [0, 0, 0.002],
-    ],  # it meets new units on the way
+    # It meets new units on the way.
+    "resistance": [[0.002, 0.001, 0], [0.001, 0.002, 0], [0, 0, 0.002]],
     "initial": {"p": 0.5, "q": 0.25, "r": 1},
     "time": {"end": 2000},
 }
@@ -45,7 +42,8 @@ class Terminal:
         """Read until these words have come."""
         end = time.monotonic() + 20
         while words not in self.text:
-            assert time.monotonic() < end and select.select([self.ours], [], [], 20)[0], self.text
+            assert time.monotonic() < end, self.text
+            assert select.select([self.ours], [], [], 20)[0], self.text
             self.text += os.read(self.ours, 4096).decode()
 
 
@@ -53,10 +51,10 @@ def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.Monkey
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal.file)
     monkeypatch.setattr(warnings, "showwarning", lambda said, *_: print(said, file=terminal.file))
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "BRIEF", 0.0)
     monkeypatch.setattr(progress, "TICK", 0.01)
     with Progress(4) as shown:
-        with task("fig4"), share(0.5, 1):
+        with task("fig4"), portion(0.5, 1):
             reached(0.5)
             terminal.wait_for("| 19 %, ")
             terminal.wait_for("fig4 75 %")

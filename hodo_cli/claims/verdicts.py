@@ -24,7 +24,7 @@ from ..cases.claim_block import (
     UNDERDETERMINED,
     readings,
 )
-from ..progress import share
+from ..progress import portion
 from ..results.hdf5 import Run
 from ..results.motion import Motion, motion_of
 from ..schema.kinds import unknown
@@ -137,7 +137,7 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     varied = [*members([each.case for each in motions], claim["over"], claim["start"])]
     found = {}
     for i, (name, cases) in enumerate(varied):
-        with share(i / len(varied), (i + 1) / len(varied)):
+        with portion(i / len(varied), (i + 1) / len(varied)):
             found[name] = [known(case) for case in cases]
     if not found:
         raise HodoError(f"no member starts about {claim['start']}")

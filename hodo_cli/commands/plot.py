@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from .. import HodoError
 from ..cases.config import load
 from ..figures import draw, page
 from ..figures.sheet import FORMATS, Rendered, save
+from ..progress import Progress
 from ..results.dataset import Results, open_results
 from ..schema.kinds import nearest
 
@@ -77,10 +79,11 @@ def render(
         raise HodoError(
             f"unknown format {wrong!r}{nearest(wrong, FORMATS)} (valid: {', '.join(FORMATS)})"
         )
-    return [
-        _rendered(results, name, spec, [out / f"{name}.{suffix}" for suffix in formats])
-        for name, spec in chosen
-    ]
+    with Progress(len(chosen), logs=False) as progress:
+        return [
+            _rendered(results, name, spec, [out / f"{name}.{suffix}" for suffix in formats])
+            for name, spec in progress.each(chosen, itemgetter(0))
+        ]
 
 
 def _rendered(

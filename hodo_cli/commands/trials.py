@@ -24,7 +24,7 @@ from ..integration.integrate import ASKED, remarks, solved
 from ..integration.solve import Solution, sample_times, solve, stored
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
-from ..progress import reached, share, task
+from ..progress import portion, reached, task
 
 TRIAL_VERDICTS = (
     "accurate",
@@ -245,7 +245,7 @@ def trials_of(
         sure = truth(case)
         for i, (method, tol) in enumerate(tried):
             patience = PATIENCE if method == "auto" else max_seconds
-            with share(i / len(tried), (i + 1) / len(tried)):
+            with portion(i / len(tried), (i + 1) / len(tried)):
                 reached(0)
                 found.append(trial(case, sure, method, tol, repeats, patience))
     return found, perf_counter() - began

@@ -11,7 +11,7 @@ from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import PRECISION
 from ..models import rigid_body
-from ..progress import share
+from ..progress import portion
 from .choice import best
 from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks
 from .driver import Sampled
@@ -68,13 +68,13 @@ def classify(
     A = np.array(case.data["inertia"])
     expected = UNKNOWN * max(EPS, tol) if math.isnan(error) else max(EPS, error)
     judged = max(ASSUMED, expected) if math.isnan(error) else expected
-    with share(0, MOTION):
+    with portion(0, MOTION):
         motion = watched(case, method, case.precision, tol, CERTAIN * judged)
     samples = motion.sampled[: len(omega)]
     check_stored(
         case, stored(case, motion.solution.path)["omega"][samples], omega, expected, motion
     )
-    with share(MOTION, 1):
+    with portion(MOTION, 1):
         errors, reference = against_reference(case, method, motion, judged)
     state = extended(motion.solution.path.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)

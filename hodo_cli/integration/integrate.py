@@ -7,7 +7,7 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
-from ..progress import share
+from ..progress import portion
 from .choice import choose
 from .error import MOTION, measured_error
 from .solve import Solution, solve, stored
@@ -24,9 +24,9 @@ def integrate(case: Case) -> Trajectory:
     status `timeout` or `failed` and the samples it reached.
     """
     judged = case.error == "on"
-    with share(0, MOTION if judged else 1):
+    with portion(0, MOTION if judged else 1):
         method, reason, solution = solved(case)
-    with share(MOTION, 1):
+    with portion(MOTION, 1):
         errors, kind = measured_error(case, method, solution) if judged else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
     system, remarked = case.system, remarks(case, solution, variables, errors)

@@ -19,7 +19,7 @@ from ..integration.trajectory import Trajectory
 from ..models import rigid_body
 from ..models.base import Event
 from ..models.constants import Structure, flatten
-from ..progress import share
+from ..progress import portion
 from ..results.hdf5 import Attribute, Group, Variable
 from . import ensemble
 from .columns import (
@@ -229,7 +229,7 @@ def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:
 def _of_member(case: Case, number: int) -> AbstractContextManager[None]:
     """The work on one member, as a part of that on its sweep."""
     total = math.prod(shape(case))
-    return share(number / total, (number + 1) / total)
+    return portion(number / total, (number + 1) / total)
 
 
 def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:

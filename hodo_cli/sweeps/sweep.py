@@ -13,7 +13,7 @@ from functools import partial
 from ..batch.mark import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
-from ..progress import reached, share
+from ..progress import portion, reached
 from ..results.hdf5 import Group
 from ..results.writer import Writer
 from .chunk import Chunk, chunks, compute
@@ -38,7 +38,7 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
     left = [task for task in tasks if task.first not in parts]
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (PROBES if measured(case) else 0))
-    with share(0, members):
+    with portion(0, members):
         for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(parts) + 1):
             reached(i / len(tasks))
             if isinstance(outcome, Exception):
@@ -58,6 +58,6 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
                 yield Part(part.summary("part"), partial(part.array, "part"))
 
     summary = summarized(case, tasks, read)
-    with share(members, 1):
+    with portion(members, 1):
         errors = sampled_errors(case, pool, summary) if measured(case) else {}
     return group_of_columns(case, mark, tasks, read, summary, errors, problems)
