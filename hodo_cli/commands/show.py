@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from ..cases.case import parse_case
-from ..results.hdf5 import open_run
 from ..results.layout import SUMMARY, typed_as
+from ..results.writer import open_batch
 
 CASE = typed_as("case")
 
@@ -15,12 +15,12 @@ def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]
     """The cases of result files, with the attributes that a line of the table shows, and what is
     wrong with those that are damaged.
 
-    Raises HodoError as `open_run` does, or if a case has no such attributes.
+    Raises HodoError as `open_batch` does, or if a case has no such attributes.
     """
     rows: list[dict[str, Any]] = []
     problems = []
     for path in paths:
-        with open_run(path) as run:
+        with open_batch(path) as run:
             # One damaged case hides no other.
             problems += [f"{path}: {name} is damaged ({why})" for name, why in run.damaged.items()]
             rows += [

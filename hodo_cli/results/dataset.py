@@ -16,10 +16,11 @@ import xarray as xr
 from .. import HodoError
 from ..cases.config import Config, parse
 from ..schema.kinds import nearest, unknown
-from .hdf5 import Group, Run, open_run
+from .hdf5 import Group, Run
 from .layout import SHOWN
 from .motion import Motion, motion_of
 from .provenance import typed
+from .writer import open_batch
 
 
 def dataset(group: Group) -> xr.Dataset:
@@ -73,9 +74,9 @@ class Opened(Mapping[str, xr.Dataset]):
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises HodoError as `hdf5.open_run` does."""
+        """Raises HodoError as `writer.open_batch` does."""
         self.path = path
-        with open_run(path) as run:
+        with open_batch(path) as run:
             self._names = tuple(run.cases())
             self.attrs = dict(run.attributes)
 
@@ -83,7 +84,7 @@ class Opened(Mapping[str, xr.Dataset]):
         """A case, in memory. Raises HodoError if it is not there, or is damaged."""
         if name not in self._names:
             raise NoSuchCase(f"{self.path}: {unknown(f'case {name!r}', str(name), self._names)}")
-        with open_run(self.path) as run:
+        with open_batch(self.path) as run:
             return Datasets(run)[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -155,6 +156,6 @@ class Results:
 
 @contextmanager
 def open_results(path: Path | str) -> Iterator[Results]:
-    """A result file, open for reading. Raises HodoError as `hdf5.open_run` does."""
-    with open_run(path) as run:
+    """A result file, open for reading. Raises HodoError as `writer.open_batch` does."""
+    with open_batch(path) as run:
         yield Results(run.path, Datasets(run), parse(run.text, str(path)))

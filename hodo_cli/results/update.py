@@ -10,7 +10,7 @@ import numpy as np
 
 from .hdf5 import Group, Run, create, open_run
 from .staging import Staging, check_writable, refusals
-from .writer import KEPT, longer, parts_in, pieces, resume_attributes
+from .writer import KEPT, longer, parts_in, pieces, publish_finished, resume_attributes
 
 
 class Update:
@@ -31,12 +31,14 @@ class Update:
 
 @contextmanager
 def update(path: Path | str, history: str = "") -> Iterator[Update]:
-    """Change a result. It is replaced at the end, or left alone if the changes change nothing.
+    """Change a result; cases of runs that have not ended are added to it first, see
+    `publish_finished`. It is replaced at the end, or left alone if the changes change nothing.
 
     If another process has replaced it meanwhile, the changes apply to the cases that are still the
     same. Raises HodoError as `open_run` does, or if the result cannot be written.
     """
     path = Path(path)
+    publish_finished(path)
     with open_run(path) as run:
         changes = Update(run)
         yield changes

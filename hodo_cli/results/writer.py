@@ -9,13 +9,15 @@ pieces of a dead one over. A sweep comes in *parts*, small files too, of which i
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 from .. import HodoError
+from ..cases.config import parse
 from .hdf5 import Attribute, Group, Output, Run, create, open_run
 from .layout import RESUME
 from .staging import Staging, identity, refusals, staging_folders, synced
@@ -51,6 +53,134 @@ def finished(path: Path | str) -> dict[str, list[Finished]]:
             if not run.damaged:
                 _collect(run, found)
     return found
+
+
+class Batch(Run):
+    """A result together with the cases that runs have finished which have not ended; made by
+    `open_batch`.
+
+    `waiting` are the pieces of these cases; `result` is None where they are all there is.
+    """
+
+    def __init__(self, path: Path, result: Run | None, waiting: Mapping[str, Path]) -> None:
+        self.path = path
+        self.damaged = result.damaged if result else {}
+        self.attributes = _latest(waiting)
+        self._result = result
+        self._waiting = waiting
+        known = result.groups() if result else []
+        self._names = in_order([*known, *waiting], self.text)
+
+    def groups(self) -> list[str]:
+        return self._names
+
+    def cases(self) -> list[str]:
+        return [name for name in self._names if not name.startswith("_")]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._names
+
+    @contextmanager
+    def _group(self, name: str) -> Iterator[Any]:
+        if self._result and name not in self._waiting:
+            with self._result._group(name) as group:
+                yield group
+        else:
+            # One at a time: a batch may have more cases than a process may open files. The run may
+            # have ended since, and then its result has the case.
+            piece = self._waiting.get(name, self.path)
+            file = piece if piece.exists() else self.path
+            with open_run(file) as run, run._group(name) as group:
+                yield group
+
+
+@contextmanager
+def open_batch(path: Path | str) -> Iterator[Run]:
+    """A result, open for reading, with the cases of runs that have not ended: those that it lacks,
+    or holds from before a change. A warning names them.
+
+    Raises HodoError as `open_run` does, if there is no such case either.
+    """
+    path = Path(path)
+    if not (waiting := unpublished(path)):
+        with open_run(path) as run:
+            yield run
+        return
+    with ExitStack() as stack:
+        result = stack.enter_context(open_run(path)) if os.path.lexists(path) else None
+        batch = Batch(path, result, waiting)
+        names = [name for name in batch.cases() if name in waiting]
+        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        said = f"{path}: {len(names)} finished in a run that has not ended: {some}"
+        warnings.warn(said, stacklevel=3)
+        yield batch
+
+
+def unpublished(path: Path) -> dict[str, Path]:
+    """The pieces of runs that have not ended, by name: of the cases that the result lacks, or holds
+    from before a change."""
+    found: dict[str, Path] = {}
+    if not any(map(pieces, staging_folders(path))):
+        return found
+    for name, items in finished(path).items():
+        stored = items[0] if items[0].file == path else None
+        waiting = [item for item in items if item is not stored]
+        if waiting:
+            newest = max(waiting, key=lambda item: _changed(item.file))
+            if stored is None or _replaces(newest, stored):
+                found[name] = newest.file
+    return found
+
+
+def _changed(file: Path) -> int:
+    """When a file was last changed, in nanoseconds; 0 if it is gone."""
+    return (identity(file) or (0, 0))[1]
+
+
+def _replaces(newer: Finished, stored: Finished) -> bool:
+    """Whether a case is another one than is stored, and not one that has failed instead."""
+    hashes, states = ([each.attributes.get(key) for each in (newer, stored)] for key in SAME)
+    return hashes[0] != hashes[1] and (states[0] == "ok" or states[1] != "ok")
+
+
+SAME = ("hash", "status")
+"""The attributes that tell a case that has changed, or failed, from the one before."""
+
+
+def _latest(waiting: Mapping[str, Path]) -> dict[str, Any]:
+    """The attributes of the result that the latest of some pieces will be part of."""
+    with open_run(max(waiting.values(), key=_changed)) as piece:
+        return piece.attributes
+
+
+def in_order(names: Iterable[str], text: str) -> list[str]:
+    """Names of cases in the order in which a case file has them, then the others."""
+    with suppress(HodoError):
+        known = parse(text, "config").cases
+        names = [*(name for name in known if name in names), *names]
+    return list(dict.fromkeys(names))
+
+
+def publish_finished(path: Path) -> None:
+    """Add to a result the cases that it lacks and runs have finished which have not ended.
+
+    Those that it holds from before a change stay: they may be wanted again. So do the chunks of
+    sweeps, for the next run. Raises HodoError as `Writer` does.
+    """
+    if not (waiting := unpublished(path)):
+        return
+    if os.path.lexists(path):
+        with open_run(path) as run:
+            # A damaged case could not be copied into the new file, and would be gone.
+            waiting = {} if run.damaged else {n: f for n, f in waiting.items() if n not in run}
+    if waiting:
+        attributes = _latest(waiting)
+        order = in_order([*finished(path)], str(attributes.get("config")))
+        with Writer(path, attributes, order) as writer:
+            writer.keep_all_parts()
+            for name, items in writer.finished.items():
+                file = waiting.get(name, path)
+                writer.keep(next(item for item in items if item.file == file))
 
 
 def _collect(run: Run, found: dict[str, list[Finished]]) -> None:
@@ -133,14 +263,17 @@ class Writer:
         Raises HodoError if it cannot be written.
         """
         piece = self._next_piece()
-        self._put(piece, name, group)
+        # With the attributes of the whole: until that is made, a piece is shown in its place.
+        self._put(piece, name, group, self._attributes)
         self._new[name] = Finished(name, piece, group.attributes)
 
-    def _put(self, piece: Path, name: str, group: Group) -> None:
+    def _put(
+        self, piece: Path, name: str, group: Group, attributes: Mapping[str, Attribute]
+    ) -> None:
         draft = piece.with_name("draft")
         with refusals(self.path, KEPT), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
-            with create(draft, {}) as output:
+            with create(draft, attributes) as output:
                 output.write(name, group)
             synced(draft)  # or a loss of power leaves the name with nothing under it
             # The new name is on the disk with the next sync: one case may be lost, and half of the
@@ -171,7 +304,12 @@ class Writer:
         """
         with refusals(self.path, KEPT):
             piece = self._staging / f"part-{stamp}-{number}.h5"
-        self._put(piece, "part", group)
+        self._put(piece, "part", group, {})
+
+    def keep_all_parts(self) -> None:
+        """Leave the parts of dead runs where the next Writer finds them."""
+        names = [part.name for folder in self._orphans for part in parts_in(folder)]
+        self.unfinished |= {name.split("-")[1] for name in names}
 
     @contextmanager
     def part(self, stamp: str, number: int) -> Iterator[Run]:

@@ -1,0 +1,142 @@
+"""Batches that are running, or were interrupted: what they have finished can be used at once."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from hodo_cli.cases.config import parse
+from hodo_cli.commands.classify import classify_results
+from hodo_cli.commands.plot import draw_results
+from hodo_cli.commands.run import finish
+from hodo_cli.commands.show import stored_cases
+from hodo_cli.results.dataset import open_results
+from hodo_cli.results.hdf5 import Group, open_run
+from hodo_cli.results.writer import Writer, finished, open_batch, parts_in, publish_finished
+
+CONFIG = """\
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}
+cases:
+  first: {damping: 0.1}
+  second: {damping: 0.2}
+  third: {damping: 0.3}
+figures:
+  both: {kind: hodograph, cases: [first, second]}
+  rest: {kind: hodograph, cases: [third]}
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "runs" / "a.h5"
+
+
+@contextmanager
+def run_of(path: Path, groups: Mapping[str, Group], text: str = CONFIG) -> Iterator[Writer]:
+    """A run that has finished these cases."""
+    attributes = {"config": text, "history": "hodo run a.yaml"}
+    with Writer(path, attributes, ["first", "second", "third"]) as writer:
+        for name, group in groups.items():
+            writer.add(name, group)
+        yield writer
+
+
+def interrupted(path: Path, groups: Mapping[str, Group]) -> None:
+    """A run that was interrupted when it had finished these cases."""
+    with suppress(KeyboardInterrupt), run_of(path, groups):
+        raise KeyboardInterrupt
+
+
+def stored(seed: int, status: str = "ok") -> Group:
+    return Group({"hash": f"hash {seed}", "status": status, "case": "", "message": ""}, {})
+
+
+def hashes(path: Path) -> dict[str, str]:
+    with open_batch(path) as run:
+        return {name: run.summary(name)["hash"] for name in run.cases()}
+
+
+@pytest.mark.parametrize("is_running", [True, False])
+def test_finished_cases_are_shown_classified_and_plotted(path: Path, is_running: bool) -> None:
+    cases = parse(CONFIG, "a.yaml").cases
+    groups = {name: finish(cases[name]) for name in ("second", "first")}
+    with suppress(KeyboardInterrupt), run_of(path, groups) as writer:
+        if not is_running:
+            raise KeyboardInterrupt
+        use(path)
+        writer.add("third", finish(cases["third"]))
+    if not is_running:
+        use(path)
+        return
+    with open_run(path) as run:  # what was added meanwhile has stayed
+        assert run.cases() == ["first", "second", "third"]
+        labelled = ["enclosed_axis" in run.read(name).variables for name in run.cases()]
+        assert labelled == [True, True, False]
+
+
+def use(path: Path) -> None:
+    with pytest.warns(UserWarning, match="2 finished in a run that has not ended: first, second"):
+        rows, problems = stored_cases([path])
+    assert [row["case"] for row in rows] == ["first", "second"]
+    assert not problems
+    out = path.parent / "figures"
+    with pytest.warns(UserWarning, match="has not ended"):
+        ((said, _),) = draw_results([path], ["both"], ["csv"], out)
+    assert "no labels" in said
+    assert not path.exists()  # reading leaves no trace
+    rows, problems = classify_results([path])
+    assert [row["start"] for row in rows] == ["x1", "x1"]
+    assert not problems
+    lines = dict(draw_results([path], [], ["csv"], out))
+    assert lines[str(out / "a" / "both.csv")] is False
+    assert lines[f"rest: {path} has no case 'third'"] is True
+
+
+def test_a_changed_case_is_shown_and_stays_apart(path: Path) -> None:
+    """The result before the change may be wanted again; a failure hides no good result."""
+    with run_of(path, {"first": stored(1), "second": stored(1), "third": stored(1)}):
+        pass
+    interrupted(path, {"first": stored(2), "second": stored(2, "failed"), "third": stored(1)})
+    with pytest.warns(UserWarning, match="a.h5: 1 finished in a run"):
+        assert hashes(path) == {"first": "hash 2", "second": "hash 1", "third": "hash 1"}
+    publish_finished(path)
+    with open_run(path) as run:
+        assert run.summary("first")["hash"] == "hash 1"
+    assert [item.attributes["hash"] for item in finished(path)["first"]] == ["hash 1", "hash 2"]
+
+
+def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
+    with run_of(path, {"second": stored(1)}, "cases: {}"):
+        pass
+    interrupted(path, {"third": stored(1), "first": stored(1)})
+    publish_finished(path)
+    with open_run(path) as run:
+        assert run.cases() == ["first", "second", "third"]
+        assert run.text == CONFIG  # which has the figures of the new cases
+    with open_results(path) as results:
+        assert list(results.figures) == ["both", "rest"]
+
+
+def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
+    with suppress(KeyboardInterrupt), run_of(path, {"first": stored(1)}) as writer:
+        writer.add_part("stamp", 0, stored(1))
+        raise KeyboardInterrupt
+    publish_finished(path)
+    with open_run(path) as run:
+        assert run.cases() == ["first"]
+    with Writer(path, {}) as writer:
+        assert writer.parts("stamp") == {0}
+        writer.keep(writer.finished["first"][0])
+        assert any(map(parts_in, path.parent.glob(".*")))
+
+
+def test_a_result_that_is_damaged_is_left_alone(path: Path) -> None:
+    with run_of(path, {"first": stored(1), "second": stored(1)}):
+        pass
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"hash 1", b"hash 7", 1))
+    interrupted(path, {"third": stored(1)})
+    before = path.read_bytes()
+    publish_finished(path)
+    assert path.read_bytes() == before
