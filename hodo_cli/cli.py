@@ -271,7 +271,8 @@ def _run(
 def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the enclosed axes, and find every separatrix crossing.
 
-    The labels of every sample and the crossings are added to RUNS.
+    The labels of every sample and the crossings are added to RUNS: results (*.h5), or the configs
+    of results in runs/.
     """
     from . import tables
     from .commands import classify
@@ -290,7 +291,8 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
 def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     """Check the statements of RUNS against their results.
 
-    These are the `claims:` and `errata:` of the case file; the verdicts go into RUNS.
+    These are the `claims:` and `errata:` of the case file; the verdicts go into RUNS: results
+    (*.h5), or the configs of results in runs/, whose statements are taken as they are now.
     Exit status 3 if a verdict is not the one that the case file expects.
     """
     from . import tables, text
@@ -320,14 +322,12 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
 def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
     """Draw the figures of each RUN.
 
-    Those named are drawn, or all, with a page that shows them.
-    RUN is a result (*.h5), or the config (*.yaml) whose result is in runs/: its figures are then
-    those of the config as it is now.
+    Those named are drawn, or all, with a page that shows them. RUN is a result (*.h5) or the
+    config of one in runs/, which is drawn with the figures of the config as it is now.
     """
     from .commands import plot
 
-    files = [Path(name) for name in runs if name.endswith(plot.SOURCES)]
-    names = [name for name in runs if not name.endswith(plot.SOURCES)]
+    files, names = plot.split(runs)
     failed = False
     for line, is_problem in plot.draw_results(files, names, formats, out):
         click.echo(line, err=is_problem)
@@ -399,7 +399,7 @@ def _bench(
 @RUNS
 @JSON
 def _show(runs: tuple[Path, ...], as_json: bool) -> None:
-    """List the cases in RUNS.
+    """List the cases in RUNS, which are results (*.h5) or the configs of results in runs/.
 
     Of each: how it was integrated, how it ended, its error and run time.
     """

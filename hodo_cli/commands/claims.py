@@ -19,28 +19,31 @@ from ..progress import Progress
 from ..results.hdf5 import Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
-from .resume import content_mark, telling, told
+from .resume import content_mark, named, telling, told, warn_of_changes
 
 Rows = list[dict[str, Any]]
 
 
 def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
-    """Judge and store the claims and the errata of result files; the lines of both tables.
+    """Judge and store the claims and the errata of result files, or of the configs that name them;
+    the lines of both tables.
 
     A file without any is warned of: an empty table would look like a check that was passed.
     Raises HodoError as `judge_claim` does, or if a file cannot be read or replaced.
     """
     statements: Rows = []
     misprints: Rows = []
-    for path in paths:
+    for path, config in map(named, paths):
         with update(path, stamp(f"hodo claims {path}")) as changes:
+            warn_of_changes(changes.run, config, "claims")
+            text = config.text if config else changes.run.text
             mark, rows = "", None
             with suppress(HodoError):  # a case that cannot be read may matter to no claim
-                mark = content_mark(map(changes.run.read, changes.run.cases()), changes.run.text)
+                mark = content_mark(map(changes.run.read, changes.run.cases()), text)
                 if "_claims" in changes.run:
                     rows = told(changes.run.read("_claims"), mark)
             if rows is None:
-                verdicts, errata = judged(parse(changes.run.text, str(path)), changes.run)
+                verdicts, errata = judged(config or parse(text, str(path)), changes.run)
                 rows = [[claim_row(verdict) for verdict in each] for each in (verdicts, errata)]
                 if verdicts:
                     group = claim_group(verdicts, STATEMENT_COLUMNS)

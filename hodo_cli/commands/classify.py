@@ -18,20 +18,21 @@ from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
 from ..results.provenance import stamp, typed
 from ..results.update import update
-from .resume import content_mark, telling, told
+from .resume import content_mark, named, telling, told, warn_of_changes
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
     """Label the cases of result files; the lines of the table, and what keeps cases from one.
 
-    Raises HodoError if a file cannot be read or replaced.
+    A path may be that of a config. Raises HodoError if a file cannot be read or replaced.
     """
     rows, problems = [], []
-    for path in paths:
+    for path, config in map(named, paths):
         with (
             update(path, stamp(f"hodo classify {path}")) as changes,
             Progress(len(changes.run.cases()), logs=False) as progress,
         ):
+            warn_of_changes(changes.run, config)
             for name in progress.each(changes.run.cases()):
                 try:
                     group = changes.run.read(name)

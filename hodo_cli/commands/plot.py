@@ -8,31 +8,35 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..cases.config import load
 from ..figures import draw, page
 from ..figures.sheet import FORMATS, Rendered, save
 from ..progress import Progress
-from ..results.dataset import Results, open_results
+from ..results.dataset import Results, results_of
+from ..results.writer import open_batch
 from ..schema.kinds import nearest
+from .resume import CONFIGS, named, warn_of_changes
 
-SOURCES = (".h5", ".yaml", ".yml")
+SOURCES = (".h5", *CONFIGS)
 """What the name of a result or of its config ends with; any other name is that of a figure."""
 
 
 @contextmanager
-def results_of(path: Path) -> Iterator[Results]:
-    """A result file, or that of a config in the folder runs, with the figures of the config.
+def results_named(name: Path) -> Iterator[Results]:
+    """A result file, or that of a config, with the figures of the config as it is now.
 
     Raises HodoError if one of the two cannot be read.
     """
-    if path.suffix == ".h5":
-        with open_results(path) as results:
-            yield results
-        return
-    config = load(path)
-    with open_results(Path("runs") / f"{path.stem}.h5") as results:
-        results.config = config
-        yield results
+    path, config = named(name)
+    with open_batch(path) as run:
+        warn_of_changes(run, config, "plot")
+        yield results_of(run, config)
+
+
+def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
+    """Which of the names are those of results or configs, the first in any case, and which those of
+    figures."""
+    files = [name for i, name in enumerate(names) if not i or name.endswith(SOURCES)]
+    return [Path(name) for name in files], [name for name in names if name not in files]
 
 
 def draw_results(
@@ -41,12 +45,10 @@ def draw_results(
     """Draw the figures of result files, all or those named, and then a page with all of them.
 
     Yields the lines to print, each with whether it tells of a problem. Raises HodoError as `render`
-    does, or if no file is given or one cannot be read.
+    does, or if a file cannot be read.
     """
-    if not files:
-        raise HodoError("name a result or its config: hodo plot runs/NAME.h5 [FIGURE]...")
     with ExitStack() as stack:
-        opened = [stack.enter_context(results_of(path)) for path in files]
+        opened = [stack.enter_context(results_named(path)) for path in files]
         drawn = [
             (results, render(results, names, formats, out / results.path.stem))
             for results in opened

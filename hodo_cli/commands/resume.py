@@ -1,22 +1,34 @@
-"""What need not be done again: whether a stored case is still right, and what a command has told of
-stored data. While the data and hodo itself are the same, that is told again and not computed
-anew."""
+"""What need not be done again: whether a stored case is still right, whether its config still says
+the same, and what a command has told of stored data. While the data and hodo itself are the same,
+that is told again and not computed anew."""
 
 import hashlib
 import json
+import os
+import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .. import models
+from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
-from ..results.hdf5 import Attribute, Group
+from ..cases.config import Config, load, parse
+from ..results.hdf5 import Attribute, Group, Run
+from ..results.staging import staging_folders
 from ..results.writer import Finished
 
 FORCED = "--force"
+
+CONFIG_PATH = "config_path"
+"""The attribute of a result that tells its config from another of the same name."""
+
+CONFIGS = (".yaml", ".yml")
+"""What the name of a config ends with."""
 
 MARK, TOLD = "told_mark", "told"
 """The attributes of a group: what it was told of, as a hash, and what was told, as JSON."""
@@ -35,9 +47,12 @@ def fingerprint(case: Case) -> str:
 
     Nothing is integrated for it: the method that `auto` takes follows from the three.
     """
-    return "-".join(
-        (code(bool(case.sweep), case.model), libraries(), digest(dump(case, remarks=False)))
-    )
+    return "-".join((code(bool(case.sweep), case.model), libraries(), _content(case)))
+
+
+def _content(case: Case) -> str:
+    """The hash of a case without its remarks."""
+    return digest(dump(case, remarks=False))
 
 
 def why(case: Case, done: Finished | None, force: bool) -> str:
@@ -56,6 +71,55 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
         if theirs[i : i + 1] != ours[i : i + 1]:
             return reason
     return ""
+
+
+def named(name: Path) -> tuple[Path, Config | None]:
+    """The result that a name stands for and, if it is the name of a config, that config.
+
+    A config's result is in the folder `runs`. A name without a suffix or folder is a config's, as
+    in `load`, unless there is a file of this name. Raises HodoError if the config cannot be read,
+    or has no result.
+    """
+    bare = not name.suffix and name.name == str(name) and not name.exists()
+    if not (bare or name.suffix in CONFIGS):
+        return name, None
+    config = load(name)
+    path = Path("runs") / f"{Path(config.path).stem}.h5"
+    if not os.path.lexists(path) and not staging_folders(path):
+        raise HodoError(f"{config.path} has no result {path}: hodo run {config.path} makes it")
+    return path, config
+
+
+def warn_of_changes(run: Run, config: Config | None, command: str = "") -> None:
+    """Warn of what has changed in the config of a result since: its cases and, where it was the
+    result that a `command` was asked about, the figures or claims which that goes through."""
+    given, config = config, config or _config_of(run)
+    if config is None:
+        return
+    stored = parse(run.text, str(run.path)) if given is None else config
+    sections = {"plot": "figures", "claims": "claims"}
+    section = sections.get(command, "")
+    if section and getattr(stored, section) != getattr(config, section):
+        said = f"the {section} of {config.path} have changed since its run"
+        warnings.warn(f"{run.path}: {said}: hodo {command} {config.path} takes them", stacklevel=2)
+    changed = [
+        name
+        for name in run.cases()
+        if name in config.cases and name not in run.damaged
+        if _content(config.cases[name]) not in str(run.summary(name, ("hash",)).get("hash"))
+    ]
+    if changed:
+        said = f"changed in {config.path} since: {', '.join(changed)}"
+        warnings.warn(f"{run.path}: {said}: hodo run {config.path}", stacklevel=2)
+
+
+def _config_of(run: Run) -> Config | None:
+    """The config of a result where it lies, if it has changed and can be read."""
+    path = run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))
+    with suppress(OSError, HodoError):
+        if path.is_file() and path.read_text(encoding="utf-8-sig") != run.text:
+            return load(os.path.relpath(path))
+    return None
 
 
 @cache

@@ -27,14 +27,11 @@ from ..results.layout import SUMMARY, case_group
 from ..results.provenance import root_attributes, stamp
 from ..results.staging import check_writable
 from ..results.writer import Finished, Writer, finished
-from .resume import FORCED, fingerprint, why
+from .resume import CONFIG_PATH, FORCED, fingerprint, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
 LEFT = "is dropped, it is not in the config any more"
-
-CONFIG_PATH = "config_path"
-"""The attribute of a result that tells its config from another of the same name."""
 
 LONGEST = 150
 """Bytes of overrides in the name of a file. Names have at most 255, of which the config's own and

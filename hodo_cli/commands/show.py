@@ -7,6 +7,7 @@ from typing import Any
 from ..cases.case import parse_case
 from ..results.layout import SUMMARY, typed_as
 from ..results.writer import open_batch
+from .resume import named, warn_of_changes
 
 CASE = typed_as("case")
 
@@ -15,12 +16,14 @@ def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]
     """The cases of result files, with the attributes that a line of the table shows, and what is
     wrong with those that are damaged.
 
-    Raises HodoError as `open_batch` does, or if a case has no such attributes.
+    A path may be that of a config. Raises HodoError as `open_batch` does, or if a case has
+    no such attributes.
     """
     rows: list[dict[str, Any]] = []
     problems = []
-    for path in paths:
+    for path, config in map(named, paths):
         with open_batch(path) as run:
+            warn_of_changes(run, config)
             # One damaged case hides no other.
             problems += [f"{path}: {name} is damaged ({why})" for name, why in run.damaged.items()]
             rows += [

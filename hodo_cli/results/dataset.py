@@ -154,8 +154,13 @@ class Results:
         return self.figures[name]
 
 
+def results_of(run: Run, config: Config | None = None) -> Results:
+    """An open result, with a config to be used in place of the one that is stored."""
+    return Results(run.path, Datasets(run), config or parse(run.text, str(run.path)))
+
+
 @contextmanager
 def open_results(path: Path | str) -> Iterator[Results]:
     """A result file, open for reading. Raises HodoError as `writer.open_batch` does."""
     with open_batch(path) as run:
-        yield Results(run.path, Datasets(run), parse(run.text, str(path)))
+        yield results_of(run)
