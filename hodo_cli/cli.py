@@ -164,6 +164,40 @@ def main(traceback: bool, own: tuple[str, ...]) -> None:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+
+def _cases(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """The names of cases, of the configs that stand before, with which a shell completes --case."""
+    from .cases.config import load
+
+    names: list[str] = []
+    # An option without its value has kept click from giving the arguments their names.
+    for config in ctx.args:
+        with suppress(HodoError):  # a shell shows no mistakes
+            names += load(config).cases
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+    """The names of figures, of the results and configs that stand before, with which a shell
+    completes a name that is that of no file."""
+    from click.shell_completion import CompletionItem
+
+    from .cases.config import load, parse
+    from .commands.resume import CONFIGS
+    from .results.hdf5 import open_run
+
+    names: list[str] = []
+    with suppress(HodoError), warnings.catch_warnings(action="ignore"):
+        for run in ctx.params.get("runs") or ():
+            if run.endswith(".h5"):
+                with open_run(run) as result:
+                    names += parse(result.text, run).figures
+            elif run.endswith(CONFIGS) or not names:
+                names += load(run).figures
+    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return found or [CompletionItem(incomplete, type="file")]
+
+
 RUNS = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
 JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value instead of a table."
@@ -173,6 +207,7 @@ GLOBS = click.option(
     "globs",
     multiple=True,
     metavar="GLOB",
+    shell_complete=_cases,
     help="Take only cases whose name matches (repeatable).",
 )
 
@@ -309,7 +344,9 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
 
 
 @main.command("plot")
-@click.argument("runs", nargs=-1, required=True, metavar="RUN... [FIGURE]...")
+@click.argument(
+    "runs", nargs=-1, required=True, metavar="RUN... [FIGURE]...", shell_complete=_figures
+)
 @click.option(
     "--format",
     "formats",

@@ -140,7 +140,13 @@ def test_bash_completes_as_documented(hodo: Hodo, tmp_path: Path) -> None:
     assert line.strip() in " ".join(hodo("--help").stdout.split())
     scripts = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     shown = f"{line}complete -p hodo\n"
-    for words in ("hodo cla", "hodo run --dr"):
+    assert hodo("init", "mine").returncode == 0
+    for words in (
+        "hodo cla",
+        "hodo run --dr",
+        "hodo run mine.yaml --case sta",
+        "hodo plot mine sp",
+    ):
         shown += f"COMP_WORDS=({words}); COMP_CWORD={words.count(' ')}; COMPREPLY=()\n"
         shown += '_hodo_completion hodo; echo "${COMPREPLY[@]}"\n'
     done = subprocess.run(
@@ -150,4 +156,5 @@ def test_bash_completes_as_documented(hodo: Hodo, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
     )
-    assert done.stdout.splitlines()[-2:] == ["claims classify", "--dry-run"], done.stderr
+    found = done.stdout.splitlines()[-4:]
+    assert found == ["claims classify", "--dry-run", "staying", "speeds"], done.stderr
