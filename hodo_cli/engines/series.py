@@ -38,6 +38,27 @@ class Series:
     def _new(self, rule: Rule) -> "Series":
         return type(self)(rule)
 
+    def functions(
+        self,
+        values: Callable[[Any], Sequence[Any]],
+        slopes: Callable[["Series", Sequence["Series"]], Sequence["Series"]],
+    ) -> list["Series"]:
+        """Functions f of this series x with x df/dx = slopes(x, f), by their values at x[0].
+
+        A function that takes many operations, an elliptic integral say, takes them once and not
+        for each coefficient.
+        """
+        rates: list[Series] = []
+
+        def coefficient(j: int, k: int) -> Any:
+            return rates[j][k - 1] / k if k else start[j]
+
+        start = values(self[0])
+        found = [self._new(partial(coefficient, j)) for j in range(len(start))]
+        growth = self._new(lambda k: (k + 1) * self[k + 1]) / self
+        rates += [growth * slope for slope in slopes(self, found)]
+        return found
+
     def __neg__(self) -> "Series":
         return self._new(lambda k: -self[k])
 

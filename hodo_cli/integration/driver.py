@@ -121,8 +121,9 @@ def propagate(
         if leg.hit is not None:
             way = passed(events[leg.hit.event], leg.hit, clock, k)
             found.append(Occurrence(events[leg.hit.event].kind, way.time, way.details))
-            if way.state is None:
-                return samples.ended(found, leg.hit.state, units.size)
+            if way.onward is None:
+                state = np.array(way.state, dtype=fp)
+                return samples.ended(found, state, units.size)
             y, clock = np.array(way.state, dtype=fp), Calendar(fp(way.onward), fp(0))
             # Samples that the passage has leapt over are taken behind it.
             leapt = int(np.searchsorted(times, float(way.onward), side="right")) - samples.done
@@ -144,7 +145,7 @@ def passed(event: Event, hit: Hit, clock: Clock, k: Constants) -> Passed:
     A model with such an event has units of its own, so that the time and the state are its own too.
     """
     if event.passage is None:
-        return Passed(clock.true(hit.time), {})
+        return Passed(clock.true(hit.time), {}, hit.state)
     numbers = attributes(k, hit.state.dtype.type)
     return event.passage(hit.time, [*hit.state], numbers)
 

@@ -24,7 +24,7 @@ class Label(NamedTuple):
 
 class Passed(NamedTuple):
     """What an event does to a motion: it goes on from the time `onward` in another state, or ends
-    where that is None.
+    in that state where `onward` is None.
 
     `time` is what is stored as the event's time, with the numbers of `details`. `onward` may lie
     before the time of the event: the motion then goes on as if it had passed sooner.
@@ -32,8 +32,8 @@ class Passed(NamedTuple):
 
     time: float
     details: Mapping[str, float]
-    onward: Any = 0.0
-    state: tuple[Any, ...] | None = None
+    state: Sequence[Any]
+    onward: Any = None
 
 
 class Event(NamedTuple):

@@ -232,7 +232,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         return {
             **turning_constants(body),
-            "mean": float(self.mean_start == "yes"),
+            "mean_start": self.mean_start,
             "branch": self.at_separatrix if any(torque) else FREE,
             **fluid_constants(body, kappa, torque, unit),
             "scale": max(pace, math.hypot(*torque) / unit) or 1.0,

@@ -61,7 +61,7 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     n = float(either(side, k.turns_a, k.turns_c)) * math.exp(float(E) / 2)
     phase, time = float(turned) / scale + math.pi / 2 * n * u / pull, float(t) + seconds
     foreseen = outcome(pull, n, phase, time, max(map(abs, lam)))
-    known = bool(k.mean) and math.isfinite(foreseen.place)
+    known = k.mean_start == "yes" and math.isfinite(foreseen.place)
     lag, place = (foreseen.lag, foreseen.place) if known else (0.0, 0.0)
     further, beyond = time_in_band(2 * u, pull), 2 * u / pull
     # Behind it E and O have changed their parts; the lag is spent near the middle axis, at l_m.
@@ -72,10 +72,10 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     square = (heavy * math.exp(float(E)) + light * math.exp(float(O))) / (k.a - k.c)
     details = left_and_entered(k, int(side), -int(side))
     details |= {"momentum": math.sqrt(float(square)), "frequency": n, "scatter": foreseen.scatter}
-    if k.mean:
+    if k.mean_start == "yes":
         details |= foreseen.details
     state = new_E, new_O, 0 * turned + scale * new_phase, -side
-    return Passed(time, details, t + (seconds + lag + further), state)
+    return Passed(time, details, state, t + (seconds + lag + further))
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Damped(AveragedTurns):
         ln_E, ln_O, turned, side = y.T
         # In units of E: the shape has its digits where E itself is below the smallest double.
         E, O, unit, above = np.ones_like(ln_E), np.exp(ln_O - ln_E), np.exp(ln_E / 2), side > 0
-        if k.mean:
+        if k.mean_start == "yes":
             body, square = Body(k.a, k.b, k.c, (0, 1, 2), 1), unit * unit
             X, Y = np.where(above, square, O * square), np.where(above, O * square, square)
             gap = -np.expm1(ln_O - ln_E - side * k.offset)
@@ -139,7 +139,7 @@ class Damped(AveragedTurns):
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         return {
             **turning_constants(self.body),
-            "mean": float(self.mean_start == "yes"),
+            "mean_start": self.mean_start,
             "e": math.e,
             "l1": l1,
             "l2": l2,

@@ -119,22 +119,22 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     if k.branch == FREE:
         foreseen = outcome(-du, n, phase, time, -du)
         region, details["scatter"] = (-side, foreseen.sense or 1), foreseen.scatter
-        if k.mean:
+        if k.mean_start == "yes":
             details |= foreseen.details
-        if k.mean and math.isfinite(foreseen.place):
+        if k.mean_start == "yes" and math.isfinite(foreseen.place):
             place, lag = foreseen.place, foreseen.lag
     else:
         shares = capture_shares(drift_by_region(k, side, g, f), (side, sense))
         details["probability"] = shares[-side, 1] + shares[-side, -1]
         if not (chosen := branch(k.branch, shares, (side, sense))):
-            return Passed(time, details)
+            turned = y[2] + k.scale * sense * math.pi / 2 * n * u / -du
+            return Passed(time, details, (*at, turned, y[3]))
         region = chosen
     details |= left_and_entered(k, side, region[0])
     onward, state = behind(k, region, side, at, n, place)
     turned = 0 * y[2] + state[2] * k.scale
-    return Passed(
-        time, details, t + (seconds + lag + onward), (*state[:2], turned, 0 * y[3] + region[0])
-    )
+    there = *state[:2], turned, 0 * y[3] + region[0]
+    return Passed(time, details, there, t + (seconds + lag + onward))
 
 
 def branch(name: str, shares: dict[Region, float], start: Region) -> Region | None:
@@ -190,7 +190,7 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
     """
     g, f, turned, side = y.T
     E, O, above = g * g, f * f, side > 0
-    if k.mean and k.branch == FREE:
+    if k.mean_start == "yes" and k.branch == FREE:
         ratio, sense = np.where(above, k.ratio_a, k.ratio_c), np.where(g > 0, 1, -1)
         X, Y = np.where(above, E, O), np.where(above, O, E)
         slow = Slow(X, Y, side, (E - ratio * O) / E, sense, sense * turned / k.scale)

@@ -31,6 +31,30 @@ def turn_means(m: Any, gap: Any, steps: int = AGM) -> Means:
 
     Source: M. Abramowitz and I. A. Stegun, 17.6.
     """
+    # A power series of an engine has some twenty coefficients, of which only the first needs all
+    # these steps.
+    if hasattr(m, "functions"):
+        total, pace = m.functions(lambda first: by_steps(first, 1 - first, steps), slopes)
+    else:
+        total, pace = by_steps(m, gap, steps)
+    ss = 0.5 + m * total
+    return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, pace)
+
+
+def slopes(m: Any, functions: Sequence[Any]) -> tuple[Any, Any]:
+    """m dS/dm and m d<dn>/dm of S = (<sn^2> - 1/2)/m and <dn>, given them: nothing cancels, at
+    m = 0 or elsewhere.
+
+    Source: the derivatives of K and E, M. Abramowitz and I. A. Stegun, 17.3, in these variables.
+    """
+    total, pace = functions
+    cc = 0.5 - m * total
+    part = cc / (2 * (1 - m))
+    return cc * part - 2 * total, -m * part * pace
+
+
+def by_steps(m: Any, gap: Any, steps: int) -> tuple[Any, Any]:
+    """S = (<sn^2> - 1/2)/m and <dn>, by the arithmetic-geometric mean."""
     root = gap**0.5
     a, b = (1 + root) / 2, root**0.5
     square, factor = 1 / (4 * (1 + root) * (1 + root)), 1  # c_n^2/m^2 and 2^(n-1)
@@ -40,8 +64,7 @@ def turn_means(m: Any, gap: Any, steps: int = AGM) -> Means:
         a, b = (a + b) / 2, (a * b) ** 0.5
         square, factor = m * m * square * square / (16 * a * a), 2 * factor
         total = total + factor * square
-    ss = 0.5 + m * total
-    return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, a)
+    return total, a
 
 
 def linear_rates(lam: Sequence[Any], mean: Means) -> tuple[Any, Any]:
