@@ -20,7 +20,7 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, models
+from hodo_cli import HodoError
 from hodo_cli.batch.pool import Pool, pool
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
@@ -114,9 +114,9 @@ def test_a_mistake_in_a_sweep_is_named_with_its_place(block: str, message: str) 
 
 def test_a_sphere_needs_a_model_with_directions() -> None:
     with pytest.raises(HodoError, match="only the start of a body-frame model has a direction"):
-        one("model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, initial: {x: "
-            "1, y: 1}, "
-            "time: {end: 9}, sweep: {d: {sphere: {count: 2}}}")  # fmt: skip
+        one("model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: 0.1, b: 0.1, "
+            "initial: {theta: 1, r: 2}, time: {end: 9}, "
+            "sweep: {d: {sphere: {count: 2}}}")  # fmt: skip
 
 
 def test_store_names_what_a_sweep_has() -> None:
@@ -124,10 +124,11 @@ def test_store_names_what_a_sweep_has() -> None:
         one(f"{FIG4}, {BALL}, store: [crosing_time], sweep: {{d: {{sphere: {{count: 2}}}}}}")
     cavity = "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
     cavity += "initial: {x: 1, y: 1}, time: {end: 9}"
-    for model in (one(f"{FIG4}, {BALL}"), one(cavity)):
-        found = models.find(model.model, model.form)
-        names = {*sweep_block.storable(found.variables, not found.unclassifiable)} - {"trajectory"}
+    for model in (one(f"{FIG4}, {BALL}"), one(cavity), one(f"{FIG4}, {BALL}, form: averaged")):
+        names = {*sweep_block.storable(type(model.system))} - {"trajectory", "enclosed_axis"}
         assert set(columns.columns(model)) == names
+    triaxial = cavity.replace("[8, 8, 4]", "[8, 7, 4]")
+    assert one(f"{triaxial}, store: [J]").store == ("J",)
 
 
 def test_the_values_of_a_range() -> None:
@@ -186,6 +187,53 @@ def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
 def test_members_on_a_sphere_are_single_cases(body: str) -> None:
     case = one(f"{body}, {BALL}, sweep: {{d: {{sphere: {{count: 30, seed: 2}}}}}}")
     assert_members_are_single_cases(case, list(range(30)))
+
+
+FLUID = f"model: cavity+constant, {HEAD}, kappa: 0.005"
+TURNING = {
+    "linear-diag": FIG4,
+    "raw": f"{FIG4}, mean_start: no",
+    "one side": FIG4.replace("1, 0.8, 0.6", "0.8, 0.8, 0.6"),
+    "tensor": FIG12,
+    "cavity": FLUID,
+    "stopped": f"{FLUID}, torque: [-0.001, 0.0003, 0.0005]",
+    "other-axis": f"{FLUID}, torque: [-0.001, 0.0003, 0.0005], at_separatrix: other-axis",
+}
+
+
+def averaged(body: str, sweep: str) -> Case:
+    return one(f"{body}, form: averaged, {BALL}, sweep: {{{sweep}}}")
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("body", TURNING)
+def test_members_of_averaged_forms_are_single_cases_and_chunks_change_no_bit(
+    body: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(chunk, "WORTH", 0)
+    case = averaged(TURNING[body], "inertia.2: {values: [0.5, 0.6]}, d: {sphere: {count: 12}}")
+    together = chunk.compute(chunk.Chunk(case, 0, 24))
+    assert together.attributes["alone"] == 0
+    values = {name: variable.data for name, variable in together.variables.items()}
+    passed = np.isfinite(values["event_time"])
+    assert passed.any() == (body != "one side")
+    assert np.isfinite(values["crossing_time"]).any() == (body not in ("one side", "stopped"))
+    once = values["crossings"] == 1
+    assert np.array_equal(values["crossing_to"][once], values["end_axis"][once])
+    parts = [computed(case, a, b) for a, b in pairwise([0, 1, 15, 24])]
+    monkeypatch.setattr(chunk, "fits_ensemble", lambda case: False)
+    single = computed(case)
+    for name, column in values.items():
+        again = np.concatenate([part[name] for part in parts])
+        assert np.array_equal(column, again, equal_nan=True), name
+        if name != "steps":
+            assert column == pytest.approx(single[name], rel=1e-11, nan_ok=True), name
+
+
+def test_a_start_of_an_averaged_form_on_the_separatrix_is_marked() -> None:
+    found = one(f"{FIG4}, form: averaged, initial: {{p: 1, q: 0.5, r: 0}}, "
+                "sweep: {initial.p: {values: [0, 1]}}")  # fmt: skip
+    assert computed(found)["status"].tolist() == [Status.INVALID.code, Status.OK.code]
 
 
 def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -> None:

@@ -163,9 +163,12 @@ def checked_case(name: str, block: Block) -> Case:
     if model is None:
         raise Wrong(*mistakes)
     data = {key: values[key] for key in model.keys if key in values}
-    mistakes += [*model.check(data), *_of_store(model, values)]
+    mistakes += model.check(data)
+    # What is stored hangs on the class that stands in for a form with these data.
+    standing = model if mistakes else type(model.of(data))
+    mistakes += _of_store(standing, values)
     if values.get("sweep") and not mistakes:
-        mistakes += check_axes(values["sweep"], model, data)
+        mistakes += check_axes(values["sweep"], standing, data)
     if mistakes:
         raise Wrong(*mistakes)
     common = {key: values[key] for key in COMMON} | {"time": Time(**values["time"])}
@@ -189,7 +192,7 @@ def _of_store(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake
     """Variables that the model does not have."""
     valid = list(model.variables)
     if values.get("sweep"):
-        valid = storable(valid, not model.unclassifiable)
+        valid = storable(model)
     for i, name in enumerate(values.get("store", ())):
         if name not in valid:
             yield ("store", i), unknown(f"variable {name!r}", name, valid)

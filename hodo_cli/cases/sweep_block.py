@@ -70,6 +70,14 @@ REDUCED = (
 axis."""
 
 
+PASSED = (
+    *("crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings"),
+    *("start_axis", "end_axis"),
+    *("event_predicted", "event_scatter", "event_sense", "event_probability"),
+)
+"""What it is reduced to where the motion itself stores its axis and its passages."""
+
+
 class InDegrees(float):
     """A value of a range that was given as "5 deg", in radians: only an angle takes it."""
 
@@ -194,15 +202,12 @@ def _linspace(first: float, last: float, number: int, index: np.ndarray) -> np.n
     return np.where((index == number - 1) & (number > 1), last, index * step + first)
 
 
-def storable(variables: Iterable[str], classifiable: bool) -> list[str]:
-    """What `store:` may name in a sweep of a model with these variables."""
-    return [
-        *variables,
-        *(REDUCED if classifiable else ("event_time",)),
-        "steps",
-        "status",
-        "trajectory",
-    ]
+def storable(model: type[Model]) -> list[str]:
+    """What `store:` may name in a sweep of a model."""
+    own: tuple[str, ...] = REDUCED
+    if model.unclassifiable:
+        own = (*PASSED, "event_time") if "enclosed_axis" in model.variables else ("event_time",)
+    return [*model.variables, *own, "steps", "status", "trajectory"]
 
 
 def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
@@ -235,7 +240,7 @@ def check_axes(
         if axis.name in RESERVED:
             said = f"{axis.name} is a dimension of every result; call the axis otherwise"
             yield ("sweep", axis.name), said
-    yield from _check_spheres(axes, not model.unclassifiable)
+    yield from _check_spheres(axes, model.oriented)
     swept: dict[KeyPath, str] = {}
     for axis in axes:
         place: KeyPath = ("sweep", axis.name)

@@ -8,6 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+TINY = 1e-290
+"""Added to what is divided by and may be 0."""
+
 Rule = Callable[[int], Any]
 
 
@@ -55,7 +58,8 @@ class Series:
 
         start = values(self[0])
         found = [self._new(partial(coefficient, j)) for j in range(len(start))]
-        growth = self._new(lambda k: (k + 1) * self[k + 1]) / self
+        # Where x is 0, and stays so, nothing grows.
+        growth = self._new(lambda k: (k + 1) * self[k + 1]) / (self + TINY)
         rates += [growth * slope for slope in slopes(self, found)]
         return found
 

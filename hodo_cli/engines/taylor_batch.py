@@ -15,16 +15,12 @@ import numpy as np
 
 from ..models.base import Event, Model
 from ..models.constants import Structure, count, namespace
-from .series import Series, motion, value
+from .series import TINY, Series, motion, value
 from .taylor import OPTIMISED
 
 WIDTH = 8
 """Motions in one register. With AVX-512, a step of a motion of linear-diag took 37 ns at 8, 62 at 4
 and 55 at 16, where registers no longer hold what a step needs."""
-
-TINY = 1e-290
-"""Added to coefficients that are divided by: a steady rotation has coefficients of 0, and a fast
-compiler may assume that nothing is infinite."""
 
 
 class Symbols(Series):
@@ -109,6 +105,8 @@ def step_size(y: Sequence[Sequence[Any]]) -> Any:
     """
     n = len(y[0]) - 1
     size, last, before = (reduce(larger, [absolute(c[i]) for c in y]) for i in (0, n, n - 1))
+    # A steady rotation has coefficients of 0, and a fast compiler may assume that nothing is
+    # infinite.
     size, last, before = larger(size, hy.expression(1.0)), last + TINY, before + TINY
     by_last = hy.lt(power(before / last, n) * last, size)
     coefficient = hy.select(by_last, last, before)

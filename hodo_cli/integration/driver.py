@@ -145,7 +145,7 @@ def passed(event: Event, hit: Hit, clock: Clock, k: Constants) -> Passed:
     A model with such an event has units of its own, so that the time and the state are its own too.
     """
     if event.passage is None:
-        return Passed(clock.true(hit.time), {}, hit.state)
+        return Passed(clock.true(hit.time), {}, [*hit.state])
     numbers = attributes(k, hit.state.dtype.type)
     return event.passage(hit.time, [*hit.state], numbers)
 

@@ -66,6 +66,8 @@ class Model:
     becomes value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its
     own units.
 
+    A model is `oriented` if its motions start with an angular velocity in body axes.
+
     `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
     """
 
@@ -75,6 +77,7 @@ class Model:
     state: ClassVar[tuple[str, ...]]
     variables: ClassVar[dict[str, Label]]
     degree: ClassVar[dict[str, int]] = {}
+    oriented: ClassVar[bool] = False
     unclassifiable: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )
@@ -110,6 +113,20 @@ class Model:
     @property
     def start(self) -> tuple[float, ...]:
         """The initial state."""
+        raise NotImplementedError
+
+    @staticmethod
+    def velocity(
+        inertia: Sequence[float], initial: Mapping[str, float | None]
+    ) -> tuple[float, ...]:
+        """The angular velocity (3,) that the data of an oriented model say.
+
+        Raises ValueError, with a sentence, unless they say it in exactly one way.
+        """
+        raise NotImplementedError
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        """The states (m, ...) of an oriented model for angular velocities (..., 3) at the start."""
         raise NotImplementedError
 
     @property

@@ -119,6 +119,7 @@ class Cavity(Model):
     epsilon: float
 
     name = "cavity+constant"
+    velocity = staticmethod(velocity)
     keys = {
         "inertia": INERTIA,
         "cavity": CAVITY,

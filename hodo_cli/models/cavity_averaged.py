@@ -19,14 +19,14 @@ from .averaging.fluid import (
     fluid_constants,
     fluid_distance,
     fluid_output,
+    fluid_part,
     fluid_rates,
     through_with_fluid,
 )
 from .averaging.forms import MEAN_START, AveragedTurns, turning_constants
 from .averaging.free_turn import Slow
-from .averaging.quadrature import nodes_for, periodic_part
 from .base import Constants, Event, Label, Model
-from .cavity import Cavity, coefficient, fluid_torque, velocity
+from .cavity import Cavity, coefficient, velocity
 from .constants import attributes
 
 
@@ -52,6 +52,7 @@ class Symmetric(Cavity):
         ),
     }
     state = ("a", "r")
+    oriented = True
     variables = {
         "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2"),
         "y": Label(("time",), "square of the axial angular velocity, r^2"),
@@ -78,6 +79,10 @@ class Symmetric(Cavity):
     def start(self) -> tuple[float, ...]:
         p, q, r = super().start
         return math.hypot(p, q), r
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        p, q, r = np.moveaxis(omega, -1, 0)
+        return np.stack((np.hypot(p, q), r))
 
     @cached_property
     def constants(self) -> Constants:
@@ -221,8 +226,10 @@ class AveragedTriaxial(AveragedTurns, Cavity):
 
     @property
     def unit(self) -> float:
-        """The size of g or f at the start."""
-        return float(np.sqrt(max(self.slow.pair)))
+        """|G| sqrt((a - c)/a) at the start: the size of g or f, whatever its direction."""
+        body, omega = self.body, self.velocity(self.inertia, self.initial)
+        G = np.linalg.norm(np.array(self.inertia) * omega)
+        return float(G * math.sqrt((body.a - body.c) / body.a))
 
     @cached_property
     def constants(self) -> Constants:
@@ -238,22 +245,17 @@ class AveragedTriaxial(AveragedTurns, Cavity):
             "scale": max(pace, math.hypot(*torque) / unit) or 1.0,
         }
 
-    def periodic_start(self, slow: Slow) -> Sequence[float]:
-        body, kappa = self.body, coefficient(self.cavity, self.kappa)
+    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+        square = self.unit**2
+        small = slow._replace(X=slow.X / square, Y=slow.Y / square)
+        E, O = fluid_part(attributes(self.constants), small)
+        return E / self.unit, O / self.unit
 
-        def torque(omega: np.ndarray) -> np.ndarray:
-            fluid = fluid_torque(body[:3], np.moveaxis(omega, -1, 0), kappa)
-            return np.asarray(np.stack(fluid, axis=-1) + self.sorted_torque)
-
-        X, Y = periodic_part(body, torque, slow, nodes_for(slow.gap))
-        return (float(X), float(Y)) if slow.side > 0 else (float(Y), float(X))
-
-    @property
-    def start(self) -> tuple[float, ...]:
-        slow, unit, scale = self.elements, self.unit, self.constants["scale"]
+    def states(self, slow: Slow) -> np.ndarray:
+        unit, scale = self.unit, self.constants["scale"]
         assert isinstance(scale, float)
-        g, f = (math.sqrt(value) / unit for value in slow.pair)
-        return slow.sense * g, f, slow.sense * scale * slow.phase, float(slow.side)
+        g, f = (np.sqrt(value) / unit for value in slow.pair)
+        return np.stack((slow.sense * g, f, slow.sense * scale * slow.phase, slow.side + 0.0))
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
         g, f, _, _ = y.T

@@ -231,7 +231,9 @@ class BodyFrame(Model):
     initial: Mapping[str, float | None]
 
     state: ClassVar[tuple[str, ...]] = ("p", "q", "r")
+    oriented = True
     unclassifiable = ""
+    velocity = staticmethod(complete)
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes")}
 
     @staticmethod
@@ -255,11 +257,14 @@ class BodyFrame(Model):
                 limits = f"{SMALLEST:g} to {1 / SMALLEST:g}"
                 yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
         if "initial" in data:
-            yield from mistake_of(("initial",), complete, A, data["initial"])
+            yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
 
     @property
     def start(self) -> tuple[float, ...]:
-        return complete(self.inertia, self.initial)
+        return self.velocity(self.inertia, self.initial)
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        return np.moveaxis(omega, -1, 0)
 
     @cached_property
     def constants(self) -> Constants:

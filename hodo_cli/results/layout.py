@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..cases.case import Case, dump
+from ..cases.sweep_block import PASSED
 from ..engines.protocol import Status
 from ..integration.classify import Classification
 from ..integration.crossings import Crossing
@@ -172,6 +173,14 @@ MEMBER_CLASSIFIED = {
 }
 """What is stored of each member of a sweep where a hodograph encloses an axis, over the sweep's
 dimensions."""
+
+MEMBER_PASSED = {
+    name: MEMBER_CLASSIFIED.get(name)
+    or EVENT_DETAILS[name.removeprefix("event_")]._replace(dims=())
+    for name in PASSED
+}
+"""What is stored of each member where the motion stores its axis and its passages; `event_NAME` is
+that of its last event."""
 
 MEMBER_STEPS = {"steps": Stored("steps of the integration", (), "i4")}
 

@@ -15,7 +15,7 @@ from ..engines import have_taylor
 from ..engines.protocol import Status
 from ..integration.classify import classify
 from ..integration.integrate import integrate
-from ..integration.trajectory import Trajectory
+from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.base import Event
 from ..models.constants import Structure, flatten
@@ -28,6 +28,7 @@ from .columns import (
     Reduction,
     columns,
     enter,
+    event_columns,
     shape,
 )
 from .ensemble import Ensemble, Outcome, Passages
@@ -41,6 +42,10 @@ WORTH = 250
 """Members for each number among the constants, from which on it is worth seconds to compile the
 step of averaged equations, at about a millisecond for each member by itself. The nodes of a
 quadrature count among the constants."""
+
+
+TURNING = 20
+"""By what factor a body averaged over its turns takes longer by itself than a top does."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +85,9 @@ def fits_ensemble(case: Case) -> bool:
     compilation of their step."""
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
     fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
-    # A motion that goes on in another way after an event is a matter for the driver.
-    fit &= not any(event.passage for event in case.system.run_events)
     worth = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
+    if any(event.passage for event in case.system.run_events):
+        worth //= TURNING
     return fit and math.prod(shape(case)) >= worth
 
 
@@ -125,16 +130,15 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
     kinds: dict[tuple[Structure, tuple[Event, ...]], list[int]] = {}
     for i, each in enumerate(given):
         # One compiled step watches one event; of two or more, single cases keep the order.
-        simple = len(each.events) <= 1 and not any(event.passage for event in each.events)
-        if each.start is not None and simple:
+        if each.start is not None and len(each.events) <= 1:
             # Only what differs in numbers alone can share a compiled step.
             kinds.setdefault((each.structure, each.events), []).append(i)
     for alike in kinds.values():
         at = np.flatnonzero(np.isin(place, alike))
         some, among = [given[i] for i in alike], np.searchsorted(alike, place[at])
         e = _ensemble(case, some, among, None if direction is None else direction[at])
-        outcome = ensemble.advance(e)
-        enter(values, at[outcome.settled], _reduced(e, outcome), case.time)
+        outcome, met = ensemble.advance_through(e)
+        enter(values, at[outcome.settled], _reduced(e, outcome, met), case.time)
         left[at[outcome.settled]] = False
     return np.flatnonzero(left)
 
@@ -150,20 +154,25 @@ def _ensemble(
     return Ensemble(type(case.system), given[0].structure, constants, start, span, event, case.tol)
 
 
-def _reduced(e: Ensemble, outcome: Outcome) -> Reduction:
-    """The settled motions of an ensemble."""
+def _reduced(e: Ensemble, outcome: Outcome, met: list[list[Occurrence]]) -> Reduction:
+    """The settled motions of an ensemble, with the events that have taken them on."""
     well = np.flatnonzero(outcome.settled)
     state, exponent = outcome.state[:, well], outcome.exponent[well]
     final = e.model.output(np.array([e.span[1]]), state.T, e.named(well))
     if e.model.degree:
         final = {name: np.ldexp(values, exponent[:, None]) for name, values in final.items()}
+    if "enclosed_axis" in final:
+        start = e.model.output(np.array([0.0]), e.start[:, well].T, e.named(well))
+        axes = start["enclosed_axis"], final["enclosed_axis"]
+        events = event_columns([met[i] for i in well], *axes)
+        return Reduction(final, outcome.steps[well], None, events)
     sure = outcome.settled[outcome.passages.motion]
     passed = Passages(*(column[..., sure] for column in outcome.passages))
     passed = passed._replace(motion=np.searchsorted(well, passed.motion))
     event_time = np.full(len(well), np.nan)
     event_time[passed.motion] = passed.time  # of several, the last one counts
     labels = None if e.model.unclassifiable else _labelled(e, outcome, well, passed)
-    return Reduction(final, outcome.steps[well], labels, event_time)
+    return Reduction(final, outcome.steps[well], labels, {"event_time": event_time})
 
 
 def _labelled(e: Ensemble, outcome: Outcome, well: np.ndarray, passed: Passages) -> Classified:
@@ -196,13 +205,15 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
         if motion.status is not Status.OK:
             return motion.status, None
         final = {name: values[-1:] for name, values in motion.variables.items()}
-        event_time = motion.events[-1].time if motion.events else np.nan
+        axis = motion.variables.get("enclosed_axis")
+        ends = (None, None) if axis is None else (axis[:1], axis[-1:])
+        events = event_columns([motion.events], *ends)
         status, labels = Status.OK, None
         if not model.unclassifiable:
             status, labels = _classified(single, motion)
     except HodoError:
         return Status.FAILED, None
-    return status, Reduction(final, np.array([motion.steps]), labels, np.array([event_time]))
+    return status, Reduction(final, np.array([motion.steps]), labels, events)
 
 
 def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:

@@ -1,7 +1,7 @@
 """What is stored of the members of a sweep, one column each."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,13 +9,18 @@ import numpy as np
 
 from ..cases.case import Case, Time
 from ..cases.sweep_block import axes_of
+from ..integration.crossings import Crossing
+from ..integration.trajectory import Occurrence
 from ..results.layout import (
+    CROSSING_COLUMNS,
     MEMBER_CLASSIFIED,
     MEMBER_EVENT,
+    MEMBER_PASSED,
     MEMBER_STATUS,
     MEMBER_STEPS,
     UNASKED,
     Stored,
+    passages_as_crossings,
 )
 
 
@@ -25,8 +30,12 @@ def columns(case: Case) -> dict[str, Stored]:
     final = {
         name: Stored(f"{variable.long_name}, at the end", variable.dims[1:], units=variable.units)
         for name, variable in model.variables.items()
+        # As a label at the end it is `end_axis`.
+        if name != "enclosed_axis" or "trajectory" in case.store
     }
-    own = MEMBER_EVENT if model.unclassifiable else MEMBER_CLASSIFIED
+    own = MEMBER_CLASSIFIED
+    if model.unclassifiable:
+        own = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
     return final | own | MEMBER_STEPS | MEMBER_STATUS
 
 
@@ -85,21 +94,44 @@ class Classified:
 @dataclass(frozen=True)
 class Reduction:
     """What n members come to: their final variables and steps (n, ...), and their labels or, where
-    none apply, the time of the last event (n,)."""
+    none apply, the columns of their events (n,)."""
 
     final: Mapping[str, np.ndarray]
     steps: np.ndarray
     classified: Classified | None
-    event_time: np.ndarray
+    events: Mapping[str, np.ndarray]
+
+
+def event_columns(
+    met: Sequence[Sequence[Occurrence]], start: np.ndarray | None, end: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """The columns of the events of n members; with the axes (n,) that are enclosed at their start
+    and end, if the model knows them, those of their passages too."""
+    last = [events[-1] if events else Occurrence("", math.nan) for events in met]
+    found = {"event_time": np.array([event.time for event in last])}
+    if start is None or end is None:
+        return found
+    for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
+        detail = name.removeprefix("event_")
+        found[name] = np.array([event.details.get(detail, math.nan) for event in last])
+    crossings = [passages_as_crossings(events, math.nan) for events in met]
+    none = Crossing(math.nan, 0, 0, math.nan, math.nan)
+    first = [passed[0] if passed else none for passed in crossings]
+    for name in ("crossing_time", "crossing_from", "crossing_to", "crossing_G"):
+        field, _ = CROSSING_COLUMNS[name]
+        found[name] = np.array([getattr(crossing, field) for crossing in first])
+    found["crossings"] = np.array([len(passed) for passed in crossings])
+    return found | {"start_axis": start, "end_axis": end}
 
 
 def enter(values: Mapping[str, np.ndarray], at: np.ndarray, of: Reduction, time: Time) -> None:
     """Enter what members come to in the rows `at` of the columns."""
-    for name, final in of.final.items():
-        values[name][at] = final
+    for name in of.final.keys() & values.keys():
+        values[name][at] = of.final[name]
     values["steps"][at] = of.steps
     if of.classified is None:
-        values["event_time"][at] = of.event_time
+        for name, column in of.events.items():
+            values[name][at] = column
         return
     found, crossings = of.classified, of.classified.crossings
     values["start_axis"][at], values["end_axis"][at] = found.start_axis, found.end_axis

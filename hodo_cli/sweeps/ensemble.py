@@ -6,7 +6,7 @@ not alternate) is left unsettled, for these two to decide by themselves.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,6 +16,7 @@ import numpy as np
 from ..engines.polynomial import TAYLOR, isolate, to_bernstein
 from ..engines.series import value
 from ..integration.choice import MANY_STEPS
+from ..integration.trajectory import Occurrence
 from ..integration.units import Units
 from ..models.base import Event, Model
 from ..models.constants import Structure, namespace
@@ -75,13 +76,14 @@ class Passages(NamedTuple):
 @dataclass(frozen=True)
 class Ensemble:
     """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
-    the start (m, n), their span of time, the event that is looked for, and the tolerance."""
+    the start (m, n), the times at which they begin, one or (n,), and end, the event that is looked
+    for, and the tolerance."""
 
     model: type[Model]
     structure: Structure
     constants: np.ndarray
     start: np.ndarray
-    span: tuple[float, float]
+    span: tuple[float | np.ndarray, float]
     event: Event | None
     tol: float | None
 
@@ -89,6 +91,11 @@ class Ensemble:
     def doubt(self) -> float:
         """The part of a state that its error is taken to stay below."""
         return max(DOUBT, PER_TOLERANCE * (self.tol or 0.0))
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """How long each motion takes (n,)."""
+        return np.broadcast_to(self.span[1] - self.span[0], self.start.shape[1])
 
     def named(self, at: Any = slice(None)) -> SimpleNamespace:
         """The constants of the motions `at` by name."""
@@ -179,13 +186,14 @@ class Underway:
     outcome: Outcome
     pauses: int = 0
     suspects: list[Suspects] = field(default_factory=list)
+    passed: list[Passages] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         e, m = self.ensemble, self.m
         moving = np.flatnonzero((e.start != 0).any(axis=0))
         number = padded(moving)
         self.now, self.next = np.empty((2, self.step.rows, len(number)))
-        self.now[:m], self.now[m] = e.start[:, number], e.span[1] - e.span[0]
+        self.now[:m], self.now[m] = e.start[:, number], e.lengths[number]
         self.book = np.zeros((len(e.constants) + 6, len(number)))
         self.book[0], self.book[1:NUMBER], self.book[NUMBER] = (
             e.span[1],
@@ -222,13 +230,27 @@ class Underway:
             return
         m, event = self.m, self.ensemble.event
         before, after, book = self.now[: m + 1, at], self.next[: m + 2, at], self.book[:, at]
-        self.suspects.append(Suspects(before, after[m + 1], book))
+        if event is None or not event.passage:
+            self.suspects.append(Suspects(before, after[m + 1], book))
         # Only the sign at the ends is looked at here; where in the step it ended is found at the
         # end, for all at once.
         if event is not None and event.terminal:
             k = namespace(self.ensemble.structure, list(book[1:NUMBER]))
             ends = (event.function(0.0, [*y[:m]], k) for y in (before, after))
-            self.next[m, at[np.multiply(*ends) < 0]] = 0
+            stopped = np.multiply(*ends) < 0
+            if event.passage:
+                self.leave(after[: m + 1, stopped], book[:, stopped])
+            self.next[m, at[stopped]] = 0
+
+    def leave(self, after: np.ndarray, book: np.ndarray) -> None:
+        """Note the motions that an event takes on, in columns as they are now.
+
+        Its formulas begin from any state behind its zero, so that this need not be found.
+        """
+        time = self.ensemble.span[1] - (after[-1] + book[REST])
+        none = np.zeros(len(time), dtype=np.int64)
+        number = book[NUMBER].astype(np.int64)
+        self.passed.append(Passages(number, time, none - 1, after[:-1], none))
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
@@ -239,8 +261,11 @@ class Underway:
         whole = left + book[REST]
         book[REST] += left - whole
         left[going] = whole[going]
-        if self.pauses == 1:
-            span = np.ldexp(self.ensemble.span[1] - self.ensemble.span[0], units_of(book)[1])
+        event = self.ensemble.event
+        # An averaged motion is slow at the separatrix only, where its steps are the shorter.
+        if self.pauses == 1 and not (event and event.passage):
+            number = book[NUMBER].astype(np.int64)
+            span = np.ldexp(self.ensemble.lengths[number], units_of(book)[1])
             going &= PAUSE * span < HOPELESS * (span - left)
         if np.count_nonzero(going) < FULL * len(going):
             self.drop(~going)
@@ -313,10 +338,58 @@ def advance(e: Ensemble) -> Outcome:
             for _ in range(PAUSE):
                 underway.advance()
             underway.pause()
-        if e.event is not None:
+        if underway.passed:
+            columns = (np.concatenate(c, axis=-1) for c in zip(*underway.passed, strict=True))
+            outcome.passages = Passages(*columns)
+        if e.event is not None and not e.event.passage:
             judge(e, e.event, underway.suspects, step, outcome)
     outcome.settled &= np.isfinite(outcome.state).all(axis=0)
     return outcome
+
+
+def advance_through(e: Ensemble) -> tuple[Outcome, list[list[Occurrence]]]:
+    """All motions of an ensemble through their span and the events that take them on, with these
+    events of each."""
+    outcome = advance(e)
+    met: list[list[Occurrence]] = [[] for _ in range(e.start.shape[1])]
+    passages, numbers = outcome.passages, np.arange(len(met))
+    while e.event is not None and e.event.passage and len(passages.motion):
+        passages = passages._replace(motion=numbers[passages.motion])
+        onward = taken_on(e, passages, outcome, met)
+        if not onward:
+            break
+        numbers = np.array([motion for motion, _, _ in onward])
+        begin = np.array([time for _, time, _ in onward], dtype=float)
+        start = np.array([state for _, _, state in onward], dtype=float).T
+        constants, span = e.constants[:, numbers], (begin, e.span[1])
+        part = advance(replace(e, constants=constants, start=start, span=span))
+        outcome.state[:, numbers], outcome.settled[numbers] = part.state, part.settled
+        outcome.steps[numbers] += part.steps
+        passages = part.passages
+    outcome.settled &= np.isfinite(outcome.state).all(axis=0)
+    return outcome, met
+
+
+def taken_on(
+    e: Ensemble, passages: Passages, outcome: Outcome, met: list[list[Occurrence]]
+) -> list[tuple[int, Any, Any]]:
+    """Enter what an event does to the motions that have met it; returns those that go on, with the
+    time and the state from which on."""
+    assert e.event is not None
+    assert e.event.passage is not None
+    onward = []
+    for i, time, state in zip(passages.motion, passages.time, passages.state.T, strict=True):
+        k = namespace(e.structure, e.constants[:, i].tolist())
+        try:
+            way = e.event.passage(float(time), state.tolist(), k)
+        except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
+            outcome.settled[i] = False
+            continue
+        met[i].append(Occurrence(e.event.kind, way.time, way.details))
+        outcome.state[:, i] = way.state
+        if way.onward is not None and way.onward < e.span[1]:
+            onward.append((int(i), way.onward, way.state))
+    return onward
 
 
 def judge(

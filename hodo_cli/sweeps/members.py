@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cases.case import Case
 from ..cases.sweep_block import Axis, axes_of, put
-from ..models.base import Event
+from ..models.base import Event, Model
 from ..models.constants import Structure, flatten, structure
 from .columns import shape
 
@@ -26,6 +26,7 @@ class Inputs(NamedTuple):
     constants: tuple[float, ...] = ()
     start: tuple[float, ...] | None = None
     events: tuple[Event, ...] = ()
+    system: Model | None = None
 
 
 def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
@@ -39,7 +40,7 @@ def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
         return Inputs(data)
     system = model(**data)
     k, events = system.constants, (*system.run_events, *system.class_events)
-    return Inputs(data, structure(k), tuple(flatten(k)), system.start, events)
+    return Inputs(data, structure(k), tuple(flatten(k)), system.start, events, system)
 
 
 def member_inputs(
@@ -67,11 +68,27 @@ def member_inputs(
 def starts(given: list[Inputs], place: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
     """The states at the start (m, n), from the combination at each place (n,); with a direction (n,
     3) of G, its |G| is that of the data."""
-    start = np.array([one.start for one in given]).T
     if direction is None:
-        return np.asarray(start[:, place])
-    A = np.array([one.data["inertia"] for one in given]).T
-    return np.asarray(np.linalg.norm(A * start, axis=0)[place] * direction.T / A[:, place])
+        return np.array([one.start for one in given]).T[:, place]
+    omega = velocities(given, place, direction)
+    start = np.empty((len(given[0].start or ()), len(place)))
+    for i, one in enumerate(given):
+        assert one.system is not None
+        start[:, place == i] = one.system.starts(omega[place == i])
+    return start
+
+
+def velocities(given: list[Inputs], place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
+    the data."""
+    A = np.array([one.data["inertia"] for one in given])
+    omega = [
+        one.system.velocity(one.data["inertia"], one.data["initial"])
+        for one in given
+        if one.system is not None
+    ]
+    G = np.linalg.norm(A * np.array(omega), axis=1)
+    return np.asarray(G[place, None] * direction / A[place])
 
 
 def member(case: Case, number: int, samples: int = 2) -> Case:
@@ -79,7 +96,7 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
     (given,), _, direction = member_inputs(case, np.array([number]))
     data = given.data
     if direction is not None and given.start is not None:
-        omega = starts([given], np.zeros(1, dtype=int), direction)[:, 0].tolist()
+        omega = velocities([given], np.zeros(1, dtype=int), direction)[0].tolist()
         # The other ways to give the start (|G|, x and y) make way for the components.
         data = {
             **data,

@@ -63,7 +63,7 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     foreseen = outcome(pull, n, phase, time, max(map(abs, lam)))
     known = k.mean_start == "yes" and math.isfinite(foreseen.place)
     lag, place = (foreseen.lag, foreseen.place) if known else (0.0, 0.0)
-    further, beyond = time_in_band(2 * u, pull), 2 * u / pull
+    further, beyond = time_in_band(2 * EDGE, pull), 2 * EDGE / pull
     # Behind it E and O have changed their parts; the lag is spent near the middle axis, at l_m.
     linger = l_m * (further + lag)
     new_E, new_O = O - 2 * (linger + (l_o - l_m) * beyond), E - 2 * (linger + (l_e - l_m) * beyond)
@@ -154,15 +154,15 @@ class Damped(AveragedTurns):
         variables."""
         return max(map(abs, self.coefficients)) or 1.0
 
-    def periodic_start(self, slow: Slow) -> Sequence[float]:
-        parts = damped_part(self.body, self.sorted_coefficients, slow)
-        return [float(value * part) for value, part in zip(slow.pair, parts, strict=True)]
+    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+        return damped_part(self.body, self.sorted_coefficients, slow)
 
-    @property
-    def start(self) -> tuple[float, ...]:
-        slow = self.elements
-        ln_E, ln_O = (math.log(value) if value else NEVER for value in slow.pair)
-        return ln_E, ln_O, self.scale * slow.phase, float(slow.side)
+    def states(self, slow: Slow) -> np.ndarray:
+        ln_E, ln_O = (
+            np.log(value, out=np.full(np.shape(value), NEVER), where=value > 0)
+            for value in slow.pair
+        )
+        return np.stack((ln_E, ln_O, self.scale * slow.phase, slow.side + 0.0))
 
     @property
     def rate(self) -> float:

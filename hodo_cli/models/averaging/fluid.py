@@ -44,6 +44,7 @@ def fluid_constants(
         "weights_c": below,
         "last_a": above[2] / ratio_a if ratio_a else 0.0,
         "last_c": below[2] / ratio_c if ratio_c else 0.0,
+        "torque_b": torque[1] / math.sqrt(b) / unit,
         "torque_a": math.sqrt((a - c) / a) * torque[0] / unit,
         "torque_c": math.sqrt((a - c) / c) * torque[2] / unit,
     }
@@ -164,11 +165,13 @@ def behind(
 
 
 def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
-    """(E - mean E)/E and (O - mean O)/O under the fluid's torque alone, at the phase of `slow`.
+    """(E - mean E)/E and (O - mean O)/O, times `unit`, at the phase of `slow` (...); 0 where O
+    is 0.
 
     Of sn^2 and of m sn^4 the integrals of zero mean, over n t, are -Z/m and (sn cn dn - 2 (1 + m)
     Z/m)/3, with Jacobi's zeta. sn^4 comes with a factor m everywhere: in the last term because O =
-    m E/ratio.
+    m E/ratio. Those of dn, sn and cn, in which a constant torque comes, are am - phi, -artanh(k
+    cn/dn)/k and arcsin(k sn)/k.
     """
     E, O = slow.pair
     above, m = np.asarray(slow.side) > 0, 1 - slow.gap
@@ -178,23 +181,38 @@ def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
     cd, sd, sc = (np.where(above, x, z) for x, z in zip(k.weights_a, k.weights_c, strict=True))
     last = np.where(above, k.last_a, k.last_c)
     total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - last * fourth
-    n = turn_frequency(Body(k.a, k.b, k.c, (0, 1, 2), 1), E, slow.side)
+    body = Body(k.a, k.b, k.c, (0, 1, 2), 1)
+    n, (w_e, w_o) = turn_frequency(body, E, slow.side), body.weight(slow.side)
     change = (E * total - sc * O * zeta) / n
-    return np.where(above, k.c, -k.a) * change * O / E, np.where(above, -k.a, k.c) * change
+    dE, dO = np.where(above, k.c, -k.a) * change * O / E, np.where(above, -k.a, k.c) * change
+    # A modulus of 0 is as good as one whose square is lost beside 1.
+    modulus, g, f = np.sqrt(np.maximum(m, 1e-30)), np.sqrt(E), np.sqrt(O)
+    dn = np.sqrt(cn * cn + slow.gap * sn * sn)
+    swing = np.arctanh(modulus * cn / dn) / modulus * slow.sense * k.torque_b
+    about = np.where(above, k.torque_a, k.torque_c)
+    across = np.where(above, k.torque_c, k.torque_a)
+    root = np.sqrt(w_e)
+    pushed = slow.sense * about * (am - slow.phase) / g + w_o / root * f / E * swing
+    aside = root * swing + across * np.arcsin(modulus * sn) / modulus
+    turned = np.divide(aside, f, out=np.zeros_like(f), where=f > 0)
+    return dE + 2 / n * pushed, dO + 2 / n * turned
 
 
 def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
     """The stored variables.
 
-    The periodic part is added where there is no torque: a capture by chance forgets the phase.
+    The periodic part is added unless the case has named a branch: a capture by chance forgets the
+    phase.
     """
     g, f, turned, side = y.T
     E, O, above = g * g, f * f, side > 0
-    if k.mean_start == "yes" and k.branch == FREE:
+    if k.mean_start == "yes" and k.branch in (FREE, STOP):
         ratio, sense = np.where(above, k.ratio_a, k.ratio_c), np.where(g > 0, 1, -1)
         X, Y = np.where(above, E, O), np.where(above, O, E)
-        slow = Slow(X, Y, side, (E - ratio * O) / E, sense, sense * turned / k.scale)
-        dE, dO = fluid_part(k, slow)
+        gap = np.maximum((E - ratio * O) / E, EDGE / 2)
+        slow = Slow(X, Y, side, gap, sense, sense * turned / k.scale)
+        # A motion that has stopped at the separatrix does not turn any more.
+        dE, dO = np.where(gap > EDGE / 2, fluid_part(k, slow), 0)
         # `turn_frequency` takes E in true units, where n is larger by `unit`.
         turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale
         E, O = with_part(E, dE / k.unit, turns), with_part(O, dO / k.unit, turns)

@@ -5,7 +5,7 @@ so that it is of the size of the others; and the side, +1 or -1, which only a pa
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...schema.kinds import Choice, Key, Mistake
 from ..base import Label
-from ..rigid_body import BodyFrame, complete
+from ..rigid_body import BodyFrame
 from .free_turn import Body, Slow, slow_elements
 from .passage import shape_distance
 
@@ -110,13 +110,7 @@ class AveragedTurns(BodyFrame):
     variables = STORED
     degree = {}
     unclassifiable = "averaged over the hodograph's turns: run stores its axis and its passages"
-
-    @staticmethod
-    def velocity(
-        inertia: Sequence[float], initial: Mapping[str, float | None]
-    ) -> tuple[float, ...]:
-        """(p, q, r) at the start."""
-        return complete(inertia, initial)
+    class_events = ()
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -142,27 +136,34 @@ class AveragedTurns(BodyFrame):
         """The body with its axes sorted."""
         return Body.of(self.inertia)
 
-    @property
-    def slow(self) -> Slow:
-        """The slow variables and the phase at the start, as given."""
-        return slow_elements(self.body, self.velocity(self.inertia, self.initial))
-
-    def periodic_start(self, slow: Slow) -> Sequence[float]:
-        """E and O of the start less their means."""
+    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+        """The periodic parts (...) of E and O relative to them, at starts (...)."""
         raise NotImplementedError
 
-    @property
-    def elements(self) -> Slow:
-        """The slow variables that the motion starts from."""
-        slow = self.slow
+    def states(self, slow: Slow) -> np.ndarray:
+        """The states (m, ...) with these slow variables (...)."""
+        raise NotImplementedError
+
+    def elements(self, omega: Any) -> tuple[Slow, np.ndarray]:
+        """The slow variables (...) that motions with angular velocities (..., 3) start from, and
+        whether these have their mean elements."""
+        slow = slow_elements(self.body, omega)
         if self.mean_start == "no":
-            return slow
-        return shifted(self.body, slow, self.periodic_start(slow)) or slow
+            return slow, np.ones_like(slow.X, dtype=bool)
+        return shifted(self.body, slow, self.periodic_start(slow))
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        slow, _ = self.elements(omega)
+        # A start on the separatrix does not turn; `check` says so of a case.
+        return np.where(slow.gap < 2 * EDGE, np.nan, self.states(slow))
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        return tuple(self.starts(np.array(super().start)).tolist())
 
     @property
     def warnings(self) -> list[str]:
-        given = self.slow
-        if self.mean_start == "no" or shifted(self.body, given, self.periodic_start(given)):
+        if self.elements(super().start)[1]:
             return super().warnings
         near = "the start is so near the separatrix that it is taken for its own mean element"
         return [*super().warnings, near]
@@ -183,18 +184,21 @@ class AveragedTurns(BodyFrame):
         ]
 
 
-def shifted(body: Body, slow: Slow, part: Sequence[float]) -> Slow | None:
-    """Slow variables with their periodic part in E and O taken off.
+def shifted(body: Body, slow: Slow, part: tuple[np.ndarray, np.ndarray]) -> tuple[Slow, np.ndarray]:
+    """Slow variables (...) with the periodic parts of E and O, relative to them, taken off, and
+    where that was done.
 
-    None if that is no correction any more, because it takes the motion half the way to the
-    separatrix.
+    It is no correction any more where it takes the motion half the way to the separatrix.
     """
-    E, O = (float(value - more) for value, more in zip(slow.pair, part, strict=True))
-    w_e, w_o = (float(weight) for weight in body.weight(slow.side))
-    if min(E, O) < 0 or not (gap := 1 - w_o * O / (w_e * E)) > 0:
-        return None
-    # Half the way: nearer, the mean element would hang on terms that the first order leaves out.
-    if shape_distance(gap) < shape_distance(slow.gap) / 2:
-        return None
-    X, Y = (E, O) if slow.side > 0 else (O, E)
-    return slow._replace(X=X, Y=Y, gap=gap)
+    E, O = (value * (1 - more) for value, more in zip(slow.pair, part, strict=True))
+    w_e, w_o = body.weight(slow.side)
+    with np.errstate(all="ignore"):  # of what is not turning there is no mean
+        gap = 1 - w_o * O / (w_e * E)
+        # Half the way: nearer, the mean element would hang on terms that the first order leaves
+        # out.
+        right = (E >= 0) & (O >= 0) & (gap > 0)
+        right &= shape_distance(gap) >= shape_distance(slow.gap) / 2
+    X, Y = np.where(slow.side > 0, (E, O), (O, E))
+    mean = slow._replace(X=X, Y=Y, gap=gap)
+    chosen = (np.where(right, new, old) for new, old in zip(mean, slow, strict=True))
+    return Slow(*chosen), right

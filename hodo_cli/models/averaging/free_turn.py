@@ -24,7 +24,6 @@ more after a turn. The two sides are one formula in E = X, O = Y (side +1) and E
 Source: L. D. Landau and E. M. Lifshitz, Mechanics, section 37.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
@@ -97,26 +96,28 @@ class Slow(NamedTuple):
         return np.where(above, self.X, self.Y), np.where(above, self.Y, self.X)
 
 
-def slow_elements(body: Body, omega: Sequence[float]) -> Slow:
-    """The slow variables and the phase of an angular velocity (3,), along the body axes as given.
+def slow_elements(body: Body, omega: Any) -> Slow:
+    """The slow variables and the phase of angular velocities (..., 3), along the body axes as
+    given.
 
     1 - m comes from D, as a sum of terms none of which cancels: 1 - m as a difference is noise near
     the separatrix.
     """
     a, b, c = body[:3]
-    p, q, r = (float(x) for x in body.sort(omega))
+    p, q, r = np.moveaxis(body.sort(np.asarray(omega, dtype=float)), -1, 0)
     X = a * (a - c) * p * p + b * (b - c) * q * q
     Y = b * (a - b) * q * q + c * (a - c) * r * r
     D = a * (a - b) * p * p - c * (b - c) * r * r
-    side = 1 if D > 0 else -1
-    about, across = (p, r) if side > 0 else (r, p)
-    scale = float(body.weight(side)[0]) * (X if side > 0 else Y)
+    above = D > 0
+    side = np.where(above, 1, -1)
+    about, across = np.where(above, p, r), np.where(above, r, p)
+    scale = body.weight(side)[0] * np.where(above, X, Y)
     # A body at rest has no scale; any m serves it.
-    gap = (a - c) * abs(D) / scale if scale else 1.0
-    sense = -1 if about < 0 else 1
-    opposite, inner = (c, a - b) if side > 0 else (a, b - c)
-    am = math.atan2(-sense * math.sqrt(b * inner) * q, math.sqrt(opposite * (a - c)) * across)
-    return Slow(X, Y, side, gap, sense, float(phase_of(am, gap)))
+    gap = np.divide((a - c) * np.abs(D), scale, out=np.ones_like(scale), where=scale != 0)
+    sense = np.where(about < 0, -1, 1)
+    opposite, inner = np.where(above, c, a), np.where(above, a - b, b - c)
+    am = np.arctan2(-sense * np.sqrt(b * inner) * q, np.sqrt(opposite * (a - c)) * across)
+    return Slow(X, Y, side, gap, sense, phase_of(am, gap))
 
 
 def turn_frequency(body: Body, E: Any, side: Any) -> Any:
