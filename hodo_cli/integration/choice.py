@@ -70,7 +70,10 @@ def taylor_steps(case: Case, path: Sampled | None = None) -> float:
     ):
         units = Units.fit(model, system.constants, state, exponent)
         k = attributes(units.constants(model, system.constants))
-        slopes = jacobian(model, k, t, np.ldexp(state, exponent - units.size))
+        y = np.ldexp(state, exponent - units.size)
+        slopes, moving = jacobian(model, k, t, y), np.array(model.rhs(t, [*y], k), dtype=float) != 0
+        # A variable that keeps its value, such as a side, moves no other, however much hangs on it.
+        slopes[:, ~moving & ~slopes.any(axis=1)] = 0
         rates.append(
             float(np.ldexp(np.abs(slopes).sum(axis=1).max(), units.rate)) if state.any() else 0.0
         )

@@ -56,7 +56,18 @@ def catalogue() -> dict[str, dict[str, type[Model]]]:
                 said = f"there is already a model {item.name!r} with the form {item.form!r}"
                 raise HodoError(f"{source}: {said}")
             found.setdefault(item.name, {})[item.form] = item
+    for forms in found.values():
+        add_averaged(forms)
     return found
+
+
+def add_averaged(forms: dict[str, type[Model]]) -> None:
+    """Give a body-frame model that states only its full form an averaged one."""
+    if "averaged" in forms or "full" not in forms:
+        return
+    make = import_module(f"{__name__}.averaging.any_torque")
+    if issubclass(forms["full"], make.BodyFrame):
+        forms["averaged"] = make.averaged_form(forms["full"])
 
 
 @cache

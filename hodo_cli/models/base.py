@@ -66,7 +66,8 @@ class Model:
     becomes value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its
     own units.
 
-    A model is `oriented` if its motions start with an angular velocity in body axes.
+    A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
+    `one_by_one` if its equations are too large to be compiled for many motions at once.
 
     `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
     """
@@ -78,6 +79,7 @@ class Model:
     variables: ClassVar[dict[str, Label]]
     degree: ClassVar[dict[str, int]] = {}
     oriented: ClassVar[bool] = False
+    one_by_one: ClassVar[bool] = False
     unclassifiable: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )

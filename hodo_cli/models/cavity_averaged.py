@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..schema.kinds import Choice, Key, Mistake
+from .averaging.capture import AT_SEPARATRIX, FREE
 from .averaging.fluid import (
-    FREE,
-    OTHER,
-    REVERSED,
-    STOP,
     fluid_constants,
     fluid_distance,
     fluid_output,
@@ -140,12 +137,7 @@ class Averaged(Symmetric):
     form = "averaged"
     keys = Symmetric.keys | {
         "mean_start": MEAN_START,
-        "at_separatrix": Key(
-            Choice(STOP, OTHER, REVERSED),
-            "what becomes of a motion at the separatrix where a constant torque makes it a matter "
-            "of chance",
-            default=STOP,
-        ),
+        "at_separatrix": AT_SEPARATRIX,
     }
 
     @staticmethod

@@ -84,6 +84,7 @@ def fits_ensemble(case: Case) -> bool:
     """Whether the members go side by side: the method is that of `ensemble`, and they are worth the
     compilation of their step."""
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
+    fit &= not case.system.one_by_one
     fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
     worth = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
     if any(event.passage for event in case.system.run_events):

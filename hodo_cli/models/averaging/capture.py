@@ -13,6 +13,18 @@ following the map.
 from collections.abc import Mapping
 from itertools import product
 
+from ...schema.kinds import Choice, Key
+
+FREE, STOP, OTHER, REVERSED = "free", "stop", "other-axis", "reversed"
+"""What happens at the separatrix: without a torque the motion goes through, else as the case
+says."""
+
+AT_SEPARATRIX = Key(
+    Choice(STOP, OTHER, REVERSED),
+    "what becomes of a motion at the separatrix where the torque makes it a matter of chance",
+    default=STOP,
+)
+
 Region = tuple[int, int]
 """A side (+1: axis a, -1: axis c) and the sense of rotation about that axis."""
 
@@ -66,3 +78,12 @@ def capture_shares(drift: Mapping[Region, float], start: Region) -> dict[Region,
             else:
                 parts.append((bottom, top, *onward))
     return shares
+
+
+def branch(name: str, shares: dict[Region, float], start: Region) -> Region | None:
+    """The region that a case's word means, or None if the motion is to stop or cannot go there."""
+    side, sense = start
+    onto = {OTHER: [(-side, 1), (-side, -1)], REVERSED: [(side, -sense)]}.get(name, [])
+    # Of two senses of rotation about the other axis, the one that keeps more phases.
+    likely = max(onto, key=shares.__getitem__, default=start)
+    return likely if likely != start and shares[likely] > 0 else None

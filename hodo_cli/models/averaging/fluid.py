@@ -16,15 +16,11 @@ from typing import Any
 import numpy as np
 
 from ..base import Passed
-from .capture import Region, capture_shares
+from .capture import FREE, STOP, Region, branch, capture_shares
 from .forms import EDGE, either, left_and_entered, stored_elements, with_part
 from .free_turn import Body, Slow, amplitude, turn_frequency
 from .means import fluid_loss, fluid_weights, turn_means
 from .passage import outcome, time_in_band
-
-FREE, STOP, OTHER, REVERSED = "free", "stop", "other-axis", "reversed"
-"""What happens at the separatrix: without a torque the motion goes through, else as the case
-says."""
 
 
 def fluid_constants(
@@ -136,15 +132,6 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     turned = 0 * y[2] + state[2] * k.scale
     there = *state[:2], turned, 0 * y[3] + region[0]
     return Passed(time, details, there, t + (seconds + lag + onward))
-
-
-def branch(name: str, shares: dict[Region, float], start: Region) -> Region | None:
-    """The region that a case's word means, or None if the motion is to stop or cannot go there."""
-    side, sense = start
-    onto = {OTHER: [(-side, 1), (-side, -1)], REVERSED: [(side, -sense)]}.get(name, [])
-    # Of two senses of rotation about the other axis, the one that keeps more phases.
-    likely = max(onto, key=shares.__getitem__, default=start)
-    return likely if likely != start and shares[likely] > 0 else None
 
 
 def behind(

@@ -1,0 +1,440 @@
+"""The averaged form of any body-frame model, from the equations of its full form alone; see
+`AnyTorque`."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property, partial
+from importlib import import_module
+from types import SimpleNamespace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ...schema.kinds import Integer, Key, Mistake
+from ..base import Constants, Event, Passed
+from ..constants import attributes
+from ..rigid_body import BodyFrame
+from .capture import AT_SEPARATRIX, STOP, Region, branch, capture_shares
+from .damped import logarithmic_offset
+from .forms import (
+    EDGE,
+    MEAN_START,
+    AveragedTurns,
+    either,
+    left_and_entered,
+    stored_elements,
+    turning_constants,
+    with_part,
+)
+from .free_turn import LANDEN, Body, Slow, free_motion_by_phase, slow_elements, turn_frequency
+from .means import turn_means
+from .passage import outcome, time_in_band
+from .quadrature import NODES, Torque, mean_rates, nodes_for, periodic_part
+
+STILL = 1200.0
+"""By how much ln O is below ln E for an exact rotation about the enclosed axis: the transverse
+velocities, e^-600 of the other, then add nothing to it, and their own rates are no 0/0."""
+
+NEAR, NEARER = 1e-9, 1e-13
+"""Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
+
+EVEN = 1e-9
+"""What two drifts may differ by, relative to the larger, and be taken for equal."""
+
+AT_ONCE = 2048
+"""Samples whose periodic parts are computed at once: each takes a row of nodes."""
+
+NODES_KEY = Key(
+    Integer(least=16, most=1024),
+    "nodes of the mean over a turn, a power of two",
+    default=NODES,
+)
+
+Rhs = Callable[[Any, Sequence[Any], Any], Sequence[Any]]
+
+
+def turning_body(k: Any) -> Body:
+    """The body with its axes sorted, from the constants of a form; for symbols too."""
+    order = tuple(map(int, k.turning_axes))
+    A = k.A1, k.A2, k.A3
+    even = order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+    l, m, s = order
+    return Body(A[l], A[m], A[s], (l, m, s), 1 if even else -1)
+
+
+def quarter_turn(gap: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
+    """sn, cn and dn at 0, K/2^halvings, ... K for 1 - m = gap; with + - * / and ** only.
+
+    By half arguments from those at K, in forms without a difference. Source: M. Abramowitz and I.
+    A. Stegun, 16.18.
+    """
+    one = 1 + 0 * gap
+    nodes = [(0 * gap, one, one), (one, 0 * gap, gap**0.5)]
+    for _ in range(halvings):
+        last = len(nodes) - 1
+        between = []
+        for i in range(last):
+            # Half of an odd place, which is known; beyond K by its mirror image, where cn < 0.
+            place = 2 * i + 1
+            sn, cn, dn = nodes[min(place, 2 * last - place)]
+            if place <= last:
+                both = cn + dn
+                half = (
+                    sn / ((1 + cn) * (1 + dn)) ** 0.5,
+                    (both / (1 + dn)) ** 0.5,
+                    (both / (1 + cn)) ** 0.5,
+                )
+            else:
+                rest = gap / (cn + dn)
+                half = (
+                    ((1 + cn) / (1 + dn)) ** 0.5,
+                    sn * (rest / (1 + dn)) ** 0.5,
+                    (rest * (1 + cn)) ** 0.5,
+                )
+            between.append(half)
+        nodes = [node for pair in zip(nodes, between, strict=False) for node in pair] + nodes[-1:]
+    return nodes
+
+
+def whole_turn(gap: Any, count: int) -> list[tuple[Any, Any, Any]]:
+    """sn, cn and dn at `count` even steps of a turn."""
+    up = quarter_turn(gap, round(math.log2(count / 4)))
+    down = up[:0:-1]
+    return [
+        *up[:-1],
+        *((sn, -cn, dn) for sn, cn, dn in down),
+        *((-sn, -cn, dn) for sn, cn, dn in up[:-1]),
+        *((-sn, cn, dn) for sn, cn, dn in down),
+    ]
+
+
+def averaged_rates(full: Rhs, t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+    """The averaged equations: the mean of (ln E)' and (ln O)' over the nodes of a turn."""
+    ln_E, ln_O, _, side, sense = y
+    body = turning_body(k)
+    a, b, c = body[:3]
+    m = k.turning_e ** (ln_O - ln_E - side * k.turning_offset)
+    w_e, w_o = either(side, a - b, b - c), either(side, b - c, a - b)
+    outer, inner = either(side, a, c), either(side, c, a)
+    root_E, root_O = k.turning_e ** (ln_E / 2), k.turning_e ** (ln_O / 2)
+    about, middle = (outer * (a - c)) ** 0.5, (b * w_e) ** 0.5
+    across = (inner * (a - c)) ** 0.5
+    sum_E = sum_O = 0
+    turn = whole_turn(1 - m, int(k.turning_nodes))
+    for sn, cn, dn in turn:
+        w = sense * root_E / about * dn, -sense * root_O / middle * sn, root_O / across * cn
+        rate = about_axes(full, t, w, k, side)
+        sum_E += sense * (about * dn * rate[0] - w_o * b / middle * root_O / root_E * sn * rate[1])
+        sum_O += across * cn * rate[2] - sense * middle * sn * rate[1]
+    n = either(side, a - b, b - c) ** 0.5 / (a * b * c) ** 0.5 * root_E
+    pace = turn_means(m, 1 - m).pace
+    of = 2 / len(turn)
+    rates = of * sum_E / root_E, of * sum_O / root_O
+    return *rates, k.turning_scale * n * pace, 0 * side, 0 * sense
+
+
+def about_axes(full: Rhs, t: Any, w: Sequence[Any], k: Any, side: Any) -> tuple[Any, ...]:
+    """The torque's part of omega' about the enclosed, the middle and the other axis, for omega
+    about these."""
+    body = turning_body(k)
+    about, middle, across = w
+    sorted_w = either(side, about, across), middle, either(side, across, about)
+    given: list[Any] = [0, 0, 0]
+    for axis, component in zip(body.order, sorted_w, strict=True):
+        given[axis] = body.parity * component
+    rates = full(t, given, k)
+    p, q, r = (body.parity * rates[axis] for axis in body.order)
+    return either(side, p, r), q, either(side, r, p)
+
+
+def torque_of(full: Rhs, t: Any, k: Any) -> Torque:
+    """The torque along the sorted axes as `quadrature` takes it, at a time or times (n,)."""
+    body = turning_body(k)
+
+    def torque(omega: np.ndarray) -> np.ndarray:
+        time = np.asarray(t)[..., None] if np.ndim(t) else t
+        rates = full(time, [*np.moveaxis(body.unsort(omega), -1, 0)], k)
+        spread = np.stack(np.broadcast_arrays(*rates, omega[..., 0])[:3], axis=-1)
+        return np.asarray(body.sort(spread) * np.array(body[:3]))
+
+    return torque
+
+
+class Band(NamedTuple):
+    """Beside the separatrix, in a region: (ln E)' = rest + E/K and (ln O)' = rest + O/K."""
+
+    rest: float
+    E: float
+    O: float
+
+    @property
+    def drift(self) -> float:
+        """u', times K."""
+        return self.E - self.O
+
+
+def band_of(body: Body, torque: Torque, region: Region, ln_E: float) -> Band:
+    """The mean rates beside the separatrix, where E is given: by the means at two moduli."""
+    side, sense = region
+    E, (w_e, w_o) = math.exp(ln_E), body.weight(side)
+    found = []
+    for gap in (NEAR, NEARER):
+        O = (1 - gap) * float(w_e / w_o) * E
+        X, Y = (E, O) if side > 0 else (O, E)
+        slow = Slow(X, Y, np.asarray(side), np.asarray(gap), np.asarray(sense), 0.0)
+        dX, dY = mean_rates(body, torque, slow, nodes_for(gap))
+        dE, dO = (dX, dY) if side > 0 else (dY, dX)
+        # <dn> is pi/(2 K)
+        found.append((dE / E, dO / O, 2 / math.pi * turn_means(1 - gap, gap, LANDEN).pace))
+    (E1, O1, inverse), (E2, O2, nearer) = found
+    by_E, by_O = (E1 - E2) / (inverse - nearer), (O1 - O2) / (inverse - nearer)
+    return Band(float(E1 - by_E * inverse), float(by_E), float(by_O))
+
+
+def is_even(body: Body, torque: Torque, slow: Slow) -> bool:
+    """Whether R N(R omega) = N(omega), R = diag(1, -1, 1), on a motion: then the second order of
+    averaging vanishes, and the phase at the separatrix is known."""
+    omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))
+    mirror = np.array([1.0, -1.0, 1.0])
+    N = torque(omega)
+    return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= EVEN * np.abs(N).max())
+
+
+def in_doubles(k: SimpleNamespace) -> SimpleNamespace:
+    """The constants of a form with their numbers as Python's own."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, str):
+            return value
+        return tuple(map(float, value)) if isinstance(value, tuple) else float(value)
+
+    return SimpleNamespace(**{name: plain(value) for name, value in vars(k).items()})
+
+
+def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """u less EDGE, of the side that the motion is on."""
+    return y[0] - y[1] + y[3] * k.turning_offset - EDGE
+
+
+def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
+    """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
+
+    A torque that drives D alike in all regions takes the motion to the other axis. Any other makes
+    that a matter of chance: it ends the motion here, or the branch is taken which the case names.
+    """
+    ln_E, ln_O, turned = y[:3]
+    side, sense = (1 if value > 0 else -1 for value in y[3:])
+    numbers = in_doubles(k)
+    body, torque = turning_body(numbers), torque_of(full, float(t), numbers)
+    view = SimpleNamespace(**turning_constants(body))
+    u = float(ln_E - ln_O + side * k.turning_offset)
+    bands = {
+        (there, s): band_of(body, torque, (there, s), float(ln_E if there == side else ln_O))
+        for there in (1, -1)
+        for s in (1, -1)
+    }
+    here = bands[side, sense]
+    pull = -here.drift
+    seconds = time_in_band(u, pull)
+    E, O = (ln + here.rest * seconds + by * u / pull for ln, by in ((ln_E, here.E), (ln_O, here.O)))
+    about, other = (math.exp(float(ln)) for ln in (E, O))
+    n = float(turn_frequency(body, about, side))
+    time, phase = float(t) + seconds, float(turned / k.turning_scale) + math.pi / 2 * n * u / pull
+    X, Y = (about, other) if side > 0 else (other, about)
+    momentum = math.sqrt((body.a * X + body.c * Y) / (body.a - body.c))
+    details = left_and_entered(view, side, 0) | {"momentum": momentum, "frequency": n}
+    edge = E, O, turned + k.turning_scale * math.pi / 2 * n * u / pull, y[3], y[4]
+    place = lag = 0.0
+    drift = {region: region[0] * band.drift for region, band in bands.items()}
+    if drives_alike(drift):
+        gap = np.asarray(NEARER)
+        slow = Slow(X, Y, np.asarray(side), gap, np.asarray(sense), 0.0)
+        foreseen = outcome(pull, n, phase, time, pull)
+        known = k.turning_mean == "yes" and is_even(body, torque, slow)
+        details["scatter"] = foreseen.scatter
+        region = (-side, 1)
+        if known:
+            details |= foreseen.details
+            region = (-side, foreseen.sense or 1)
+        if known and math.isfinite(foreseen.place):
+            place, lag = foreseen.place, foreseen.lag
+    else:
+        shares = capture_shares(drift, (side, sense))
+        details["probability"] = shares[-side, 1] + shares[-side, -1]
+        if not (chosen := branch(k.turning_branch, shares, (side, sense))):
+            return Passed(time, details, edge)
+        region = chosen
+    details |= left_and_entered(view, side, region[0])
+    there = bands[region]
+    onward, beyond = time_in_band(2 * EDGE, there.drift), 2 * EDGE / there.drift
+    before = (E, O) if region[0] == side else (O, E)
+    # The lag is spent near the middle axis, at the rate there.
+    spent = there.rest * (onward + lag)
+    after = (ln + spent + by * beyond for ln, by in zip(before, (there.E, there.O), strict=True))
+    new_phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
+    state = *after, 0 * turned + k.turning_scale * new_phase, 0 * y[3] + region[0], 0 * y[4]
+    return Passed(time, details, (*state[:4], state[4] + region[1]), t + (seconds + lag + onward))
+
+
+def drives_alike(drift: Mapping[Region, float]) -> bool:
+    """Whether D drifts by the same in both senses of rotation on either side."""
+    most = max(map(abs, drift.values()))
+    return all(abs(drift[side, 1] - drift[side, -1]) <= EVEN * most for side in (1, -1))
+
+
+def slow_of(y: np.ndarray, k: SimpleNamespace) -> Slow:
+    """The slow variables of states (n, 5)."""
+    ln_E, ln_O, turned, side, sense = y.T
+    E, O = np.exp(ln_E), np.exp(ln_O)
+    X, Y = np.where(side > 0, (E, O), (O, E))
+    gap = np.maximum(-np.expm1(ln_O - ln_E - side * k.turning_offset), EDGE / 2)
+    return Slow(X, Y, side, gap, sense, turned / k.turning_scale)
+
+
+def stored_with_part(
+    full: Rhs, t: np.ndarray, y: np.ndarray, k: SimpleNamespace
+) -> dict[str, np.ndarray]:
+    """The stored variables, with the periodic part unless the case has named a branch."""
+    body = turning_body(k)
+    ln_E, ln_O, _, side, _ = (column.astype(float) for column in y.T)
+    E, O, unit = np.ones_like(ln_E), np.exp(ln_O - ln_E), np.exp(ln_E / 2)
+    if k.turning_mean == "yes" and k.turning_branch == STOP:
+        numbers, slow = in_doubles(k), slow_of(y.astype(float), k)
+        dE, dO = np.empty((2, len(t)))
+        for i in range(0, len(t), AT_ONCE):
+            at = slice(i, i + AT_ONCE)
+            some = Slow(*(column[at] for column in slow))
+            dE[at], dO[at] = relative_part(
+                body, torque_of(full, t[at], numbers), some, int(k.turning_nodes)
+            )
+        turning = slow.gap > EDGE / 2
+        turns = turn_frequency(body, unit * unit, side) / float(k.turning_scale)
+        E, O = (with_part(v, part * turning, turns) for v, part in ((E, dE), (O, dO)))
+    return stored_elements(SimpleNamespace(**turning_constants(body)), E, O, side, unit)
+
+
+def relative_part(
+    body: Body, torque: Torque, slow: Slow, nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """(E - mean E)/E and (O - mean O)/O (n,) of slow variables (n,); 0 where O is 0."""
+    with np.errstate(all="ignore"):  # nothing turns any more
+        X, Y = periodic_part(body, torque, slow, nodes)
+    E, O = slow.pair
+    dE, dO = np.where(slow.side > 0, (X, Y), (Y, X))
+    return dE / E, np.divide(dO, O, out=np.zeros_like(dO), where=O > 0)
+
+
+@dataclass(frozen=True)
+class AnyTorque(AveragedTurns):
+    """A body-frame model averaged over the turns of its hodograph by quadrature.
+
+    (ln E)' and (ln O)' are the means over `nodes` even steps of a turn of the exact free motion.
+    The full equations are evaluated there with g = 0, which leaves the torque alone. Of the
+    equations nothing is known but their numbers: so what the torque does at the separatrix, and
+    whether the second order vanishes, is found there by trying.
+    """
+
+    full: ClassVar[type[BodyFrame]]
+
+    state = ("ln_E", "ln_O", "turned", "side", "sense")
+    one_by_one = True
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        yield from super().check(data)
+        nodes = data.get("nodes", NODES)
+        if nodes & (nodes - 1):
+            yield ("nodes",), f"expected a power of two, got {nodes}"
+
+    @cached_property
+    def equations(self) -> dict[str, Any]:
+        """The constants of the equations, but for the unit of slow time."""
+        body = self.body
+        own = {
+            "turning_axes": "".join(map(str, body.order)),
+            "turning_nodes": str(self.nodes),  # type: ignore[attr-defined]
+            "turning_mean": self.mean_start,
+            "turning_branch": self.at_separatrix,  # type: ignore[attr-defined]
+            "turning_e": math.e,
+            "turning_offset": logarithmic_offset(body),
+        }
+        every = {**super().constants, "g": 0.0, **own}
+        # Those of the full form have been kept under the name of ours.
+        vars(self).pop("constants")
+        return every
+
+    @cached_property
+    def constants(self) -> Constants:
+        slow, still = slow_elements(self.body, self.velocity(self.inertia, self.initial)), 0.0
+        y = [*logarithms(slow), still, slow.side, slow.sense]
+        k = attributes(self.equations | {"turning_scale": 1.0})
+        # How fast the torque changes amplitudes at the start; 1 if it does not.
+        pace = max(abs(float(x)) for x in averaged_rates(self.full.rhs, 0.0, y, k)[:2]) / 2
+        # heyoka counts parameters up to the last that the equations use: that has to come last.
+        return self.equations | {"turning_scale": pace or 1.0}
+
+    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+        torque = torque_of(self.full.rhs, 0.0, attributes(self.equations))
+        return relative_part(self.body, torque, slow, int(self.equations["turning_nodes"]))
+
+    def states(self, slow: Slow) -> np.ndarray:
+        turned = self.constants["turning_scale"] * slow.phase
+        return np.stack((*logarithms(slow), turned, slow.side + 0.0, slow.sense + 0.0))
+
+    def smallness(self, y: np.ndarray) -> np.ndarray:
+        k = attributes(self.constants)
+        by_E, by_O, turning, _, _ = averaged_rates(self.full.rhs, 0.0, [*y.T], k)
+        # turning is scale n <dn>, and K is pi/(2 <dn>)
+        # Of amplitudes, whose squares E and O are.
+        fastest = np.maximum(np.abs(by_E), np.abs(by_O)) / 2
+        return np.asarray(fastest * np.pi / 2 * k.turning_scale / np.abs(turning))
+
+    @property
+    def finer(self) -> dict[str, Any]:
+        # What the nodes miss of a mean, which falls as exp(-c nodes), is seen with twice as many.
+        return {"nodes": 2 * int(self.equations["turning_nodes"])}
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        if len(set(self.inertia)) < 3:
+            return ()
+        passage = type(self).__dict__["passage"].__func__
+        return (Event("separatrix", distance_to_edge, terminal=True, passage=passage),)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The class is made where models are looked up; other processes have to look it up too.
+        data = {field.name: getattr(self, field.name) for field in fields(self)}
+        return looked_up, (self.name, self.form, data)
+
+
+def looked_up(name: str, form: str, data: Mapping[str, Any]) -> BodyFrame:
+    """The object of a form of a model with these data."""
+    found: BodyFrame = import_module(__package__.rpartition(".")[0]).find(name, form)(**data)
+    return found
+
+
+def logarithms(slow: Slow) -> tuple[Any, Any]:
+    """ln E and ln O; of an exact rotation about the enclosed axis, STILL apart."""
+    E, O = slow.pair
+    with np.errstate(divide="ignore"):
+        ln_E, ln_O = np.log(E), np.log(O)
+    return ln_E, np.where(O > 0, ln_O, ln_E - STILL)
+
+
+def averaged_form(full: type[BodyFrame]) -> type[BodyFrame]:
+    """The averaged form of a model that states only its full one."""
+    own = {
+        "__module__": full.__module__,
+        "__doc__": f"{full.__name__} averaged over the turns of its hodograph, by quadrature.",
+        "__annotations__": {"at_separatrix": str, "nodes": int},
+        "form": "averaged",
+        "full": full,
+        "keys": full.keys
+        | {"mean_start": MEAN_START, "at_separatrix": AT_SEPARATRIX, "nodes": NODES_KEY},
+        "rhs": staticmethod(partial(averaged_rates, full.rhs)),
+        "output": staticmethod(partial(stored_with_part, full.rhs)),
+        "passage": staticmethod(partial(through_with_torque, full.rhs)),
+    }
+    made = type(f"{full.__name__}Averaged", (AnyTorque, full), own)
+    return dataclass(frozen=True)(made)
