@@ -5,7 +5,7 @@ motion about which anything is in doubt (too near the separatrix, too stiff, at 
 not alternate) is left unsettled, for these two to decide by themselves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import SimpleNamespace
@@ -73,6 +73,14 @@ class Passages(NamedTuple):
     exponent: np.ndarray
 
 
+class Departures(NamedTuple):
+    """Motions (k,) that an event takes on: when, and their states (m, k) then."""
+
+    motion: np.ndarray
+    time: np.ndarray
+    state: np.ndarray
+
+
 @dataclass(frozen=True)
 class Ensemble:
     """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
@@ -137,7 +145,8 @@ class Outcome:
     """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), and the
     zeros of the event's function, with its sign at both ends.
 
-    A terminal event ends a motion. Where `settled` is False nothing here counts.
+    A terminal event ends a motion; one with a passage is left to `advance_through`. Where `settled`
+    is False nothing here counts.
     """
 
     state: np.ndarray
@@ -147,6 +156,7 @@ class Outcome:
     passages: Passages
     first: np.ndarray
     last: np.ndarray
+    departures: Sequence[Departures] = ()
 
     @classmethod
     def blank(cls, m: int, n: int) -> "Outcome":
@@ -186,7 +196,7 @@ class Underway:
     outcome: Outcome
     pauses: int = 0
     suspects: list[Suspects] = field(default_factory=list)
-    passed: list[Passages] = field(default_factory=list)
+    departures: list[Departures] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         e, m = self.ensemble, self.m
@@ -248,9 +258,7 @@ class Underway:
         Its formulas begin from any state behind its zero, so that this need not be found.
         """
         time = self.ensemble.span[1] - (after[-1] + book[REST])
-        none = np.zeros(len(time), dtype=np.int64)
-        number = book[NUMBER].astype(np.int64)
-        self.passed.append(Passages(number, time, none - 1, after[:-1], none))
+        self.departures.append(Departures(book[NUMBER].astype(np.int64), time, after[:-1]))
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
@@ -338,9 +346,7 @@ def advance(e: Ensemble) -> Outcome:
             for _ in range(PAUSE):
                 underway.advance()
             underway.pause()
-        if underway.passed:
-            columns = (np.concatenate(c, axis=-1) for c in zip(*underway.passed, strict=True))
-            outcome.passages = Passages(*columns)
+        outcome.departures = underway.departures
         if e.event is not None and not e.event.passage:
             judge(e, e.event, underway.suspects, step, outcome)
     outcome.settled &= np.isfinite(outcome.state).all(axis=0)
@@ -352,12 +358,12 @@ def advance_through(e: Ensemble) -> tuple[Outcome, list[list[Occurrence]]]:
     events of each."""
     outcome = advance(e)
     met: list[list[Occurrence]] = [[] for _ in range(e.start.shape[1])]
-    passages, numbers = outcome.passages, np.arange(len(met))
-    while e.event is not None and e.event.passage and len(passages.motion):
-        passages = passages._replace(motion=numbers[passages.motion])
-        onward = taken_on(e, passages, outcome, met)
-        if not onward:
-            break
+    part, numbers = outcome, np.arange(len(met))
+    while onward := [
+        going
+        for left in part.departures
+        for going in taken_on(e, left._replace(motion=numbers[left.motion]), outcome, met)
+    ]:
         numbers = np.array([motion for motion, _, _ in onward])
         begin = np.array([time for _, time, _ in onward], dtype=float)
         start = np.array([state for _, _, state in onward], dtype=float).T
@@ -365,20 +371,19 @@ def advance_through(e: Ensemble) -> tuple[Outcome, list[list[Occurrence]]]:
         part = advance(replace(e, constants=constants, start=start, span=span))
         outcome.state[:, numbers], outcome.settled[numbers] = part.state, part.settled
         outcome.steps[numbers] += part.steps
-        passages = part.passages
     outcome.settled &= np.isfinite(outcome.state).all(axis=0)
     return outcome, met
 
 
 def taken_on(
-    e: Ensemble, passages: Passages, outcome: Outcome, met: list[list[Occurrence]]
+    e: Ensemble, left: Departures, outcome: Outcome, met: list[list[Occurrence]]
 ) -> list[tuple[int, Any, Any]]:
     """Enter what an event does to the motions that have met it; returns those that go on, with the
     time and the state from which on."""
     assert e.event is not None
     assert e.event.passage is not None
     onward = []
-    for i, time, state in zip(passages.motion, passages.time, passages.state.T, strict=True):
+    for i, time, state in zip(left.motion, left.time, left.state.T, strict=True):
         k = namespace(e.structure, e.constants[:, i].tolist())
         try:
             way = e.event.passage(float(time), state.tolist(), k)

@@ -21,6 +21,7 @@ from .forms import (
     EDGE,
     MEAN_START,
     AveragedTurns,
+    distance_to_edge,
     either,
     left_and_entered,
     stored_elements,
@@ -32,7 +33,7 @@ from .means import turn_means
 from .passage import outcome, time_in_band
 from .quadrature import NODES, Torque, mean_rates, nodes_for, periodic_part
 
-STILL = 1200.0
+STEADY = 1200.0
 """By how much ln O is below ln E for an exact rotation about the enclosed axis: the transverse
 velocities, e^-600 of the other, then add nothing to it, and their own rates are no 0/0."""
 
@@ -210,11 +211,6 @@ def in_doubles(k: SimpleNamespace) -> SimpleNamespace:
         return tuple(map(float, value)) if isinstance(value, tuple) else float(value)
 
     return SimpleNamespace(**{name: plain(value) for name, value in vars(k).items()})
-
-
-def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """u less EDGE, of the side that the motion is on."""
-    return y[0] - y[1] + y[3] * k.turning_offset - EDGE
 
 
 def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
@@ -415,11 +411,11 @@ def looked_up(name: str, form: str, data: Mapping[str, Any]) -> BodyFrame:
 
 
 def logarithms(slow: Slow) -> tuple[Any, Any]:
-    """ln E and ln O; of an exact rotation about the enclosed axis, STILL apart."""
+    """ln E and ln O; of an exact rotation about the enclosed axis, STEADY apart."""
     E, O = slow.pair
     with np.errstate(divide="ignore"):
         ln_E, ln_O = np.log(E), np.log(O)
-    return ln_E, np.where(O > 0, ln_O, ln_E - STILL)
+    return ln_E, np.where(O > 0, ln_O, ln_E - STEADY)
 
 
 def averaged_form(full: type[BodyFrame]) -> type[BodyFrame]:

@@ -13,6 +13,7 @@ from ..base import Constants, Event, Passed
 from .forms import (
     EDGE,
     AveragedTurns,
+    distance_to_edge,
     either,
     left_and_entered,
     stored_elements,
@@ -39,11 +40,6 @@ def logarithmic_offset(body: Body) -> float:
     return SYMMETRIC if outer else -SYMMETRIC
 
 
-def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """u less EDGE, of the side that the motion is on: a signed u would change sides in one step."""
-    return y[0] - y[1] + y[3] * k.offset - EDGE
-
-
 def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
 
@@ -54,7 +50,7 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     lam = float(k.l1), float(k.l2), float(k.l3)
     l_e, l_m, l_o = lam if side > 0 else lam[::-1]
     pull, scale = 2 * abs(l_e - l_o), float(k.scale)
-    u = float(ln_E - ln_O + side * k.offset)
+    u = float(ln_E - ln_O + side * k.turning_offset)
     seconds = time_in_band(u, pull)
     # In the band (ln E)' = -2 (l_m + (l_e - l_m)/K), and the integral of dt/K is u/pull.
     E, O = (ln - 2 * (l_m * seconds + (l - l_m) * u / pull) for ln, l in ((ln_E, l_e), (ln_O, l_o)))
@@ -111,7 +107,7 @@ class Damped(AveragedTurns):
         ln_E, ln_O, _, side = y
         # The state holds logarithms: E and O themselves would be 0 long before the shape of the
         # motion is lost.
-        m = k.e ** (ln_O - ln_E - side * k.offset)
+        m = k.e ** (ln_O - ln_E - side * k.turning_offset)
         mean = turn_means(m, 1 - m)
         lam = either(side, k.l1, k.l3), k.l2, either(side, k.l3, k.l1)
         n = either(side, k.turns_a, k.turns_c) * k.e ** (ln_E / 2)
@@ -125,7 +121,7 @@ class Damped(AveragedTurns):
         if k.mean_start == "yes":
             body, square = Body(k.a, k.b, k.c, (0, 1, 2), 1), unit * unit
             X, Y = np.where(above, square, O * square), np.where(above, O * square, square)
-            gap = -np.expm1(ln_O - ln_E - side * k.offset)
+            gap = -np.expm1(ln_O - ln_E - side * k.turning_offset)
             with np.errstate(divide="ignore", invalid="ignore"):  # nothing turns any more
                 slow = Slow(X, Y, side, gap, 1, turned / k.scale)
                 dE, dO = damped_part(body, (k.l1, k.l2, k.l3), slow)
@@ -144,7 +140,7 @@ class Damped(AveragedTurns):
             "l1": l1,
             "l2": l2,
             "l3": l3,
-            "offset": logarithmic_offset(self.body),
+            "turning_offset": logarithmic_offset(self.body),
             "scale": self.scale,
         }
 

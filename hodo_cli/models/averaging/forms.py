@@ -5,7 +5,7 @@ so that it is of the size of the others; and the side, +1 or -1, which only a pa
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,6 +69,12 @@ def with_part(mean: Any, part: Any, turns: Any) -> Any:
     formula would divide rounding by n. `turns` (n,) is n in units of the rate of decay.
     """
     return mean * np.exp(np.where((turns > 1) & (np.abs(part) < 1), part, 0))
+
+
+def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """u less EDGE, of states with ln E, ln O and, fourth, the side that the motion is on: a signed
+    u would change sides in one step."""
+    return y[0] - y[1] + y[3] * k.turning_offset - EDGE
 
 
 def left_and_entered(k: Any, before: int, after: int) -> dict[str, float]:
