@@ -554,10 +554,25 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
     assert printed.startswith("x = 0.766997, 0.792158, 0.502956, 0.600701 (said")
     assert corrected.startswith("x = 1.23706, 1.21575, 1.53762, 1.45569 (said")
     assert "x off by 0.799, 0.568, 0.363, 0.228, 0.135" in two["M1-M2-vanish"]["evidence"]
-    assert "0.151, 0.0454" in two["slow-variables"]["evidence"]
+    assert "0.0576, 0.0195 (p by 2)" in two["slow-variables"]["evidence"]
+    # b^2 |omega|/nu with b^7 = 525 P0/(8 pi) and |omega| = sqrt(2).
+    assert two["small-Reynolds-number"]["number"] == pytest.approx(
+        (525 * 0.48 / (8 * math.pi)) ** (2 / 7) * math.sqrt(2) / 1000, rel=1e-12
+    )
+    turns = [each["evidence"] for each in one["fig14-character"]["readings"].values()]
+    assert turns[0] == "7.09 turns about x3 in Fig 12, 0 in Fig 14"
+    assert turns[2] == "6.78 turns about x3 in Fig 12, 0 in Fig 14"
     assert three["case3-Gz"]["number"] == pytest.approx(0.0012, rel=0.02)
     assert three["error-of-order-epsilon"]["number"] == pytest.approx(1, abs=0.01)
     assert "at 0.400752, 1.75678, 4.19675" in three["signs-change"]["evidence"]
+
+
+def test_a_claim_concerns_the_cases_of_all_its_readings() -> None:
+    """The page links each figure to the statements about its motions."""
+    readings = {"one": {"cases": ["a", "b"]}, "other": {"cases": ["b", "c"]}}
+    claim = {"cases": [], "readings": readings}
+    assert claim_block.cases_of(claim) == ["a", "b", "c"]
+    assert claim_block.cases_of({"cases": ["a"], "readings": {}}) == ["a"]
 
 
 def test_the_document_on_the_papers_has_every_statement_and_misprint() -> None:

@@ -24,7 +24,7 @@ from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.figure_block import FIGURE_KINDS
 from hodo_cli.commands import plot
-from hodo_cli.figures import artists, geometry, page
+from hodo_cli.figures import artists, geometry, page, space
 from hodo_cli.figures.geometry import (
     View,
     centroid,
@@ -65,8 +65,10 @@ def test_each_figure_of_the_papers_is_defined() -> None:
     panels = defined["paper3"]["figure"]
     assert set(panels["variables"]) == {"Gz", "H", "r", "u1", "u2", "u3"}
     assert [inset["case"] for inset in panels["insets"]] == ["case1", "case3"]
-    # A picture alone says what it shows.
-    assert all(figure["title"] for each in defined.values() for figure in each.values())
+    # A picture alone says what it shows, those of averaging and of sweeps too.
+    for name in (*PAPERS, "averaged", "sweep_crossing", "sweep_resistance"):
+        config = load(ROOT / "configs" / f"{name}.yaml")
+        assert all(figure["title"] for figure in config.figures.values()), name
     assert all(figure["caption"] for each in defined.values() for figure in each.values())
 
 
@@ -512,6 +514,48 @@ def test_a_figure_is_named_and_its_axes_are_those_of_the_momentum(runs: Path) ->
     assert "about $x_3$" not in kept
 
 
+def test_a_body_axis_is_longer_where_its_name_would_be_on_a_curve() -> None:
+    view, lengths = View.toward((24, 35)), np.ones(3)
+    far = np.array([[9.0, 9.0]])
+    assert space.clear_lengths(view, lengths, far, 2.0).tolist() == [1, 1, 1]
+    # A name stands 0.03 of the panel's width beyond the arm; here that is on a curve, for x3 only.
+    on_x3 = view(np.array([[0.0, 0.0, 1.0]]))[:, :2] + [0, 0.06]
+    longer = space.clear_lengths(view, lengths, on_x3, 2.0)
+    assert longer[:2].tolist() == [1, 1]
+    assert 1 < longer[2] <= 1.25
+
+
+def test_a_series_names_its_marks_and_the_units_of_its_case(runs: Path) -> None:
+    with open_results(runs / "paper2.h5") as results:
+        sheet = figures.draw(results.figure("fig1"), results)
+        turned = figures.draw(results.figure("internal-triaxial"), results)
+    entries = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
+    assert entries == ["$x$", "$y$", "end of spin"]
+    left, right = sheet.figure.axes
+    assert (left.get_xlabel(), left.get_ylabel()) == ("$t$ [s]", "$x$, $y$ [1/s$^{2}$]")
+    # Four digits, of which the last may be zero.
+    assert {text.get_text() for text in left.texts} == {"$0.7670$", "$t = 53.07$"}
+    assert {text.get_text() for text in right.texts} == {"$1.237$", "$t = 40.01$"}
+    entries = [text.get_text() for text in turned.figure.legends[0].get_texts()]
+    assert "end, $t = 200$ s" in entries
+    assert "$D = 0$ at $t$ = 38.6520 s" in entries
+
+
+def test_a_span_is_drawn_to_both_of_its_ends(runs: Path) -> None:
+    with open_results(runs / "paper1.h5") as results:
+        sheet = figures.draw(results.figure("fig12-sensitivity"), results)
+    axes = sheet.figure.axes[0]
+    assert axes.get_xlim() == (385, 420)
+    assert all(line.get_xdata()[[0, -1]].tolist() == [385, 420] for line in axes.lines[:3])
+
+
+def test_an_enlarged_panel_of_quadrants_names_regions_by_letters(runs: Path) -> None:
+    with open_results(runs / "paper1.h5") as results:
+        sheet = figures.draw(results.figure("fig10"), results)
+    names = [{text.get_text() for text in axes.texts} for axes in sheet.figure.axes]
+    assert names == [{"A (about $x_1$)", "B (about $x_3$)"}, {"A", "B"}]
+
+
 def test_a_legend_is_read_row_by_row() -> None:
     sheet = Sheet(Figure())
     artists.legend(sheet, artists.case_handles(["a", "b", "c", "d", "e"]), 2)
@@ -522,8 +566,10 @@ def test_a_legend_is_read_row_by_row() -> None:
 
 def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
     candidates = np.array([[0.2, 0.8], [0.5, 0.9]])
-    assert (geometry.clearest(np.array([[0.5, 0.91]]), candidates) == candidates[0]).all()
-    assert (geometry.clearest(np.array([[0.2, 0.81]]), candidates) == candidates[1]).all()
+    assert geometry.clearest(np.array([[0.5, 0.91]]), candidates) == 0
+    assert geometry.clearest(np.array([[0.2, 0.81]]), candidates) == 1
+    # Both are far enough from this point, and the first is preferred.
+    assert geometry.clearest(np.array([[0.0, 0.7]]), candidates, enough=0.2) == 0
 
 
 @pytest.mark.parametrize(

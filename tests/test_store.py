@@ -27,7 +27,7 @@ from hodo_cli.cases.config import parse
 from hodo_cli.integration.trajectory import Occurrence, Trajectory
 from hodo_cli.results import provenance
 from hodo_cli.results.hdf5 import Group, Variable, open_run
-from hodo_cli.results.layout import case_group
+from hodo_cli.results.layout import case_group, units_of_case
 from hodo_cli.results.update import update
 from hodo_cli.results.writer import Finished, Writer, finished
 
@@ -301,6 +301,20 @@ def test_trajectory_as_a_group() -> None:
     }
     assert item.variables["event_time"].attrs["units"] == "s"
     assert item.variables["event_kind"].data.tolist() == ["end of spin"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "time", "stored"),
+    [
+        ("1/time^2", "s", "1/s^2"),
+        ("1/time", "s", "1/s"),
+        ("1/time", "1", "1"),
+        ("moment of inertia", "s", "moment of inertia"),
+        ("1", "s", "1"),
+    ],
+)
+def test_a_variable_has_the_unit_of_time_of_its_case(stated: str, time: str, stored: str) -> None:
+    assert units_of_case(stated, time) == stored
 
 
 def test_sample_of_format_1() -> None:

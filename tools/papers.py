@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from hodo_cli.cases.claim_block import (
+    AS_PRINTED,
     CONTRADICTED,
     MISPRINTS,
-    PLOTTING,
-    REPRODUCED,
+    QUANTITY_NAMES,
     UNDERDETERMINED,
     VERDICTS,
 )
@@ -26,12 +26,20 @@ LONGEST = 400
 """Characters of evidence that a cell holds; `hodo claims` prints all of it."""
 
 
-def cell(text: str) -> str:
-    """Text in a cell of a table: on one line, with no character that Markdown obeys."""
-    short = text if len(text) <= LONGEST else f"{text[:LONGEST].rsplit(' ', 1)[0]} ..."
+OURS = "not in the paper"
+"""How the place of a statement begins that is not the paper's."""
+
+
+def plain(text: str) -> str:
+    """Text on one line, with no character that Markdown obeys."""
     for mark in "|*_<":
-        short = short.replace(mark, f"\\{mark}")
-    return " ".join(short.split())
+        text = text.replace(mark, f"\\{mark}")
+    return " ".join(text.split())
+
+
+def cell(text: str) -> str:
+    """Text in a cell of a table, cut where it is long."""
+    return plain(text if len(text) <= LONGEST else f"{text[:LONGEST].rsplit(' ', 1)[0]} ...")
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -72,8 +80,8 @@ def statements(rows: Sequence[Mapping[str, Any]], config: Config, stem: str) -> 
         figures = figures_of(row["where"], config, stem)
         where = f"{cell(row['where'])}<br>{figures}" if figures else cell(row["where"])
         lines.append([where, said, row["verdict"], cell(row["evidence"]), cell(remarks)])
-    header = ("where", "statement", "verdict", "decided by", "measured; notes")
-    return f"{table(header, lines)}\n\n{totals('statement', rows, VERDICTS)}."
+    header = ("where", "statement", "verdict", "decided by", "what is measured; notes")
+    return table(header, lines)
 
 
 def errata(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -81,7 +89,7 @@ def errata(rows: Sequence[Mapping[str, Any]]) -> str:
     names = ("where", "printed", "should_be", "verdict", "evidence")
     lines = [[cell(row[name]) for name in names] for row in rows]
     header = ("where", "printed", "should be", "verdict", "shown by")
-    return f"{table(header, lines)}\n\n{totals('erratum', rows, MISPRINTS)}."
+    return table(header, lines)
 
 
 def assumptions(config: Config) -> str:
@@ -93,43 +101,65 @@ def assumptions(config: Config) -> str:
             taken.setdefault(f"{key}: {text}", []).append(name)
     if not taken:
         return "The paper prints everything that its figures need."
-    lines = [[cell(text), cell(", ".join(names))] for text, names in taken.items()]
-    return table(("taken", "by the cases"), lines)
+    lines = [[plain(text), plain(", ".join(names))] for text, names in taken.items()]
+    return table(("taken here, and not printed", "by the motions"), lines)
 
 
 def sentence(text: str) -> str:
     """A remark that stands by itself: it begins with a capital, unless its first word is a letter
-    of a formula."""
-    return text[:1].upper() + text[1:] if text[1:2].isalpha() else text
+    of a formula, and ends with a stop."""
+    if not text:
+        return ""
+    return f"{text[:1].upper() + text[1:] if text[1:2].isalpha() else text}."
 
 
-def open_statements(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """The statements that do not simply hold."""
-    for verdict in (CONTRADICTED, UNDERDETERMINED):
-        for row in rows:
-            if row["verdict"] == verdict:
-                note = f" {cell(sentence(row['note']))}." if row["note"] else ""
-                yield f"- **{verdict}** ({cell(row['where'])}): {cell(row['statement'])}{note}"
+def what_does_not_hold(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The statements that do not simply hold, with what each reading of the text decides."""
+    for verdict in (CONTRADICTED, AS_PRINTED, UNDERDETERMINED):
+        for row in (row for row in rows if row["verdict"] == verdict):
+            parts = (row["evidence"], row["measured"], row["note"])
+            words = " ".join(filter(None, (plain(sentence(part)) for part in parts)))
+            quoted = f"*{plain(row['original'])}*"
+            said = f"{plain(row['statement'])} {quoted}"
+            yield f"- **{verdict.capitalize()}** ({plain(row['where'])}). {said}<br>{words}"
+
+
+def names_used(rows: Sequence[Mapping[str, Any]]) -> str:
+    """What the names of quantities mean that stand in the evidence."""
+    evidence = " ".join(row["evidence"] for row in rows)
+    told = [
+        f"`{name}`: {meaning}"
+        for name, meaning in QUANTITY_NAMES.items()
+        if "_" in name and re.search(rf"\b{name}\b", evidence)
+    ]
+    return f"{'; '.join(told)}." if told else ""
 
 
 def page(run: Run) -> str:
     """All that a result says about its paper."""
     config, stem = parse(run.text, str(run.path)), run.path.stem
-    claims, misprints = stored(run, "_claims"), stored(run, "_errata")
-    holds = sum(row["verdict"] in (REPRODUCED, PLOTTING) for row in claims)
+    misprints = stored(run, "_errata")
+    told = stored(run, "_claims")
+    claims = [row for row in told if not row["where"].startswith(OURS)]
+    ours = [row for row in told if row["where"].startswith(OURS)]
     errors = [run.row(name, {"error": float})["error"] for name in run.cases()]
     largest = max((error for error in errors if error == error), default=float("nan"))
     parts = [
         f"## {config.title}\n\n{config.references}",
-        f"{len(config.figures)} figures and {len(config.cases)} cases, with a measured error of at "
-        f"most {largest:.1g}; {holds} of {len(claims)} statements hold. All figures: "
-        f"`runs/figures/{stem}/`; the links work once `make figures` has drawn them.",
-        f"### What the text says\n\n{statements(claims, config, stem)}",
+        f"{totals('statement', claims, VERDICTS)}. {totals('erratum', misprints, MISPRINTS)}. "
+        f"{len(config.figures)} figures are drawn from {len(config.cases)} motions, whose measured "
+        f"errors are at most {largest:.1g}; they are in `runs/figures/{stem}/` once `make figures` "
+        "has drawn them.",
         f"### Errata\n\n{errata(misprints)}",
         f"### What the text leaves open\n\n{assumptions(config)}",
     ]
-    if lines := [*open_statements(claims)]:
-        parts.append("### Statements that stay open\n\n" + "\n".join(lines))
+    if lines := [*what_does_not_hold(claims)]:
+        parts.append("### What does not simply hold\n\n" + "\n".join(lines))
+    parts.append(f"### Every statement\n\n{statements(claims, config, stem)}")
+    if ours:
+        parts.append(f"### Not in the paper\n\n{statements(ours, config, stem)}")
+    if meanings := names_used(told):
+        parts.append(f"In the fourth column, {meanings}")
     return "\n\n".join(parts)
 
 

@@ -26,9 +26,9 @@ from .sweep_block import SWEEP, axes_of
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
-AS_PRINTED = "holds as printed only"
+AS_PRINTED = "reproduced as printed only"
 VERDICTS = (REPRODUCED, PLOTTING, AS_PRINTED, UNDERDETERMINED, CONTRADICTED, NOT_TESTED)
-"""The verdicts on a statement. One that inherits an erratum holds as printed only."""
+"""The verdicts on a statement. One that inherits an erratum reproduced as printed only."""
 
 CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading"
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
@@ -160,6 +160,8 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
 
 CHECK = Variant("kind", CHECK_KINDS)
 ID = Key(Text(), "name")
+WHERE = Key(Text(), "section, figure or equation of the text")
+REMARK = Key(Text(), "remark", default="")
 CASES = Key(NAMES, "cases that it concerns", default=())
 OVER = Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None)
 
@@ -171,7 +173,7 @@ READING = {
 
 CLAIM = {
     "id": ID,
-    "where": Key(Text(), "section, figure or equation of the text"),
+    "where": WHERE,
     "original": Key(Text(), "the statement in the words of the text", default=""),
     "statement": Key(Text(), "what the text says, in one sentence"),
     "cases": CASES,
@@ -201,13 +203,13 @@ CLAIM = {
         Text(), "what is measured instead, if no check can decide the statement itself", default=""
     ),
     "expect": Key(Choice(*VERDICTS), "expected verdict; another gives exit status 3"),
-    "note": Key(Text(), "remark", default=""),
+    "note": REMARK,
 }
 """The keys of a claim."""
 
 ERRATUM_KEYS = {
     "id": ID,
-    "where": Key(Text(), "section, figure or equation of the text"),
+    "where": WHERE,
     "printed": Key(Text(), "what is printed"),
     "should_be": Key(Text(), "what it should be"),
     "cases": CASES,
@@ -217,7 +219,7 @@ ERRATUM_KEYS = {
         "(default: reading shows it)",
         default=None,
     ),
-    "note": Key(Text(), "remark", default=""),
+    "note": REMARK,
 }
 """The keys of an erratum."""
 
@@ -232,6 +234,11 @@ def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
         own = {key: value for key, value in reading.items() if value is not None}
         found[name] = {**claim, **own, "readings": {}}
     return found or {"": claim}
+
+
+def cases_of(claim: Mapping[str, Any]) -> list[str]:
+    """The cases of a claim under all its readings, each once."""
+    return list(dict.fromkeys(name for one in readings(claim).values() for name in one["cases"]))
 
 
 def cross_check(

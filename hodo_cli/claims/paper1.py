@@ -257,6 +257,16 @@ def explicitly_about_x3(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(most < 1), most, f"{listed(turns)} turns about x3")
 
 
+@check
+def another_character(motions: Sequence[Motion]) -> Finding:
+    """The first motion goes explicitly round x3, for a full turn at least, and the second does not;
+    decided by the turns of the second.
+    """
+    first, second = (longest_turn(m, 2, EXPLICIT) for m in motions)
+    words = f"{first:.3g} turns about x3 in Fig 12, {second:.3g} in Fig 14"
+    return Finding(if_true(second < 1 <= first), second, words)
+
+
 def longest_turn(m: Motion, axis: int, least: float) -> float:
     """The turns about an axis in the longest stretch that encloses it with |G| above `least`."""
     inside = (m.labels == axis + 1) & (m["G"] > least)

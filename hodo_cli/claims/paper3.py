@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..models.closed_form import sn_cn_dn
 from ..models.lagrange import mean_cosine
 from ..results.motion import Motion
 from .finding import (
@@ -32,6 +33,61 @@ ROOTS = ("u1", "u2", "u3")
 INTEGRALS = ("Gz", "H", "r")
 HALF_THE_DIGITS = 1e-6
 """What (2.5) is right to: half the digits are lost where one of its square roots is 0."""
+
+
+@check
+def equation_1_3(motions: Sequence[Motion]) -> Finding:
+    """Without perturbation cos theta of the full equations is (1.3), with beta = K(k) for a top
+    that is let go at u2, where theta' = 0.
+    """
+    pairs = []
+    for m in motions:
+        A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
+        u = m.stored("gamma")[:, 2]
+        u1, u3 = other_roots(A, C, mu, float(u[0]), float(m.omega[0, 2]))
+        k2, alpha = (u[0] - u1) / (u3 - u1), math.sqrt(mu * (u3 - u1) / (2 * A))
+        _, cn, dn = sn_cn_dn(alpha * (m.time - m.time[0]), math.sqrt(1 - k2))
+        # sn(v + K) = cn v/dn v.
+        pairs.append((u, u1 + (u[0] - u1) * (cn / dn) ** 2))
+    # sn^2 runs through several periods, which carry the rounding of the roots along.
+    return agreement(pairs, 1e-9)
+
+
+@check
+def equation_2_7(motions: Sequence[Motion]) -> Finding:
+    """The coefficients V_ij of (2.7) are the derivatives of the roots of (1.5) by Gz, H and r."""
+    # Smaller by far than the distance of two roots, by which their derivatives change.
+    step, pairs = 1e-6, []
+    for m in motions:
+        start = np.array([quantity(m, name)[0] for name in INTEGRALS])
+        sides = [
+            roots_of_1_5(m, start + step * row) - roots_of_1_5(m, start - step * row)
+            for row in np.eye(3)
+        ]
+        pairs.append((np.stack(sides, axis=-1) / (2 * step), coefficients_2_7(m, start)))
+    # A central difference is right to about the square of the step, as a part of that distance.
+    return agreement(pairs, 1e-6)
+
+
+def roots_of_1_5(m: Motion, integrals: np.ndarray) -> np.ndarray:
+    """u1, u2, u3 (3,) by (1.5) from Gz, H and r."""
+    A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
+    Gz, H, r = integrals
+    total = H / mu - C * r**2 / (2 * mu) + C**2 * r**2 / (2 * A * mu)
+    product = -H / mu + C * r**2 / (2 * mu) + Gz**2 / (2 * A * mu)
+    found = np.roots([1.0, -total, Gz * C * r / (A * mu) - 1, -product])
+    return np.asarray(np.sort(found.real))
+
+
+def coefficients_2_7(m: Motion, integrals: np.ndarray) -> np.ndarray:
+    """V_ij (3, 3) by (2.7) from Gz, H and r."""
+    A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
+    Gz, _, r = integrals
+    u = roots_of_1_5(m, integrals)
+    delta = mu * (u - np.roll(u, -1)) * (u - np.roll(u, -2))
+    by_r = C * ((C / A - 1) * r * u**2 - Gz / A * u + r)
+    by_integral = np.stack([(Gz - C * r * u) / A, u**2 - 1, by_r], axis=-1)
+    return np.asarray(by_integral / delta[:, None])
 
 
 @check
@@ -271,11 +327,17 @@ def peak(time: np.ndarray, values: np.ndarray, i: int) -> float:
     return float(time[i] + step / 2 * (low - high) / (low - 2 * middle + high))
 
 
-def half_period(A: float, C: float, mu: float, u2: float, r: float) -> float:
-    """K(k)/alpha by (1.3) for a top released at u2 with spin r, p = q = 0."""
+def other_roots(A: float, C: float, mu: float, u2: float, r: float) -> tuple[float, float]:
+    """u1 and u3 of a top released at u2 with spin r, p = q = 0."""
     # u1 + u3 and u1 u3 by (1.5), where u2 is known.
     c = (C * r) ** 2 / (2 * A * mu)
     u1, u3 = sorted(np.roots([1.0, -c, c * u2 - 1]).real)
+    return float(u1), float(u3)
+
+
+def half_period(A: float, C: float, mu: float, u2: float, r: float) -> float:
+    """K(k)/alpha by (1.3) for a top released at u2 with spin r, p = q = 0."""
+    u1, u3 = other_roots(A, C, mu, u2, r)
     a, b = 1.0, math.sqrt((u3 - u2) / (u3 - u1))
     while abs(a - b) > 1e-15:
         a, b = (a + b) / 2, math.sqrt(a * b)

@@ -76,7 +76,8 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     stored = motion.units(variable)
     if stored == "1":
         return "[–]"
-    return f"[{stored}]" if power == 1 else f"[({stored})$^{power}$]"
+    set_in_tex = re.sub(r"\^(-?\d+)", r"$^{\1}$", stored)
+    return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
 
 
 VECTORS = {"gamma": r"\gamma"}
@@ -88,6 +89,7 @@ def symbol(name: str) -> str:
     special = {
         "G": "|G|",
         "G2": "G^2",
+        "J": "J = G^2/2T",
         "omega.x1": "p",
         "omega.x2": "q",
         "omega.x3": "r",
@@ -177,15 +179,18 @@ def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> Non
 
 
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
-    """Legend entries of start, end and crossings; times are given where there is one motion
-    only."""
-    crossings = [f"{when:.6g}" for motion in motions for when in motion.crossing_time]
+    """Legend entries of start, end and crossings; the time of the end where all end together, those
+    of crossings where there is one motion only."""
+    unit = motions[0].units("time")
+    of_time = "" if unit == "1" else f" {unit}"
+    # With its last zeros, which tell how exact a printed number is.
+    crossings = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
     end, crossing = "end", "$D = 0$"
+    if len({float(motion.time[-1]) for motion in motions}) == 1:
+        end += f", ${time} = {motions[0].time[-1]:.6g}${of_time}"
     if len(motions) == 1:
-        end += f", ${time} = {motions[0].time[-1]:.6g}$"
-        crossing = "\n".join(
-            textwrap.wrap(f"{crossing} at ${time}$ = {', '.join(crossings)}", 80 if wide else 46)
-        )
+        at = f"{crossing} at ${time}$ = {', '.join(crossings)}{of_time}"
+        crossing = "\n".join(textwrap.wrap(at, 80 if wide else 46))
     entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 

@@ -16,7 +16,7 @@ from ..results.dataset import Results
 from ..results.hdf5 import Group
 from ..results.motion import Motion
 from ..sweeps.swept import Swept
-from .artists import COLUMN, GREEN, PAGE, RED, SEPARATRIX, SKY, case_handles, legend, styles
+from .artists import BLACK, COLUMN, GREEN, PAGE, RED, SEPARATRIX, SKY, case_handles, legend, styles
 from .sheet import STYLE, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
@@ -114,12 +114,14 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         # A start that never crosses has no time, and no comparison with nan holds.
         counted = np.array([np.mean(times <= t) for t in points])
         axes.plot(line, foreseen, **style)
-        axes.plot(points, counted, mec=style["color"], **MONTE_CARLO)
+        axes.plot(points, counted, mec=style["color"], **MONTE_CARLO, clip_on=False, zorder=4)
         sheet.record("share", names[-1], {"time": line, "averaged": foreseen})
         sheet.record("share", names[-1], {"time": points, "full": counted})
     axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
     axes.margins(x=0)
-    legend(sheet, case_handles(names), 2)
+    foreseen_as = Line2D([], [], color=BLACK, label="averaged, in closed form")
+    counted_as = Line2D([], [], mec=BLACK, **MONTE_CARLO, label="counted, full motions")
+    legend(sheet, [*case_handles(names), foreseen_as, counted_as], 2)
 
 
 def damping_of(swept: Swept, axis: str, i: int) -> list[float]:

@@ -85,11 +85,14 @@ def beside(curves: Sequence[np.ndarray], away: float = 0.09) -> list[np.ndarray]
     return found
 
 
-def clearest(points: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """The candidate (2,) among (m, 2) that is farthest from all points (n, 2)."""
-    thinned = points[:: max(1, len(points) // 2000)]
+def clearest(points: np.ndarray, candidates: np.ndarray, enough: float = math.inf) -> int:
+    """The number of the candidate among (m, 2) that is farthest from all points (n, 2), or of the
+    first that is far enough.
+    """
+    # Every point is compared with every candidate: so many take a few hundredths of a second.
+    thinned = points[:: max(1, len(points) * len(candidates) // 4_000_000)]
     apart = np.linalg.norm(candidates[:, None] - thinned[None], axis=-1).min(axis=1)
-    return np.asarray(candidates[apart.argmax()])
+    return int(np.minimum(apart, enough).argmax())
 
 
 def edges(values: np.ndarray, ratios: bool) -> np.ndarray:

@@ -11,17 +11,25 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from scipy.spatial import cKDTree
 
 from .. import HodoError
 from ..results.dataset import Results
 from ..sweeps.swept import Swept
-from .artists import COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
+from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
 from .geometry import edges, separatrix_circles
-from .sheet import Sheet
+from .sheet import Look, Sheet
 
 GAP = "#E4E4E4"
 """The colour of members without a value: a grey that the colour map does not contain."""
+
+LEVEL: Look = {
+    "color": "white",
+    "lw": 0.9,
+    "path_effects": [withStroke(linewidth=2, foreground=BLACK)],
+}
+"""A contour, seen on every colour, and on a white page."""
 
 GRID = 360
 """Cells around the sphere: a degree each, some two pixels of a panel in print."""
@@ -42,21 +50,37 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     panels = map_panels(sheet, [len(row) for row in rows], flat)
     for axes, (swept, at), value, label in zip(panels, cells, values, labels, strict=False):
         title = label or ", ".join(position(swept, name, i) for name, i in at.items())
-        (map_sphere if flat else map_image)(sheet, axes, swept, spec, value, scale, title)
         axes.set_title(title)
-    bar = sheet.figure.colorbar(
-        ScalarMappable(scale, hues()),
-        ax=sheet.figure.axes,
-        location="bottom",
-        fraction=0.04,
-        pad=0.02,
-        shrink=0.7,
-        aspect=45,
-    )
-    bar.set_label(map_label(sweeps[0], spec["variable"]))
+        # Rasterized: a million cells as vectors make a file that no reader opens.
+        look: Look = {"norm": scale, "cmap": hues(), "rasterized": True}
+        places = (map_sphere if flat else map_image)(axes, swept, spec, value, look)
+        sheet.record(swept.case.name, title, {**places, spec["variable"]: value.ravel()})
+    handles: list[Line2D | Patch] = []
     if flat:
-        gap = [Patch(fc=GAP, ec=GREY, lw=0.4, label="none")] if np.isnan(every).any() else []
-        legend(sheet, [Line2D([], [], **SEPARATRIX, label="$D = 0$"), *gap], 2)
+        handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
+    if flat and np.isnan(every).any():
+        handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label="none"))
+    if spec["level"] is not None and not flat:
+        handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
+    if set(np.unique(every[np.isfinite(every)])) <= {0.0, 1.0}:
+        # Yes or no: a scale would show colours that no member has.
+        words = ((1, map_label(sweeps[0], spec["variable"])), (0, "otherwise"))
+        handles += [Patch(fc=hues()(scale(at)), label=word) for at, word in words]
+    else:
+        bar = sheet.figure.colorbar(
+            ScalarMappable(scale, hues()),
+            ax=sheet.figure.axes,
+            location="bottom",
+            fraction=0.04,
+            pad=0.02,
+            shrink=0.7,
+            aspect=45,
+        )
+        # At its size a letter is a seventeenth of an inch wide.
+        room = int(17 * sheet.figure.get_figwidth())
+        bar.set_label(textwrap.fill(map_label(sweeps[0], spec["variable"]), room))
+    if handles:
+        legend(sheet, handles, 2)
 
 
 def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
@@ -114,56 +138,41 @@ def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> 
 
 
 def map_image(
-    sheet: Sheet,
-    axes: Axes,
-    swept: Swept,
-    spec: Mapping[str, Any],
-    values: np.ndarray,
-    scale: Normalize,
-    title: str,
-) -> None:
-    """An image over two axes; white where there is no value."""
+    axes: Axes, swept: Swept, spec: Mapping[str, Any], values: np.ndarray, look: Look
+) -> dict[str, np.ndarray]:
+    """Draw an image over two axes, white where there is no value; returns the place (n,) of each
+    value by the names of the axes.
+    """
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
-    across, up = (each.ravel() for each in np.meshgrid(x, y, indexing="ij"))
-    sheet.record(
-        swept.case.name,
-        title,
-        {spec["x"]: across, spec["y"]: up, spec["variable"]: values.ravel()},
-    )
-    # Rasterized: a million cells as vectors make a file that no reader opens.
-    axes.pcolormesh(
-        edges(x, even_x), edges(y, even_y), values.T, norm=scale, cmap=hues(), rasterized=True
-    )
+    axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
     if spec["level"] is not None and min(values.shape) > 1:
-        axes.contour(x, y, values.T, [spec["level"]], colors="white", linewidths=0.9)
+        lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
+        lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     subplot = axes.get_subplotspec()
     if subplot is None or subplot.is_last_row():
         axes.set_xlabel(f"${key_symbol(swept.key(spec['x']))}$")
     if subplot is None or subplot.is_first_col():
         axes.set_ylabel(f"${key_symbol(swept.key(spec['y']))}$")
+    across, up = (each.ravel() for each in np.meshgrid(x, y, indexing="ij"))
+    return {spec["x"]: across, spec["y"]: up}
 
 
 def map_sphere(
-    sheet: Sheet,
-    axes: Axes,
-    swept: Swept,
-    spec: Mapping[str, Any],
-    values: np.ndarray,
-    scale: Normalize,
-    title: str,
-) -> None:
-    """An equal-area map of the directions of G at the start, with the separatrix; grey where there
-    is no value. x1 is in the middle, x2 to the right of it, x3 on top."""
+    axes: Axes, swept: Swept, spec: Mapping[str, Any], values: np.ndarray, look: Look
+) -> dict[str, np.ndarray]:
+    """Draw an equal-area map of the directions of G at the start, with the separatrix, grey where
+    there is no value; returns the directions as `map_image` does.
+
+    x1 is in the middle, x2 to the right of it, x3 on top.
+    """
     name = swept.sphere()
     directions = swept.axis(name).directions(np.arange(len(swept.axis(name))))
-    g = dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
-    sheet.record(swept.case.name, title, {**g, spec["variable"]: values})
     axes.set_facecolor(GAP)
     axes.grid(False)
     axes.set(xticks=[], yticks=[])
     axes.spines["geo"].set(color=GREY, lw=0.6)
-    axes.pcolormesh(*sphere_cells(directions, values), norm=scale, cmap=hues(), rasterized=True)
+    axes.pcolormesh(*sphere_cells(directions, values), **look)
     for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
         axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3)
     for i, direction in (
@@ -179,12 +188,14 @@ def map_sphere(
         axes.annotate(
             f"${sign}x_{i}$",
             pair(point),
-            (3, 3),
+            # Above the upper pole is the title.
+            (3, -9 if direction[2] > 0 else 3),
             textcoords="offset points",
             size=7,
             path_effects=HALO,
             zorder=5,
         )
+    return dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
 
 
 def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -296,8 +307,8 @@ def map_label(swept: Swept, variable: str) -> str:
     name, _, part = variable.partition(".")
     meaning = str(swept.data[name].attrs.get("long_name", name))
     if part in str(swept.data[name].attrs.get("flag_meanings", "")).split():
-        return f"share of members: {meaning} is {part}"
-    return f"{meaning}: {part}" if part else meaning
+        return f"{part} is the {meaning} (share of members)"
+    return f"{meaning}, here {part}" if part else meaning
 
 
 def position(swept: Swept, name: str, i: int) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from ..cases.case import Case
+from ..cases.claim_block import cases_of
 from ..models.rigid_body import LABELS
 from ..results.dataset import Results
 from ..results.motion import Motion
@@ -119,14 +120,13 @@ class Places:
         for each in rendered:
             for case in results.figures[each.name].get("cases", ()):
                 self._shown.setdefault(case, []).append(each.name)
-        self._told: dict[tuple[str, str], tuple[str, ...]] = {}
-        told = {"claim": results.config.claims, "erratum": results.config.errata}
-        for kind, group in (("claim", "_claims"), ("erratum", "_errata")):
+        self._told: dict[tuple[str, str], Sequence[str]] = {}
+        claims = {claim["id"]: cases_of(claim) for claim in results.config.claims}
+        errata = {erratum["id"]: erratum["cases"] for erratum in results.config.errata}
+        for kind, group, told in (("claim", "_claims", claims), ("erratum", "_errata", errata)):
             # Only what `hodo claims` has judged stands in the page.
             stored = results.cases[group]["claim"].values if group in results.cases else ()
-            for entry in told[kind]:
-                if entry["id"] in stored:
-                    self._told[kind, entry["id"]] = tuple(entry.get("cases", ()))
+            self._told |= {(kind, name): told[name] for name in told if name in stored}
 
     def figure(self, name: str) -> str:
         """The anchor of a figure."""
@@ -350,7 +350,7 @@ def _case_row(motion: Motion) -> list[str]:
         error,
         run_time,
         given,
-        _cell(". ".join(filter(None, notes)), "text"),
+        _cell("; ".join(filter(None, notes)), "text"),
     ]
 
 
@@ -359,20 +359,25 @@ def _claims(results: Results, places: Places) -> str:
     if "_claims" not in results.cases:
         return ""
     claims = results.cases["_claims"]
-    names = ("claim", "where", "statement", "verdict", "evidence", "measured", "note")
+    names = ("claim", "where", "statement", "original", "verdict", "evidence", "measured", "note")
     columns = [map(str, claims[name].values) for name in names]
     rows = [
         [
-            f'<td class=n id="{places.told("claim", name)}">{escape(where)}</td>',
-            _cell(statement, "text"),
-            _cell(verdict, "n"),
+            f'<td id="{places.told("claim", name)}">{escape(where)}</td>',
+            f"<td class=text>{escape(statement)}{_in_its_words(said)}</td>",
+            _cell(verdict),
             _cell(evidence, "text"),
-            _cell(". ".join(filter(None, remarks)), "text"),
+            _cell("; ".join(filter(None, remarks)), "text"),
             f"<td>{places.figures_about('claim', name)}</td>",
         ]
-        for name, where, statement, verdict, evidence, *remarks in zip(*columns, strict=True)
+        for name, where, statement, said, verdict, evidence, *remarks in zip(*columns, strict=True)
     ]
     return f"<h3>What the text says</h3>{_table(CLAIM_HEADER, rows)}"
+
+
+def _in_its_words(original: str) -> str:
+    """A statement as the text has it; nothing where the case file does not quote it."""
+    return f"<br><i>{escape(original)}</i>" if original else ""
 
 
 def _errata(results: Results, places: Places) -> str:
@@ -384,8 +389,8 @@ def _errata(results: Results, places: Places) -> str:
     columns = [map(str, errata[name].values) for name in names]
     rows = [
         [
-            f'<td class=text id="{places.told("erratum", name)}">{escape(where)}</td>',
-            *(_cell(text, "text") for text in texts),
+            f'<td id="{places.told("erratum", name)}">{escape(where)}</td>',
+            *(_cell(text, "text" if len(text) > 30 else "") for text in texts),
             f"<td>{places.figures_about('erratum', name)}</td>",
         ]
         for name, where, *texts in zip(*columns, strict=True)
@@ -459,6 +464,12 @@ def _cell(text: str, kind: str = "") -> str:
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table that scrolls by itself; the cells of its rows are HTML already."""
     head = "".join(f"<th>{escape(name)}</th>" for name in header)
-    body = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
+    # On a narrow screen each cell stands on a line of its own, behind the name of its column.
+    named = [
+        [cell.replace("<td", f'<td data-of="{escape(name)}"', 1)
+         for name, cell in zip(header, row, strict=True)]
+        for row in rows
+    ]  # fmt: skip
+    body = "".join(f"<tr>{''.join(row)}</tr>" for row in named)
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     return f'<div class="scroll">{table}</div>'

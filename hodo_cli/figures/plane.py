@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -76,10 +77,10 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)]) or 1.0
     ]
     limits += [] if zoom is None else [zoom]
-    sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.58 * PAGE)))
+    sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)))
     panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
-    for axes, limit in zip(panels, limits, strict=True):
-        regions(axes, motions[0], limit, np.concatenate([*points.values()]))
+    for axes, limit, form in zip(panels, limits, (NAME, LETTER), strict=False):
+        regions(axes, motions[0], limit, np.concatenate([*points.values()]), form)
         for place, motion in enumerate(motions):
             curve = points[motion.name]
             plane_curve(axes, curve, *palette(motion, "axis", place), 0.8 * line_width(motion))
@@ -101,11 +102,19 @@ def up_to(limit: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda points: np.asarray(points.max(axis=-1) <= limit)
 
 
-NAME_PLACES = np.stack(np.meshgrid(np.linspace(0.17, 0.83, 12), np.linspace(0.05, 0.95, 19)), -1)
-"""Where the name of a region may stand, as parts of a panel: its middle, clear of the edges."""
+@dataclass(frozen=True)
+class RegionName:
+    """How a region is called in a panel, and the half width of that, as a part of the panel."""
+
+    text: str
+    half: float
 
 
-def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray) -> None:
+NAME, LETTER = RegionName("{} (about $x_{}$)", 0.17), RegionName("{}", 0.04)
+"""In an enlarged panel, whose curves lie wide apart, a letter finds its place between them."""
+
+
+def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: RegionName) -> None:
     """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names
     keep clear of the points (n, 2) that are drawn.
     """
@@ -118,14 +127,14 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray) -> Non
     )
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
     look: Look = {"xycoords": "axes fraction", "size": 9, "path_effects": HALO, "zorder": 7}
-    places = NAME_PLACES.reshape(-1, 2)
-    # A name is three tenths of a panel wide, so that its ends must be inside the region too.
-    side = places[:, 0] - places[:, 1]
-    for name, axis, own in (("A", largest, side > 0.22), ("B", smallest, side < -0.22)):
-        place = clearest(points / limit, places[own])
-        axes.annotate(
-            f"{name} (about $x_{axis + 1}$)", pair(place), ha="center", va="center", **look
-        )
+    across, up = np.linspace(form.half, 1 - form.half, 25), np.linspace(0.05, 0.95, 25)
+    places = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
+    # The ends of a name must be inside its region too.
+    side, room = places[:, 0] - places[:, 1], form.half + 0.05
+    for name, axis, own in (("A", largest, side > room), ("B", smallest, side < -room)):
+        place = places[own][clearest(points / limit, places[own])]
+        text = form.text.format(name, axis + 1)
+        axes.annotate(text, pair(place), ha="center", va="center", **look)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
@@ -199,9 +208,9 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
             if spec["passages"] == "yes":
                 passage_marks(axes, motion, name, style)
             else:
-                event_marks(axes, motion, name, spec["time"])
+                event_marks(axes, motion, name, spec)
         axes.margins(x=0.02, y=0.08)
-        axes.set_xlim(left=curves[0][0].time[0] if spec["span"] is None else spec["span"][0])
+        axes.set_xlim(*(spec["span"] or (curves[0][0].time[0], None)))
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         axes.set(
@@ -222,13 +231,18 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
                 labels = {motion.name: motion.label for motion in motions}
                 shown = results.motion(small["case"], labels.get(small["case"], ""))
                 inset(sheet, axes, small, shown, named)
-    if len(names) > 1:
-        room = (
-            sheet.figure.get_figwidth()
-            * 72
-            / (30 + 4 * max(len(re.sub(r"[${}\\]", "", name)) for name in names))
-        )
-        legend(sheet, case_handles(names, given), max(1, min(int(room), len(names))))
+    handles = case_handles(names, given) if len(names) > 1 else []
+    handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
+    legend(sheet, handles, columns_for(sheet, [str(handle.get_label()) for handle in handles]))
+
+
+def columns_for(sheet: Sheet, labels: Sequence[str]) -> int:
+    """How many columns a legend has room for, so that its rows are as full as each other."""
+    # At its size a letter is some 3.5 points wide, and a line with its gaps 30.
+    letters = max((len(re.sub(r"[${}\\]", "", label)) for label in labels), default=0)
+    most = max(1, int(sheet.figure.get_figwidth() * 72 / (30 + 3.5 * letters)))
+    rows = -(-len(labels) // most)
+    return -(-len(labels) // max(1, rows))
 
 
 def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
@@ -238,7 +252,11 @@ def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
     """
     if span is None:
         return slice(None)
-    part = slice(*np.searchsorted(motion.time, span).tolist())
+    first, last = (
+        np.searchsorted(motion.time, span[0]),
+        np.searchsorted(motion.time, span[1], "right"),
+    )
+    part = slice(int(first), int(last))
     if part.start >= part.stop:
         raise HodoError(
             f"the span {span[0]:g} to {span[1]:g} holds no sample of case {motion.name}, whose "
@@ -291,14 +309,31 @@ def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any
         axes.errorbar(when, value, xerr=spread, fmt="x", ms=5, color=BLACK, lw=0.7, zorder=6)
 
 
-def event_marks(axes: Axes, motion: Motion, name: str, time: str) -> None:
+def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
+    """Legend entries of what `passage_marks` draws."""
+    crossing = Line2D([], [], **{**CROSSING, "mfc": "white"}, label="its crossing, $D = 0$")
+    predicted = Line2D([], [], color=BLACK, marker="x", ms=5, lw=0.7)
+    predicted.set_label("predicted, with the scatter of the averaged crossing")
+    seen = [any(m.crossing_time.size for m in motions)]
+    seen += [any("event_predicted" in m.data for m in motions)]
+    return [handle for handle, drawn in zip((crossing, predicted), seen, strict=True) if drawn]
+
+
+def event_handles(motions: Sequence[Motion]) -> list[Line2D]:
+    """Legend entries of what `event_marks` draws."""
+    kinds = dict.fromkeys(kind for motion in motions for kind, _ in motion.events)
+    return [Line2D([], [], **END, label=kind.replace("_", " ")) for kind in kinds]
+
+
+def event_marks(axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]) -> None:
     """Mark the events of a motion on a curve: with the value there, or with the time where that is
     nearly zero."""
     values = motion[name]
-    peak = np.abs(values).max()
-    for _, when in motion.events:
+    peak, time = np.abs(values).max(), spec["time"]
+    first, last = spec["span"] or (motion.time[0], motion.time[-1])
+    for when in [when for _, when in motion.events if first <= when <= last]:
         value = float(np.interp(when, motion.time, values))
-        text = f"${value:.4g}$" if abs(value) > 1e-3 * peak else f"${time} = {when:.4g}$"
+        text = f"${value:#.4g}$" if abs(value) > 1e-3 * peak else f"${time} = {when:#.4g}$"
         below = value > 0.9 * peak
         axes.plot(when, value, **END, clip_on=False, zorder=5)
         early = when - motion.time[0] < 0.4 * (motion.time[-1] - motion.time[0])
@@ -323,16 +358,16 @@ def inset(
 ) -> None:
     """A smaller panel within a panel: some variables of one case, over a part of its time."""
     axes = panel.inset_axes(spec["box"])
-    span = spec["span"] or (motion.time[0], motion.time[-1])
-    first, last = span
-    part = slice(np.searchsorted(motion.time, first), np.searchsorted(motion.time, last, "right"))
+    part = within_span(motion, spec["span"])
     for name, look in zip(spec["variables"], styles(len(spec["variables"])), strict=True):
         drawn = looks.get(name, looks.get(motion.name, look))
         times, values = motion.time[part], motion[name][part]
         axes.plot(times, values, **drawn, lw=0.9)
         sheet.record("inset", motion.name, {"time": times, name: values})
-    shown = ", ".join(f"${symbol(name)}$" for name in spec["variables"])
-    axes.set_title(f"{shown}, {motion.label}", size=7, pad=2)
+    shown = [f"${symbol(name)}$" for name in spec["variables"]]
+    # A panel of one case names it already.
+    named = [] if panel.get_title() == motion.label else [motion.label]
+    axes.set_title(", ".join([*shown, *named]), size=7, pad=2)
     axes.tick_params(labelsize=6)
     axes.margins(x=0)
 
@@ -368,12 +403,20 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             axes.plot(motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)
         middle = sorted(motion.inertia)[1]
-        ratio.axhspan(
-            0, max(motion.inertia) - middle, fc=AXIS_COLOUR[motion.order[0] + 1], alpha=0.1, lw=0
-        )
-        ratio.axhspan(
-            min(motion.inertia) - middle, 0, fc=AXIS_COLOUR[motion.order[2] + 1], alpha=0.1, lw=0
-        )
+        for axis in (motion.order[0], motion.order[2]):
+            end = motion.inertia[axis] - middle
+            ratio.axhspan(*sorted((0, end)), fc=AXIS_COLOUR[axis + 1], alpha=0.1, lw=0)
+            # Beside the upper or the lower edge, in the corner that the curve is farther from.
+            late = abs(motion["D/2T"][-1] - end) > abs(motion["D/2T"][0] - end)
+            ratio.annotate(
+                f"about $x_{axis + 1}$",
+                (0.97 if late else 0.03, end),
+                (0, -4 if end > 0 else 4),
+                xycoords=("axes fraction", "data"),
+                textcoords="offset points",
+                ha="right" if late else "left",
+                va="top" if end > 0 else "bottom",
+            )
         crossings = np.stack([motion.crossing_time, 0 * motion.crossing_time], axis=-1)
         ratio.plot(*crossings.T, **CROSSING, zorder=4)
     ratio.axhline(0, **SEPARATRIX)

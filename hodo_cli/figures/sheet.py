@@ -24,7 +24,7 @@ STYLE: Look = {
     "axes.linewidth": 0.5, "lines.linewidth": 1.0, "xtick.direction": "in", "ytick.direction": "in",
     "xtick.top": True, "ytick.right": True, "xtick.major.width": 0.5, "ytick.major.width": 0.5,
     "legend.frameon": False, "legend.handlelength": 2.2, "axes.formatter.useoffset": False,
-    "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True, "savefig.dpi": 300,
+    "axes.formatter.limits": (-5, 5), "axes.formatter.use_mathtext": True, "savefig.dpi": 300,
     "svg.hashsalt": "hodo", "pdf.fonttype": 42,
 }  # fmt: skip
 

@@ -34,7 +34,16 @@ from .artists import (
     plane_curve,
     time_bar,
 )
-from .geometry import View, beside, graticule, round_step, separatrix_circles, stretches, windings
+from .geometry import (
+    View,
+    beside,
+    clearest,
+    graticule,
+    round_step,
+    separatrix_circles,
+    stretches,
+    windings,
+)
 from .sheet import Sheet
 
 
@@ -53,16 +62,16 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     )
     size = float(np.maximum(up, down).max()) or 1.0
     reach = np.stack([np.maximum(1.15 * up, 0.45 * size), np.maximum(1.05 * down, 0.12 * size)])
-    frame = extent(
-        np.concatenate(
-            [view(motion.G) for motion in motions] + [view(arms) for arms in tips(reach)]
-        )
-    )
+    seen = np.concatenate([view(motion.G)[:, :2] for motion in motions])
+    reach[0] = clear_lengths(view, reach[0], seen, float(np.ptp(seen, axis=0).max()))
+    frame = extent(np.concatenate([seen, *(view(arms)[:, :2] for arms in tips(reach))]))
     main, *others = hodograph_panels(sheet, frame, 1 + (zoom is not None) + len(planes))
     space(main, motions, spec, view, reach, frame)
     if zoom is not None:
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
-        space(others[0], motions, spec, view, np.full((2, 3), zoom), window, cut=True)
+        near = np.full((2, 3), zoom)
+        near[0] = clear_lengths(view, near[0], seen, 2.5 * zoom)
+        space(others[0], motions, spec, view, near, window, cut=True)
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
@@ -70,7 +79,28 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     handles += mark_handles(motions, spec["time"], wide=bool(others))
     if spec["colour"] == "time":
         time_bar(sheet, [main, *others], motions[0], spec)
-    legend(sheet, handles, 5 if others else 2)
+    # Three entries fit into the width of a column, and five into that of a page.
+    legend(sheet, handles, 5 if others or len(handles) <= 3 else 2)
+
+
+STRETCHES = np.linspace(1, 1.25, 6)
+"""By how much an arm of the body axes may be longer, so that its name is on no curve; more would
+leave an enlarged panel."""
+
+
+def clear_lengths(view: View, lengths: np.ndarray, seen: np.ndarray, width: float) -> np.ndarray:
+    """Lengths (3,) of the positive body axes, each a little longer if its name would be on the
+    curves in view (n, 2), in a panel of some width.
+    """
+    # A name stands a thirtieth of a panel beyond its arm, and is half as large.
+    beyond, room = 0.03 * width, 0.025 * width
+    found = []
+    for along, length in zip(view(np.eye(3))[:, :2], lengths, strict=True):
+        # An axis that points at the reader has no direction on the page.
+        outward = along / max(float(np.hypot(*along)), math.ulp(0))
+        ends = STRETCHES[:, None] * length * along + beyond * outward
+        found.append(length * STRETCHES[clearest(seen, ends, room)])
+    return np.array(found)
 
 
 def tips(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,8 +109,8 @@ def tips(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def extent(seen: np.ndarray) -> np.ndarray:
-    """((left, right), (bottom, top)) of points (n, 3) in view, with a margin."""
-    lo, hi = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
+    """((left, right), (bottom, top)) of points (n, 2) in view, with a margin."""
+    lo, hi = seen.min(axis=0), seen.max(axis=0)
     margin = 0.05 * (hi - lo).max()
     return np.stack([lo - margin, hi + margin], axis=-1)
 
@@ -168,7 +198,7 @@ def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
     step = round_step(float(reach.max()))
     for i, (tip, tail) in enumerate(zip(*(view(arms)[:, :2] for arms in tips(reach)), strict=True)):
         arm(axes, tail, tip, f"G_{i + 1}")
-        counts = np.arange(-int(reach[1, i] / step), int(0.93 * reach[0, i] / step) + 1)
+        counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
         at = view(counts[counts != 0, None] * step * np.eye(3)[i])
         axes.plot(at[:, 0], at[:, 1], ls="", marker=".", ms=2, color=GREY, zorder=1)
         if counts[-1] > 0:
@@ -226,9 +256,11 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
     for line in graticule():
         on_sphere(axes, view(line), color="#C8C8C8", lw=0.35)
-    for i, (tip, foot) in enumerate(zip(view(1.2 * np.eye(3)), view(np.eye(3)), strict=True)):
-        arm(axes, foot[:2], tip[:2], f"x_{i + 1}", zorder=5 if foot[2] > 0 else 1)
     directions = [unit_vectors(motion) for motion in motions]
+    seen = np.concatenate([view(direction)[:, :2] for direction in directions])
+    lengths = clear_lengths(view, np.full(3, 1.2), seen[np.isfinite(seen).all(axis=-1)], 2.2)
+    for i, (tip, foot) in enumerate(zip(view(np.diag(lengths)), view(np.eye(3)), strict=True)):
+        arm(axes, foot[:2], tip[:2], f"x_{i + 1}", zorder=5 if foot[2] > 0 else 1)
     for place, (motion, direction) in enumerate(zip(motions, directions, strict=True)):
         g1, g2, g3 = direction.T
         sheet.record(

@@ -16,34 +16,25 @@ from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 LARGE = 0.1
 """Where a ratio that the theory takes as small is no longer so."""
 
+OF_THE_CAVITY = {
+    "density": ("density rho of the fluid", "mass/length^3"),
+    "viscosity": ("kinematic viscosity nu", "length^2/time"),
+    "P0": ("shape factor P0 of the cavity", "length^7"),
+    "radius": ("radius b of a sphere: P0 = 8 pi b^7/525", "length"),
+}
+"""The keys of a cavity that are given together: meaning and unit."""
+
+
+def kappa_instead_of(others: str) -> Key:
+    """The key of the coefficient rho P0/nu, by which others are left out."""
+    meaning = f"rho P0/nu, instead of {others}"
+    return Key(Number(least=0), meaning, "moment of inertia * time", default=None)
+
+
 CAVITY = Key(
     Table(
-        {
-            "density": Key(
-                Number(above=0), "density rho of the fluid", unit="mass/length^3", default=None
-            ),
-            "viscosity": Key(
-                Number(above=0), "kinematic viscosity nu", unit="length^2/time", default=None
-            ),
-            "P0": Key(
-                Number(above=0),
-                "shape factor P0 of the cavity",
-                unit="length^7",
-                default=None,
-            ),
-            "radius": Key(
-                Number(above=0),
-                "radius b of a sphere: P0 = 8 pi b^7/525",
-                unit="length",
-                default=None,
-            ),
-            "kappa": Key(
-                Number(least=0),
-                "rho P0/nu, instead of the other keys",
-                "moment of inertia * time",
-                None,
-            ),
-        }
+        {name: Key(Number(above=0), *told, default=None) for name, told in OF_THE_CAVITY.items()}
+        | {"kappa": kappa_instead_of("the other keys")}
     ),
     "density, viscosity and P0 or radius; or kappa alone",
     default=None,
@@ -73,6 +64,11 @@ def shape_factor(cavity: Mapping[str, float | None]) -> float:
         return P0
     assert radius is not None  # `coefficient` has seen that one of them is given
     return 8 * math.pi / 525 * math.prod((radius,) * 7)
+
+
+def radius_of(cavity: Mapping[str, float | None]) -> float:
+    """b, the radius of the sphere that has the cavity's P0."""
+    return math.pow(525 * shape_factor(cavity) / (8 * math.pi), 1 / 7)
 
 
 def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None) -> float:
@@ -123,12 +119,7 @@ class Cavity(Model):
     keys = {
         "inertia": INERTIA,
         "cavity": CAVITY,
-        "kappa": Key(
-            Number(least=0),
-            "rho P0/nu, instead of `cavity`",
-            unit="moment of inertia * time",
-            default=None,
-        ),
+        "kappa": kappa_instead_of("`cavity`"),
         "torque": Key(
             Vector(3),
             "constant torque M1, M2, M3",
@@ -176,11 +167,11 @@ def heavy_fluid(cavity: Mapping[str, float | None] | None, A: np.ndarray) -> lis
     """A warning if the fluid's own moment of inertia exceeds that of body and fluid together: there
     is no such body.
 
-    b is the radius of the sphere with the cavity's P0; a sphere of fluid has 2/5 m b^2.
+    A sphere of fluid has 2/5 m b^2.
     """
     if cavity is None or cavity["density"] is None:
         return []
-    b = (525 * shape_factor(cavity) / (8 * math.pi)) ** (1 / 7)
+    b = radius_of(cavity)
     mass = 4 / 3 * math.pi * b**3 * cavity["density"]
     own = 0.4 * mass * b * b
     if own <= A.min():
@@ -194,18 +185,23 @@ def heavy_fluid(cavity: Mapping[str, float | None] | None, A: np.ndarray) -> lis
 def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:
     """A warning if the Reynolds number b^2 |omega|/nu is not small, as the fluid's torque assumes.
 
-    b is the radius of the sphere with the cavity's P0. With kappa alone the Reynolds number is
-    unknown.
+    With kappa alone the Reynolds number is unknown.
     """
     if cavity is None or cavity["viscosity"] is None:
         return []
-    b = (525 * shape_factor(cavity) / (8 * math.pi)) ** (1 / 7)
-    speed = math.hypot(*omega)
-    reynolds = b * b * speed / cavity["viscosity"]
-    if reynolds <= LARGE:
+    number = reynolds(cavity, omega)
+    if number <= LARGE:
         return []
+    b, speed = radius_of(cavity), math.hypot(*omega)
     size = f"b = {b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g}"
-    return [f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {reynolds:.3g} ({size})"]
+    return [f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {number:.3g} ({size})"]
+
+
+def reynolds(cavity: Mapping[str, float | None], omega: np.ndarray) -> float:
+    """b^2 |omega|/nu, for a cavity with a viscosity and an angular velocity (3,)."""
+    viscosity = cavity["viscosity"]
+    assert viscosity is not None  # a case with kappa alone has no Reynolds number
+    return radius_of(cavity) ** 2 * math.hypot(*omega) / viscosity
 
 
 def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) -> list[str]:

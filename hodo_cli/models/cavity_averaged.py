@@ -51,8 +51,8 @@ class Symmetric(Cavity):
     state = ("a", "r")
     oriented = True
     variables = {
-        "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2"),
-        "y": Label(("time",), "square of the axial angular velocity, r^2"),
+        "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2", "1/time^2"),
+        "y": Label(("time",), "square of the axial angular velocity, r^2", "1/time^2"),
     }
     unclassifiable = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
 

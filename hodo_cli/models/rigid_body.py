@@ -234,7 +234,7 @@ class BodyFrame(Model):
     oriented = True
     unclassifiable = ""
     velocity = staticmethod(complete)
-    variables = {"omega": Label(("time", "axis"), "angular velocity in body axes")}
+    variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:

@@ -274,13 +274,27 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
     )
 
 
+def units_of_case(units: str, time: str) -> str:
+    """The units of a variable where those of time are known: "1/time^2" as "1/s^2", and as "1", the
+    case's own units, where time has none.
+    """
+    if not units.startswith("1/time"):
+        return units
+    return "1" if time == "1" else units.replace("time", time)
+
+
 def case_group(
     trajectory: Trajectory, labels: Mapping[str, tuple[tuple[str, ...], str, str]], mark: str
 ) -> Group:
     """A case as it is stored, with `mark` for its hash; `labels` as for `case_variables`."""
-    if (unit := trajectory.case.time.unit) != "1":
+    unit = trajectory.case.time.unit
+    labels = {
+        name: (dims, meaning, units_of_case(units, unit))
+        for name, (dims, meaning, units) in labels.items()
+    }
+    if unit != "1":
         meaning = labels["time"][1] if "time" in labels else TIME.long_name
-        labels = {**labels, "time": (("time",), meaning, unit)}
+        labels["time"] = (("time",), meaning, unit)
     attributes = case_attributes(
         trajectory.case,
         mark,

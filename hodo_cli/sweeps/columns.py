@@ -21,6 +21,7 @@ from ..results.layout import (
     UNASKED,
     Stored,
     passages_as_crossings,
+    units_of_case,
 )
 
 
@@ -28,7 +29,11 @@ def columns(case: Case) -> dict[str, Stored]:
     """Everything that a member of this sweep is reduced to."""
     model = case.system
     final = {
-        name: Stored(f"{variable.long_name}, at the end", variable.dims[1:], units=variable.units)
+        name: Stored(
+            f"{variable.long_name}, at the end",
+            variable.dims[1:],
+            units=units_of_case(variable.units, case.time.unit),
+        )
         for name, variable in model.variables.items()
         # As a label at the end it is `end_axis`.
         if name != "enclosed_axis" or "trajectory" in case.store
