@@ -34,7 +34,7 @@ from hodo_cli.figures.geometry import (
     separatrix_circles,
     stretches,
 )
-from hodo_cli.figures.sheet import FORMATS, Sheet
+from hodo_cli.figures.sheet import FORMATS, Sheet, title_lines
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
 from hodo_cli.results.dataset import open_results
@@ -554,6 +554,15 @@ def test_an_enlarged_panel_of_quadrants_names_regions_by_letters(runs: Path) -> 
         sheet = figures.draw(results.figure("fig10"), results)
     names = [{text.get_text() for text in axes.texts} for axes in sheet.figure.axes]
     assert names == [{"A (about $x_1$)", "B (about $x_3$)"}, {"A", "B"}]
+
+
+def test_a_title_is_broken_between_words_and_never_in_a_formula() -> None:
+    assert title_lines("Fig 1", 3.3) == ["Fig 1"]
+    long = r"Fig 13: quadrants for $I_{11} = I_{13} = I_{31} = I_{33} = 0.005$, $|\omega(0)| = 1$"
+    lines = title_lines(long, 3.3)
+    assert len(lines) == 2
+    assert " ".join(lines) == long
+    assert all(line.count("$") % 2 == 0 for line in lines)
 
 
 def test_a_legend_is_read_row_by_row() -> None:

@@ -117,10 +117,10 @@ def what_does_not_hold(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """The statements that do not simply hold, with what each reading of the text decides."""
     for verdict in (CONTRADICTED, AS_PRINTED, UNDERDETERMINED):
         for row in (row for row in rows if row["verdict"] == verdict):
-            parts = (row["evidence"], row["measured"], row["note"])
+            measured = f"measured: {row['measured']}" if row["measured"] else ""
+            parts = (row["evidence"], measured, row["note"])
             words = " ".join(filter(None, (plain(sentence(part)) for part in parts)))
-            quoted = f"*{plain(row['original'])}*"
-            said = f"{plain(row['statement'])} {quoted}"
+            said = f"{plain(row['statement'])} *{plain(row['original'])}*"
             yield f"- **{verdict.capitalize()}** ({plain(row['where'])}). {said}<br>{words}"
 
 

@@ -15,7 +15,7 @@ from ..results.dataset import Results
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import STYLE, Drawing, Sheet, check_tex
+from .sheet import STYLE, Drawing, Sheet, check_tex, title_lines
 from .space import hodograph, sphere
 
 DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
@@ -47,7 +47,8 @@ def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
         DRAW[spec["kind"]](sheet, spec, results)
         if spec["title"]:
             width, height = sheet.figure.get_size_inches()
+            lines = title_lines(spec["title"], width)
             # The panels keep their size: a line of the title is a fifth of an inch high.
-            sheet.figure.set_size_inches(width, height + 0.2)
-            sheet.figure.suptitle(spec["title"], size=8, wrap=True)
+            sheet.figure.set_size_inches(width, height + 0.2 * len(lines))
+            sheet.figure.suptitle("\n".join(lines), size=8)
     return sheet

@@ -1,7 +1,6 @@
 """Plane figures: quadrants, series over time, one variable against another, invariants."""
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -44,7 +43,7 @@ from .artists import (
     unit,
 )
 from .geometry import centroid, clearest, sectors
-from .sheet import Look, Sheet
+from .sheet import Look, Sheet, letters
 
 
 def squares(motion: Motion) -> np.ndarray:
@@ -239,8 +238,8 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
 def columns_for(sheet: Sheet, labels: Sequence[str]) -> int:
     """How many columns a legend has room for, so that its rows are as full as each other."""
     # At its size a letter is some 3.5 points wide, and a line with its gaps 30.
-    letters = max((len(re.sub(r"[${}\\]", "", label)) for label in labels), default=0)
-    most = max(1, int(sheet.figure.get_figwidth() * 72 / (30 + 3.5 * letters)))
+    longest = max(map(letters, labels), default=0)
+    most = max(1, int(sheet.figure.get_figwidth() * 72 / (30 + 3.5 * longest)))
     rows = -(-len(labels) // most)
     return -(-len(labels) // max(1, rows))
 

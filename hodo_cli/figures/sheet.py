@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -133,6 +134,26 @@ def check_tex(text: str) -> None:
     except ValueError as error:
         what = str(error).strip().splitlines()[-1]
         raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
+
+
+def title_lines(title: str, width: float) -> list[str]:
+    """A title in lines that fit into a figure of this width in inches, with no formula broken."""
+    lines: list[list[str]] = [[]]
+    # matplotlib's own wrapping breaks lines at the spaces inside formulas too.
+    for word in re.findall(r"(?:\$[^$]*\$|\S)+", title):
+        if lines[-1] and letters(" ".join([*lines[-1], word])) > LETTERS_AN_INCH * width:
+            lines.append([])
+        lines[-1].append(word)
+    return [" ".join(line) for line in lines]
+
+
+LETTERS_AN_INCH = 17
+"""How many letters of a title an inch holds, on the mean."""
+
+
+def letters(text: str) -> int:
+    """About how many letters a text with formulas shows: a TeX command counts as one."""
+    return len(re.sub(r"[${}_^\\]", "", re.sub(r"\\[A-Za-z]+", "x", text)))
 
 
 def save(sheet: Sheet, path: Path, about: str = "") -> None:

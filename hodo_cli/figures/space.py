@@ -195,7 +195,8 @@ def space_curve(
 def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
     """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
     values marked."""
-    step = round_step(float(reach.max()))
+    # Some are longer only for their names.
+    step = round_step(float(reach.max()) / STRETCHES[-1])
     for i, (tip, tail) in enumerate(zip(*(view(arms)[:, :2] for arms in tips(reach)), strict=True)):
         arm(axes, tail, tip, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
