@@ -88,6 +88,8 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             mark_points(axes, curve[[0, -1]], on_line, up_to(limit))
     if zoom is not None:
         panels[1].set(title="enlarged")
+        # Its small values are long words, for which there is little room side by side.
+        panels[1].locator_params(nbins=5)
     wide = zoom is not None
     legend(
         sheet,
@@ -130,8 +132,11 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: 
     places = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
     # The ends of a name must be inside its region too.
     side, room = places[:, 0] - places[:, 1], form.half + 0.05
-    for name, axis, own in (("A", largest, side > room), ("B", smallest, side < -room)):
-        place = places[own][clearest(points / limit, places[own])]
+    # The farther from the diagonal the better, if a tenth of the panel from the curves.
+    farthest = np.argsort(-np.abs(side), kind="stable")
+    for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
+        own = places[farthest][sign * side[farthest] > room]
+        place = own[clearest(points / limit, own, 0.1)]
         text = form.text.format(name, axis + 1)
         axes.annotate(text, pair(place), ha="center", va="center", **look)
     p, r = "pqr"[largest], "pqr"[smallest]
