@@ -44,7 +44,7 @@ claims: classify  ## Check what the papers say against the results (exit status 
 
 figures: classify  ## The main job: run, classify, check the claims and draw every figure into runs/figures/
 	$(BIN)/hodo claims $(RUNS) >/dev/null || test $$? -eq 3
-	$(BIN)/hodo plot $(RUNS)
+	$(BIN)/hodo plot $(RUNS) -j 2
 
 sweeps: $(READY)  ## Run the ensembles but for the million, and draw their maps (needs heyoka; some 20 seconds)
 	$(BIN)/hodo run $(SWEEPS) -j 2

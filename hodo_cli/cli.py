@@ -356,17 +356,24 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     help="png, svg, pdf, csv or html (repeatable).",
 )
 @_folder("runs/figures")
-def _plot(runs: tuple[str, ...], formats: tuple[str, ...], out: Path) -> None:
+@click.option("--force", is_flag=True, help="Draw anew what has not changed too.")
+@click.option(
+    "-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Draw in N processes."
+)
+def _plot(
+    runs: tuple[str, ...], formats: tuple[str, ...], out: Path, force: bool, jobs: int
+) -> None:
     """Draw the figures of each RUN.
 
-    Those named are drawn, or all, with a page that shows them. RUN is a result (*.h5) or the
-    config of one in runs/, which is drawn with the figures of the config as it is now.
+    Those named are drawn, or all, with a page that shows them. A figure is kept while its entry in
+    the case file, its cases and hodo are the same. RUN is a result (*.h5) or the config of one in
+    runs/, which is drawn with the figures of the config as it is now.
     """
     from .commands import plot
 
     files, names = plot.split(runs)
     failed = False
-    for line, is_problem in plot.draw_results(files, names, formats, out):
+    for line, is_problem in plot.draw_results(files, names, formats, out, jobs, force):
         click.echo(line, err=is_problem)
         failed |= is_problem
     if failed:

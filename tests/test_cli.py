@@ -5,6 +5,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -14,7 +15,7 @@ from conftest import ROOT, Hodo
 from hodo_cli.cases.config import load
 from hodo_cli.commands.resume import content_mark, telling, told
 from hodo_cli.commands.run import result_name
-from hodo_cli.results.hdf5 import Group, Variable
+from hodo_cli.results.hdf5 import Group, Variable, checksum_of, create, open_run
 from hodo_cli.results.provenance import root_attributes
 from hodo_cli.results.writer import Writer
 
@@ -213,22 +214,44 @@ def test_what_was_told_is_told_again_until_the_data_change(tmp_path: Path, hodo:
     assert "fig4 is damaged" in hodo("classify", "runs/a.h5").stderr
 
 
-def test_a_mark_is_that_of_the_content() -> None:
+def test_a_mark_is_that_of_the_content(tmp_path: Path) -> None:
     """One number, one name or the text makes another mark; what was told of it is told no more."""
-    numbers = Variable(("time",), np.array([1.0, math.nan]), {})
-    mark = content_mark([Group({"n": 1, "s": "a"}, {"x": numbers})], "text")
-    assert content_mark([Group({"s": "a", "n": np.int64(1)}, {"x": numbers})], "text") == mark
-    group = Group(telling(mark, [1, {"a": None}]), {})
-    assert told(group, mark) == [1, {"a": None}]
-    other = Variable(("time",), np.array([1.0, 2.0]), {})
+
+    def checksum(attributes: dict[str, Any], name: str, *numbers: float) -> str:
+        """The checksum that a group is stored with, which is what it was foretold to be."""
+        group = Group(attributes, {name: Variable(("time",), np.array(numbers), {})})
+        with create(tmp_path / "a.h5", {}) as file:
+            file.write("a", group)
+        with open_run(tmp_path / "a.h5") as run:
+            assert run.checksum("a") == checksum_of(group) == checksum_of(run.read("a"))
+            return run.checksum("a")
+
+    whole = checksum({"n": 1, "s": "a"}, "x", 1.0, math.nan)
+    mark = content_mark([whole], "text")
+    assert checksum({"n": np.int64(1), "s": "a"}, "x", 1.0, math.nan) == whole
+    assert checksum({"n": 1, "s": "a", **telling(mark, [])}, "x", 1.0, math.nan) == whole
+    assert told(telling(mark, [1, {"a": None}]), mark) == [1, {"a": None}]
     marks = {
-        content_mark([Group({"n": 1, "s": "a"}, {"x": other})], "text"),
-        content_mark([Group({"n": 1, "s": "a"}, {"y": numbers})], "text"),
-        content_mark([Group({"n": 2, "s": "a"}, {"x": numbers})], "text"),
-        content_mark([Group({"n": 1, "s": "a"}, {"x": numbers})], "another"),
+        content_mark([checksum({"n": 1, "s": "a"}, "x", 1.0, 2.0)], "text"),
+        content_mark([checksum({"n": 1, "s": "a"}, "y", 1.0, math.nan)], "text"),
+        content_mark([checksum({"n": 2, "s": "a"}, "x", 1.0, math.nan)], "text"),
+        content_mark([whole], "another"),
+        content_mark([whole, whole], "text"),
+        content_mark([whole, ""], "text"),
     }
-    assert len(marks | {mark}) == 5
-    assert all(told(group, each) is None for each in marks)
+    assert len(marks | {mark}) == 7
+    assert all(told(telling(mark, []), each) is None for each in marks)
+    assert told(telling("", []), "") is None
+
+
+def test_what_something_else_has_added_to_is_not_known_by_its_checksum(tmp_path: Path) -> None:
+    with create(tmp_path / "a.h5", {}) as file:
+        file.write("a", Group({"n": 1}, {}))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["a"]["more"] = [1.0]
+    with open_run(tmp_path / "a.h5") as run:
+        assert "more" in run.read("a").variables
+        assert run.checksum("a") == ""
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,13 @@ class Config:
     errata: tuple[dict[str, Any], ...] = ()
     bench: dict[str, Any] | None = None
 
+    def figure(self, name: str) -> dict[str, Any]:
+        """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
+        if name not in self.figures:
+            said = unknown(f"figure {name!r}", name, self.figures)
+            raise HodoError(f"{self.path}: {said}")
+        return self.figures[name]
+
 
 HERE = Path(__file__).parent
 

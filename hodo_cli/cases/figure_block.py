@@ -19,6 +19,12 @@ from ..schema.kinds import (
     unknown,
 )
 
+FORMATS = ("png", "svg", "pdf", "csv", "html")
+"""The formats that a figure is written in."""
+
+SCRIPT = "plotly.js"
+"""What all figures in HTML share, in the folder above theirs."""
+
 DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
 LEGEND = Key(
     NAMES, "names of the cases in the legend, in their order (default: their own)", default=()

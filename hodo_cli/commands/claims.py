@@ -16,7 +16,7 @@ from ..claims.finding import Verdict
 from ..claims.variations import Motions
 from ..claims.verdicts import judge_claim, judge_erratum
 from ..progress import Progress
-from ..results.hdf5 import Group, Run, Variable
+from ..results.hdf5 import REMARKS, Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
 from .resume import content_mark, named, telling, told, warn_of_changes
@@ -39,9 +39,10 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
             text = config.text if config else changes.run.text
             mark, rows = "", None
             with suppress(HodoError):  # a case that cannot be read may matter to no claim
-                mark = content_mark(map(changes.run.read, changes.run.cases()), text)
+                checksums = map(changes.run.checksum, changes.run.cases())
+                mark = content_mark(checksums, text)
                 if "_claims" in changes.run:
-                    rows = told(changes.run.read("_claims"), mark)
+                    rows = told(changes.run.summary("_claims", REMARKS), mark)
             if rows is None:
                 verdicts, errata = judged(config or parse(text, str(path)), changes.run)
                 rows = [[claim_row(verdict) for verdict in each] for each in (verdicts, errata)]

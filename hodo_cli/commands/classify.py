@@ -13,7 +13,7 @@ from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..progress import Progress
-from ..results.hdf5 import Attribute, Group
+from ..results.hdf5 import REMARKS, Group, checksum_of
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
 from ..results.provenance import stamp, typed
@@ -35,28 +35,25 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
             warn_of_changes(changes.run, config)
             for name in progress.each(changes.run.cases()):
                 try:
-                    group = changes.run.read(name)
-                    row = told(group, content_mark([group]))
-                    part = None
+                    mark = content_mark([changes.run.checksum(name)])
+                    row = told(changes.run.summary(name, REMARKS), mark)
                     if row is None:
+                        group = changes.run.read(name)
                         part, row = classified(name, group)
+                        changes.write(name, with_row(group, part or Group({}, {}), row))
                 except HodoError as error:
                     problems.append(f"{path}: {error}")
                     continue
                 rows.append({"run": str(path), **row})
-                if part is not None:
-                    changes.write(
-                        name,
-                        Group({**part.attributes, **row_kept(group, part, row)}, part.variables),
-                    )
     return rows, problems
 
 
-def row_kept(group: Group, part: Group, row: dict[str, Any]) -> dict[str, Attribute]:
-    """A case's line in the table, to be told again while the case is as this part makes it."""
-    attributes = {**group.attributes, **part.attributes}
-    whole = Group(attributes, {**group.variables, **part.variables})
-    return telling(content_mark([whole]), row)
+def with_row(group: Group, part: Group, row: dict[str, Any]) -> Group:
+    """What is added to a case, with its line in the table, to be told again while the case is as
+    this part makes it."""
+    whole = Group({**group.attributes, **part.attributes}, {**group.variables, **part.variables})
+    kept = telling(content_mark([checksum_of(whole)]), row)
+    return Group({**part.attributes, **kept}, part.variables)
 
 
 def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:

@@ -1,35 +1,99 @@
-"""`hodo plot`: figures from result files."""
+"""`hodo plot`: figures from result files. A figure that would be drawn as it is already is kept.
 
+What draws is imported late: matplotlib and xarray take longer to load than it takes to see that
+nothing is to be drawn.
+"""
+
+import json
+import os
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from operator import itemgetter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .. import HodoError
-from ..figures import draw, page
-from ..figures.sheet import FORMATS, Rendered, save
+from ..batch.mark import library_version
+from ..batch.pool import Pool, pool
+from ..cases.config import Config, parse
+from ..cases.figure_block import FORMATS, SCRIPT
 from ..progress import Progress
-from ..results.dataset import Results, results_of
+from ..results.hdf5 import Run
+from ..results.staging import replacing
 from ..results.writer import open_batch
 from ..schema.kinds import nearest
-from .resume import CONFIGS, named, warn_of_changes
+from .resume import CONFIGS, content_mark, named, warn_of_changes
+
+if TYPE_CHECKING:
+    from ..results.dataset import Results
+
+Result = TypeVar("Result")
 
 SOURCES = (".h5", *CONFIGS)
 """What the name of a result or of its config ends with; any other name is that of a figure."""
 
+RECORD = "drawn.json"
+"""What a folder of figures keeps of how each of its files was made."""
+
+PAGE = "index.html"
+"""The page of all figures."""
+
+NOTED = {"mark", "sha256", "cases", "said"}
+"""What a record has of each file."""
+
+PIECES = "*/page.json"
+"""What the folders of results tell the page of them."""
+
+ABSENT = "absent"
+"""Stands for the checksum of a case that a figure has asked for and the result does not hold."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure to be drawn: from a result file, by its entry in a config, into a folder."""
+
+    path: Path
+    config: Config
+    name: str
+    formats: tuple[str, ...]
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as it was drawn, now or earlier: its files or why there are none, the cases that it
+    has asked for, and the warnings that it gave."""
+
+    name: str
+    files: tuple[Path, ...] = ()
+    problem: str = ""
+    cases: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PageTask:
+    """The page of all figures of a folder, and what it shows anew: results with their configs and
+    figures."""
+
+    out: Path
+    runs: Sequence[tuple[Path, Config, Sequence[Drawn]]]
+
 
 @contextmanager
-def results_named(name: Path) -> Iterator[Results]:
-    """A result file, or that of a config, with the figures of the config as it is now.
+def opened(name: Path) -> Iterator[tuple[Run, Config]]:
+    """A result file with its config or, by the name of a config, with that as it is now.
 
     Raises HodoError if one of the two cannot be read.
     """
     path, config = named(name)
     with open_batch(path) as run:
         warn_of_changes(run, config, "plot")
-        yield results_of(run, config)
+        config = config or parse(run.text, str(path))
+        # Cases are drawn from what is stored of them. Without them it is quick to send about.
+        yield run, replace(config, cases={})
 
 
 def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
@@ -40,83 +104,217 @@ def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
 
 
 def draw_results(
-    files: Sequence[Path], names: Sequence[str], formats: Sequence[str], out: Path
+    paths: Sequence[Path],
+    names: Sequence[str],
+    formats: Sequence[str],
+    out: Path,
+    jobs: int = 1,
+    force: bool = False,
 ) -> Iterator[tuple[str, bool]]:
-    """Draw the figures of result files, all or those named, and then a page with all of them.
+    """Draw the figures of result files, all or those named, and then a page with all of them; what
+    is drawn already is kept, unless `force`.
 
-    Yields the lines to print, each with whether it tells of a problem. Raises HodoError as `render`
-    does, or if a file cannot be read.
+    Yields the lines to print, each with whether it tells of a problem. Raises HodoError for an
+    unknown figure or format before anything is drawn, or if a file cannot be read.
     """
-    with ExitStack() as stack:
-        opened = [stack.enter_context(results_named(path)) for path in files]
-        drawn = [
-            (results, render(results, names, formats, out / results.path.stem))
-            for results in opened
-        ]
-        for figure in (figure for _, figures in drawn for figure in figures):
-            if figure.problem:
-                yield f"{figure.name}: {figure.problem}", True
-            else:
-                yield "\n".join(map(str, figure.files)), False
-        if not names:
-            page.write_page(out / "index.html", drawn)
-            yield str(out / "index.html"), False
-        # At the end, when all that is drawn or on the page has been read.
-        for results in opened:
-            if results.lacks_labels:
-                said = f"run `hodo classify {results.path}` for labels and crossings"
-                warnings.warn(f"{results.path} is not classified: {said}", stacklevel=2)
-
-
-def render(
-    results: Results, names: Sequence[str], formats: Sequence[str], out: Path
-) -> list[Rendered]:
-    """Draw the named figures of a result file (all, if none is named) into the folder `out`.
-
-    A figure that cannot be drawn does not keep the others: its `problem` says why. Raises
-    HodoError, before anything is drawn, for an unknown figure or format.
-    """
-    chosen = [(name, results.figure(name)) for name in names or results.figures]
     for wrong in (name for name in formats if name not in FORMATS):
         raise HodoError(
             f"unknown format {wrong!r}{nearest(wrong, FORMATS)} (valid: {', '.join(FORMATS)})"
         )
-    with Progress(len(chosen), logs=False) as progress:
-        return [
-            _rendered(results, name, spec, [out / f"{name}.{suffix}" for suffix in formats])
-            for name, spec in progress.each(chosen, itemgetter(0))
+    folders: list[Folder] = []
+    for path in paths:
+        with opened(path) as (run, config):
+            folders.append(Folder(out / run.path.stem, run, config, names, formats, force))
+    with pool(jobs if any(folder.tasks for folder in folders) else 1) as workers:
+        with Progress(sum(len(folder.tasks) for folder in folders), logs=False) as progress:
+            for folder in folders:
+                for task, drawn in workers.map(draw_figure, folder.tasks):
+                    folder.add(result_of(drawn))
+                    progress.done(task.name)
+                folder.record.save()
+        for drawn in (drawn for folder in folders for drawn in folder.figures):
+            if drawn.problem:
+                yield f"{drawn.name}: {drawn.problem}", True
+            elif drawn.files:
+                yield "\n".join(map(str, drawn.files)), False
+        said = [line for folder in folders for drawn in folder.figures for line in drawn.said]
+        if not names:
+            said += renewed_page(out, folders, workers, force)
+            yield str(out / PAGE), False
+    # At the end, when all that is drawn or on the page has been read.
+    for line in dict.fromkeys(said):
+        warnings.warn(line, stacklevel=2)
+
+
+def result_of(outcome: Result | Exception) -> Result:
+    """What a task of a pool has come to. Raises the exception that it ended with."""
+    if isinstance(outcome, Exception):
+        raise outcome
+    return outcome
+
+
+def draw_figure(task: Drawing) -> Drawn:
+    """Draw one figure; what a pool does."""
+    from ..figures import render
+    from ..results.dataset import Datasets, open_results
+
+    with (
+        warnings.catch_warnings(record=True) as caught,
+        open_results(task.path, task.config) as results,
+    ):
+        warnings.simplefilter("always")
+        made = render(results, task.name, task.formats, task.folder)
+        said = [*(str(each.message) for each in caught), *unlabelled(results)]
+        assert isinstance(results.cases, Datasets)
+        cases = tuple(sorted(results.cases.asked))
+    return Drawn(made.name, made.files, made.problem, cases, tuple(said))
+
+
+def unlabelled(results: "Results") -> Iterator[str]:
+    """The warning that a case was read that is not classified, if one was."""
+    if results.lacks_labels:
+        said = f"run `hodo classify {results.path}` for labels and crossings"
+        yield f"{results.path} is not classified: {said}"
+
+
+class Folder:
+    """The figures of one result in a folder: those that are kept, and the tasks of the others."""
+
+    def __init__(
+        self, path: Path, run: Run, config: Config,
+        names: Sequence[str], formats: Sequence[str], force: bool,
+    ) -> None:  # fmt: skip
+        """Raises HodoError if there is no figure of one of the names."""
+        self.path, self.result, self.config = path, run.path, config
+        self.checksums = {
+            name: "" if name in run.damaged else run.checksum(name) for name in run.groups()
+        }
+        self.record = Record(path)
+        self._formats = tuple(dict.fromkeys(formats))
+        chosen = {name: config.figure(name) for name in names or config.figures}
+        self._drawn = {name: None if force else self._kept(name) for name in chosen}
+        self.tasks = [
+            Drawing(run.path, config, name, self._formats, path)
+            for name, drawn in self._drawn.items()
+            if drawn is None
         ]
 
+    @property
+    def figures(self) -> list[Drawn]:
+        """The figures that were asked for, of those that are drawn."""
+        return [drawn for drawn in self._drawn.values() if drawn is not None]
 
-def _rendered(
-    results: Results, name: str, spec: Mapping[str, Any], files: Sequence[Path]
-) -> Rendered:
-    """Draw one figure into files; whatever goes wrong with it is its own problem."""
-    try:
-        return Rendered(name, tuple(_files(results, name, spec, files)))
-    except HodoError as error:
-        return Rendered(name, problem=str(error))
-    except ModuleNotFoundError:
-        raise
-    except Exception as error:
-        # A mistake of ours in one figure shall not cost the others; it is no traceback then, so
-        # the kind of the error is part of what is said.
-        return Rendered(name, problem=f"{type(error).__name__}: {error}")
+    def add(self, drawn: Drawn) -> None:
+        """Take in a figure that has just been drawn."""
+        self._drawn[drawn.name] = drawn
+        # What could not be drawn is tried again: its file may be of an earlier time.
+        mark = "" if drawn.problem else self._mark(drawn.name, drawn.cases)
+        for file in self._files(drawn.name):
+            self.record.note(file, mark, drawn.cases, drawn.said)
+
+    def _kept(self, name: str) -> Drawn | None:
+        """A figure all of whose files are as they would be drawn; None if one is not."""
+        entries = {file: self.record.current(file) for file in self._files(name)}
+        if not all(e and e["mark"] == self._mark(name, e["cases"]) for e in entries.values()):
+            return None
+        # An HTML file that stands by itself shows nothing.
+        if "html" in self._formats and not (self.path.parent / SCRIPT).exists():
+            return None
+        # A kind that cannot be turned has no file in HTML.
+        files = tuple(self.path / file for file, e in entries.items() if e and e["sha256"])
+        said = dict.fromkeys(line for e in entries.values() if e for line in e["said"])
+        return Drawn(name, files, said=tuple(said))
+
+    def _files(self, name: str) -> list[str]:
+        return [f"{name}.{suffix}" for suffix in self._formats]
+
+    def _mark(self, name: str, cases: Iterable[str]) -> str:
+        """What a drawing depends on: its entry in the config, the cases that it has asked for, and
+        the code that draws."""
+        spec = self.config.figure(name)
+        others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
+        return content_mark(
+            (self.checksums.get(case, ABSENT) for case in cases),
+            repr((spec, others, library_version("matplotlib"), library_version("plotly"))),
+        )
 
 
-def _files(
-    results: Results, name: str, spec: Mapping[str, Any], files: Sequence[Path]
-) -> Iterator[Path]:
-    """The files of one figure, each when it is written."""
-    sheet = draw(spec, results)
-    for path in files:
-        if path.suffix == ".html":
-            # Late, because plotly need not be installed where no figure is to be turned.
-            from ..figures.interactive import STILL, write_interactive
+def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: bool) -> list[str]:
+    """Write the page of all figures, unless it is as it would be; the warnings that it gives."""
+    record = Record(out)
+    entry = None if force else record.current(PAGE)
+    if entry is None or entry["mark"] != page_mark(out, folders):
+        task = PageTask(out, [(each.result, each.config, each.figures) for each in folders])
+        for _, said in workers.map(write_page, [task]):
+            record.note(PAGE, page_mark(out, folders), (), result_of(said))
+        record.save()
+    return record.said(PAGE)
 
-            if spec["kind"] in STILL:
-                continue
-            write_interactive(sheet, spec, results, path, name)
-        else:
-            save(sheet, path, about=spec["caption"])
-        yield path
+
+def page_mark(out: Path, folders: Sequence[Folder]) -> str:
+    """What the page depends on: the results and figures that it shows, and what the folders of
+    others have told it."""
+    shown = [(each.config, os.path.relpath(each.result, out)) for each in folders]
+    figures = [(f.name, f.files, f.problem) for folder in folders for f in folder.figures]
+    pieces = [file.read_bytes() for file in sorted(out.glob(PIECES))]
+    checksums = [each for folder in folders for each in folder.checksums.values()]
+    return content_mark(checksums, repr((shown, figures, pieces)))
+
+
+def write_page(task: PageTask) -> tuple[str, ...]:
+    """Write the page of all figures, and return the warnings that it gives; what a pool does."""
+    from ..figures import page
+    from ..figures.sheet import Rendered
+    from ..results.dataset import open_results
+
+    with warnings.catch_warnings(record=True) as caught, ExitStack() as stack:
+        warnings.simplefilter("always")
+        runs = [
+            (
+                stack.enter_context(open_results(path, config)),
+                [Rendered(each.name, each.files, each.problem) for each in figures],
+            )
+            for path, config, figures in task.runs
+        ]
+        page.write_page(task.out / PAGE, runs)
+        said = [*(str(each.message) for each in caught)]
+        said += [line for results, _ in runs for line in unlabelled(results)]
+    return tuple(said)
+
+
+class Record:
+    """How the files of a folder were made, as JSON beside them: what each depends on, and the hash
+    of its content, which shows a file that something else has changed."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._entries: dict[str, dict[str, Any]] = {}
+        # One that is missing, unreadable or not ours costs no more than drawing anew.
+        with suppress(OSError, ValueError, AttributeError):
+            entries = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+            self._entries = {name: e for name, e in entries.items() if e.keys() == NOTED}
+
+    def current(self, file: str) -> dict[str, Any] | None:
+        """What is noted of a file that has not changed since, and can be kept."""
+        entry = self._entries.get(file)
+        return entry if entry and entry["mark"] and entry["sha256"] == self._hash(file) else None
+
+    def said(self, file: str) -> list[str]:
+        """The warnings that making a file gave."""
+        return list(self._entries[file]["said"])
+
+    def note(self, file: str, mark: str, cases: Sequence[str], said: Sequence[str]) -> None:
+        """Note how a file was made, or that none was."""
+        noted = {"mark": mark, "sha256": self._hash(file), "cases": cases, "said": said}
+        self._entries[file] = noted
+
+    def _hash(self, file: str) -> str:
+        try:
+            return sha256((self._folder / file).read_bytes()).hexdigest()
+        except FileNotFoundError:
+            return ""
+
+    def save(self) -> None:
+        """Write the record. Raises HodoError if that is refused."""
+        with replacing(self._folder / RECORD) as draft:
+            draft.write_text(json.dumps(self._entries, indent=1, sort_keys=True), encoding="utf-8")

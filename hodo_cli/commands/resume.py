@@ -12,13 +12,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
 from ..cases.config import Config, load, parse
-from ..results.hdf5 import Attribute, Group, Run
+from ..results.hdf5 import REMARKS, Attribute, Run
 from ..results.staging import staging_folders
 from ..results.writer import Finished
 
@@ -30,7 +28,7 @@ CONFIG_PATH = "config_path"
 CONFIGS = (".yaml", ".yml")
 """What the name of a config ends with."""
 
-MARK, TOLD = "told_mark", "told"
+MARK, TOLD = REMARKS
 """The attributes of a group: what it was told of, as a hash, and what was told, as JSON."""
 
 # In this order, because another version of hodo may write the same case in other words.
@@ -132,29 +130,18 @@ def package_mark() -> str:
     return sources.hexdigest()
 
 
-def content_mark(groups: Iterable[Group], text: str = "") -> str:
-    """The hash of stored groups, of a text, and of the code that would compute from them."""
-    content = hashlib.sha256((package_mark() + text).encode())
-    for group in groups:
-        content.update(_words({k: v for k, v in group.attributes.items() if k not in (MARK, TOLD)}))
-        for name, variable in sorted(group.variables.items()):
-            content.update(_words({"name": name, "dims": variable.dims}))
-            data = np.ascontiguousarray(variable.data)
-            numbers = data.dtype.kind in "fiu"
-            content.update(data.data if numbers and data.size else _words({"data": data}))
-    return content.hexdigest()
+def content_mark(checksums: Iterable[str], text: str = "") -> str:
+    """The hash of stored groups, by their checksums, of a text, and of the code that would compute
+    from them; empty if a group has no checksum to go by."""
+    known = [package_mark(), text, *checksums]
+    return hashlib.sha256(repr(known).encode()).hexdigest() if all(known[2:]) else ""
 
 
-def _words(values: Mapping[str, Any]) -> bytes:
-    # As plain lists and numbers, because a file gives back numpy's where Python's were written.
-    return repr(sorted((k, np.asarray(v).tolist()) for k, v in values.items())).encode()
-
-
-def told(group: Group, mark: str) -> Any:
-    """What was told of a group at the same mark; None if nothing was."""
-    if group.attributes.get(MARK) != mark:
+def told(attributes: Mapping[str, Any], mark: str) -> Any:
+    """What was told of a group with these attributes at the same mark; None if nothing was."""
+    if not mark or attributes.get(MARK) != mark:
         return None
-    return json.loads(str(group.attributes[TOLD]))
+    return json.loads(str(attributes[TOLD]))
 
 
 def telling(mark: str, what: Any) -> dict[str, Attribute]:

@@ -18,6 +18,7 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from .. import HodoError
+from ..cases.figure_block import SCRIPT
 from ..models.rigid_body import LABELS
 from ..results.dataset import Results
 from ..results.motion import Motion
@@ -25,9 +26,6 @@ from ..results.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
 from .geometry import graticule, separatrix_circles, stretches
 from .sheet import Sheet, Shown
-
-SCRIPT = "plotly.js"
-"""The script of plotly, which lies once beside the page of all figures."""
 
 HOVER = ("G", "T", "D")
 """The quantities of the point under the pointer, besides its coordinates, time and axis."""

@@ -35,8 +35,6 @@ UNDATED: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-FORMATS = (*UNDATED, "csv", "html")
-
 
 SCREEN = 150
 """Dots per inch in a notebook: half of print's, which is as sharp on a screen."""

@@ -32,17 +32,19 @@ def dataset(group: Group) -> xr.Dataset:
 
 
 class Datasets(Mapping[str, xr.Dataset]):
-    """The cases of an open result file by name, each read when it is asked for."""
+    """The cases of an open result file by name, each read when it is asked for; `asked` notes for
+    which, whether they are there or not."""
 
     def __init__(self, run: Run) -> None:
         self._run = run
+        self.asked: set[str] = set()
 
     def __getitem__(self, name: str) -> xr.Dataset:
         """A case, in memory; groups that are no cases have names that begin with `_`.
 
         Raises KeyError if it is not there, HodoError if it is damaged or too large.
         """
-        if name not in self._run:
+        if name not in self:
             raise KeyError(name)
         group = self._run.read(name)
         try:
@@ -57,6 +59,7 @@ class Datasets(Mapping[str, xr.Dataset]):
         return len(self._run.cases())
 
     def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
         return isinstance(name, str) and name in self._run
 
 
@@ -148,19 +151,12 @@ class Results:
 
     def figure(self, name: str) -> Mapping[str, Any]:
         """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
-        if name not in self.figures:
-            said = unknown(f"figure {name!r}", name, self.figures)
-            raise HodoError(f"{self.path}: {said}")
-        return self.figures[name]
-
-
-def results_of(run: Run, config: Config | None = None) -> Results:
-    """An open result, with a config to be used in place of the one that is stored."""
-    return Results(run.path, Datasets(run), config or parse(run.text, str(run.path)))
+        return self.config.figure(name)
 
 
 @contextmanager
-def open_results(path: Path | str) -> Iterator[Results]:
-    """A result file, open for reading. Raises HodoError as `writer.open_batch` does."""
+def open_results(path: Path | str, config: Config | None = None) -> Iterator[Results]:
+    """A result file, open for reading, with its own config or another. Raises HodoError as
+    `writer.open_batch` does."""
     with open_batch(path) as run:
-        yield results_of(run)
+        yield Results(run.path, Datasets(run), config or parse(run.text, str(path)))

@@ -38,6 +38,9 @@ HIDDEN = (
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
 
+REMARKS = ("told_mark", "told")
+"""Attributes that stand behind the checksum: what a command has told of the data under it."""
+
 INFLATION = 1000
 """A dataset may claim so many times the bytes that are stored of it, as compression may save; one
 that claims more was never written, and would fill the memory."""
@@ -79,9 +82,13 @@ class Group:
 class Run:
     """A result file that is open for reading; made by `open_run`."""
 
+    _intact = False
+    """Whether all bytes are as hodo has written them."""
+
     def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str]) -> None:
         self.path = path
         self.damaged = damaged
+        self._intact = damaged is INTACT
         self.attributes: dict[str, Any] = _attributes(file)
         self._file = file
 
@@ -171,6 +178,16 @@ class Run:
         except HodoError as error:
             return str(error).removeprefix(f"{self.path}: ")
 
+    def checksum(self, name: str) -> str:
+        """The checksum that is stored with a group, which tells its content from any other without
+        reading it.
+
+        Empty if there is none, or the file's seal does not fit: something may then have been added
+        that no checksum covers. Raises HodoError as `summary` does.
+        """
+        with self._group(name) as group:
+            return str(group.attrs.get("checksum", "")) if self._intact else ""
+
     def lacks_checksum(self, name: str) -> bool:
         """Whether damage to a group would not be noticed."""
         if name in self.damaged:
@@ -180,6 +197,21 @@ class Run:
 
 
 MISFIT = "its checksum does not fit"
+
+
+def checksum_of(group: Group) -> str:
+    """The checksum that a group is stored with."""
+    return _checksum_with(group, {})
+
+
+def _checksum_with(group: Group, digests: Mapping[str, Digest]) -> str:
+    """The checksum of a group, some of whose variables were digested as they were written."""
+    covered = {key: value for key, value in group.attributes.items() if key not in REMARKS}
+    found = Checksum(_as_stored(covered))
+    for key, variable in group.variables.items():
+        digest = str(digests[key]) if key in digests else digest_of(variable.data)
+        found.add(key, variable.dims, digest, _as_stored(variable.attrs))
+    return str(found)
 
 
 def _covered(item: h5py.HLObject) -> tuple[str, list[str]]:
@@ -367,7 +399,8 @@ class Output:
         append."""
         self._disk.check()
         target = self._file.create_group(name, track_order=True)
-        _set_attributes(target, group.attributes)
+        told = {key: group.attributes[key] for key in REMARKS if key in group.attributes}
+        _set_attributes(target, {k: v for k, v in group.attributes.items() if k not in told})
         sizes: dict[str, int] = {}
         items: dict[str, h5py.Dataset] = {}
         for key, variable in group.variables.items():
@@ -400,11 +433,7 @@ class Output:
         for key, where, block in group.late.blocks() if group.late else ():
             items[key][where] = block
             late[key].add(np.asarray(block, dtype=items[key].dtype))
-        checksum = Checksum(_as_stored(group.attributes))
-        for key, variable in group.variables.items():
-            digest = str(late[key]) if key in late else digest_of(variable.data)
-            checksum.add(key, variable.dims, digest, _as_stored(variable.attrs))
-        _set_attributes(target, {"checksum": str(checksum)})
+        _set_attributes(target, {"checksum": _checksum_with(group, late), **told})
 
     def copy(self, run: Run, name: str) -> None:
         """Copy a group as it is stored. Raises HodoError if it is damaged.
