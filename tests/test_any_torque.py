@@ -13,7 +13,7 @@ from test_averaged import CLOSE, case, cavity, chance
 from test_docs import snippets
 
 from hodo_cli.cases.case import Case
-from hodo_cli.engines.protocol import have_taylor
+from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging.any_torque import averaged_form, whole_turn
