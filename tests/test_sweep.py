@@ -595,6 +595,34 @@ def test_averages_over_members() -> None:
         average("crossing_time", b=3)
 
 
+def test_the_distance_of_two_sweeps() -> None:
+    """A label counts as 1 where it differs, and only members that are ok in both count."""
+
+    def columns(axis: list[int], time: list[float], status: list[int]) -> dict[str, Variable]:
+        flags = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
+        return {
+            "end_axis": Variable(("a",), np.array(axis), flags),
+            "crossing_time": Variable(("a",), np.array(time), {}),
+            "predicted": Variable(("a",), np.array(time) + 1, {}),
+            "status": Variable(("a",), np.array(status), {}),
+        }
+
+    one = columns([1, 3, 1, 1], [1, 2, math.nan, 9], [0, 0, 0, 1])
+    other = columns([1, 1, 1, 3], [1.5, 3, 4, 5], [0, 0, 0, 0])
+
+    def mean(variable: str, against: str) -> float:
+        return float(averages.average(averages.apart(one, other, variable, against),
+                                      ["a"], variable, (), {}))  # fmt: skip
+
+    assert mean("end_axis", "end_axis") == 1 / 3
+    assert mean("crossing_time", "crossing_time") == 0.75
+    assert mean("crossing_time", "predicted") == 1.75
+    with pytest.raises(HodoError, match="no variable 'G'"):
+        mean("crossing_time", "G")
+    with pytest.raises(HodoError, match="values of 'crossing_time'"):
+        averages.apart(one, {"G": Variable(("a",), np.zeros(3), {})}, "crossing_time", "G")
+
+
 @pytest.mark.heyoka
 def test_claims_of_sweeps_are_judged(tmp_path: Path, hodo: Hodo) -> None:
     text = (
@@ -608,6 +636,8 @@ claims:
              at: [{damping.2: 0}, {damping.2: 1}, {damping.2: 2}]}}
   - {id: more, where: "-", statement: "-", cases: [ball], expect: contradicted,
      check: {kind: average, variable: end_axis.x1, along: [damping.2, direction], sense: falls}}
+  - {id: same, where: "-", statement: "-", cases: [ball, ball], expect: reproduced,
+     check: {kind: average, variable: crossing_time, at: [{damping.2: 0}], most: 0}}
 """
     )
     (tmp_path / "a.yaml").write_text(text, encoding="utf-8")

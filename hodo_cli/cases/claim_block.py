@@ -121,6 +121,12 @@ AVERAGE = {
     "variable": Key(
         Text(), "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)"
     ),
+    "against": Key(
+        Text(),
+        "where two sweeps are named: the variable of the second (default: the same); averaged is "
+        "the distance of the two, or 1 where labels differ",
+        default=None,
+    ),
     "at": Key(
         ListOf(Each(Integer(least=0), "axes to positions, from zero")),
         "positions at which it is averaged over the other axes",

@@ -26,8 +26,9 @@ from ..cases.claim_block import (
 )
 from ..progress import portion
 from ..results.hdf5 import Run
-from ..results.motion import Motion, motion_of
+from ..results.motion import Array, Motion, motion_of
 from ..schema.kinds import unknown
+from ..sweeps.averages import apart
 from . import averaging, paper1, paper2, paper3
 from .checks import MOTION_CHECKS, averages
 from .finding import PAPER_CHECKS, PAPER_TRENDS, PLOTTING_ACCURACY, Finding, Verdict, degree
@@ -107,16 +108,19 @@ def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict
 
 
 def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
-    """What an `average` finds in the one sweep that the claim names. Raises HodoError if there is
-    no such sweep."""
-    name, *others = claim["cases"]
-    if others:
-        raise HodoError("a check of kind average takes one case")
-    group = run.read(name)
-    sweep = parse_case(str(group.attributes["case"])).sweep
-    if not sweep:
-        raise HodoError(f"case {name} is no sweep")
-    return averages(claim["check"], group.variables, list(sweep))
+    """What an `average` finds in the one sweep that the claim names, or in the distance of two.
+    Raises HodoError if there is no such sweep."""
+    if len(claim["cases"]) not in (1, 2):
+        raise HodoError("a check of kind average takes one case, or two whose distance it averages")
+    groups = [run.read(name) for name in claim["cases"]]
+    for name, group in zip(claim["cases"], groups, strict=True):
+        if not (sweep := parse_case(str(group.attributes["case"])).sweep):
+            raise HodoError(f"case {name} is no sweep")
+    columns: Mapping[Any, Array] = groups[0].variables
+    if len(groups) == 2:
+        variable, against = claim["check"]["variable"], claim["check"]["against"]
+        columns = apart(columns, groups[1].variables, variable, against or variable)
+    return averages(claim["check"], columns, list(sweep or {}))
 
 
 def stored_motion(run: Run, name: str) -> Motion:

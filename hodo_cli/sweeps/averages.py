@@ -6,7 +6,31 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
+from ..results.hdf5 import Variable
 from ..results.motion import Array
+
+
+def apart(
+    variables: Mapping[Any, Array], others: Mapping[Any, Array], variable: str, against: str
+) -> dict[str, Array]:
+    """A variable of one sweep as its distance from one of another sweep of the same axes; for
+    labels, 1 where they differ. Members count where both are ok.
+
+    Raises HodoError unless the sweeps have them, over as many members.
+    """
+    for columns, name in ((variables, variable), (others, against)):
+        if name not in columns:
+            raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(columns)})")
+    a, b = variables[variable], others[against]
+    if a.data.shape != b.data.shape:
+        raise HodoError(f"the sweeps have {a.data.shape} and {b.data.shape} values of {variable!r}")
+    label = "flag_meanings" in a.attrs
+    distance = (a.data != b.data).astype(float) if label else np.abs(a.data - b.data)
+    status = np.maximum(variables["status"].data, others["status"].data)
+    return {
+        variable: Variable(a.dims, distance, {}),
+        "status": Variable(variables["status"].dims, status, {}),
+    }
 
 
 def average(
