@@ -22,6 +22,7 @@ from hodo_cli.integration.solve import solve
 from hodo_cli.models import catalogue, lagrange
 from hodo_cli.models.base import Event
 from hodo_cli.models.lagrange import first_integrals, mean_cosine, nutation
+from hodo_cli.sweeps.chunk import Chunk, compute
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases
@@ -413,8 +414,44 @@ def test_what_makes_the_averages_doubtful_is_said() -> None:
     assert "b has a negative coefficient" in negative
     (near,) = doubts(case(initial="{theta: 1e-5, r: 1}"))
     assert "1 - k^2 = 5.6e-11" in near
-    (coarse,) = doubts(case(form="averaged-quadrature", nodes="4"))
-    assert "give it more nodes" in coarse
+
+
+@pytest.mark.parametrize(
+    ("given", "close"),
+    [
+        ({"initial": "{theta: 0.03, r: 2}", "nodes": "2", "a": "[0.125]"}, 1e-14),
+        ({"initial": "{theta: 1.5, r: 0.5}", "nodes": "2", "tol": "1e-6"}, 1e-6),
+        # This one comes as near to u2 = u3 as 512 nodes resolve.
+        pytest.param(
+            {"initial": "{theta: 2.0, r: 0.001}", "a": "[-0.5]"}, 1e-11, marks=pytest.mark.heyoka
+        ),
+    ],
+)
+def test_the_nodes_of_the_quadrature_adapt_to_the_motion(
+    given: dict[str, str], close: float
+) -> None:
+    given |= {"b": "[0.1]", "time": "{end: 6, samples: 3}", "error": "on"}
+    motion = integrate(case(form="averaged-quadrature", **given))
+    given.pop("nodes", None)
+    closed = integrate(case(form="averaged", **given))
+    assert not any("nodes" in warning for warning in motion.warnings)
+    assert motion.error < close
+    for name, values in closed.variables.items():
+        off = np.abs(motion.variables[name] - values).max() / np.abs(values).max()
+        assert off < motion.error + 2 * closed.error + 1e-15
+
+
+def test_members_whose_quadrature_is_too_coarse_are_refined() -> None:
+    text = (
+        "cases:\n  c: {model: Lagrange-averaged, form: averaged-quadrature, mu: 0.5, a: [0.1], "
+        "inertia: {A: 1.5, C: 1}, b: [0.1], initial: {theta: 1, r: 1}, time: {end: 2}, nodes: 4, "
+        "error: off, sweep: {initial.theta: {linspace: [0.5, 1.5, 3]}}}\n"
+    )
+    swept = parse(text, "test").cases["c"]
+    found = compute(Chunk(swept, 0, 3)).variables["H"].data
+    for value, theta in zip(found, (0.5, 1.0, 1.5), strict=True):
+        one = case(initial=f"{{theta: {theta}, r: 1}}", a="[0.1]", b="[0.1]", time="{end: 2}")
+        assert value == pytest.approx(integrate(one).variables["H"][-1], rel=1e-12)
 
 
 @pytest.mark.parametrize("form", FORMS)

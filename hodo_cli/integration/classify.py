@@ -15,7 +15,7 @@ from ..progress import portion
 from .choice import best
 from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks
 from .driver import Sampled
-from .error import MOTION, references
+from .error import MOTION, patient, references
 from .solve import Solution, sample_times, solve, stored
 
 EPS = 2.0**-52
@@ -161,7 +161,8 @@ def against_reference(
         return assumed, None
     end = math.inf if solution.whole else float(path.time[-1])
     for precision, other, tol in references(case, method, solution.tol):
-        reference = watched(case, other, precision, tol, until=end)
+        limited = patient(case, method, solution, other)
+        reference = watched(limited, other, precision, tol, until=end)
         if (solution.whole and not reference.solution.whole) or (
             tol is not None and reference.solution.tol == solution.tol
         ):

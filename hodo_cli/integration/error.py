@@ -10,7 +10,7 @@ from .. import engines
 from ..cases.case import Case
 from ..engines import extended
 from ..models.constants import attributes
-from .choice import best
+from .choice import MANY_STEPS, best
 from .driver import LIMIT, Sampled
 from .solve import Solution, sample_times, solve
 
@@ -20,6 +20,11 @@ COMPARED = 100_000
 MOTION = 1 / 4
 """The part of all work on a motion that the motion itself takes; the rest goes into its reference,
 whose long doubles take 2 to 4 times as long."""
+
+PATIENCE = {True: (1000, 20), False: (2 * int(MANY_STEPS), 500)}
+"""Steps after which a reference is given up: so many, or so many times those of the motion; by
+whether both are by the same method. A Taylor series may take RATIO times the steps of an implicit
+method, and MANY_STEPS in any case."""
 
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
@@ -39,9 +44,10 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
     rows = np.append(kept[kept < n - 1], n - 1) if n else kept[:0]
     thin = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
-    finer = replace(case, data={**case.data, **case.system.finer})
+    finer = replace(case, data={**case.data, **solution.case.system.finer})
     for precision, reference_method, tol in references(case, method, solution.tol):
-        reference = solve(finer, reference_method, precision, tol, times)
+        limited = patient(finer, method, solution, reference_method)
+        reference = solve(limited, reference_method, precision, tol, times, refine=False)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
         if tol is not None and reference.tol == solution.tol:
@@ -52,6 +58,14 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
             kind = "refined" if tol is not None else kind
             return errors_against(case, thin, reference.path), kind
     return {}, "none"
+
+
+def patient(case: Case, method: str, solution: Solution, reference: str) -> Case:
+    """A case as the reference of its motion takes it: it gives up where it takes very much longer,
+    as a series in long double does that a singularity stops."""
+    least, most = PATIENCE[method == reference]
+    limit = max(least, most * solution.steps)
+    return replace(case, max_steps=min(case.max_steps or limit, limit))
 
 
 def thinned(n: int) -> np.ndarray:
@@ -73,6 +87,8 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
     )
     if finer:
         better, _ = best(case, finer)
+        if case.method == "auto" and method == "collocation" and finer == "extended":
+            better = method  # the series has failed, or is too slow
         if better != "taylor" or engines.have_taylor():
             yield finer, better, None
     if method != "exact":

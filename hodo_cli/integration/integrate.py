@@ -29,8 +29,10 @@ def integrate(case: Case) -> Trajectory:
     with portion(MOTION, 1):
         errors, kind = measured_error(case, method, solution) if judged else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
-    system, remarked = case.system, remarks(case, solution, variables, errors)
-    doubts = system.doubts(path.time, path.state.astype(float)) if len(path.time) else []
+    system, remarked = solution.case.system, remarks(case, solution, variables, errors)
+    doubts = (
+        system.doubts(path.time, path.state.astype(float), solution.tol) if len(path.time) else []
+    )
     warnings = *system.warnings, *doubts, *remarked
     return Trajectory(
         case=case,

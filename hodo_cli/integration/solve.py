@@ -1,18 +1,28 @@
 """Case -> Solution: the choice of method, and the motion of a case by it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines import exact
-from ..engines.protocol import LAST_STEP, Status, Watch
+from ..engines.polynomial import TAYLOR
+from ..engines.protocol import LAST_STEP, Engine, Status, Watch
+from ..models.base import Model
 from ..models.constants import attributes
 from ..progress import reached
 from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Sampled, Witness, propagate
+from .units import Clock, Units
+
+EPS = 2.0**-52
+
+REFINEMENTS, FEW = {"taylor": 5}, 2
+"""How often what approximates equations is refined: it takes twice as long each time, and seconds
+already by methods whose steps are taken in Python."""
 
 
 def sample_times(case: Case) -> np.ndarray:
@@ -30,9 +40,11 @@ class Solution:
     """A motion with what its integration cost; `status` and `message` say why it ended before its
     time, if it did.
 
+    `case` is the one that was integrated: with `finer` data, where the motion needed them.
     `evaluations` of the equations: for a series, one for each order of each step.
     """
 
+    case: Case
     path: Sampled
     tol: float
     steps: int
@@ -47,6 +59,32 @@ class Solution:
         return self.status is Status.OK
 
 
+@dataclass
+class Resolved:
+    """A `Witness` of whether what approximates the equations is right to a tolerance `everywhere`,
+    at the start of each step."""
+
+    system: Model
+    tol: float
+    everywhere: bool = True
+
+    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
+        """See `Witness.begin`."""
+        order = np.arange(engine.degree + 1)
+        # At the start of a step only the first power is left, and polynomials of Legendre or
+        # Chebyshev are 1 and -1 by turns.
+        self.at_start = np.where(order, 0.0, 1.0) if engine.basis == TAYLOR else (-1.0) ** order
+
+    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
+        """See `Observer`."""
+        state = engines.extended(series).astype(float) @ self.at_start
+        k = attributes(self.system.constants)
+        self.everywhere &= bool(self.system.resolved(state[:, np.newaxis], k, self.tol).all())
+
+    def flush(self) -> None:
+        """See `Witness.flush`."""
+
+
 @np.errstate(all="ignore")  # what overflows ends a motion, and its status says so
 def solve(
     case: Case,
@@ -55,27 +93,61 @@ def solve(
     tol: float | None = None,
     times: np.ndarray | None = None,
     witness: Witness | None = None,
+    refine: bool = True,
 ) -> Solution:
     """The motion of a case by one method; the run time excludes imports and compilation.
 
-    Raises HodoError if the method is not available here, or numbers of the case are out of range.
+    With `refine`, what approximates the equations is refined until it meets the tolerance all along
+    the motion. Raises HodoError if the method is not available here, or numbers of the case are out
+    of range.
     """
-    system, times = case.system, sample_times(case) if times is None else times
+    times = sample_times(case) if times is None else times
     if method == "exact":
         return closed_form(case, times, precision)
+    solution, resolved = integrated(case, method, precision, tol, times, witness)
+    for _ in range(REFINEMENTS.get(method, FEW) if refine else 0):
+        if resolved or not solution.whole:
+            break
+        # As many steps as before, unless it is a singularity that ever finer data show the clearer.
+        limit = max(100, 4 * solution.steps)
+        finer = replace(
+            case,
+            data={**case.data, **solution.case.system.finer},
+            max_steps=min(case.max_steps or limit, limit),
+        )
+        better, resolved = integrated(finer, method, precision, tol, times, witness)
+        if not better.whole:
+            break
+        solution = better
+    return solution
+
+
+def integrated(
+    case: Case,
+    method: str,
+    precision: str,
+    tol: float | None,
+    times: np.ndarray,
+    witness: Witness | None,
+) -> tuple[Solution, bool]:
+    """The motion of a case as it is, and whether what approximates its equations met the
+    tolerance."""
+    system = case.system
     events = system.run_events
     engine = engines.engine_for(method, system, events, tol, precision)
     watch = Watch(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
+    seen = Resolved(system, max(engine.tol, EPS)) if system.finer else None
     try:
-        path = propagate(engine, system, case.time.start, times, watch, witness, events)
+        path = propagate(engine, system, case.time.start, times, watch, witness or seen, events)
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers lead beyond the range of doubles") from error
     spent = perf_counter() - began
-    return Solution(
-        path, engine.tol, watch.steps, spent, watch.status, watch.message, watch.evaluations
+    solution = Solution(
+        case, path, engine.tol, watch.steps, spent, watch.status, watch.message, watch.evaluations
     )
+    return solution, seen is None or seen.everywhere
 
 
 def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Solution:
@@ -107,7 +179,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
         watch.give_up(Status.FAILED, f"{OUTGROWN} at {times[n]:.6g}")
     path = Sampled(times[:n], state[:n], exponent[:n], ())
     spent = perf_counter() - began
-    return Solution(path, float(np.finfo(fp).eps), 0, spent, watch.status, watch.message)
+    return Solution(case, path, float(np.finfo(fp).eps), 0, spent, watch.status, watch.message)
 
 
 @np.errstate(over="ignore")  # `remarks` says so

@@ -146,14 +146,21 @@ class Model:
         """What the data say against the model's own assumptions."""
         return []
 
-    def doubts(self, t: np.ndarray, y: np.ndarray) -> list[str]:
-        """What a motion (n,), (n, m) says against the model's own assumptions."""
+    def doubts(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
+        """What a motion (n,), (n, m), right to a tolerance, says against the model's own
+        assumptions."""
         return []
 
     @property
     def finer(self) -> dict[str, Any]:
         """The data of this model that approximate its equations, as a reference takes them."""
         return {}
+
+    @staticmethod
+    def resolved(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
+        """Whether (n,) what approximates the equations is right to a tolerance at states y (m, n);
+        where it is not, a motion is integrated again with `finer` data."""
+        return np.full(y.shape[1:], True)
 
     @property
     def run_events(self) -> tuple[Event, ...]:

@@ -26,6 +26,9 @@ from .base import Constants, Event, Label, Model, mistake_of
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
 
+MOST_NODES, UNRESOLVED = 1000, 1e-12
+"""The nodes beyond which no quadrature is refined, and the error of one that is worth a word."""
+
 ROOT_ROUNDING = 1e-13
 """How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
 
@@ -615,8 +618,9 @@ class AveragedQuadrature(AveragedTop):
 
     <.> is the mean over one nutation, u = cos theta. The torque is a function of PERTURBATIONS
     (`perturbation`); the state and the other symbols are those of the form averaged. The integrand
-    is periodic in phi and analytic, so that the sum over `nodes` points of a half turn is right to
-    about [(w + sqrt(w^2 - e^2))/e]^(-2 nodes).
+    is periodic in phi and analytic, so that the sum over n points of a half turn is right to about
+    [(w + sqrt(w^2 - e^2))/e]^(4 - 2 n). It begins with `nodes` points, and where a motion comes so
+    near to u2 = u3 that this is more than the tolerance, it is integrated again with twice as many.
 
     Source: L. D. Akulenko et al. 2017, eqs (2.3), (2.4), (2.8).
     """
@@ -628,7 +632,9 @@ class AveragedQuadrature(AveragedTop):
     keys = Top.keys | {
         "perturbation": PERTURBATION,
         "nodes": Key(
-            Integer(least=2, most=1000), "nodes of the quadrature over half a nutation", default=32
+            Integer(least=2, most=1000),
+            "nodes of the quadrature over half a nutation; doubled until they meet the tolerance",
+            default=32,
         ),
     }
 
@@ -667,13 +673,26 @@ class AveragedQuadrature(AveragedTop):
         # An error of the quadrature, exp(-c nodes), is seen as a whole with twice as many.
         return {"nodes": 2 * self.nodes}
 
-    @property
-    def warnings(self) -> list[str]:
-        e, w = self.nutation.e, self.nutation.w
-        remainder = math.exp(-2 * self.nodes * math.acosh(w / e)) if e else 0.0
-        if not remainder > 1e-12:
-            return super().warnings
+    @staticmethod
+    def resolved(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
+        return (quadrature_remainder(y, k) <= tol) | (len(k.cosines) >= MOST_NODES)
+
+    def doubts(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
+        remainder = quadrature_remainder(y.T, SimpleNamespace(**self.constants))
+        worst = int(np.argmax(remainder))
+        if remainder[worst] <= max(tol, UNRESOLVED):
+            return []
         return [
-            *super().warnings,
-            f"the quadrature is right to {remainder:.0e} only at the start: give it more nodes",
+            f"near u2 = u3, at tau = {t[worst]:.6g}, even {self.nodes} nodes are right to "
+            f"{remainder[worst]:.0e} only"
         ]
+
+
+def quadrature_remainder(y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
+    """The error (n,) of the quadrature at states y (4, n), relative to its means; 0 where a state
+    is out of range, which no nodes would mend."""
+    with np.errstate(all="ignore"):
+        _, w = nutation([*y], k)
+        near = np.arccosh(np.maximum(w / np.abs(y[3]), 1))
+    # The torques are polynomials of u, of degree 3 at most, and cost so many of the 2 n orders.
+    return np.asarray(np.nan_to_num(np.exp((4 - 2 * len(k.cosines)) * near)))

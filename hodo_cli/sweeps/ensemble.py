@@ -350,6 +350,8 @@ def advance(e: Ensemble) -> Outcome:
         if e.event is not None and not e.event.passage:
             judge(e, e.event, underway.suspects, step, outcome)
     outcome.settled &= np.isfinite(outcome.state).all(axis=0)
+    for state in (e.start, outcome.state):  # single cases refine what approximates the equations
+        outcome.settled &= e.model.resolved(state, e.named(), e.tol or ROUNDING)
     return outcome
 
 

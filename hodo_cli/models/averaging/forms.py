@@ -178,7 +178,7 @@ class AveragedTurns(BodyFrame):
         """Averaging's parameter at states (n, 4): the perturbation's rate in quarter turns K/n."""
         raise NotImplementedError
 
-    def doubts(self, t: np.ndarray, y: np.ndarray) -> list[str]:
+    def doubts(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         with np.errstate(all="ignore"):  # where nothing turns any more the ratio is infinite
             ratio = self.smallness(y)
         large = np.flatnonzero(~(ratio <= LARGE_RATIO))
