@@ -19,7 +19,7 @@ from ..progress import Progress
 from ..results.hdf5 import REMARKS, Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
-from .resume import content_mark, named, telling, told, warn_of_changes
+from .resume import content_mark, result_named, telling, told, warn_of_changes
 
 Rows = list[dict[str, Any]]
 
@@ -33,7 +33,7 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
     """
     statements: Rows = []
     misprints: Rows = []
-    for path, config in map(named, paths):
+    for path, config in map(result_named, paths):
         with update(path, stamp(f"hodo claims {path}")) as changes:
             warn_of_changes(changes.run, config, "claims")
             text = config.text if config else changes.run.text

@@ -18,7 +18,7 @@ from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
 from ..results.provenance import stamp, typed
 from ..results.update import update
-from .resume import content_mark, named, telling, told, warn_of_changes
+from .resume import content_mark, result_named, telling, told, warn_of_changes
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -27,7 +27,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
     A path may be that of a config. Raises HodoError if a file cannot be read or replaced.
     """
     rows, problems = [], []
-    for path, config in map(named, paths):
+    for path, config in map(result_named, paths):
         with (
             update(path, stamp(f"hodo classify {path}")) as changes,
             Progress(len(changes.run.cases()), logs=False) as progress,

@@ -24,7 +24,7 @@ from ..results.hdf5 import Run
 from ..results.staging import replacing
 from ..results.writer import open_batch
 from ..schema.kinds import nearest
-from .resume import CONFIGS, content_mark, named, warn_of_changes
+from .resume import CONFIGS, content_mark, result_named, warn_of_changes
 
 if TYPE_CHECKING:
     from ..results.dataset import Results
@@ -88,7 +88,7 @@ def opened(name: Path) -> Iterator[tuple[Run, Config]]:
 
     Raises HodoError if one of the two cannot be read.
     """
-    path, config = named(name)
+    path, config = result_named(name)
     with open_batch(path) as run:
         warn_of_changes(run, config, "plot")
         config = config or parse(run.text, str(path))

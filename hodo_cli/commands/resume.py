@@ -71,7 +71,7 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
     return ""
 
 
-def named(name: Path) -> tuple[Path, Config | None]:
+def result_named(name: Path) -> tuple[Path, Config | None]:
     """The result that a name stands for and, if it is the name of a config, that config.
 
     A config's result is in the folder `runs`. A name without a suffix or folder is a config's, as

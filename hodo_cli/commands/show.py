@@ -7,7 +7,7 @@ from typing import Any
 from ..cases.case import parse_case
 from ..results.layout import SUMMARY, typed_as
 from ..results.writer import open_batch
-from .resume import named, warn_of_changes
+from .resume import result_named, warn_of_changes
 
 CASE = typed_as("case")
 
@@ -21,7 +21,7 @@ def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]
     """
     rows: list[dict[str, Any]] = []
     problems = []
-    for path, config in map(named, paths):
+    for path, config in map(result_named, paths):
         with open_batch(path) as run:
             warn_of_changes(run, config)
             # One damaged case hides no other.
