@@ -922,3 +922,35 @@ def test_a_result_is_no_case_file(tmp_path: Path) -> None:
 
 def test_a_figure_may_name_every_derived_quantity() -> None:
     assert set(DERIVED) == set(QUANTITIES)
+
+
+@pytest.mark.parametrize(
+    ("figure", "said"),
+    [
+        ("{kind: map, cases: [grid, one], variable: crossings, x: damping.2, y: damping.0}",
+         "figures.f.cases.1: case one is no sweep"),
+        ("{kind: map, cases: grid, variable: crossing_tim}",
+         "figures.f.variable: unknown variable 'crossing_tim'; did you mean"),
+        ("{kind: curve, cases: grid, variable: end_axis.x1, x: dampng.2}",
+         "figures.f.x: unknown axis 'dampng.2' of sweep grid; did you mean 'damping.2'?"),
+        ("{kind: curve, cases: grid, variable: crossings, x: damping.2, by: damping.1}",
+         "figures.f.by: unknown axis 'damping.1' of sweep grid"),
+        ("{kind: series, cases: one, variables: [T], insets: [{panel: D, case: one, "
+         "variables: [T]}]}", "figures.f.insets.0.panel: unknown panel 'D' (valid: T)"),
+        ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: two, "
+         "variables: [T]}]}", "figures.f.insets.0.case: unknown case 'two' (valid: one)"),
+        ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: one, "
+         "variables: [T, G, K]}]}", "figures.f.insets.0.variables.2: unknown variable 'K'"),
+    ],
+)  # fmt: skip
+def test_names_in_figures_are_checked_when_the_file_is_read(figure: str, said: str) -> None:
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 1, initial: {p: 1, q: 1, r: 1}"
+    axes = "{damping.2: {values: [1, 2]}, damping.0: {values: [1, 2]}}"
+    cases = f"one: {{{body}, time: {{end: 1}}}}, grid: {{{body}, time: {{end: 1}}, sweep: {axes}}}"
+    with pytest.raises(HodoError) as error:
+        parse(f"figures: {{f: {figure}}}\ncases: {{{cases}}}\n", "x.yaml")
+    (line,) = str(error.value).splitlines()
+    assert said in line
+    file, number, column, _ = line.split(":", 3)
+    assert (file, number) == ("x.yaml", "1")
+    assert int(column) > len("figures: {f: {kind: map,")

@@ -30,7 +30,24 @@ cases:
     damping: [0.005, 0.004, 0.003]
     initial: {p: 0.8, q: 0.5, r: 0.74}
     time: {end: 1000, samples: 501}
+  grid:
+    model: linear-diag
+    inertia: [1, 0.8, 0.6]
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0.8, q: 0.5, r: 0.74}
+    time: {end: 1000}
+    sweep: {damping.2: {linspace: [0.001, 0.006, 6]}, damping.0: {values: [0.004, 0.005]}}
+  starts:
+    model: linear-diag
+    inertia: [1, 0.8, 0.6]
+    damping: [0.005, 0.004, 0.003]
+    initial: {p: 0, q: 0, G: 1}
+    time: {end: 1000}
+    sweep: {damping.2: {values: [0.001, 0.006]}, direction: {sphere: {count: 20, seed: 1}}}
 figures:
+  lines: {kind: curve, cases: grid, variable: crossing_time, x: damping.2, by: damping.0}
+  flat: {kind: map, cases: grid, variable: crossing_time, x: damping.2, y: damping.0}
+  round: {kind: map, cases: starts, variable: crossing_time, panels: damping.2}
   space: {kind: hodograph, cases: fig4, caption: "</script><b>&"}
   ball: {kind: sphere, cases: fig4}
   time: {kind: series, cases: fig4, variables: [T, D/2T, G.x1], time: \tau}
@@ -39,12 +56,16 @@ figures:
   bounds: {kind: invariants, cases: fig4}
 """
 
+ALL = ["lines", "flat", "round", "space", "ball", "time", "plane", "corner", "bounds"]
+
 
 @pytest.fixture(scope="module")
 def results() -> Results:
     """A case and its figures, in memory."""
     config = parse(CONFIG, "test.yaml")
-    cases = {name: api.run(case) for name, case in config.cases.items()}
+    cases = {
+        name: (api.sweep if case.sweep else api.run)(case) for name, case in config.cases.items()
+    }
     return Results(Path("test.h5"), cases, config)
 
 
@@ -89,6 +110,40 @@ def test_panels_are_the_printed_ones_point_by_point(results: Results, name: str)
     assert len(found) == len(printed) > 0
     for ours, theirs in zip(found.values(), printed, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Results) -> None:
+    spec = results.figure("lines")
+    sheet = figures.draw(spec, results)
+    made = interactive(sheet, spec, results)
+    assert len(made.data) == len(sheet.shown) == 2
+    for trace, shown in zip(made.data, sheet.shown, strict=True):
+        x, values, errors = shown.values.values()
+        np.testing.assert_array_equal(trace.x, x)
+        np.testing.assert_array_equal(np.asarray(trace.y, dtype=float), values)
+        np.testing.assert_array_equal(np.asarray(trace.error_y.array, dtype=float), errors)
+        assert np.isfinite(values).any()
+        assert (errors[np.isfinite(values)] > 0).all()
+
+
+def test_maps_are_the_printed_ones(results: Results) -> None:
+    for name in ("flat", "round"):
+        spec = results.figure(name)
+        sheet = figures.draw(spec, results)
+        made = interactive(sheet, spec, results)
+        printed = [shown.values["crossing_time"] for shown in sheet.shown]
+        assert np.isfinite(np.concatenate([values.ravel() for values in printed])).any()
+        clouds = [trace for trace in made.data if trace.type == "heatmap" or trace.text is not None]
+        assert len(clouds) == len(printed)
+        for trace, shown in zip(clouds, sheet.shown, strict=True):
+            values = shown.values["crossing_time"]
+            if name == "flat":
+                np.testing.assert_array_equal(np.asarray(trace.z, dtype=float), values)
+                continue
+            there = np.isfinite(values)
+            np.testing.assert_array_equal(np.asarray(trace.marker.color)[there], values[there])
+            for letter, axis in zip("xyz", (1, 2, 3), strict=True):
+                np.testing.assert_array_equal(trace[letter], shown.values[f"G.x{axis}/|G|"])
 
 
 def test_the_pointer_tells_time_invariants_and_axis(results: Results) -> None:
@@ -181,12 +236,12 @@ def test_the_page_of_all_figures_in_a_browser(
     assert browser.evaluate("document.documentElement.scrollWidth") <= width
     shown = "[...document.querySelectorAll('#index tbody tr:not([hidden])')]"
     names = f"{shown}.map((row) => row.cells[1].textContent)"
-    assert browser.evaluate(names) == ["space", "ball", "time", "plane", "corner", "bounds"]
+    assert browser.evaluate(names) == ALL
     browser.evaluate("document.querySelectorAll('#index th button')[1].click()")
-    assert browser.evaluate(names) == ["ball", "bounds", "corner", "plane", "space", "time"]
+    assert browser.evaluate(names) == sorted(ALL)
     browser.evaluate("find.value = 'BALL'; find.dispatchEvent(new Event('input'))")
     assert browser.evaluate(names) == ["ball"]
-    assert browser.evaluate("document.getElementById('found').textContent") == "1 of 6"
+    assert browser.evaluate("document.getElementById('found').textContent") == "1 of 9"
     browser.evaluate("kinds[0].click()")
     assert browser.evaluate(names) == []
     assert browser.evaluate(
@@ -195,6 +250,6 @@ def test_the_page_of_all_figures_in_a_browser(
     browser.evaluate("document.querySelector('figure img').scrollIntoView()")
     browser.wait_for("document.querySelector('figure img').naturalWidth > 0")
     turning = browser.evaluate("document.querySelector('figure > a').getAttribute('href')")
-    assert turning == "test/space.html"
+    assert turning == "test/lines.html"
     assert not browser.errors
     assert all(url.startswith(("file:", "data:")) for url in browser.requests)

@@ -34,7 +34,8 @@ from hodo_cli.integration.classify import classify, cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress
-from hodo_cli.results.hdf5 import Variable
+from hodo_cli.results.hdf5 import Group, Variable
+from hodo_cli.results.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
@@ -382,12 +383,12 @@ def test_an_error_is_measured() -> None:
     )
     values = computed(case)
     ((error, off, kind),) = summary.probe(
-        summary.Probe(case, [0], values["omega"], values["crossing_time"])
+        summary.Probe(case, [0], [{"omega": values["omega"][0]}], [*values["crossing_time"]])
     )
     assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
     wrong = values["omega"] * (1 + 1e-9)
     ((error, off, _),) = summary.probe(
-        summary.Probe(case, [0], wrong, values["crossing_time"] + 1e-6)
+        summary.Probe(case, [0], [{"omega": wrong[0]}], [*values["crossing_time"] + 1e-6])
     )
     assert error == pytest.approx(1e-9, rel=1e-3)
     assert off == pytest.approx(1e-6, rel=1e-3)
@@ -800,3 +801,34 @@ def test_the_time_of_a_crossing_is_right_to_the_error_that_the_member_states(kin
         assert found["crossing_to"][i] == true.end
     if kind == "paper":  # an error that is stated far too large would be no use
         assert np.median(found["crossing_error"][crossing]) < 1e-10 * 1000
+
+
+@pytest.mark.heyoka
+def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
+    """It is the distance of what is stored from the single cases at full precision."""
+    text = (
+        "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
+        "initial: {theta: 60 deg, r: 1.7}, time: {end: 1}, sweep: {mu: {values: [0.3, 0.5]}}"
+    )
+    rough, fine = (one(f"{text}, {more}") for more in ("method: RK45, tol: 1e-4", "tol: 1e-15"))
+    attributes = sweep_of(rough, tmp_path).attributes
+    assert (attributes["method"], attributes["method_reason"]) == ("RK45", "each by itself")
+    assert attributes["error_sample"] == 2
+    errors = []
+    for number in range(2):
+        ours, theirs = (integrate(members.member(case, number)).variables for case in (rough, fine))
+        errors.append(
+            max(
+                abs(values[-1] - theirs[name][-1]) / np.abs(theirs[name][[0, -1]]).max()
+                for name, values in ours.items()
+            )
+        )
+    assert 1e-9 < max(errors) < 1e-2
+    assert attributes["error"] == pytest.approx(max(errors), rel=1e-6)
+    assert attributes["error_kind"] == "extended"
+    assert sweep_of(fine, tmp_path).attributes["method"] == "taylor"
+
+
+def sweep_of(case: Case, folder: Path) -> Group:
+    with Writer(folder / "a.h5", {}) as writer:
+        return sweep.run_sweep(case, "mark", Pool(), writer, False, lambda line: None)

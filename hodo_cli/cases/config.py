@@ -12,9 +12,16 @@ from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, nearest, resol
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
-from .figure_block import FIGURE_KINDS, check_figure, check_variables
+from .figure_block import (
+    FIGURE_KINDS,
+    SWEPT_KINDS,
+    check_figure,
+    check_swept,
+    check_variables,
+)
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
+from .sweep_block import storable
 
 
 @dataclass(frozen=True)
@@ -233,7 +240,13 @@ def _of_variables(
                 "enclosed_axis",
                 "time",
             }
-            for at, said in check_variables(values, stored):
+            sweeps = [cases[case] for case in drawn]
+            found = (
+                check_swept(values, [(s.name, s.sweep, storable(type(s.system))) for s in sweeps])
+                if values.get("kind") in SWEPT_KINDS
+                else check_variables(values, stored)
+            )
+            for at, said in found:
                 yield ("figures", name, *at), said
 
 

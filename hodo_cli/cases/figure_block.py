@@ -234,9 +234,44 @@ def check_variables(values: Mapping[str, Any], stored: Iterable[str]) -> Iterato
     }
     if values.get("kind") == "phase":
         given |= {(key,): values[key] for key in ("x", "y") if key in values}
+    for i, inset in enumerate(values.get("insets", ())):
+        given |= {("insets", i, "variables", j): v for j, v in enumerate(inset["variables"])}
+        yield from _of_inset(inset, values, ("insets", i))
     for at, name in given.items():
         if name.partition(".")[0] not in valid:
             yield at, unknown(f"variable {name!r}", name, valid)
+
+
+def _of_inset(
+    inset: Mapping[str, Any], values: Mapping[str, Any], at: KeyPath
+) -> Iterator[Mistake]:
+    """Names in an inset that its figure does not have."""
+    cases = values["cases"]
+    panels = cases if values["panels"] == "case" else values["variables"]
+    for key, valid in (("panel", panels), ("case", cases)):
+        if inset[key] not in valid:
+            yield (*at, key), unknown(f"{key} {inset[key]!r}", inset[key], valid)
+
+
+SWEPT_KINDS = ("map", "curve")
+"""The kinds that draw sweeps."""
+
+
+def check_swept(
+    values: Mapping[str, Any], sweeps: Iterable[tuple[str, Mapping[str, Any] | None, list[str]]]
+) -> Iterator[Mistake]:
+    """Names in a figure of sweeps that these do not have; of each its name, its `sweep:` block and
+    what may be stored of its members."""
+    for i, (name, axes, stored) in enumerate(sweeps):
+        if not axes:
+            yield ("cases", i), f"case {name} is no sweep"
+            continue
+        variable = values.get("variable", stored[0])
+        if variable.partition(".")[0] not in stored:
+            yield ("variable",), unknown(f"variable {variable!r}", variable, stored)
+        for key in ("x", "y", "by", "panels"):
+            if (axis := values.get(key)) is not None and axis not in axes:
+                yield (key,), unknown(f"axis {axis!r} of sweep {name}", axis, list(axes))
 
 
 def _of_axes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:

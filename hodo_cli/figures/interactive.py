@@ -25,6 +25,7 @@ from ..results.motion import Motion
 from ..results.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
 from .geometry import graticule, separatrix_circles, stretches
+from .maps import STORED_ERRORS
 from .sheet import Sheet, Shown
 
 HOVER = ("G", "T", "D")
@@ -170,6 +171,8 @@ def panels(
         look = {"color": CYCLE[labels.index(label) % len(CYCLE)][0], "width": 2}
         motion = motions.get(label)
         told = hover(motion) if motion and len(motion.time) == len(values[x]) else {}
+        if (error := STORED_ERRORS.get(y, "")) in values:
+            told["error_y"] = {"array": values[error]}
         trace = go.Scatter(
             x=values[x],
             y=values[y],

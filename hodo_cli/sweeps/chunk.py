@@ -105,6 +105,7 @@ def compute(chunk: Chunk) -> Group:
         for name, column in columns(case).items()
     }
     left = _together(chunk, values) if fits_ensemble(case) else np.arange(n)
+    methods = {"taylor"} if len(left) < n else set()
     for i in left:
         if values["status"][i] != Status.INVALID.code:
             number = chunk.first + int(i)
@@ -112,12 +113,17 @@ def compute(chunk: Chunk) -> Group:
                 status, of = _alone(case, number)
             values["status"][i] = status.code
             if of is not None:
+                methods.add(of.method)
                 enter(values, np.array([i]), of, case.time)
     dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
     if "trajectory" in case.store:
         values |= (paths := _trajectories(chunk, values["status"]))
         dims |= {name: ("member", "time", *dims[name][1:]) for name in paths}
-    attributes: dict[str, Attribute] = {"run_time": perf_counter() - began, "alone": len(left)}
+    attributes: dict[str, Attribute] = {
+        "run_time": perf_counter() - began,
+        "alone": len(left),
+        "methods": " ".join(sorted(methods)),
+    }
     return Group(attributes, {name: Variable(dims[name], data) for name, data in values.items()})
 
 
@@ -214,7 +220,7 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
             status, labels = _classified(single, motion)
     except HodoError:
         return Status.FAILED, None
-    return status, Reduction(final, np.array([motion.steps]), labels, events)
+    return status, Reduction(final, np.array([motion.steps]), labels, events, motion.method)
 
 
 def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:

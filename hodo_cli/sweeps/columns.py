@@ -99,12 +99,13 @@ class Classified:
 @dataclass(frozen=True)
 class Reduction:
     """What n members come to: their final variables and steps (n, ...), and their labels or, where
-    none apply, the columns of their events (n,)."""
+    none apply, the columns of their events (n,); and the method that has integrated them."""
 
     final: Mapping[str, np.ndarray]
     steps: np.ndarray
     classified: Classified | None
     events: Mapping[str, np.ndarray]
+    method: str = "taylor"
 
 
 def event_columns(

@@ -37,7 +37,7 @@ def group_of_columns(
     attributes = case_attributes(
         case,
         mark,
-        method="taylor" if together else case.method,
+        method=", ".join(sorted(summary.methods)) or case.method,
         method_reason=f"side by side, {summary.alone} of {total} members by themselves"
         if together
         else "each by itself",

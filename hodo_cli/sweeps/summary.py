@@ -3,17 +3,18 @@
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..batch.pool import Pool
 from ..cases.case import Case
-from ..engines.protocol import Status
+from ..engines.protocol import PRECISION, Status
+from ..integration.choice import choose
 from ..integration.driver import Sampled
 from ..integration.error import errors_against, references
-from ..integration.solve import solve
+from ..integration.solve import solve, stored
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..progress import reached
@@ -41,8 +42,8 @@ class Probe(NamedTuple):
 
     case: Case
     members: list[int]
-    omega: np.ndarray
-    crossing_time: np.ndarray
+    final: list[dict[str, np.ndarray]]
+    crossing_time: list[float]
 
 
 def probe(task: Probe) -> list[tuple[float, float, str]]:
@@ -51,25 +52,42 @@ def probe(task: Probe) -> list[tuple[float, float, str]]:
     return [_probe(task.case, *each) for each in zip(*task[1:], strict=True)]
 
 
-def _probe(case: Case, number: int, omega: np.ndarray, crossing: float) -> tuple[float, float, str]:
+def _probe(
+    case: Case, number: int, final: Mapping[str, np.ndarray], crossing: float
+) -> tuple[float, float, str]:
     """The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
     Newton's method."""
     one = member(case, number)
-    end = np.array([case.time.end])
+    finer = replace(one, data={**one.data, **one.system.finer})
+    own = "taylor" if fits_ensemble(case) else choose(one)[0]
+    tol = case.tol or PRECISION[case.precision]
     # nan where there is no crossing, and then the comparison is false.
-    times = np.append(crossing, end) if crossing < case.time.end else end
-    for precision, method, tol in references(one, "taylor", case.tol or 2.0**-52):
-        reference = solve(one, method, precision, tol, times)
-        if not reference.whole:
-            continue
-        path = reference.path
-        theirs = Sampled(end, path.state[-1:], path.exponent[-1:], ())
-        error = errors_against(
-            one, Sampled(end, omega[None], np.zeros(1, dtype=np.int64), ()), theirs
-        )["omega"]
-        off = math.nan if len(times) == 1 else _newton(one, path.state[0], int(path.exponent[0]))
-        return error, off, precision if tol is None else "refined"
+    between = [crossing] if crossing < case.time.end else []
+    times = np.array([case.time.start, *between, case.time.end])
+    for precision, method, closer in references(one, own, tol):
+        reference = solve(finer, method, precision, closer, times)
+        if reference.whole:
+            path = reference.path
+            error = _final_error(one, final, path)
+            off = _newton(one, path.state[1], int(path.exponent[1])) if between else math.nan
+            return error, off, precision if closer is None else "refined"
     return math.nan, math.nan, "none"
+
+
+def _final_error(case: Case, final: Mapping[str, np.ndarray], path: Sampled) -> float:
+    """The largest error of what is stored of a member at its end; of a vector relative to its
+    length there, of a number to its largest value at start and end, since it may vanish."""
+    last = Sampled(path.time[-1:], path.state[-1:], path.exponent[-1:], ())
+    if not case.system.unclassifiable:  # what is stored is the state, which is compared as it is
+        mine = Sampled(last.time, final["omega"][None], np.zeros(1, dtype=np.int64), ())
+        return errors_against(case, mine, last)["omega"]
+    errors = [0.0]
+    for name, values in stored(case, path).items():
+        if name in final:
+            off = np.linalg.norm(final[name] - values[-1])
+            size = np.linalg.norm(values[-1]) if values.ndim > 1 else np.abs(values).max()
+            errors.append(float(off / size) if size else float(off))
+    return max(errors)
 
 
 def _newton(case: Case, state: np.ndarray, exponent: int) -> float:
@@ -109,13 +127,7 @@ def lost_part(chunk: Chunk) -> Group:
             (chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype
         )
         found[name] = Variable(("member", *column.dims), data)
-    return Group({"run_time": 0.0, "alone": 0}, found)
-
-
-def measured(case: Case) -> bool:
-    """Whether the errors of some members are measured: where each is not a single case, with its
-    own, and has an angular velocity."""
-    return case.error == "on" and not case.system.unclassifiable and fits_ensemble(case)
+    return Group({"run_time": 0.0, "alone": 0, "methods": ""}, found)
 
 
 @dataclass
@@ -126,19 +138,19 @@ class Summary:
     steps: int
     run_time: float
     alone: int
+    methods: set[str]
     members: list[int]
-    omega: list[np.ndarray]
+    final: list[dict[str, np.ndarray]]
     crossing_time: list[float]
-    changes: dict[str, int]
 
 
 def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
     """Counts, shares and messages over all members of a sweep."""
     total = tasks[-1].last
-    found = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, 0, [], [], [], {})
+    found = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, 0, set(), [], [], [])
     # Seeded by the number of members: the same sweep has the same sample wherever it runs.
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
-    near: list[tuple[float, int, np.ndarray, float]] = []
+    near: list[tuple[float, int, dict[str, np.ndarray], float]] = []
     for task in tasks:
         with read(task) as part:
             status = part.variable("status")
@@ -146,40 +158,55 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
             found.steps += int(part.variable("steps").sum())
             found.run_time += part.attributes["run_time"]
             found.alone += part.attributes["alone"]
-            if not measured(case):
+            found.methods.update(str(part.attributes["methods"]).split())
+            if case.error == "off":
                 continue
-            omega, crossing = part.variable("omega"), part.variable("crossing_time")
-            separation = np.where(status == Status.OK.code, part.variable("separation"), np.inf)
-        omega = omega[:, -1] if omega.ndim == 3 else omega
+            final = final_values(case, part)
+            crossing, separation = np.full(len(status), math.nan), np.full(len(status), math.inf)
+            if not case.system.unclassifiable:
+                crossing, separation = part.variable("crossing_time"), part.variable("separation")
+            separation = np.where(status == Status.OK.code, separation, np.inf)
         nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]
         near += [
-            (float(separation[i]), task.first + int(i), omega[i], float(crossing[i]))
+            (float(separation[i]), task.first + int(i), final(i), float(crossing[i]))
             for i in nearest
         ]
         # By separation, then number: the arrays behind them cannot be compared.
         near = sorted(near, key=lambda one: one[:2])[:NEAREST]
         for i in drawn[(drawn >= task.first) & (drawn < task.last)] - task.first:
             if status[i] == Status.OK.code:
-                _add(found, task.first + int(i), omega[i], crossing[i])
-    for _, number, omega, time in near:
+                _add(found, task.first + int(i), final(i), crossing[i])
+    for _, number, values, time in near:
         if number not in found.members:
-            _add(found, number, omega, time)
+            _add(found, number, values, time)
     return found
 
 
-def _add(found: Summary, number: int, omega: np.ndarray, time: float) -> None:
+def final_values(case: Case, part: Part) -> Callable[[int], dict[str, np.ndarray]]:
+    """The variables of each member of a chunk at its end, by the place of the member."""
+    found = {}
+    for name, variable in case.system.variables.items():
+        if name == "enclosed_axis":  # a label, which has no error
+            continue
+        values = part.variable(name)
+        # A member whose samples are stored has an axis more.
+        found[name] = values[:, -1] if values.ndim > len(variable.dims) else values
+    return lambda i: {name: values[i] for name, values in found.items()}
+
+
+def _add(found: Summary, number: int, final: dict[str, np.ndarray], time: float) -> None:
     # Smaller, components may be below the smallest normal double, and differ for that alone.
-    if np.abs(omega).max() > 1e-290:
+    if max(np.abs(values).max() for values in final.values()) > 1e-290:
         found.members.append(number)
-        found.omega.append(omega)
+        found.final.append(final)
         found.crossing_time.append(float(time))
 
 
 def sampled_errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
     """Quantiles of the measured errors."""
     tasks = [
-        Probe(case, summary.members[i : i + PROBED], np.array(summary.omega[i : i + PROBED]),
-              np.array(summary.crossing_time[i : i + PROBED]))
+        Probe(case, summary.members[i : i + PROBED], summary.final[i : i + PROBED],
+              summary.crossing_time[i : i + PROBED])
         for i in range(0, len(summary.members), PROBED)
     ]  # fmt: skip
     found: list[tuple[float, float, str]] = []

@@ -18,7 +18,7 @@ from ..results.hdf5 import Group
 from ..results.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
-from .summary import PROBES, Part, lost_part, measured, sampled_errors, summarized
+from .summary import PROBES, Part, lost_part, sampled_errors, summarized
 
 Say = Callable[[str], None]
 
@@ -37,7 +37,7 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
         say(f"{case.name}: {len(parts)} of {len(tasks)} chunks are kept")
     left = [task for task in tasks if task.first not in parts]
     # A chunk and a task of measuring errors take about as long as each other.
-    members = len(tasks) / (len(tasks) + (PROBES if measured(case) else 0))
+    members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
     with portion(0, members):
         for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(parts) + 1):
             reached(i / len(tasks))
@@ -59,5 +59,5 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
 
     summary = summarized(case, tasks, read)
     with portion(members, 1):
-        errors = sampled_errors(case, pool, summary) if measured(case) else {}
+        errors = sampled_errors(case, pool, summary) if case.error == "on" else {}
     return group_of_columns(case, mark, tasks, read, summary, errors, problems)
