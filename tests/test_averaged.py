@@ -310,6 +310,30 @@ def test_ends_of_spin_of_symmetric_bodies_by_the_equations_of_all(
     assert f * f / (A * (A - C)) == pytest.approx(x, abs=6e-7)
 
 
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    ("C", "M3", "x", "y", "kappa"),
+    [(10, -0.066, 2.22, 2.945, 0.7416), (12, -0.0147, 2.914, 0.627, 0.1124),
+     (6, -0.136, 0.548, 3.735, 0.2871), (4, -0.0605, 0.667, 3.408, 0.065),
+     (4, -0.001346, 1.72, 3.3086, 0.45668)],
+)  # fmt: skip
+def test_a_nearly_symmetric_body_stops_where_the_symmetric_one_has_lost_its_spin(
+    C: float, M3: float, x: float, y: float, kappa: float
+) -> None:
+    """Its separatrix is at g = 2e-8 f, which the torque takes g through in much less than a step; so
+    the two times differ by that over g'."""
+    given: dict[str, Any] = {"kappa": kappa, "torque": [0, 0, M3], "initial": {"x": x, "y": y}}
+    given["time"] = {"end": 3000, "samples": 3}
+    ends = [
+        integrate(replace(cavity(inertia=[8, B, C], **given), error="off"))
+        for B in ("8", "8.000000000000002")
+    ]
+    (spin,), (edge,) = (motion.events for motion in ends)
+    assert (spin.kind, edge.kind) == ("end_of_spin", "separatrix")
+    assert edge.time == pytest.approx(spin.time, rel=3e-6)
+    assert edge.details["probability"] < 1e-6
+
+
 def chance(**given: Any) -> Case:
     """A body without fluid whose spin about x1 a torque opposes."""
     return cavity(**{"kappa": 0, "initial": FIG4, "time": {"end": 1000, "samples": 11}} | given)

@@ -206,7 +206,7 @@ class AveragedTriaxial(AveragedTurns, Cavity):
     spin_reversal: str
     at_separatrix: str
 
-    state = ("g", "f", "turned", "side")
+    state = ("g", "f", "turned", "side", "sense")
     rhs = staticmethod(fluid_rates)
     output = staticmethod(fluid_output)
     velocity = staticmethod(velocity)
@@ -247,12 +247,13 @@ class AveragedTriaxial(AveragedTurns, Cavity):
         unit, scale = self.unit, self.constants["scale"]
         assert isinstance(scale, float)
         g, f = (np.sqrt(value) / unit for value in slow.pair)
-        return np.stack((slow.sense * g, f, slow.sense * scale * slow.phase, slow.side + 0.0))
+        turned = slow.sense * scale * slow.phase
+        return np.stack((slow.sense * g, f, turned, slow.side + 0.0, slow.sense + 0.0))
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
-        g, f, _, _ = y.T
+        g, f = y.T[:2]
         k = attributes(self.constants)
-        dg, df, turning, _ = fluid_rates(0.0, [*y.T], k)
+        dg, df, turning, _, _ = fluid_rates(0.0, [*y.T], k)
         # f of an exact rotation about the enclosed axis is 0, and stays so.
         fall = np.divide(np.abs(df), f, out=np.zeros_like(f), where=f > 0)
         # turning is scale n <dn>, and K is pi/(2 <dn>)

@@ -1,6 +1,6 @@
 """The averaged motion of a body with a fluid-filled cavity under a constant torque.
 
-State: g = s sqrt(E), f = sqrt(O), both in units of the start, the phase and the side. E itself
+State: g = s sqrt(E), f = sqrt(O), both in units of the start, the phase, the side and s. E itself
 would be singular where a torque reverses the spin of a symmetric body, which g passes as any other
 value. With L = -h'/O, h = 2T,
 
@@ -36,6 +36,8 @@ def fluid_constants(
         "unit": unit,
         "ratio_a": ratio_a,
         "ratio_c": ratio_c,
+        "root_a": math.sqrt(ratio_a),
+        "root_c": math.sqrt(ratio_c),
         "weights_a": above,
         "weights_c": below,
         "last_a": above[2] / ratio_a if ratio_a else 0.0,
@@ -48,7 +50,7 @@ def fluid_constants(
 
 def fluid_rates(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
     """The averaged equations; they stand in the head of this module."""
-    g, f, _, side = y
+    g, f, _, side, sense = y
     # In amplitudes, so that m is a ratio of squares and never negative by rounding.
     m = either(side, k.ratio_a, k.ratio_c) * f * f / (g * g)
     mean = turn_means(m, 1 - m)
@@ -62,13 +64,18 @@ def fluid_rates(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         to_O * loss * f / 2,
         k.scale * n * mean.pace,
         0 * side,
+        0 * sense,
     )
 
 
 def fluid_distance(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """(1 - EDGE) w_e E less w_o O, over w_e: 0 where u = EDGE."""
-    g, f, _, side = y
-    return (1 - EDGE) * g * g - either(side, k.ratio_a, k.ratio_c) * f * f
+    """s g less sqrt(w_o/w_e) f, and EDGE: 0 where u = EDGE.
+
+    In amplitudes: a torque takes g of a nearly symmetric body through 0 in no time, and a
+    difference of squares would be positive again before anyone looks.
+    """
+    g, f, _, side, sense = y
+    return (1 - EDGE / 2) * sense * g - either(side, k.root_a, k.root_c) * f
 
 
 def rates_at_separatrix(k: Any, side: int, g: float, f: float) -> tuple[float, float, float]:
@@ -101,9 +108,11 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     Without a torque the motion changes its axis. A torque makes that a matter of chance: it ends
     the motion here, or the branch is taken which the case names.
     """
-    side, sense = (1 if y[3] > 0 else -1), (1 if y[0] > 0 else -1)
+    side, sense = (1 if value > 0 else -1 for value in y[3:])
     ratio = float(either(side, k.ratio_a, k.ratio_c))
     u = -math.log(ratio * float(y[1]) ** 2 / float(y[0]) ** 2)
+    # Rounding hides u of a nearly symmetric body, whose g is as small as its errors.
+    u = u if u > 0 else EDGE
     dg, df, du = rates_at_separatrix(k, side, float(y[0]), float(y[1]))
     seconds, at = time_in_band(u, -du), (y[0] - dg * u / du, y[1] - df * u / du)
     g, f = float(at[0]), float(at[1])
@@ -125,12 +134,12 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
         details["probability"] = shares[-side, 1] + shares[-side, -1]
         if not (chosen := branch(k.branch, shares, (side, sense))):
             turned = y[2] + k.scale * sense * math.pi / 2 * n * u / -du
-            return Passed(time, details, (*at, turned, y[3]))
+            return Passed(time, details, (*at, turned, *y[3:]))
         region = chosen
     details |= left_and_entered(k, side, region[0])
     onward, state = behind(k, region, side, at, n, place)
     turned = 0 * y[2] + state[2] * k.scale
-    there = *state[:2], turned, 0 * y[3] + region[0]
+    there = *state[:2], turned, *(0 * y[3] + value for value in region)
     return Passed(time, details, there, t + (seconds + lag + onward))
 
 
@@ -191,15 +200,18 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
     The periodic part is added unless the case has named a branch: a capture by chance forgets the
     phase.
     """
-    g, f, turned, side = y.T
+    g, f, turned, side, _ = y.T
     E, O, above = g * g, f * f, side > 0
     if k.mean_start == "yes" and k.branch in (FREE, STOP):
+        # Not the sense that the state has: a symmetric body's spin may have reversed since.
         ratio, sense = np.where(above, k.ratio_a, k.ratio_c), np.where(g > 0, 1, -1)
         X, Y = np.where(above, E, O), np.where(above, O, E)
         gap = np.maximum((E - ratio * O) / E, EDGE / 2)
         slow = Slow(X, Y, side, gap, sense, sense * turned / k.scale)
-        # A motion that has stopped at the separatrix does not turn any more.
-        dE, dO = np.where(gap > EDGE / 2, fluid_part(k, slow), 0)
+        # A motion that has stopped at the separatrix does not turn any more, nor one at its end of
+        # spin.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dE, dO = np.where(gap > EDGE / 2, fluid_part(k, slow), 0)
         # `turn_frequency` takes E in true units, where n is larger by `unit`.
         turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale
         E, O = with_part(E, dE / k.unit, turns), with_part(O, dO / k.unit, turns)

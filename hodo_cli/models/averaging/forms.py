@@ -1,7 +1,8 @@
 """What the averaged forms share: what they store, when they apply, how they pass the separatrix.
 
-Their state is (e, o, turned, side): two measures of E and O; the phase in units of the slow time,
-so that it is of the size of the others; and the side, +1 or -1, which only a passage changes.
+Their state is (e, o, turned, side), or (..., sense) where that counts: two measures of E and O; the
+phase in units of the slow time, so that it is of the size of the others; the side and the sense of
+rotation, +1 or -1, which only a passage changes.
 """
 
 import math
