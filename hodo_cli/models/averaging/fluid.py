@@ -206,11 +206,11 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
         # Not the sense that the state has: a symmetric body's spin may have reversed since.
         ratio, sense = np.where(above, k.ratio_a, k.ratio_c), np.where(g > 0, 1, -1)
         X, Y = np.where(above, E, O), np.where(above, O, E)
-        gap = np.maximum((E - ratio * O) / E, EDGE / 2)
-        slow = Slow(X, Y, side, gap, sense, sense * turned / k.scale)
         # A motion that has stopped at the separatrix does not turn any more, nor one at its end of
         # spin.
         with np.errstate(divide="ignore", invalid="ignore"):
+            gap = np.maximum((E - ratio * O) / E, EDGE / 2)
+            slow = Slow(X, Y, side, gap, sense, sense * turned / k.scale)
             dE, dO = np.where(gap > EDGE / 2, fluid_part(k, slow), 0)
         # `turn_frequency` takes E in true units, where n is larger by `unit`.
         turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale
