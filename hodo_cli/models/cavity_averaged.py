@@ -26,11 +26,6 @@ from .base import Constants, Event, Label, Model
 from .cavity import Cavity, coefficient, velocity
 from .constants import attributes
 
-NEARLY_SYMMETRIC = 1e-12
-"""The ratio of the differences between moments below which rounding hides the separatrix from a
-motion whose spin a torque reverses: its amplitude there goes as the root of the ratio, and D, the
-difference of two squares, has no digits left. At 1e-12 a probability has four."""
-
 
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
     """r of a symmetric body, as an event."""
@@ -210,20 +205,6 @@ class AveragedTriaxial(AveragedTurns, Cavity):
 
     spin_reversal: str
     at_separatrix: str
-
-    @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from super().check(data)
-        if not {"inertia", "torque", "epsilon"} <= set(data) or not any(data["torque"]):
-            return
-        smallest, middle, largest = sorted(data["inertia"])
-        near, far = sorted((largest - middle, middle - smallest))
-        if data["epsilon"] and 0 < near < NEARLY_SYMMETRIC * far:
-            yield (
-                ("inertia",),
-                f"two moments differ by {near:.2g} only: so near to a symmetric body the averages "
-                "cannot tell where a torque takes it; make them equal, or take form full",
-            )
 
     state = ("g", "f", "turned", "side", "sense")
     rhs = staticmethod(fluid_rates)
