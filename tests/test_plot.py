@@ -211,7 +211,7 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
     with open_results(runs / "paper2.h5") as results:
         figure = results.figure("fig1")
         sheet = figures.draw(figure, results)
-        ends = ("0.767", "1.237")
+        ends = ("0.7670", "1.237")
         for axes, name, title, end in zip(
             sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True
         ):
@@ -223,7 +223,7 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
             assert (y.get_ydata() == case["y"].values).all()
             assert [text.get_text() for text in axes.texts] == [
                 f"${end}$",
-                f"$t = {case['event_time'].values[0]:.4g}$",
+                f"$t = {case['event_time'].values[0]:#.4g}$",
             ]
         sheet = figures.draw(results.figure("phase"), results)
         lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
@@ -250,10 +250,7 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
     with open_results(runs / "paper1.h5") as results:
         sheet = figures.draw(results.figure("fig12-sensitivity"), results)
         low, high = results.figure("fig12-sensitivity")["span"]
-        assert all(
-            (shown.values["time"] >= low).all() and (shown.values["time"] < high).all()
-            for shown in sheet.shown
-        )
+        assert all(shown.values["time"][[0, -1]].tolist() == [low, high] for shown in sheet.shown)
         figure = {
             **results.figure("fig12-sensitivity"),
             "variables": ("omega.x1", "omega.x2", "G.x3"),

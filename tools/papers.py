@@ -128,11 +128,11 @@ def names_used(rows: Sequence[Mapping[str, Any]]) -> str:
     """What the names of quantities mean that stand in the evidence."""
     evidence = " ".join(row["evidence"] for row in rows)
     told = [
-        f"`{name}`: {meaning}"
+        f"- `{name}`: {plain(meaning)}"
         for name, meaning in QUANTITY_NAMES.items()
         if "_" in name and re.search(rf"\b{name}\b", evidence)
     ]
-    return f"{'; '.join(told)}." if told else ""
+    return "\n".join(told)
 
 
 def page(run: Run) -> str:
@@ -159,7 +159,7 @@ def page(run: Run) -> str:
     if ours:
         parts.append(f"### Not in the paper\n\n{statements(ours, config, stem)}")
     if meanings := names_used(told):
-        parts.append(f"In the fourth column, {meanings}")
+        parts.append(f"Names in the fourth column:\n\n{meanings}")
     return "\n\n".join(parts)
 
 

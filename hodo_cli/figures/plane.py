@@ -132,11 +132,11 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: 
     places = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
     # The ends of a name must be inside its region too.
     side, room = places[:, 0] - places[:, 1], form.half + 0.05
-    # The farther from the diagonal the better, if a tenth of the panel from the curves.
+    # The farther from the diagonal the better, if the name has some room beside the curves.
     farthest = np.argsort(-np.abs(side), kind="stable")
     for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
         own = places[farthest][sign * side[farthest] > room]
-        place = own[clearest(points / limit, own, 0.1)]
+        place = own[clearest(points / limit, own, form.half + 0.06)]
         text = form.text.format(name, axis + 1)
         axes.annotate(text, pair(place), ha="center", va="center", **look)
     p, r = "pqr"[largest], "pqr"[smallest]
