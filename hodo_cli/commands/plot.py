@@ -255,7 +255,11 @@ def page_mark(out: Path, folders: Sequence[Folder]) -> str:
     """What the page depends on: the results and figures that it shows, and what the folders of
     others have told it."""
     shown = [(each.config, os.path.relpath(each.result, out)) for each in folders]
-    figures = [(f.name, f.files, f.problem) for folder in folders for f in folder.figures]
+    figures = [
+        (each.name, [file.name for file in each.files], each.problem)
+        for folder in folders
+        for each in folder.figures
+    ]
     pieces = [file.read_bytes() for file in sorted(out.glob(PIECES))]
     checksums = [each for folder in folders for each in folder.checksums.values()]
     return content_mark(checksums, repr((shown, figures, pieces)))
