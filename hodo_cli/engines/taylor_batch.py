@@ -18,9 +18,10 @@ from ..models.constants import Structure, count, namespace
 from .series import TINY, Series, motion, value
 from .taylor import OPTIMISED
 
-WIDTH = 8
-"""Motions in one register. With AVX-512, a step of a motion of linear-diag took 37 ns at 8, 62 at 4
-and 55 at 16, where registers no longer hold what a step needs."""
+WIDTH = hy.recommended_simd_size()
+"""Motions in one register of this processor, which holds no more with what a step needs: for
+linear-diag a step of a motion took 37 ns at 8, 62 at 4 and 55 at 16 with AVX-512, and 64 at 4, 96
+at 8 and 121 at 2 with AVX2."""
 
 
 class Symbols(Series):

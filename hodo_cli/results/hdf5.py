@@ -149,7 +149,7 @@ class Run:
     def array(self, name: str, key: str) -> np.ndarray:
         """The values of one variable of a group. Raises HodoError as `read` does."""
         with self._group(name) as group:
-            return np.asarray(_datasets(group)[key][()])
+            return np.asarray(_dataset(group, key)[()])
 
     @contextmanager
     def _group(self, name: str) -> Iterator[h5py.Group]:
@@ -239,24 +239,26 @@ def _is_placeholder(item: h5py.Dataset) -> bool:
 
 
 def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
-    """What a group holds. Raises ValueError if that is anything but plain datasets: links, groups,
-    values in other files or made from other datasets, and sizes that were never written would let a
-    file from a stranger read this machine's files or fill its memory."""
-    found = {}
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            raise ValueError(f"{name} is a link")
-        item = group[name]
-        if not isinstance(item, h5py.Dataset):
-            raise ValueError(f"{name} is no dataset")
-        if item.external or item.is_virtual:
-            raise ValueError(f"the values of {name} are in other files")
-        stored = item.id.get_storage_size()
-        if item.nbytes > FEW_BYTES + INFLATION * stored and not _is_placeholder(item):
-            claimed, there = memory.in_bytes(item.nbytes), memory.in_bytes(stored)
-            raise ValueError(f"{name} claims {claimed}, of which {there} are stored")
-        found[name] = item
-    return found
+    """What a group holds. Raises ValueError as `_dataset` does."""
+    return {name: _dataset(group, name) for name in group}
+
+
+def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
+    """An item of a group. Raises ValueError if that is anything but a plain dataset: a link, a
+    group, values in other files or made from other datasets, and a size that was never written
+    would let a file from a stranger read this machine's files or fill its memory."""
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        raise ValueError(f"{name} is a link")
+    item = group[name]
+    if not isinstance(item, h5py.Dataset):
+        raise ValueError(f"{name} is no dataset")
+    if item.external or item.is_virtual:
+        raise ValueError(f"the values of {name} are in other files")
+    stored = item.id.get_storage_size()
+    if item.nbytes > FEW_BYTES + INFLATION * stored and not _is_placeholder(item):
+        claimed, there = memory.in_bytes(item.nbytes), memory.in_bytes(stored)
+        raise ValueError(f"{name} claims {claimed}, of which {there} are stored")
+    return item
 
 
 @contextmanager
