@@ -64,7 +64,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
     if set(np.unique(every[np.isfinite(every)])) <= {0.0, 1.0}:
         # Yes or no: a scale would show colours that no member has.
-        words = ((1, map_label(sweeps[0], spec["variable"])), (0, "otherwise"))
+        words = ((1, map_label(sweeps[0], spec["variable"]).removeprefix(SHARE)), (0, "otherwise"))
         handles += [Patch(fc=hues()(scale(at)), label=word) for at, word in words]
     else:
         bar = sheet.figure.colorbar(
@@ -174,7 +174,7 @@ def map_sphere(
     axes.spines["geo"].set(color=GREY, lw=0.6)
     axes.pcolormesh(*sphere_cells(directions, values), **look)
     for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
-        axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3)
+        axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3, path_effects=HALO)
     for i, direction in (
         (1, (1, 0, 0)),
         (2, (0, 1, 0)),
@@ -302,12 +302,16 @@ def curve_of(
     return bool(none.any())
 
 
+SHARE = "share of members: "
+"""How the label of a share begins; where each member is drawn by itself, it says yes or no."""
+
+
 def map_label(swept: Swept, variable: str) -> str:
     """What the colours of a map show."""
     name, _, part = variable.partition(".")
     meaning = str(swept.data[name].attrs.get("long_name", name))
     if part in str(swept.data[name].attrs.get("flag_meanings", "")).split():
-        return f"{part} is the {meaning} (share of members)"
+        return f"{SHARE}{part} is the {meaning}"
     return f"{meaning}, here {part}" if part else meaning
 
 
