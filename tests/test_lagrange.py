@@ -3,6 +3,8 @@ wrong data."""
 
 import csv
 import math
+import os
+import random
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -476,3 +478,54 @@ def test_the_nutation_at_the_start_is_computed_once(monkeypatch: pytest.MonkeyPa
     assert system.warnings == []
     assert system.run_events == ()
     assert len(calls) == 1
+
+
+def random_top(rng: random.Random) -> dict[str, str]:
+    """Any top under resistance or drive: fast or slow, upright, hanging or between."""
+    A = rng.uniform(0.6, 3)
+    theta = rng.choice([rng.uniform(0.05, 3.1), 10 ** rng.uniform(-6, -1)])
+    spin = rng.choice([-1, 1]) * rng.choice([rng.uniform(0.1, 4), 10 ** rng.uniform(-5, 0)])
+    return {
+        "inertia": f"{{A: {A}, C: {rng.uniform(0.1, 1.99 * A)}}}",
+        "mu": str(10 ** rng.uniform(-1.5, 1)),
+        "a": f"[{rng.uniform(-0.1, 0.6)}, {rng.uniform(-0.1, 1)}]",
+        "b": f"[{rng.uniform(-0.1, 0.6)}, {rng.uniform(-0.1, 1)}]",
+        "initial": f"{{theta: {rng.choice([theta, math.pi - theta])}, r: {spin}}}",
+        "time": f"{{end: {rng.uniform(0.5, 3)}, samples: 5}}",
+        "error": "on",
+    }
+
+
+@pytest.mark.parametrize("seed", range(int(os.environ.get("HODO_FUZZ", "12"))))
+def test_the_averaged_forms_differ_by_no_more_than_their_errors(seed: int) -> None:
+    """The roots' form loses digits in the rounding of its very start: that is part of its error."""
+    given = random_top(random.Random(seed))
+    try:
+        motions = [integrate(case(form=form, **given)) for form in AVERAGED]
+    except HodoError:  # it is at u2 = u3
+        return
+    plain, *others = (motion for motion in motions if motion.status == "ok")
+    for other in others:
+        for name, values in plain.variables.items():
+            off = np.abs(other.variables[name] - values).max() / np.abs(values).max()
+            assert off <= 2 * (other.errors[name] + plain.errors[name]) + 1e-14
+
+
+@pytest.mark.parametrize(
+    ("theta", "spin", "mu", "a", "least"),
+    [
+        (3.117785438509107, 0.0700816655652691, 0.855, "[0.437, 0.74]", 1e-13),
+        (2.9044158204366, -1.0425217736524961e-05, 0.12, "[0.442]", 1e-6),
+    ],
+)
+def test_the_rounding_of_the_roots_at_the_start_is_part_of_their_error(
+    theta: float, spin: float, mu: float, a: str, least: float
+) -> None:
+    """Gz is a sum of products of the roots, over r: a slow spin leaves few of its digits."""
+    given = {"initial": f"{{theta: {theta}, r: {spin}}}", "mu": str(mu), "a": a, "error": "on"}
+    given |= {"time": "{end: 1, samples: 5}", "inertia": "{A: 1.53, C: 0.9}"}
+    roots, plain = (integrate(case(form=form, **given)) for form in ("averaged-u", "averaged"))
+    off = np.abs(roots.variables["Gz"] - plain.variables["Gz"]).max()
+    off /= np.abs(plain.variables["Gz"]).max()
+    assert off > least
+    assert roots.errors["Gz"] == pytest.approx(off, rel=0.1)

@@ -96,7 +96,8 @@ def propagate(
     """
     model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
     units = Units.fit(model, k, np.array(y0))
-    y = np.ldexp(np.array(y0), -units.size).astype(fp)
+    exact = system.finer_start if fp is np.longdouble else np.array(y0)
+    y = np.ldexp(exact, -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
     shape = len(times), len(y0)
     samples = Samples(times, np.empty(shape, dtype=fp), np.empty(len(times), dtype=np.int64))

@@ -132,6 +132,12 @@ class Model:
         raise NotImplementedError
 
     @property
+    def finer_start(self) -> np.ndarray:
+        """The start (m,) in long double, where its rounding to doubles costs digits: a reference
+        begins from it."""
+        return np.array(self.start, dtype=np.longdouble)
+
+    @property
     def damping_rates(self) -> np.ndarray | None:
         """The rates (3,) at which a medium damps rotation about each body axis; None without."""
         return None

@@ -22,6 +22,7 @@ from ..schema.kinds import (
     Variant,
 )
 from .base import Constants, Event, Label, Model, mistake_of
+from .constants import attributes
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
@@ -522,6 +523,13 @@ class AveragedU(Nutating):
     def start(self) -> tuple[float, ...]:
         _, _, r, e, X, w = self.nutation
         return 1 - X - e, 1 - X + e, 1 - X + w, r
+
+    @property
+    def finer_start(self) -> np.ndarray:
+        # Gz and H come from sums of the roots that nearly cancel, as those of a fast or a slow top.
+        y = np.array(self.nutation[:4], dtype=np.longdouble)
+        X, w = nutation([*y], attributes(self.constants, np.longdouble))
+        return np.array([1 - X - y[3], 1 - X + y[3], 1 - X + w, y[2]])
 
 
 def integrals_from_roots(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
