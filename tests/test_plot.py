@@ -594,11 +594,20 @@ def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
             "kind: series, cases: a, variables: T, span: [5, 1]",
             "span: expected the lower end first",
         ),
-        ("kind: map, cases: a, variable: T, range: [5, 1]", "range: expected the lower end first"),
-        ("kind: map, cases: a, variable: T, x: u", "missing 'y': a map has x and y, or neither"),
-        ("kind: map, cases: a, variable: T, x: u, y: u", "y: u is on the horizontal axis already"),
         (
-            "kind: map, cases: a, variable: T, x: u, y: v, panels: v",
+            "kind: map, cases: s, variable: crossings, range: [5, 1]",
+            "range: expected the lower end first",
+        ),
+        (
+            "kind: map, cases: s, variable: crossings, x: u",
+            "missing 'y': a map has x and y, or neither",
+        ),
+        (
+            "kind: map, cases: s, variable: crossings, x: u, y: u",
+            "y: u is on the horizontal axis already",
+        ),
+        (
+            "kind: map, cases: s, variable: crossings, x: u, y: v, panels: v",
             "panels: v is an axis of the panels already",
         ),
     ],
@@ -606,11 +615,11 @@ def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
 def test_keys_that_do_not_fit_each_other_are_named_with_their_place(
     figure: str, message: str
 ) -> None:
-    case = (
-        "a: {model: linear-diag, inertia: [3, 2, 2], initial: {p: 1, q: 1, r: 1}, time: {end: 1}}"
-    )
-    said = refused(lambda: parse(f"cases:\n  {case}\nfigures:\n  f: {{{figure}}}\n", "x.yaml"))
-    assert said.startswith("x.yaml:4:")
+    body = "model: linear-diag, inertia: [3, 2, 2], initial: {p: 1, q: 1, r: 1}, time: {end: 1}"
+    sweep = "u: {zip: {damping.0: {values: [1, 2]}}}, v: {zip: {damping.1: {values: [1, 2]}}}"
+    cases = f"  a: {{{body}}}\n  s: {{{body}, damping: [1, 1, 1], sweep: {{{sweep}}}}}\n"
+    said = refused(lambda: parse(f"cases:\n{cases}figures:\n  f: {{{figure}}}\n", "x.yaml"))
+    assert said.startswith("x.yaml:5:")
     assert message in said
 
 
