@@ -320,8 +320,8 @@ def test_ends_of_spin_of_symmetric_bodies_by_the_equations_of_all(
 def test_a_nearly_symmetric_body_stops_where_the_symmetric_one_has_lost_its_spin(
     C: float, M3: float, x: float, y: float, kappa: float
 ) -> None:
-    """Its separatrix is at g = 2e-8 f, which the torque takes g through in much less than a step; so
-    the two times differ by that over g'."""
+    """Its separatrix is at g = 2e-8 f, which the torque takes g through in much less than a step;
+    so the two times differ by that over g'."""
     given: dict[str, Any] = {"kappa": kappa, "torque": [0, 0, M3], "initial": {"x": x, "y": y}}
     given["time"] = {"end": 3000, "samples": 3}
     ends = [

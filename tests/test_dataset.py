@@ -165,7 +165,10 @@ def test_bad_files_give_one_line(tmp_path: Path) -> None:
             pass
         assert "\n" not in str(raised.value)
         assert f"{name}.h5" in str(raised.value)
-    with open_results(SAMPLE) as results, pytest.raises(HodoError, match="has no case 'fig5'"):
+    with (
+        open_results(SAMPLE) as results,
+        pytest.raises(HodoError, match="no result of case fig5"),
+    ):
         results.motion("fig5")
 
 

@@ -37,6 +37,9 @@ def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder:
         speeds = [sum(file[name]["omega"][-1] ** 2) for name in ("known", "one", "two")]
         assert speeds[0] > speeds[1] > speeds[2] > 0
         assert list(file["swept/status"]) == [0, 0]
+    # What is stored can be shown without its model; to run or to draw it, the file has to be named.
+    assert hodo("show", "runs/a.h5").returncode == 0
+    assert "got 'quadratic-drag' (from a file of your own: hodo --models" in hodo("run", "a").stderr
     planned = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout
     assert planned.count("is kept") == 4
     (folder / "drag.py").write_text(EXAMPLE + "CHANGED = True\n", encoding="utf-8")

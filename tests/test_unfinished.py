@@ -90,7 +90,7 @@ def use(path: Path) -> None:
     assert not problems
     lines = dict(draw_results([path], [], ["csv"], out))
     assert lines[str(out / "a" / "both.csv")] is False
-    assert lines[f"rest: {path} has no case 'third'"] is True
+    assert lines[f"rest: {path} has no result of case third yet: run it first"] is True
 
 
 def test_a_changed_case_is_shown_and_stays_apart(path: Path) -> None:

@@ -1,11 +1,25 @@
 """The keys of case files: those of every case, and the sections of a file."""
 
 from functools import cache
+from typing import Any
 
 from .. import models
 from ..models.base import Model
 from ..schema.document import Block
-from ..schema.kinds import NAMES, Choice, Each, Integer, Key, ListOf, Mapped, Number, Table, Text
+from ..schema.kinds import (
+    NAMES,
+    Choice,
+    Each,
+    Integer,
+    Key,
+    ListOf,
+    Mapped,
+    Number,
+    Table,
+    Text,
+    expected,
+    nearest,
+)
 from . import claim_block
 from .sweep_block import SWEEP
 
@@ -110,13 +124,22 @@ SECTIONS = {
 }
 
 
+class ModelName(Choice):
+    """The name of a model."""
+
+    def check(self, value: Any) -> str:
+        if isinstance(value, str) and value not in self.names and not nearest(value, self.names):
+            raise expected(self, value, " (from a file of your own: hodo --models FILE.py ...)")
+        return super().check(value)
+
+
 @cache
 def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
     """The class of a model's form (None: the first) and every key of its cases; no class if there
     is none such."""
     catalogue = models.catalogue()
     forms = catalogue.get(model or "", {})
-    head = {"model": Key(Choice(*catalogue), "equations of motion")}
+    head = {"model": Key(ModelName(*catalogue), "equations of motion")}
     if forms:
         head["form"] = Key(Choice(*forms), "form of the equations", default=next(iter(forms)))
     named = next(iter(forms), "") if form is None else form

@@ -17,6 +17,7 @@ from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..models import rigid_body
 from ..results.hdf5 import Group, Run, Variable, open_run
+from ..results.layout import CROSSING_COLUMNS
 
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
 # than any figure shows.
@@ -166,9 +167,11 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
         raise HodoError(f"{name} is damaged (its times are no numbers)")
     # By nearest time, since a reference may be thinned and an end of spin falls a rounding apart.
     rows = matching(*times)
+    of_labels = () if "enclosed_axis" in a.variables else LABELS_STORED
     for key, reference in b.variables.items():
         if key not in a.variables:
-            yield Line(name, key, math.inf, "missing")
+            what = "missing: not classified" if key in of_labels else "missing"
+            yield Line(name, key, math.inf, what)
             continue
         ours = a.variables[key].data
         if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
@@ -226,6 +229,10 @@ def settings(case: Case) -> dict[str, Any]:
 
     common = {key: value for key, value in vars(case).items() if key not in ("data", "system")}
     return dict(flat("", {**case.data, **common, "time": asdict(case.time)}))
+
+
+LABELS_STORED = ("enclosed_axis", *CROSSING_COLUMNS, "growth_rate", "final_axis")
+"""What `classify` adds to a case."""
 
 
 def same_magnitude(a: np.ndarray, b: np.ndarray) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from .. import HodoError
 from ..cases.case import parse_case
 from ..results.layout import SUMMARY, typed_as
 from ..results.writer import open_batch
@@ -37,4 +38,7 @@ def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]
 
 def assumes_of(text: str) -> str:
     """What a stored case takes that its source does not print, in one line."""
-    return "; ".join(f"{name}: {said}" for name, said in parse_case(text).assumes.items())
+    try:
+        return "; ".join(f"{name}: {said}" for name, said in parse_case(text).assumes.items())
+    except HodoError:  # its model is in a file that has not been named
+        return ""

@@ -287,6 +287,8 @@ def curve_of(
     if (error := STORED_ERRORS.get(spec["variable"], "")) in swept.data:
         shown[error] = swept.values(error, [spec["x"]], at)
         axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"], capsize=2)
+    # What tells this curve from the others, as numbers, in each of its rows.
+    shown |= {name: np.full(len(x), swept.ticks(name)[0][i]) for name, i in at.items()}
     none = ~np.isfinite(values)
     bottom = axes.get_xaxis_transform()
     axes.plot(

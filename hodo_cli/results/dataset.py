@@ -15,7 +15,7 @@ import xarray as xr
 
 from .. import HodoError
 from ..cases.config import Config, parse
-from ..schema.kinds import nearest, unknown
+from ..schema.kinds import unknown
 from .hdf5 import Group, Run
 from .layout import SHOWN
 from .motion import Motion, motion_of
@@ -118,7 +118,7 @@ class Results:
         """One case. Raises HodoError if the file does not hold it, or it is damaged."""
         if name not in self._motions:
             if name not in self.cases:
-                raise HodoError(f"{self.path} has no case {name!r}{nearest(name, self.cases)}")
+                raise HodoError(f"{self.path} has no result of case {name} yet: run it first")
             owner, data = f"{self.path}: {name}", self.cases[name]
             typed(data.attrs, SHOWN, owner)
             if (status := data.attrs["status"]) != "ok" and data.sizes.get("time"):
