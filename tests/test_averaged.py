@@ -414,11 +414,26 @@ def test_a_motion_far_below_the_smallest_double_has_its_shape() -> None:
     [({"inertia": [0.5, 0.5, 0.5]}, "three equal moments"),
      ({"initial": {"p": 0, "q": 1, "r": 0}}, "on the separatrix"),
      ({"initial": {"p": 0, "q": 0, "r": 0}}, "at rest"),
+     ({"initial": {"p": 1e-200, "q": 0, "r": 0}}, "beyond the range of doubles"),
+     ({"model": "cavity+constant", "kappa": 1, "cavity": {"kappa": 1}}, "leave out the cavity"),
+     ({"model": "cavity+constant"}, "none of them is given"),
      ({"mean_start": "maybe"}, "yes or no")],
 )  # fmt: skip
 def test_what_cannot_be_averaged(given: dict[str, Any], said: str) -> None:
     with pytest.raises(HodoError, match=said):
         case(**given)
+
+
+def test_a_torque_brings_an_exact_rotation_to_rest() -> None:
+    motion = integrate(chance(torque=[1e-3, 1e-3, -1e-3], initial={"p": 0, "q": 0, "r": 0.8}))
+    (stop,) = motion.events
+    assert stop.time == pytest.approx(0.8 * 0.6 / 1e-3)
+    assert (stop.details["from"], stop.details["to"]) == (3, 0)
+    assert motion.variables["momentum"][-1] == pytest.approx(0, abs=1e-9)
+
+
+def test_the_cavity_warns_in_its_averaged_form_too() -> None:
+    assert any("not small" in each for each in cavity(kappa=10).system.warnings)
 
 
 def last(motion: Trajectory, name: str) -> float:

@@ -23,8 +23,9 @@ from .averaging.fluid import (
 from .averaging.forms import MEAN_START, AveragedTurns, turning_constants
 from .averaging.free_turn import Slow
 from .base import Constants, Event, Label, Model
-from .cavity import Cavity, coefficient, velocity
+from .cavity import Cavity, coefficient
 from .constants import attributes
+from .rigid_body import BodyFrame
 
 
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -184,7 +185,7 @@ class AveragedAsPrinted(Symmetric):
 
 
 @dataclass(frozen=True)
-class AveragedTriaxial(AveragedTurns, Cavity):
+class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
     """The motion of a body with three different moments of inertia, averaged over the turns of its
     hodograph.
 
@@ -209,7 +210,6 @@ class AveragedTriaxial(AveragedTurns, Cavity):
     state = ("g", "f", "turned", "side", "sense")
     rhs = staticmethod(fluid_rates)
     output = staticmethod(fluid_output)
-    velocity = staticmethod(velocity)
 
     @property
     def sorted_torque(self) -> np.ndarray:

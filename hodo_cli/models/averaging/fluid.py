@@ -109,6 +109,8 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     the motion here, or the branch is taken which the case names.
     """
     side, sense = (1 if value > 0 else -1 for value in y[3:])
+    if not y[1]:  # an exact rotation about an axis, which the torque has brought to rest
+        return Passed(float(t), left_and_entered(k, side, 0), y)
     ratio = float(either(side, k.ratio_a, k.ratio_c))
     u = -math.log(ratio * float(y[1]) ** 2 / float(y[0]) ** 2)
     # Rounding hides u of a nearly symmetric body, whose g is as small as its errors.

@@ -57,7 +57,7 @@ def stored_elements(k: Any, E: Any, O: Any, side: Any, unit: Any = 1.0) -> dict[
     return {
         "kinetic_energy": double_energy * unit * unit / 2,
         "momentum": np.sqrt(square) * unit,
-        "J": square / double_energy,
+        "J": np.divide(square, double_energy, out=np.full_like(square, np.nan), where=square > 0),
         "k2": np.divide(np.minimum(outer, inner), most, out=np.zeros_like(most), where=most > 0),
         "enclosed_axis": np.where(above, k.largest, k.smallest).astype(np.int8),
     }
@@ -131,8 +131,11 @@ class AveragedTurns(BodyFrame):
             omega = cls.velocity(data["inertia"], data["initial"])
         except ValueError:  # said by the check above
             return
-        slow = slow_elements(Body.of(data["inertia"]), omega)
-        if not max(slow.pair) or slow.gap < 2 * EDGE:
+        with np.errstate(all="ignore"):  # of numbers out of range, which are told next
+            slow = slow_elements(Body.of(data["inertia"]), omega)
+        if any(omega) and not 0 < max(slow.pair) < math.inf:
+            yield ("initial",), "the square of the start is beyond the range of doubles"
+        elif not max(slow.pair) or slow.gap < 2 * EDGE:
             yield (
                 ("initial",),
                 "nothing turns at rest or on the separatrix; form full does not average",
