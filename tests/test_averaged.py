@@ -270,6 +270,21 @@ def test_the_cavity_is_right_to_second_order() -> None:
         assert order(small, errors) == pytest.approx(slope, abs=0.15)
 
 
+@pytest.mark.heyoka
+@pytest.mark.parametrize(("torque", "slope"), [((0.5, 0.3, 0), 2), ((0.5, 0.3, 0.3), 1)])
+def test_so_it_is_under_a_torque_unless_that_has_a_part_about_both_other_axes(
+    torque: Sequence[float], slope: int
+) -> None:
+    """About x1, a drift with M2 M3 remains. Up to 0.3/e nothing comes to the separatrix."""
+    small = [1e-2, 1e-3]
+    errors = [
+        off(cavity(kappa=0.3 * e, torque=[e * M for M in torque], initial=FIG4,
+                   time={"end": 0.3 / e, "samples": 1001}))
+        for e in small
+    ]  # fmt: skip
+    assert order(small, errors) == pytest.approx(slope, abs=0.15)
+
+
 def test_the_periodic_part_of_the_fluid_is_that_of_its_quadrature() -> None:
     def torque(w: np.ndarray) -> np.ndarray:
         return np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), axis=-1)
