@@ -198,8 +198,8 @@ class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
     Without M every motion ends about the axis of the largest moment, and the passage through the
     separatrix is foreseen as under linear resistance. With M it is a matter of chance which of four
     regions a motion enters there: it stops, with the probability of the other axis, or takes the
-    branch of `at_separatrix`. Right to first order; without M, and with `mean_start: yes`, to
-    second.
+    branch of `at_separatrix`. Right to first order; with `mean_start: yes` to
+    second, unless M has parts about both axes that are not enclosed.
 
     Source: F. L. Chernousko 1972, averaged; the probabilities after A. I. Neishtadt 1986.
     """
