@@ -16,7 +16,7 @@ from ..claims.finding import Verdict
 from ..claims.variations import Motions
 from ..claims.verdicts import judge_claim, judge_erratum
 from ..progress import Progress
-from ..results.hdf5 import REMARKS, Group, Run, Variable
+from ..results.hdf5 import TOLD_ATTRIBUTES, Group, Run, Variable
 from ..results.provenance import stamp
 from ..results.update import update
 from .resume import content_mark, result_named, telling, told, warn_of_changes
@@ -42,7 +42,7 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
                 checksums = map(changes.run.checksum, changes.run.cases())
                 mark = content_mark(checksums, text)
                 if "_claims" in changes.run:
-                    rows = told(changes.run.summary("_claims", REMARKS), mark)
+                    rows = told(changes.run.summary("_claims", TOLD_ATTRIBUTES), mark)
             if rows is None:
                 verdicts, errata = judged(config or parse(text, str(path)), changes.run)
                 rows = [[claim_row(verdict) for verdict in each] for each in (verdicts, errata)]

@@ -13,7 +13,7 @@ from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..progress import Progress
-from ..results.hdf5 import REMARKS, Group, checksum_of
+from ..results.hdf5 import TOLD_ATTRIBUTES, Group, checksum_of
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
 from ..results.provenance import stamp, typed
@@ -36,7 +36,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
             for name in progress.each(changes.run.cases()):
                 try:
                     mark = content_mark([changes.run.checksum(name)])
-                    row = told(changes.run.summary(name, REMARKS), mark)
+                    row = told(changes.run.summary(name, TOLD_ATTRIBUTES), mark)
                     if row is None:
                         group = changes.run.read(name)
                         part, row = classified(name, group)

@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from .. import HodoError
 from ..batch.mark import library_version
@@ -29,15 +29,13 @@ from .resume import CONFIGS, content_mark, result_named, warn_of_changes
 if TYPE_CHECKING:
     from ..results.dataset import Results
 
-Result = TypeVar("Result")
-
 SOURCES = (".h5", *CONFIGS)
 """What the name of a result or of its config ends with; any other name is that of a figure."""
 
 RECORD = "drawn.json"
 """What a folder of figures keeps of how each of its files was made."""
 
-PAGE = "index.html"
+PAGE_FILE = "index.html"
 """The page of all figures."""
 
 NOTED = {"mark", "sha256", "cases", "said"}
@@ -51,7 +49,7 @@ ABSENT = "absent"
 
 
 @dataclass(frozen=True)
-class Drawing:
+class FigureTask:
     """A figure to be drawn: from a result file, by its entry in a config, into a folder."""
 
     path: Path
@@ -126,10 +124,16 @@ def draw_results(
         with opened(path) as (run, config):
             folders.append(Folder(out / run.path.stem, run, config, names, formats, force))
     with pool(jobs if any(folder.tasks for folder in folders) else 1) as workers:
-        with Progress(sum(len(folder.tasks) for folder in folders), logs=False) as progress:
+        left = sum(len(folder.tasks) for folder in folders)
+        kept = sum(len(folder.figures) for folder in folders)
+        with Progress(left, logs=False) as progress:
+            if kept:
+                progress.say(f"{kept} of {kept + left} figures are kept; --force draws them anew")
             for folder in folders:
                 for task, drawn in workers.map(draw_figure, folder.tasks):
-                    folder.add(result_of(drawn))
+                    if isinstance(drawn, Exception):
+                        raise drawn
+                    folder.add(drawn)
                     progress.done(task.name)
                 folder.record.save()
         for drawn in (drawn for folder in folders for drawn in folder.figures):
@@ -140,20 +144,13 @@ def draw_results(
         said = [line for folder in folders for drawn in folder.figures for line in drawn.said]
         if not names:
             said += renewed_page(out, folders, workers, force)
-            yield str(out / PAGE), False
+            yield str(out / PAGE_FILE), False
     # At the end, when all that is drawn or on the page has been read.
     for line in dict.fromkeys(said):
         warnings.warn(line, stacklevel=2)
 
 
-def result_of(outcome: Result | Exception) -> Result:
-    """What a task of a pool has come to. Raises the exception that it ended with."""
-    if isinstance(outcome, Exception):
-        raise outcome
-    return outcome
-
-
-def draw_figure(task: Drawing) -> Drawn:
+def draw_figure(task: FigureTask) -> Drawn:
     """Draw one figure; what a pool does."""
     from ..figures import render
     from ..results.dataset import Datasets, open_results
@@ -194,7 +191,7 @@ class Folder:
         chosen = {name: config.figure(name) for name in names or config.figures}
         self._drawn = {name: None if force else self._kept(name) for name in chosen}
         self.tasks = [
-            Drawing(run.path, config, name, self._formats, path)
+            FigureTask(run.path, config, name, self._formats, path)
             for name, drawn in self._drawn.items()
             if drawn is None
         ]
@@ -242,13 +239,15 @@ class Folder:
 def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: bool) -> list[str]:
     """Write the page of all figures, unless it is as it would be; the warnings that it gives."""
     record = Record(out)
-    entry = None if force else record.current(PAGE)
+    entry = None if force else record.current(PAGE_FILE)
     if entry is None or entry["mark"] != page_mark(out, folders):
         task = PageTask(out, [(each.result, each.config, each.figures) for each in folders])
         for _, said in workers.map(write_page, [task]):
-            record.note(PAGE, page_mark(out, folders), (), result_of(said))
+            if isinstance(said, Exception):
+                raise said
+            record.note(PAGE_FILE, page_mark(out, folders), (), said)
         record.save()
-    return record.said(PAGE)
+    return record.said(PAGE_FILE)
 
 
 def page_mark(out: Path, folders: Sequence[Folder]) -> str:
@@ -280,7 +279,7 @@ def write_page(task: PageTask) -> tuple[str, ...]:
             )
             for path, config, figures in task.runs
         ]
-        page.write_page(task.out / PAGE, runs)
+        page.write_page(task.out / PAGE_FILE, runs)
         said = [*(str(each.message) for each in caught)]
         said += [line for results, _ in runs for line in unlabelled(results)]
     return tuple(said)

@@ -16,7 +16,7 @@ from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
 from ..cases.config import Config, load, parse
-from ..results.hdf5 import REMARKS, Attribute, Run
+from ..results.hdf5 import TOLD_ATTRIBUTES, Attribute, Run
 from ..results.staging import staging_folders
 from ..results.writer import Finished
 
@@ -28,7 +28,7 @@ CONFIG_PATH = "config_path"
 CONFIGS = (".yaml", ".yml")
 """What the name of a config ends with."""
 
-MARK, TOLD = REMARKS
+MARK, TOLD = TOLD_ATTRIBUTES
 """The attributes of a group: what it was told of, as a hash, and what was told, as JSON."""
 
 # In this order, because another version of hodo may write the same case in other words.

@@ -38,7 +38,7 @@ HIDDEN = (
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
 
-REMARKS = ("told_mark", "told")
+TOLD_ATTRIBUTES = ("told_mark", "told")
 """Attributes that stand behind the checksum: what a command has told of the data under it."""
 
 INFLATION = 1000
@@ -206,7 +206,7 @@ def checksum_of(group: Group) -> str:
 
 def _checksum_with(group: Group, digests: Mapping[str, Digest]) -> str:
     """The checksum of a group, some of whose variables were digested as they were written."""
-    covered = {key: value for key, value in group.attributes.items() if key not in REMARKS}
+    covered = {key: value for key, value in group.attributes.items() if key not in TOLD_ATTRIBUTES}
     found = Checksum(_as_stored(covered))
     for key, variable in group.variables.items():
         digest = str(digests[key]) if key in digests else digest_of(variable.data)
@@ -401,7 +401,7 @@ class Output:
         append."""
         self._disk.check()
         target = self._file.create_group(name, track_order=True)
-        told = {key: group.attributes[key] for key in REMARKS if key in group.attributes}
+        told = {key: group.attributes[key] for key in TOLD_ATTRIBUTES if key in group.attributes}
         _set_attributes(target, {k: v for k, v in group.attributes.items() if k not in told})
         sizes: dict[str, int] = {}
         items: dict[str, h5py.Dataset] = {}
