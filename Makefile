@@ -71,7 +71,7 @@ test: lint  ## The checks of `lint`, then the whole test suite, without heyoka a
 	$(PYTEST) --no-heyoka
 	$(PYTEST)
 
-stress: $(TOOLS)  ## Kill runs at random moments, run 10,000 cases, feed the loader 20,000 bad inputs (some 15 minutes)
+stress: $(TOOLS)  ## Kill runs at random moments, run 10,000 cases, let calls fail, feed the loader 20,000 bad inputs (some 15 minutes)
 	$(BIN)/python tests/stress.py
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
 

@@ -1,12 +1,18 @@
 """Faults made on purpose: I/O calls that fail from the N-th on, data that were never synced, bytes
 that have changed. What `test_damage.py` tries by sample, and `make stress` all over."""
 
+import ctypes
 import errno
+import json
 import os
 import random
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import chdir, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -36,6 +42,10 @@ claims:
      check: {kind: axis, start: x1, end: x3}}
 """
 
+SMALL = CONFIG.partition("  b:")[0] + "figures:" + CONFIG.partition("figures:")[2]
+SMALL = SMALL.replace("[a, b]", "[a]")
+"""The first case alone, where a trial takes long."""
+
 Motions = dict[str, np.ndarray]
 
 
@@ -44,10 +54,35 @@ def hodo(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(word) for word in arguments])
 
 
-def prepared(folder: Path) -> Motions:
+def forked(
+    told: Path,
+    arguments: Sequence[object],
+    before: Callable[[], object] = lambda: None,
+    after: Callable[[], int] = lambda: 0,
+) -> int:
+    """A command in a process that has all modules already, which `ended` awaits."""
+    if child := os.fork():
+        return child
+    before()
+    done = hodo(*arguments)
+    bug = [] if isinstance(done.exception, SystemExit | None) else [repr(done.exception)]
+    count = after()
+    told.write_text(json.dumps([done.exit_code, done.stderr.splitlines() + bug, count]))
+    os._exit(0)
+
+
+def ended(child: int, told: Path) -> tuple[int, list[str], int]:
+    """The exit status of a forked command, what it said, and the number that `after` gave."""
+    assert os.waitpid(child, 0)[1] == 0, "the process died"
+    status, said, count = json.loads(told.read_text())
+    assert not [line for line in said if "Traceback" in line or "Error(" in line], said
+    return status, said, count
+
+
+def prepared(folder: Path, config: str = CONFIG) -> Motions:
     """A classified result `x.h5` of `x.yaml` in a folder; its motions."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "x.yaml").write_text(CONFIG)
+    (folder / "x.yaml").write_text(config)
     for command in (["run", folder / "x.yaml", "--out", folder], ["classify", folder / "x.h5"]):
         done = hodo(*command)
         assert done.exit_code == 0, done.output
@@ -97,6 +132,11 @@ def zeroed(path: Path, chance: random.Random, size: int = 512) -> None:
     start = chance.randrange(-(-len(data) // size)) * size
     data[start : start + size] = bytes(len(data[start : start + size]))
     path.write_bytes(data)
+
+
+def truncated(path: Path, chance: random.Random) -> None:
+    """Cut the end of a file off."""
+    os.truncate(path, chance.randrange(path.stat().st_size))
 
 
 # The N-th call of the operating system fails.
@@ -213,3 +253,105 @@ def _run_until(folder: Path, last: int, log: Path) -> None:
     with suppress(BaseException), patch.object(os, "fsync", note):
         hodo("run", folder / "x.yaml", "--out", folder, "--quiet")
     os._exit(0)
+
+
+# The N-th call of the operating system fails, in whatever library it is made.
+
+COMMANDS = {
+    "run": ["run", "x.yaml", "--out", ".", "--force", "--quiet"],
+    "classify": ["classify", "x.h5"],
+    "plot": ["plot", "x.h5", "--format", "png", "--format", "csv", "--out", "figures"],
+}
+
+
+def compiled(folder: Path) -> Path | None:
+    """The library of `faults.c`, in a folder; None where there is no gcc."""
+    if not shutil.which("gcc"):
+        return None
+    library, source = folder / "faults.so", Path(__file__).with_suffix(".c")
+    subprocess.run(
+        ["gcc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", "-o", library, source, "-ldl"],
+        check=True,
+    )
+    return library
+
+
+def preloaded(library: Path, folder: Path, most: int, step: int = 1) -> str:
+    """`c_calls_fail` in a process that has the library; what it prints."""
+    return subprocess.run(
+        [sys.executable, __file__, library, folder, str(most), str(step)],
+        env={**os.environ, "LD_PRELOAD": str(library)},
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    ).stdout
+
+
+def c_calls_fail(library: Path, folder: Path, most: int, step: int) -> Counter[str]:
+    """Each command with its N-th call failing that reads or writes, once and for ever, for every N
+    up to so many, or each `step`-th."""
+    arm = ctypes.CDLL(str(library)).faults_arm
+    right, count = prepared(folder / "x", SMALL), Counter[str]()
+    shutil.copytree(folder / "x", folder / "plain")
+    with chdir(folder / "plain"):
+        assert hodo(*COMMANDS["run"]).exit_code == 0  # which takes the labels away
+    with chdir(folder / "x"):
+        assert hodo(*COMMANDS["plot"]).exit_code == 0
+    for name in COMMANDS:
+        for kind in range(4):
+            reads, forever = divmod(kind, 2)
+            what = f"{name}: {'reads' if reads else 'writes'} {'for ever' if forever else 'once'}"
+            for first in range(1, most + 1, step):
+                number = errno.EIO if reads or first % 2 else errno.ENOSPC
+                fault = partial(arm, bytes(folder / "work"), first, forever, reads, number)
+                if one_fails(folder, name, right, fault) < first:
+                    break
+                count[what] += 1
+            arm(b"", 0, 0, 0, 0)
+    return count
+
+
+def one_fails(folder: Path, name: str, right: Motions, arm: Callable[[], object]) -> int:
+    """One command of which a call fails, and the same that follows it: nothing is lost, or half
+    there. The number of its calls."""
+    work, told = folder / "work", folder / "told"
+    shutil.rmtree(work, ignore_errors=True)
+    shutil.copytree(folder / "plain", work)
+    if name == "plot":
+        shutil.copy(folder / "x" / "x.h5", work)
+    with chdir(work):
+        status, said, count = ended(forked(told, COMMANDS[name], arm, _calls), told)
+        assert status in (0, 2) or (status == 1 and name != "run"), (status, said)
+        assert status != 2 or len(said) == 1 or name == "plot", said  # a figure has a line too
+        equal(motions(work / "x.h5"), right)
+        drawn = files_of(folder / "x" / "figures")
+        half = [  # the page shows what could be drawn
+            path
+            for path, data in files_of(work / "figures").items()
+            if path.suffix in (".png", ".csv") and drawn[path] != data
+        ]
+        assert not half, half
+        again = hodo(*COMMANDS[name])
+        assert again.exit_code == 0, (said, again.output)
+    equal(motions(work / "x.h5"), right)
+    assert [path.name for path in work.glob("*.h5")] == ["x.h5"]
+    assert not list(work.rglob(".*")), (said, os.listdir(work))
+    assert name != "plot" or files_of(work / "figures") == drawn
+    return count
+
+
+def _calls() -> int:
+    return int(ctypes.CDLL(None).faults_count())
+
+
+def files_of(folder: Path) -> dict[Path, bytes]:
+    return {
+        path.relative_to(folder): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and not path.name.startswith(".")
+    }
+
+
+if __name__ == "__main__":
+    library, folder, *numbers = sys.argv[1:]
+    print(json.dumps(c_calls_fail(Path(library), Path(folder), *map(int, numbers))))

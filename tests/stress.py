@@ -5,6 +5,7 @@ lost, nothing slow.
 counted.
 """
 
+import json
 import os
 import random
 import re
@@ -16,6 +17,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 from itertools import cycle, islice
 from pathlib import Path
 
@@ -33,6 +35,9 @@ CONFIG = (
 SIGNALS = {signal.SIGKILL: (-9,), signal.SIGTERM: (143, -15), signal.SIGINT: (130, -2)}
 """What a command returns that a signal ended: a process that has not come so far as to catch it
 dies of it."""
+
+QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+PACKAGE = Path(faults.__file__).parents[1] / "hodo_cli"
 
 READ_BY_XARRAY = """\
 import sys, xarray
@@ -57,9 +62,8 @@ def killed(folder: Path, kill: signal.Signals, after: float, *arguments: str) ->
 
     Ctrl-C goes to its workers too, as on a terminal; the other signals to the command alone.
     """
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(
-        [*HODO, *arguments], cwd=folder, start_new_session=True, **quiet
+        [*HODO, *arguments], cwd=folder, start_new_session=True, **QUIET
     ) as process:
         time.sleep(after)
         (os.killpg if kill == signal.SIGINT else os.kill)(process.pid, kill)
@@ -238,10 +242,10 @@ def processor_time(folder: Path, *arguments: str) -> float:
 
 
 def change_bytes(folder: Path, tries: int) -> Counter[str]:
-    """Flip a bit of a result or clear a block of 512 bytes, so often each."""
+    """Flip a bit of a result, clear a block of 512 bytes or cut the end off, so often each."""
     right, count = faults.prepared(folder), Counter[str]()
     sound, chance = (folder / "x.h5").read_bytes(), random.Random(3)
-    for spoil in (faults.flipped, faults.zeroed):
+    for spoil in (faults.flipped, faults.zeroed, faults.truncated):
         for _ in range(tries):
             (folder / "x.h5").write_bytes(sound)
             spoil(folder / "x.h5", chance)
@@ -260,13 +264,108 @@ def fail_calls(folder: Path, most: int) -> Counter[str]:
     return count
 
 
-def lose_power(folder: Path, most: int) -> Counter[str]:
-    """End a run at its N-th sync, for every N up to so many, and damage what was not synced."""
+def fail_c_calls(folder: Path, most: int) -> Counter[str]:
+    """As `fail_calls`, of a run, a classification and figures, in whatever library the call is
+    made."""
+    if library := faults.compiled(folder):
+        return Counter(json.loads(faults.preloaded(library, folder, most)))
+    return Counter({"tried: there is no gcc": 0})
+
+
+def lose_power(folder: Path, tries: int) -> Counter[str]:
+    """End runs at each of their syncs in turn, and damage what was not synced."""
     right, count = faults.prepared(folder / "right"), Counter[str]()
-    for last in range(1, most + 1):
-        ended = faults.power_is_lost(folder / "run", right, last, random.Random(last))
-        count["ended" if ended else "had ended before"] += 1
+    last = 0
+    for seed in range(tries):
+        last += 1
+        if not faults.power_is_lost(folder / "run", right, last, random.Random(seed)):
+            last = 0
+        count["syncs" if last else "whole runs"] += 1
     return count
+
+
+def pairs(folder: Path, tries: int) -> Counter[str]:
+    """Two commands at once, the second some time after the first: a run that replaces the cases,
+    and a run, a classification or claims."""
+    count, chance = Counter[str](), random.Random(5)
+    right = faults.prepared(folder / "right")
+    for i, name in zip(range(tries), cycle(("run", "run --force", "classify", "claims"))):
+        shutil.copytree(folder / "right", out := folder / f"pair{i}")
+        run = ["run", out / "x.yaml", "--out", out, "--quiet"]
+        second = [*run, *name.split()[1:]] if name.startswith("run") else [name, out / "x.h5"]
+        delay = partial(time.sleep, chance.uniform(0, 0.3))
+        told = [folder / "first", folder / "second"]
+        children = [
+            faults.forked(told[0], [*run, "--force"]),
+            faults.forked(told[1], second, delay),
+        ]
+        for child, file in zip(children, told, strict=True):
+            status, said, _ = faults.ended(child, file)
+            assert status == 0, said
+        faults.equal(faults.motions(out / "x.h5"), right)
+        assert sorted(os.listdir(out)) == ["x.h5", "x.yaml"]
+        shutil.rmtree(out)
+        count[f"with {name}"] += 1
+    return count
+
+
+EDIT = """
+_before = LinearDiag.rhs
+LinearDiag.rhs = staticmethod(lambda t, y, k: tuple(1.25 * v for v in _before(t, y, k)))
+"""
+"""What is added to the source of a model, so that it computes other numbers."""
+
+
+def edit_code(folder: Path, tries: int) -> Counter[str]:
+    """Edit the source of a model at a random moment of a run: every case that is stored has the
+    numbers that belong to its hash, and the next run has those of the new source."""
+    shutil.copytree(PACKAGE, folder / "hodo_cli", ignore=shutil.ignore_patterns("__pycache__"))
+    source = folder / "hodo_cli" / "models" / "linear_diag.py"
+    (folder / "x.yaml").write_text(faults.SMALL)
+    command = [*HODO, "run", "x.yaml", "--quiet", "--out"]
+
+    def run(out: str, edited_after: float = 0.0, jobs: int = 1) -> tuple[int, str]:
+        with subprocess.Popen([*command, out, "-j", str(jobs)], cwd=folder, **QUIET) as process:
+            if edited_after:
+                time.sleep(edited_after)
+                source.write_text(new)
+            said = process.communicate()[1]
+        assert process.returncode in (0, 2), said
+        assert len(said.splitlines()) == (process.returncode == 2), said
+        return process.returncode, said
+
+    count, chance = Counter[str](), random.Random(6)
+    old = source.read_text()
+    new = old + EDIT
+    motions: dict[str, dict[str, np.ndarray]] = {}
+    for text in (old, new):
+        source.write_text(text)
+        began = time.monotonic()
+        assert run("right")[0] == 0
+        took = time.monotonic() - began
+        motions |= by_hash(folder / "right")
+    newest = by_hash(folder / "right")
+    for i in range(tries):
+        source.write_text(old)
+        status, _ = run(f"run{i}", took * chance.uniform(0.1, 1), 1 + i % 2)
+        stored = by_hash(folder / f"run{i}")
+        for mark, omega in stored.items():
+            assert np.array_equal(omega, motions[mark]), f"run{i}: stale"
+        which = "none" if not stored else "new" if stored.keys() & newest.keys() else "old"
+        count[f"{'refused' if status else 'ended'}, {which} stored"] += 1
+        if i % 4 == 3:
+            assert run(f"run{i}")[0] == 0
+            assert by_hash(folder / f"run{i}").keys() == newest.keys()
+    return count
+
+
+def by_hash(folder: Path) -> dict[str, np.ndarray]:
+    """The motions that are stored in a folder, published or not, by the hashes of their cases."""
+    found = {}
+    for path in [*folder.glob(".*.partial/[0-9]*.h5"), *folder.glob("*.h5")]:
+        with h5py.File(path) as file:
+            found |= {str(case.attrs["hash"]): case["omega"][()] for case in file.values()}
+    return found
 
 
 def report(what: str, count: Counter[str], began: float) -> None:
@@ -278,7 +377,8 @@ if __name__ == "__main__":
     kills = int(sys.argv[1]) if len(sys.argv) > 1 else 150
     for what, number in (
         *((kill_runs, kills), (kill_classifications, kills), (many_cases, 10000)),
-        *((change_bytes, 2 * kills), (fail_calls, 10 * kills), (lose_power, kills)),
+        *((change_bytes, 2 * kills), (fail_calls, 10 * kills), (fail_c_calls, 10 * kills)),
+        *((lose_power, kills), (pairs, kills), (edit_code, kills)),
     ):
         with tempfile.TemporaryDirectory() as folder:
             began = time.monotonic()

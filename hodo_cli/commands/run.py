@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress, task
-from ..results.hdf5 import Group, open_run
+from ..results.hdf5 import Group, Run, open_run
 from ..results.layout import SUMMARY, case_group
 from ..results.provenance import root_attributes, stamp
 from ..results.staging import check_writable
@@ -191,9 +192,6 @@ def plans(
             raise HodoError(
                 f"{path} would hold the results of {paths.count(path)} configs: rename one"
             )
-    if not force:
-        for config, path in zip(configs, paths, strict=True):
-            check_origin(config, path)
     made = [
         plan_of(config, path, globs, force, prune)
         for config, path in zip(configs, paths, strict=True)
@@ -227,20 +225,17 @@ def labelled(path: Path, names: Iterable[str]) -> list[str]:
         return [name for name in sound if run.summary(name, ("classify_warnings",))]
 
 
-def check_origin(config: Config, path: Path) -> None:
+def check_origin(config: Config, run: Run) -> None:
     """Raise HodoError if a result was made from a config of the same name in another folder.
 
     One with the same text may be a copy, or be moved there: nothing that it holds would be lost.
     Results that do not say where their config lies, as early ones, are accepted.
     """
-    if not os.path.lexists(path):
-        return
-    with open_run(path) as run:
-        origin, text = str(run.attributes.get(CONFIG_PATH, "")), run.text
-    if origin and origin != path_from(config, path) and text != config.text:
-        made_from = os.path.relpath(os.path.join(os.path.realpath(path.parent), origin))
+    origin = str(run.attributes.get(CONFIG_PATH, ""))
+    if origin and origin != path_from(config, run.path) and run.text != config.text:
+        made_from = os.path.relpath(os.path.join(os.path.realpath(run.path.parent), origin))
         raise HodoError(
-            f"{path} holds the results of {made_from}, not of {config.path}: "
+            f"{run.path} holds the results of {made_from}, not of {config.path}: "
             "write elsewhere (--out), or over them (--force)"
         )
 
@@ -257,9 +252,11 @@ def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
 def plan_of(
     config: Config, path: Path, globs: Sequence[str], force: bool, prune: bool = False
 ) -> Plan:
-    """Which cases of a config run, and why; those that `globs` leave out stay as they are
-    stored."""
-    done = finished(path)
+    """Which cases of a config run, and why; those that `globs` leave out stay as they are stored.
+
+    Raises HodoError as `finished` does, or, without `force`, as `check_origin` does.
+    """
+    done = finished(path) if force else finished(path, partial(check_origin, config))
     asked = tuple(
         name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs)
     )

@@ -9,11 +9,10 @@ or crash, and its checksum compared.
 
 import hashlib
 import io
+import json
 import os
 import re
-import select
 import signal
-import time
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -94,7 +93,10 @@ BLOCK_SIZE = 1 << 20
 """Bytes hashed at a time: between two blocks, Ctrl-C is heard."""
 
 PATIENCE_OF_READER = 10.0
-"""Seconds in which a case must be read; the largest that fit into memory take less."""
+"""Seconds in which a case must be read, besides those that a slow disk takes for the file."""
+
+SLOW_DISK = 2e7
+"""Bytes a second that any disk gives, and the network before it."""
 
 HANGS = 3
 """How many cases may hang or crash the reader before the file is given up as a whole."""
@@ -185,19 +187,24 @@ def _described(attributes: Mapping[str, Any]) -> str:
 SILENT = "reading it does not end, or ends the process"
 
 
-def look(first: Callable[[], list[str]], then: Callable[[str], str]) -> dict[str, str]:
+def look(
+    first: Callable[[], list[str]], then: Callable[[str], str], patience: float
+) -> dict[str, str]:
     """What is wrong with the parts of a file, by their names, looked at in another process.
 
     `first` opens the file and gives the names, `then` says what is wrong with one of them, or "".
-    A part at which that process hangs or dies is reported as such; the name "" stands for the whole
-    file. Signals are heard meanwhile.
+    A part at which that process dies, or takes more than `patience` seconds, is reported as such;
+    the name "" stands for the whole file. Signals are heard meanwhile.
     """
+    # Windows makes no such processes: there, damage may end this one.
+    if not hasattr(os, "fork"):
+        return {name: reason for name in first() if (reason := then(name))}
     wrong: dict[str, str] = {}
     seen: set[str] = set()
     for _ in range(HANGS):
         last, done = "", False
-        for line in _lines_of_child(first, then, seen):
-            kind, name, reason = line.split("\0")
+        for line in _lines_of_child(first, then, seen, patience):
+            kind, name, reason = json.loads(line)
             done = kind == "done"
             last = name if kind == "begin" else ""
             if kind == "end":
@@ -214,45 +221,50 @@ def look(first: Callable[[], list[str]], then: Callable[[str], str]) -> dict[str
 
 
 def _lines_of_child(
-    first: Callable[[], list[str]], then: Callable[[str], str], skipped: set[str]
+    first: Callable[[], list[str]],
+    then: Callable[[str], str],
+    skipped: set[str],
+    patience: float,
 ) -> list[str]:
-    """What another process says of the parts, one line each, until it ends, dies or is silent."""
+    """What another process says of the parts, one line each, until it ends or dies."""
     ours, theirs = os.pipe()
     # A fork and not a spawn: it starts in a millisecond, and only reads before it ends.
     child = os.fork()
     if child == 0:
-        _look_and_exit(theirs, first, then, skipped)
+        _look_and_exit(theirs, first, then, skipped, patience)
     os.close(theirs)
-    text, deadline = b"", time.monotonic() + PATIENCE_OF_READER
-    try:
-        while select.select([ours], [], [], max(deadline - time.monotonic(), 0))[0]:
-            if not (block := os.read(ours, BLOCK_SIZE)):
-                break
-            text, deadline = text + block, time.monotonic() + PATIENCE_OF_READER
-    finally:
-        os.close(ours)
-        # It may be in a loop of HDF5, where no other signal is heard.
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-    return text.decode("utf-8", "replace").split("\n")[:-1]
+    with open(ours, "rb") as pipe:
+        text = pipe.read()
+    os.waitpid(child, 0)
+    return text.decode().split("\n")[:-1]
 
 
 def _look_and_exit(
-    pipe: int, first: Callable[[], list[str]], then: Callable[[str], str], skipped: set[str]
+    pipe: int,
+    first: Callable[[], list[str]],
+    then: Callable[[str], str],
+    skipped: set[str],
+    patience: float,
 ) -> None:
     """What the other process does."""
+
+    def say(*words: str) -> None:
+        os.write(pipe, json.dumps(words).encode() + b"\n")
+
     # What ends it is told by the line that is missing, not by its own last words.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    for number in (signal.SIGINT, signal.SIGTERM):
+    # The system itself ends it at a signal, also in a loop of HDF5, and if nobody waits any more.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
         signal.signal(number, signal.SIG_DFL)
     try:
+        signal.setitimer(signal.ITIMER_REAL, patience)
         for name in first():
             if name not in skipped:
-                os.write(pipe, f"begin\0{name}\0\n".encode("utf-8", "replace"))
-                reason = then(name).replace("\n", " ").replace("\0", " ")
-                os.write(pipe, f"end\0{name}\0{reason}\n".encode("utf-8", "replace"))
-        os.write(pipe, b"done\0\0\n")
+                signal.setitimer(signal.ITIMER_REAL, patience)
+                say("begin", name, "")
+                say("end", name, then(name))
+        say("done", "", "")
     except Exception:  # it cannot be opened: so this process will find, and say why
-        os.write(pipe, b"done\0\0\n")
+        say("done", "", "")
     finally:
         os._exit(0)

@@ -2,10 +2,11 @@
 h5py."""
 
 import os
+import shutil
 import stat
 import warnings
 from collections.abc import Callable, Container, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +18,18 @@ from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
 
 from .. import HodoError
 from ..batch import memory
-from .disk import Checksum, Digest, Disk, digest_of, is_sealed, look, refusal, seal
+from .disk import (
+    PATIENCE_OF_READER,
+    SLOW_DISK,
+    Checksum,
+    Digest,
+    Disk,
+    digest_of,
+    is_sealed,
+    look,
+    refusal,
+    seal,
+)
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
@@ -47,6 +59,9 @@ that claims more was never written, and would fill the memory."""
 
 FEW_BYTES = 1 << 20
 """What a dataset may claim in any case."""
+
+FEW_TEXTS = 16
+"""Texts that are read at once: a compromise between time, and memory if each is the whole file."""
 
 Attribute = str | int | float | np.ndarray
 
@@ -140,7 +155,7 @@ class Run:
                 if item.nbytes > memory.limit():
                     size = memory.in_bytes(item.nbytes)
                     raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {size}")
-                data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
+                data = _texts(item) if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(
                     _dims(item, named) or (key,) * data.ndim, data, _attributes(item)
                 )
@@ -162,8 +177,8 @@ class Run:
                     yield group
                     return
         except DAMAGE as error:
-            if refusal(error):
-                raise
+            if reason := refusal(error):
+                raise HodoError(f"{self.path} cannot be read: {reason}") from error
             raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
 
@@ -176,7 +191,8 @@ class Run:
             known = {key: found.attributes[key] for key in covered}
             return "" if told in ("", _checksum(known, found.variables, told)) else MISFIT
         except HodoError as error:
-            return str(error).removeprefix(f"{self.path}: ")
+            reason = str(error).removeprefix(f"{self.path}: ")
+            return reason.removeprefix(f"{name} is damaged (").removesuffix(")")
 
     def checksum(self, name: str) -> str:
         """The checksum that is stored with a group, which tells its content from any other without
@@ -261,6 +277,20 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     return item
 
 
+def _texts(item: h5py.Dataset) -> np.ndarray:
+    """A list of texts, a few at a time: any number of them may be the same long text of a small
+    file. Raises ValueError if they are longer than the file."""
+    if item.ndim != 1:
+        raise ValueError(f"{item.name} is no list of texts")
+    texts, left = np.empty(len(item), dtype=object), item.file.id.get_filesize()
+    for few in (slice(start, start + FEW_TEXTS) for start in range(0, len(item), FEW_TEXTS)):
+        texts[few] = item.asstr()[few]
+        left -= sum(map(len, texts[few]))
+        if left < 0:
+            raise ValueError(f"the texts of {item.name} are longer than the file")
+    return texts
+
+
 @contextmanager
 def open_run(path: Path | str) -> Iterator[Run]:
     """A result file, open for reading.
@@ -288,7 +318,12 @@ def open_run(path: Path | str) -> Iterator[Run]:
             raise HodoError(f"{path} is damaged ({reason}): move it away and run again")
         if damaged is not INTACT and any(run.lacks_checksum(name) for name in run.groups()):
             warnings.warn(f"{path} has no checksums: damage to it would not show", stacklevel=3)
-        yield run
+        try:
+            yield run
+        except DAMAGE as error:
+            if "file read failed" not in str(error):  # HDF5's words, whatever it was asked for
+                raise
+            raise HodoError(f"{path} cannot be read: {refusal(error)}") from error
 
 
 def _opened(path: Path) -> h5py.File:
@@ -306,12 +341,14 @@ def _damage(path: Path) -> Mapping[str, str]:
 
     Raises HodoError if it is no file.
     """
-    with suppress(OSError):  # opening it will say why
+    try:
         status = path.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             raise HodoError(f"{path} is a pipe or a device, not a file")
         if stat.S_ISREG(status.st_mode) and not is_sealed(path):
             return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
+    except OSError as error:
+        raise HodoError(f"{path}: {_why_closed(path, error)}") from None
     return INTACT
 
 
@@ -331,7 +368,7 @@ def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
     def problem(name: str) -> str:
         return files[0].check(name) if name != ROOT else files[0].check_root()
 
-    return look(names, problem)
+    return look(names, problem, PATIENCE_OF_READER + size / SLOW_DISK)
 
 
 ROOT = "/"
@@ -397,9 +434,11 @@ class Output:
         self._disk = disk
 
     def write(self, name: str, group: Group) -> None:
-        """Add a group. The order of creation is tracked throughout: without it netCDF-4 cannot
-        append."""
+        """Add a group, or replace it. The order of creation is tracked throughout: without it
+        netCDF-4 cannot append."""
         self._disk.check()
+        if name in self._file:
+            del self._file[name]
         target = self._file.create_group(name, track_order=True)
         told = {key: group.attributes[key] for key in TOLD_ATTRIBUTES if key in group.attributes}
         _set_attributes(target, {k: v for k, v in group.attributes.items() if k not in told})
@@ -468,16 +507,46 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
 
     Raises OSError if the operating system does not let it be written.
     """
+    with _written(path) as disk:
+        with h5py.File(disk, "w", track_order=True) as file:
+            _set_root(file, attributes)
+            yield Output(file, disk)
+        disk.check()
+        seal(disk)
+
+
+@contextmanager
+def amend(path: Path, run: Run, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
+    """A copy of a file that holds damaged groups, which HDF5 cannot copy: their bytes are kept, and
+    the groups that are written replace theirs and come last. It gets no seal, so that the damage is
+    seen again.
+
+    Raises OSError if the operating system does not let it be written.
+    """
+    with _written(path) as disk:
+        with open(run.path, "rb") as file:
+            shutil.copyfileobj(file, disk)
+        disk.check()
+        with h5py.File(disk, "r+") as file:
+            for name in [*file.attrs]:
+                del file.attrs[name]
+            _set_root(file, attributes)
+            yield Output(file, disk)
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[Disk]:
+    """A new file; what the operating system refused in the meantime is raised at the end."""
     with Disk(path) as disk:
         try:
-            with h5py.File(disk, "w", track_order=True) as file:
-                root = _as_stored({"format_version": FORMAT_VERSION, **attributes})
-                _set_attributes(file, {**root, "checksum": str(Checksum(root))})
-                yield Output(file, disk)
-            disk.check()
-            seal(disk)
+            yield disk
         finally:
             disk.check()
+
+
+def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:
+    root = _as_stored({"format_version": FORMAT_VERSION, **attributes})
+    _set_attributes(file, {**root, "checksum": str(Checksum(root))})
 
 
 def _file_type(name: str, data: np.ndarray) -> Any:

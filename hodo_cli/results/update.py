@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .hdf5 import Group, Run, create, open_run
+from .hdf5 import Group, Run, amend, create, open_run
 from .staging import Staging, check_writable, refusals
 from .writer import KEPT, longer, parts_in, pieces, publish_finished, resume_attributes
 
@@ -23,9 +23,8 @@ class Update:
     def write(self, name: str, part: Group) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
         made anew."""
-        if name not in self.run or not _holds(
-            self.run.read(name), part, whole=name.startswith("_")
-        ):
+        is_there = name in self.run and name not in self.run.damaged
+        if not is_there or not _holds(self.run.read(name), part, whole=name.startswith("_")):
             self.parts[name] = part
 
 
@@ -61,6 +60,9 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
 def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
+    # Bytes of a case that cannot be read are kept: they may be all that is left of it.
+    is_amended = any(name in now.damaged for name in now.cases())
+
     def is_the_same(name: str) -> bool:
         return name in now and resume_attributes(now, name) == resume_attributes(changes.run, name)
 
@@ -73,10 +75,13 @@ def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
         )
 
     parts = {name: part for name, part in changes.parts.items() if applies(name)}
-    with create(whole, {**now.attributes, "history": longer(now, history)}) as output:
+    attributes = {**now.attributes, "history": longer(now, history)}
+    with amend(whole, now, attributes) if is_amended else create(whole, attributes) as output:
         for name in dict.fromkeys([*now.groups(), *parts]):
             if name not in parts:
-                output.copy(now, name)
+                # Damaged verdicts are left out: `hodo claims` gives them again.
+                if not is_amended and name not in now.damaged:
+                    output.copy(now, name)
             elif name.startswith("_"):
                 output.write(name, parts[name])
             else:

@@ -10,7 +10,7 @@ pieces of a dead one over. A sweep comes in *parts*, small files too, of which i
 import os
 import shutil
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,16 +36,20 @@ class Finished:
     damage: str = ""
 
 
-def finished(path: Path | str) -> dict[str, list[Finished]]:
+def finished(
+    path: Path | str, check: Callable[[Run], None] = lambda run: None
+) -> dict[str, list[Finished]]:
     """The finished cases of a result, and of runs that have not ended, by name; those of the result
     itself first.
 
-    Raises HodoError if the result exists but cannot be read, as `open_run` does.
+    Raises HodoError if the result exists but cannot be read, as `open_run` does, or if `check`
+    refuses it.
     """
     path = Path(path)
     found: dict[str, list[Finished]] = {}
     if os.path.lexists(path):
         with open_run(path) as run:
+            check(run)
             _collect(run, found)
     for piece in (piece for folder in staging_folders(path) for piece in pieces(folder)):
         # Gone by now, or torn by a loss of power: then the case is run anew.
