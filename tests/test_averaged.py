@@ -554,3 +554,19 @@ def test_figures_and_claims_of_averaging(hodo: Hodo, tmp_path: Path) -> None:
 def test_the_side_chooses_to_the_last_digit() -> None:
     assert either(-1.0, 1.5e15, 6.7e-16) == 6.7e-16
     assert either(1.0, 6.7e-16, 1.5e15) == 6.7e-16
+
+
+@pytest.mark.parametrize("beside", [1e-3, 1e-5, 1e-7, 1e-9])
+def test_the_rounding_of_a_start_beside_the_separatrix_is_part_of_its_error(beside: float) -> None:
+    """u is the difference of two logarithms of size 1: of 1e-9 seven digits are left."""
+    start = {"p": 0.8, "q": 0.5, "r": 0.8 * math.sqrt(0.2 / 0.12) * (1 - beside)}
+    motion = integrate(case(initial=start, mean_start="no", time={"end": 100, "samples": 3}))
+    slow = slow_elements(BODY, tuple(start.values()))
+    u = float(-np.log1p(-slow.gap))
+    exact = float(crossing_time((0.005, 0.004, 0.003), slow.side, u))
+    off = abs(motion.events[0].time / exact - 1)
+    assert off <= 2 * motion.errors["event_time"]
+    # The fluid takes a motion the other way, and amplitudes lose as much of u as logarithms.
+    other = start | {"r": 0.8 * math.sqrt(0.2 / 0.12) * (1 + beside)}
+    free = integrate(cavity(kappa=0.01, initial=other, mean_start="no"))
+    assert 1e-18 / beside < free.errors["event_time"] < 1e-14 / beside

@@ -20,7 +20,7 @@ from .averaging.fluid import (
     fluid_rates,
     through_with_fluid,
 )
-from .averaging.forms import MEAN_START, AveragedTurns, turning_constants
+from .averaging.forms import MEAN_START, AveragedTurns, either, turning_constants
 from .averaging.free_turn import Slow
 from .base import Constants, Event, Label, Model
 from .cavity import Cavity, coefficient
@@ -249,6 +249,11 @@ class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
         g, f = (np.sqrt(value) / unit for value in slow.pair)
         turned = slow.sense * scale * slow.phase
         return np.stack((slow.sense * g, f, turned, slow.side + 0.0, slow.sense + 0.0))
+
+    def at_distance(self, y: np.ndarray, gap: Any) -> np.ndarray:
+        k = attributes(self.constants, np.longdouble)
+        f = np.abs(y[0]) * np.sqrt((1 - gap) / either(y[3], k.ratio_a, k.ratio_c))
+        return np.array([y[0], f, *y[2:]])
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
         g, f = y.T[:2]

@@ -172,6 +172,20 @@ class AveragedTurns(BodyFrame):
         return tuple(self.starts(np.array(super().start)).tolist())
 
     @property
+    def finer_start(self) -> np.ndarray:
+        slow, _ = self.elements(np.array(super().start))
+        y = np.array(self.start, dtype=np.longdouble)
+        # Elsewhere u is of the size of the state, and has its digits.
+        near = slow.gap < 0.5 and min(slow.pair) > 0
+        return self.at_distance(y, np.longdouble(slow.gap)) if near else y
+
+    def at_distance(self, y: np.ndarray, gap: Any) -> np.ndarray:
+        """A state with ln E, ln O and, fourth, the side, at 1 - m = gap beside the separatrix,
+        whose digits the difference of two logarithms does not keep."""
+        u = -np.log1p(-gap)
+        return np.array([y[0], y[0] + y[3] * self.constants["turning_offset"] - u, *y[2:]])
+
+    @property
     def warnings(self) -> list[str]:
         if self.elements(super().start)[1]:
             return super().warnings
