@@ -612,7 +612,7 @@ def test_the_distance_of_two_sweeps() -> None:
     other = columns([1, 1, 1, 3], [1.5, 3, 4, 5], [0, 0, 0, 0])
 
     def mean(variable: str, against: str) -> float:
-        return float(averages.average(averages.apart(one, other, variable, against),
+        return float(averages.average(averages.distance_of_sweeps(one, other, variable, against),
                                       ["a"], variable, (), {}))  # fmt: skip
 
     assert mean("end_axis", "end_axis") == 1 / 3
@@ -621,7 +621,9 @@ def test_the_distance_of_two_sweeps() -> None:
     with pytest.raises(HodoError, match="no variable 'G'"):
         mean("crossing_time", "G")
     with pytest.raises(HodoError, match="values of 'crossing_time'"):
-        averages.apart(one, {"G": Variable(("a",), np.zeros(3), {})}, "crossing_time", "G")
+        averages.distance_of_sweeps(
+            one, {"G": Variable(("a",), np.zeros(3), {})}, "crossing_time", "G"
+        )
 
 
 @pytest.mark.heyoka

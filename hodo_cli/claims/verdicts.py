@@ -28,7 +28,7 @@ from ..progress import portion
 from ..results.hdf5 import Run
 from ..results.motion import Array, Motion, motion_of
 from ..schema.kinds import unknown
-from ..sweeps.averages import apart
+from ..sweeps.averages import distance_of_sweeps
 from . import averaging, paper1, paper2, paper3
 from .checks import MOTION_CHECKS, averages
 from .finding import PAPER_CHECKS, PAPER_TRENDS, PLOTTING_ACCURACY, Finding, Verdict, degree
@@ -119,7 +119,7 @@ def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
     columns: Mapping[Any, Array] = groups[0].variables
     if len(groups) == 2:
         variable, against = claim["check"]["variable"], claim["check"]["against"]
-        columns = apart(columns, groups[1].variables, variable, against or variable)
+        columns = distance_of_sweeps(columns, groups[1].variables, variable, against or variable)
     return averages(claim["check"], columns, list(sweep or {}))
 
 

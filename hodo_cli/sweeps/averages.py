@@ -10,7 +10,7 @@ from ..results.hdf5 import Variable
 from ..results.motion import Array
 
 
-def apart(
+def distance_of_sweeps(
     variables: Mapping[Any, Array], others: Mapping[Any, Array], variable: str, against: str
 ) -> dict[str, Array]:
     """A variable of one sweep as its distance from one of another sweep of the same axes; for
