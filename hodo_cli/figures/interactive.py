@@ -31,7 +31,10 @@ from .sheet import Sheet, Shown
 HOVER = ("G", "T", "D")
 """The quantities of the point under the pointer, besides its coordinates, time and axis."""
 
-MARGIN = {"l": 60, "r": 20, "t": 40, "b": 50}
+MARGIN = {"l": 60, "r": 20, "t": 90, "b": 50}
+
+KEY = {"itemsizing": "constant", "orientation": "h", "x": 0, "y": 1.04, "yanchor": "bottom"}
+"""Where the legend stands: above, because beside it would leave a telephone half of its width."""
 
 OF_SWEEPS = ("curve", "share")
 """Kinds that show sweeps, which have no samples for the pointer to tell of."""
@@ -107,7 +110,7 @@ def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figu
         ends = {"size": 4, "color": "#FFFFFF", "line": {"color": "#444444", "width": 2}}
         start = "" if place else "start"
         figure.add_trace(_space(points[:1], start, mode="markers", marker=ends))
-    figure.update_layout(scene=_scene(ball), margin=MARGIN, legend={"itemsizing": "constant"})
+    figure.update_layout(scene=_scene(ball), margin=MARGIN, legend=KEY)
     return figure
 
 
@@ -187,7 +190,7 @@ def panels(
         figure.update_xaxes(title_text=_plain(x), row=row + 1, col=column + 1)
         figure.update_yaxes(title_text=_plain(y), row=row + 1, col=column + 1)
         _mark_crossings(figure, motion, x, values, y, (row + 1, column + 1))
-    figure.update_layout(margin=MARGIN)
+    figure.update_layout(margin=MARGIN, legend=KEY)
     return figure
 
 
