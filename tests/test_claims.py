@@ -32,6 +32,7 @@ from hodo_cli.claims.finding import PAPER_CHECKS, PAPER_TRENDS, Finding, Verdict
 from hodo_cli.claims.quantities import number
 from hodo_cli.claims.variations import Motions, changed, members
 from hodo_cli.claims.verdicts import gridded, measure, sampled, together
+from hodo_cli.commands import claims
 from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
@@ -392,6 +393,33 @@ def test_a_verdict_that_is_not_the_expected_one_is_exit_status_3(
         assert "(x1 to x3)" in stored["evidence"].data[0]
     table = hodo("claims", path).stdout
     assert "reproduced (EXPECTED: contradicted)" in table
+
+
+def test_verdicts_are_given_once_until_what_they_rest_on_changes(
+    hodo: Hodo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("EXPECT", REPRODUCED), encoding="utf-8")
+    path = tmp_path / "runs" / "c.h5"
+    hodo("run", "c.yaml")
+    hodo("classify", path)
+    given: list[int] = []
+
+    def judged(*of: Any) -> Any:
+        given.append(1)
+        return really(*of)
+
+    really = claims.judged
+    monkeypatch.setattr(claims, "judged", judged)
+    (first, _), (again, _) = claims.judge_results([path]), claims.judge_results([path])
+    for key in ("id", "verdict", "evidence"):
+        assert [row[key] for row in again] == [row[key] for row in first]
+    assert len(given) == 1
+    hodo("run", "c.yaml", "--set", "turning.time.end=90", "--out", "other")
+    hodo("classify", *(tmp_path / "other").glob("*.h5"))
+    (other,) = (tmp_path / "other").glob("*.h5")
+    path.write_bytes(other.read_bytes())
+    claims.judge_results([path])
+    assert len(given) == 2
 
 
 def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> None:

@@ -1,12 +1,16 @@
 """Motions that the data feed energy into: they end, and the data are warned of before the run."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import protocol
+from hodo_cli.engines.protocol import Status, Watch
 from hodo_cli.integration.integrate import integrate
 
 SPINS_UP = """\
@@ -70,3 +74,26 @@ def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPat
     motion = integrate(case)
     assert motion.steps == 50
     assert motion.message.startswith("max_steps: stopped after 50 steps")
+
+
+class Outflow:
+    """h' = -sqrt(h) from h(0) = 1, which is empty at t = 2 and has no real rate below 0."""
+
+    degree: dict[str, int] = {}
+    state = ("h",)
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        return (-(y[0] ** 0.5),)
+
+
+@pytest.mark.parametrize("method", [name for name in protocol.DRIVEN if name != "taylor"])
+def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> None:
+    # A root of a negative number is complex to Python, and a solver would go on with a part of it.
+    engine = engines.engine_for(method, Outflow(), (), 1e-6, "double")  # type: ignore[arg-type]
+    watch = Watch(max_steps=10_000)
+    leg = engine.leg({}, np.array([1.0]), np.linspace(0, 4, 17), watch)
+    assert watch.status == Status.FAILED
+    assert float(leg.time[0]) < 2.2
+    times = np.linspace(0, 4, 17)[: len(leg.rows)]
+    assert leg.rows[:, 0] == pytest.approx((1 - times / 2) ** 2, abs=1e-4)

@@ -392,6 +392,17 @@ def test_locked(path: Path) -> None:
             pass
 
 
+def test_a_folder_without_file_locks_is_named(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(path, {"a": group()})
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise OSError("Unable to synchronously open file (unable to lock file, errno = 95)")
+
+    monkeypatch.setattr(h5py, "File", refuse)
+    with pytest.raises(HodoError, match="no file locks; set HDF5_USE_FILE"):
+        open_run(path).__enter__()
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
 def test_no_permission(path: Path) -> None:
     write(path, {"a": group()})

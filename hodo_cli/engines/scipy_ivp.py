@@ -60,5 +60,7 @@ class Ivp(Stepwise):
         return solver
 
     def _rhs(self, k: Any, t: float, y: np.ndarray) -> np.ndarray:
-        # Python floats: for three numbers they take half the time of numpy's scalars.
-        return np.array(self.model.rhs(t, y.tolist(), k))
+        # Python floats: for three numbers they take half the time of numpy's scalars. But a root of
+        # a negative one is complex, and a solver would go on with its real part.
+        rates = np.array(self.model.rhs(t, y.tolist(), k))
+        return np.full(len(y), np.nan) if rates.dtype == complex else rates

@@ -121,9 +121,7 @@ class Taylor:
 
 
 def longdouble(values: np.ndarray) -> np.ndarray:
-    """Values of any of the three precisions as long doubles."""
-    if values.dtype != np.dtype(hy.real128):
-        return values.astype(np.longdouble)
+    """Quadruple values as long doubles."""
     # There is no direct conversion: the leading 53 bits first, then what they leave.
     high = values.astype(np.float64)
     return np.asarray(
