@@ -68,6 +68,13 @@ def test_the_main_job(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     assert hodo("show", "runs/two.h5").stdout == ran.stdout
 
 
+def test_show_says_what_a_case_assumes(hodo: Hodo, config: Path) -> None:
+    config.write_text(CONFIG.replace("turns:\n", "turns:\n    assumes: {r0: by reading}\n", 1))
+    assert hodo("run", config).returncode == 0
+    rows = json.loads(hodo("show", "runs/two.h5", "--json").stdout)
+    assert [row["assumes"] for row in rows] == ["r0: by reading", ""]
+
+
 def test_finished_cases_are_kept(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     hodo("run", config)
     hodo("classify", "runs/two.h5")

@@ -26,6 +26,7 @@ from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
+from hodo_cli.commands.classify import tabulated
 from hodo_cli.engines import exact
 from hodo_cli.engines.protocol import Status
 from hodo_cli.figures.geometry import edges
@@ -512,6 +513,19 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
             file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True
         )
         assert (file["ball"]["status"][:] == Status.OK.code).all()
+
+
+def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
+    columns_of = {
+        "status": [Status.OK.code] * 3 + [Status.INVALID.code],
+        "crossings": [2, 0, 1, 3],
+        "crossing_time": [4.0, math.nan, 6.0, 1.0],
+    }
+    variables = {
+        name: Variable(("member",), np.array(values), {}) for name, values in columns_of.items()
+    }
+    (line,) = tabulated("a", Group({}, variables))["warnings"]
+    assert line == "2 of 3 members cross, up to 2 times, first at 4 to 6, median 5"
 
 
 @pytest.mark.heyoka

@@ -135,11 +135,11 @@ def tabulated(name: str, group: Group) -> dict[str, Any]:
         return {**row, "warnings": ["the crossings are not stored"]}
     crossing = ok & (counts.data > 0)
     said = f"{crossing.sum()} of {ok.sum()} members cross"
-    if counts.data.max(initial=0) > 1:
-        said += f", up to {counts.data.max()} times"
+    if (most := counts.data[ok].max(initial=0)) > 1:
+        said += f", up to {most} times"
     if (times := group.variables.get("crossing_time")) is not None and crossing.any():
-        least, median, most = np.quantile(times.data[crossing], (0, 0.5, 1))
-        said += f", first at {least:.6g} to {most:.6g}, median {median:.6g}"
+        first, median, last = np.quantile(times.data[crossing], (0, 0.5, 1))
+        said += f", first at {first:.6g} to {last:.6g}, median {median:.6g}"
     return {**row, "warnings": [said]}
 
 
