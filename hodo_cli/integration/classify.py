@@ -155,10 +155,10 @@ def against_reference(
     `error: off` that will do, unless such an error leaves anything undecided.
     """
     solution, path = motion.solution, motion.solution.path
-    assumed = expected * left_axis(case, path)
-    assumed[:1] = start_error(case)
-    if case.error == "off" and not crossings_of(case, motion, assumed).undecided:
-        return assumed, None
+    if case.error == "off":
+        assumed = assumed_errors(case, path, expected)
+        if not crossings_of(case, motion, assumed).undecided:
+            return assumed, None
     end = math.inf if solution.whole else float(path.time[-1])
     for precision, other, tol in references(case, method, solution.tol):
         limited = patient(case, method, solution, other)
@@ -172,7 +172,14 @@ def against_reference(
         theirs[:1] = errors[:1] = start_error(case)
         name = f"{other} in {precision} precision"
         return errors, (crossings_of(case, reference, theirs), name)
-    return assumed, None
+    return assumed_errors(case, path, expected), None
+
+
+def assumed_errors(case: Case, path: Sampled, expected: float) -> np.ndarray:
+    """The errors (n,) of a motion that has no reference: `expected` of every step."""
+    errors = expected * left_axis(case, path)
+    errors[:1] = start_error(case)
+    return errors
 
 
 def left_axis(case: Case, path: Sampled) -> np.ndarray:
@@ -185,7 +192,7 @@ def left_axis(case: Case, path: Sampled) -> np.ndarray:
     order = rigid_body.inertia_order(A)
     if not A[order[0]] > A[order[1]] > A[order[2]]:
         return np.ones(len(path.time))
-    near = np.array([rigid_body.near_middle_axis(A, w, order) for w in path.state.astype(float)])
+    near = rigid_body.near_middle_axis(A, path.state.astype(float), order)
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
     return np.maximum(1, np.where(near > 0, growth, 1))
@@ -201,7 +208,8 @@ def start_error(case: Case) -> float:
         np.array(case.data["inertia"]),
         np.array(case.system.start),
     )
-    return EPS * math.sqrt(rigid_body.near_middle_axis(A, omega, rigid_body.inertia_order(A)))
+    order = rigid_body.inertia_order(A)
+    return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega, order)))
 
 
 def own_errors(case: Case, motion: Watched, reference: Watched, precision: str) -> np.ndarray:

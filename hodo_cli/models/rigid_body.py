@@ -89,16 +89,18 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
     return np.asarray(ratio)
 
 
-def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> float:
-    """How the terms of D at omega (3,) compare with what they could be: their sum over that of
+def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
+    """How the terms of D at omega (..., 3) compare with what they could be: their sum over that of
     their weights times |omega|^2; 1 for a sphere and at rest, where D has no terms.
 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
-    unit = omega / (np.abs(omega).max() or 1)
+    size = np.abs(omega).max(axis=-1, keepdims=True)
+    unit = np.moveaxis(np.divide(omega, size, out=np.zeros_like(omega), where=size > 0), -1, 0)
     a, b = separatrix_roots(A, order)
-    most = (a * a + b * b) * (unit * unit).sum()
-    return float(sum(separatrix_terms(A, unit, order)) / most) if most else 1.0
+    most = (a * a + b * b) * (unit * unit).sum(axis=0)
+    of_terms = np.asarray(sum(separatrix_terms(A, unit, order)))
+    return np.asarray(np.divide(of_terms, most, out=np.ones_like(most), where=most > 0))
 
 
 def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
