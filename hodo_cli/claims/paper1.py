@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..engines import have_taylor
-from ..integration.classify import EPS
+from ..engines.protocol import EPS
 from ..integration.solve import solve, stored
 from ..models import closed_form
 from ..models.closed_form import free_motion, sn_cn_dn
@@ -21,7 +21,7 @@ from .finding import Finding, agreement, check, difference, erratum, if_true, li
 from .quantities import first, number, reach, swept_angle, zeros
 
 
-def integrated(m: Motion) -> np.ndarray:
+def numerical_motion(m: Motion) -> np.ndarray:
     """omega (n, 3) by numerical integration: a closed form shall not be compared with itself."""
     solution = solve(
         m.case, "taylor" if have_taylor() else "DOP853", m.case.precision, times=m.time
@@ -33,7 +33,10 @@ def integrated(m: Motion) -> np.ndarray:
 def free_rotation(motions: Sequence[Motion]) -> Finding:
     """Free rotation is Euler's and Jacobi's closed form."""
     return agreement(
-        [(integrated(m), free_motion(m.inertia, m.omega[0], m.time - m.time[0])) for m in motions],
+        [
+            (numerical_motion(m), free_motion(m.inertia, m.omega[0], m.time - m.time[0]))
+            for m in motions
+        ],
         1e-10,
     )
 
@@ -52,7 +55,7 @@ def free_rotation_from_q0(motions: Sequence[Motion]) -> Finding:
     pairs = []
     for m in motions:
         since, passage = passage_of_q(m)
-        pairs.append((integrated(m), free_motion(m.inertia, passage, m.time - since)))
+        pairs.append((numerical_motion(m), free_motion(m.inertia, passage, m.time - since)))
     # The passage is known to some rounding errors of a period, which the motion then carries along.
     return agreement(pairs, 1e-9)
 
@@ -96,7 +99,7 @@ def equal_damping(motions: Sequence[Motion]) -> Finding:
 
     Source: E. Padova 1885, as cited; the paper's eq (5) with the time that meets the initial data.
     """
-    return agreement([(integrated(m), by_equal_damping(m)) for m in motions], 1e-10)
+    return agreement([(numerical_motion(m), by_equal_damping(m)) for m in motions], 1e-10)
 
 
 def by_equal_damping(m: Motion) -> np.ndarray:
@@ -366,8 +369,8 @@ def equation_6(motions: Sequence[Motion]) -> Finding:
     """(5)-(6) as printed, in the better of their two signs, and the closed form that meets the
     initial data, each beside the motion.
     """
-    printed = difference([(integrated(m), as_in_equation_6(m)) for m in motions])
-    corrected = difference([(integrated(m), by_equal_damping(m)) for m in motions])
+    printed = difference([(numerical_motion(m), as_in_equation_6(m)) for m in motions])
+    corrected = difference([(numerical_motion(m), by_equal_damping(m)) for m in motions])
     return erratum(printed, corrected, 1e-10)
 
 
@@ -391,7 +394,7 @@ def as_in_equation_6(m: Motion) -> np.ndarray:
         np.stack([a * size1 * outer, b * size2 * sn, c * size3 * inner], axis=-1)
         for a, b, c in signs
     ]
-    omega = integrated(m)
+    omega = numerical_motion(m)
     return min(
         (decay[:, None] * shape for shape in shapes),
         key=lambda found: float(np.abs(found - omega).max()),

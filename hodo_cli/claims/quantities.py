@@ -8,8 +8,9 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines import extended
+from ..engines.protocol import EPS
 from ..integration.choice import choose
-from ..integration.classify import EPS, cross
+from ..integration.classify import cross
 from ..integration.solve import solve, stored
 from ..integration.trajectory import Occurrence
 from ..models import rigid_body

@@ -242,7 +242,7 @@ def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: boo
     entry = None if force else record.current(PAGE_FILE)
     if entry is None or entry["mark"] != page_mark(out, folders):
         task = PageTask(out, [(each.result, each.config, each.figures) for each in folders])
-        for _, said in workers.map(write_page, [task]):
+        for _, said in workers.map(page_written, [task]):
             if isinstance(said, Exception):
                 raise said
             record.note(PAGE_FILE, page_mark(out, folders), (), said)
@@ -264,7 +264,7 @@ def page_mark(out: Path, folders: Sequence[Folder]) -> str:
     return content_mark(checksums, repr((shown, figures, pieces)))
 
 
-def write_page(task: PageTask) -> tuple[str, ...]:
+def page_written(task: PageTask) -> tuple[str, ...]:
     """Write the page of all figures, and return the warnings that it gives; what a pool does."""
     from ..figures import page
     from ..figures.sheet import Rendered

@@ -17,6 +17,8 @@ PRECISION = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps)}
 PRECISION["quadruple"] = 2.0**-112
 """The distance from 1 to the next number in each precision."""
 
+EPS = PRECISION["double"]
+
 LAST_STEP = {"taylor": 10_000_000, "collocation": 100_000} | dict.fromkeys(IVP, 1_000_000)
 """Steps after which a motion is given up unless its case says otherwise: some 10 s of heyoka's, one
 to two minutes of those taken in Python."""

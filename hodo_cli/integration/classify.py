@@ -9,7 +9,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines import extended
-from ..engines.protocol import PRECISION
+from ..engines.protocol import EPS, PRECISION
 from ..models import rigid_body
 from ..progress import portion
 from .choice import best
@@ -17,9 +17,6 @@ from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks
 from .driver import Sampled
 from .error import MOTION, patient, references
 from .solve import Solution, sample_times, solve, stored
-
-EPS = 2.0**-52
-
 
 CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""

@@ -21,7 +21,7 @@ MOTION = 1 / 4
 """The part of all work on a motion that the motion itself takes; the rest goes into its reference,
 whose long doubles take 2 to 4 times as long."""
 
-PATIENCE = {True: (1000, 20), False: (2 * int(MANY_STEPS), 500)}
+STEPS_ALLOWED = {True: (1000, 20), False: (2 * int(MANY_STEPS), 500)}
 """Steps after which a reference is given up: so many, or so many times those of the motion; by
 whether both are by the same method. A Taylor series may take RATIO times the steps of an implicit
 method, and MANY_STEPS in any case."""
@@ -63,7 +63,7 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
 def patient(case: Case, method: str, solution: Solution, reference: str) -> Case:
     """A case as the reference of its motion takes it: it gives up where it takes very much longer,
     as a series in long double does that a singularity stops."""
-    least, most = PATIENCE[method == reference]
+    least, most = STEPS_ALLOWED[method == reference]
     limit = max(least, most * solution.steps)
     return replace(case, max_steps=min(case.max_steps or limit, limit))
 

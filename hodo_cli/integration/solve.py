@@ -11,14 +11,12 @@ from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines import exact
 from ..engines.polynomial import TAYLOR
-from ..engines.protocol import LAST_STEP, Engine, Status, Watch
+from ..engines.protocol import EPS, LAST_STEP, Engine, Status, Watch
 from ..models.base import Model
 from ..models.constants import attributes
 from ..progress import reached
 from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Sampled, Witness, propagate
 from .units import Clock, Units
-
-EPS = 2.0**-52
 
 REFINEMENTS, FEW = {"taylor": 5}, 2
 """How often what approximates equations is refined: it takes twice as long each time, and seconds
@@ -104,7 +102,7 @@ def solve(
     times = sample_times(case) if times is None else times
     if method == "exact":
         return closed_form(case, times, precision)
-    solution, resolved = integrated(case, method, precision, tol, times, witness)
+    solution, resolved = attempted(case, method, precision, tol, times, witness)
     for _ in range(REFINEMENTS.get(method, FEW) if refine else 0):
         if resolved or not solution.whole:
             break
@@ -115,14 +113,14 @@ def solve(
             data={**case.data, **solution.case.system.finer},
             max_steps=min(case.max_steps or limit, limit),
         )
-        better, resolved = integrated(finer, method, precision, tol, times, witness)
+        better, resolved = attempted(finer, method, precision, tol, times, witness)
         if not better.whole:
             break
         solution = better
     return solution
 
 
-def integrated(
+def attempted(
     case: Case,
     method: str,
     precision: str,
