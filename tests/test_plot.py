@@ -501,6 +501,15 @@ def test_view_stretches_and_steps() -> None:
     assert [place.tolist() for place in freest([near, far])] == [[5, 0], [0, 1]]
 
 
+def test_the_name_of_a_curve_keeps_clear_of_the_separatrix_too() -> None:
+    along = np.linspace(-1, 1, 41)
+    curve = np.stack([along, 0 * along, 0 * along + 1], axis=-1)
+    for side in (1, -1):
+        line = np.stack([2 * along, 0 * along + 0.05 * side, 0 * along + 1], axis=-1)
+        [place] = geometry.beside([curve], [line])
+        assert place[1] * side < -0.01
+
+
 def test_a_figure_is_named_and_its_axes_are_those_of_the_momentum(runs: Path) -> None:
     with open_results(runs / "paper1.h5") as results:
         sheet = figures.draw(results.figure("fig4"), results)
@@ -531,6 +540,7 @@ def test_a_series_names_its_marks_and_the_units_of_its_case(runs: Path) -> None:
     with open_results(runs / "paper2.h5") as results:
         sheet = figures.draw(results.figure("fig1"), results)
         turned = figures.draw(results.figure("internal-triaxial"), results)
+        kept = figures.draw(results.figure("internal-triaxial-invariants"), results)
     entries = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
     assert entries == ["$x$", "$y$", "end of spin"]
     left, right = sheet.figure.axes
@@ -541,6 +551,8 @@ def test_a_series_names_its_marks_and_the_units_of_its_case(runs: Path) -> None:
     entries = [text.get_text() for text in turned.figure.legends[0].get_texts()]
     assert "end, $t = 200$ s" in entries
     assert "$D = 0$ at $t$ = 38.6520 s" in entries
+    # Time is in seconds, and nothing says what units the moments of inertia have.
+    assert [axes.get_ylabel() for axes in kept.figure.axes] == ["$T$", "$G^2$", "$D/2T$"]
 
 
 def test_a_span_is_drawn_to_both_of_its_ends(runs: Path) -> None:

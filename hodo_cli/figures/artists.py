@@ -72,10 +72,12 @@ def hues(n: int = 256, end: float = AREA_END) -> ListedColormap:
 
 
 def unit(motion: Motion, variable: str, power: int = 1) -> str:
-    """The units of a variable, in brackets, raised to a power; a dash where it has none."""
+    """The units of a variable, in brackets, raised to a power; a dash where the case has none, and
+    nothing where only its time has units."""
     stored = motion.units(variable)
     if stored == "1":
-        return "[–]"
+        # With time in seconds T and G are no bare numbers, and no file says what units A has.
+        return "[–]" if motion.units("time") == "1" else ""
     set_in_tex = re.sub(r"\^(-?\d+)", r"$^{\1}$", stored)
     return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
 
@@ -108,7 +110,7 @@ def symbol(name: str) -> str:
 
 def axis_label(name: str, motion: Motion) -> str:
     """A variable's symbol and units."""
-    return f"${symbol(name)}$ {unit(motion, name)}"
+    return f"${symbol(name)}$ {unit(motion, name)}".rstrip()
 
 
 def time_label(spec: Mapping[str, Any], motion: Motion) -> str:

@@ -84,7 +84,7 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         for axes, values in zip((steps, seconds), taken.values(), strict=True):
             axes.loglog(small, values, marker="o", ms=3, **style)
         sheet.record("cost", label, {"small": small, **taken})
-    for axes, what in ((steps, "steps"), (seconds, "run time, s")):
+    for axes, what in ((steps, "steps"), (seconds, "run time [s]")):
         axes.set(xlabel=f"${spec['parameter']}$", ylabel=what)
     legend(sheet, case_handles(names), len(names))
 
@@ -172,7 +172,7 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     for place, axes in enumerate(panels[len(cases) :], len(cases)):
         axes.set_axis_off()
         panels[place - columns].tick_params(labelbottom=True)
-    sheet.figure.supxlabel("run time, s", fontsize=8)
+    sheet.figure.supxlabel("run time [s]", fontsize=8)
     sheet.figure.supylabel(
         "largest relative error (dashed: what one ulp in the data makes)", fontsize=8
     )

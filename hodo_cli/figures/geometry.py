@@ -70,11 +70,14 @@ def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
     return places
 
 
-def beside(curves: Sequence[np.ndarray], away: float = 0.09) -> list[np.ndarray]:
+def beside(
+    curves: Sequence[np.ndarray], lines: Sequence[np.ndarray], away: float = 0.09
+) -> list[np.ndarray]:
     """For each curve in view (n, 3) a place (2,) for its name: `away` from its freest point, on the
-    side where no curve is near.
+    side where no curve, and none of the other lines (n, 3), is near.
     """
-    every = np.concatenate([curve[:: max(1, len(curve) // 400), :2] for curve in curves])
+    drawn = [*curves, *lines]
+    every = np.concatenate([line[:: max(1, len(line) // 400), :2] for line in drawn])
     turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = away * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     found = []

@@ -315,7 +315,9 @@ def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any
 
 def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of what `passage_marks` draws."""
-    crossing = Line2D([], [], **{**CROSSING, "mfc": "white"}, label="its crossing, $D = 0$")
+    crossing = Line2D(
+        [], [], **{**CROSSING, "mfc": "white"}, label="crossing of each curve, $D = 0$"
+    )
     predicted = Line2D([], [], color=BLACK, marker="x", ms=5, lw=0.7)
     predicted.set_label("predicted, with the scatter of the averaged crossing")
     seen = [any(m.crossing_time.size for m in motions)]

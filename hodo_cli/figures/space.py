@@ -276,9 +276,10 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         heading(axes, seen[:, :2], colours[code[0]], 0.15)
         axes.plot(*seen[0, :2], **START, alpha=1 if seen[0, 2] > 0 else 0.4, zorder=6)
     # Over the curves, which run close beside it.
-    for circle in separatrix_circles(motions[0].inertia):
-        on_sphere(axes, view(circle), **SEPARATRIX)
-    places = beside([view(direction) for direction in directions])
+    circles = [view(circle) for circle in separatrix_circles(motions[0].inertia)]
+    for circle in circles:
+        on_sphere(axes, circle, **SEPARATRIX)
+    places = beside([view(direction) for direction in directions], circles)
     for motion, free in zip(motions, places, strict=True):
         axes.text(*pair(free), motion.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
