@@ -3,15 +3,22 @@
 HODO_FUZZ sets the number of bodies drawn (default 60, of which some four can be tuned).
 """
 
+import math
 import os
+from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
 import pytest
 import series
 from tangents import Tangent, near_tangents
 
+from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
+from hodo_cli.engines.protocol import Watch
 from hodo_cli.integration.classify import Classification, classify
 from hodo_cli.integration.integrate import integrate
+from hodo_cli.models.base import Event
 
 SEPARATIONS = [10.0**-n for n in range(2, 11)] + [-1e-3, -1e-6, -1e-8]
 DRAWS = range(int(os.environ.get("HODO_FUZZ", "60")))
@@ -89,3 +96,32 @@ def test_pairs_after_a_stiff_transient() -> None:
     assert [(c.start, c.end) for c in found.crossings] == [(1, 3), (3, 1)] * 6
     for crossing, time in zip(found.crossings, expected, strict=False):
         assert abs(crossing.time - time) <= 1e-12 * time
+
+
+class Swing:
+    """x'' = -x from x = 0, x' = 1: x = sin t."""
+
+    degree: dict[str, int] = {}
+    state = ("x", "v")
+
+    @staticmethod
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        return y[1], -y[0]
+
+
+@pytest.mark.parametrize("method", ["collocation", "DOP853", "RK45"])
+@pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, -1e-6])
+def test_an_event_that_comes_in_pairs_is_found(method: str, depth: float) -> None:
+    """Near its turning point x passes 1 - depth up and down within 2 sqrt(2 depth), less than any
+    step."""
+    event = Event("turn", lambda t, y, k: y[0] - (1 - depth))
+    tol = 1e-10 if method == "RK45" else 1e-13
+    engine = engines.engine_for(method, Swing(), (event,), tol, "double")  # type: ignore[arg-type]
+    leg = engine.leg({}, np.array([0.0, 1.0]), np.array([0.0, 20.0]), Watch())
+    half = math.acos(1 - depth) if depth > 0 else math.nan
+    turns = [math.pi / 2 + 2 * math.pi * n for n in range(3)] if depth > 0 else []
+    expected = [when for turn in turns for when in (turn - half, turn + half)]
+    assert [hit.direction for hit in leg.hits] == [1, -1] * len(turns)
+    # The error of x over that of its slope there.
+    bound = 1e3 * tol / math.sqrt(abs(depth))
+    assert [hit.time for hit in leg.hits] == pytest.approx(expected, abs=bound)

@@ -10,12 +10,8 @@ import numpy as np
 
 from ..models.base import Constants, Event
 from ..models.constants import attributes
-from .polynomial import CHEBYSHEV
+from .polynomial import CHEBYSHEV, Zeros, isolate, rounding, to_bernstein
 from .protocol import NORM_BAND, Hit, Leg, Status, Watch
-
-SUBSTEPS = np.linspace(0, 1, 17)
-"""Where an event's sign is looked at inside a step: the events of a run, the end of spin and the
-start of nutation, are slow against a step. The separatrix is none of them."""
 
 
 class Solver(Protocol):
@@ -100,24 +96,40 @@ class Stepwise:
         found: list[Hit] = []
         if not self.events:
             return found
-        times = start + (end - start) * SUBSTEPS.astype(self.dtype)
-        states = dense(times)
-        # There the dense output has rounding, and a motion that starts at a zero does not pass it.
-        states[:, 0] = before
+        nodes, transform = chebyshev(self.degree)
+        nodal = start + (end - start) * nodes.astype(self.dtype)
+        values = np.array([event.function(nodal, list(dense(nodal)), k) for event in self.events])
+        c = values @ transform
+        b = c @ to_bernstein(CHEBYSHEV, self.degree, np.dtype(self.dtype))
+        zeros = isolate(b, rounding(c, CHEBYSHEV))
         for i, event in enumerate(self.events):
 
             def value(t: Any, event: Event = event) -> Any:
                 return event.function(t, list(dense(t)), k)
 
-            signs = np.sign(event.function(times, list(states), k))
+            times = start + (end - start) * between(zeros, i)
+            # At the start the dense output has rounding, and a motion that starts at a zero does
+            # not pass through it.
+            at_start = event.function(start, list(before), k)
+            signs = np.sign([at_start, *event.function(times[1:], list(dense(times[1:])), k)])
             for j in np.flatnonzero(signs[:-1] * signs[1:] < 0):
                 root = zero(value, times[j], times[j + 1])
                 found.append(Hit(i, root, int(signs[j + 1]), dense(root)))
-            # A zero that falls exactly on one of the places, which the pairs of signs above do not
-            # show.
-            for j in np.flatnonzero((signs[1:-1] == 0) & (signs[:-2] * signs[2:] < 0)) + 1:
-                found.append(Hit(i, times[j], int(signs[j + 1]), states[:, j]))
+            # The next step starts at such a zero, and does not pass through it.
+            if signs[-1] == 0 and signs[-2] != 0:
+                found.append(Hit(i, end, -int(signs[-2]), dense(end)))
         return sorted(found, key=lambda hit: hit.time)
+
+
+def between(zeros: Zeros, row: int) -> np.ndarray:
+    """Places in [0, 1], both ends among them, that part the zeros of one polynomial: in the middle
+    between two of them, and at the ends of what is in doubt."""
+    mine = zeros.row == row
+    low, high = ((zeros.x + way * zeros.width / 2)[mine] for way in (-1, 1))
+    doubtful = np.append(low, high)[np.tile(~zeros.sure[mine], 2)]
+    middles = (high[:-1] + low[1:]) / 2
+    inner = np.concatenate((middles, doubtful))
+    return np.unique(np.concatenate(([0], inner[(inner > 0) & (inner < 1)], [1]))).astype(low.dtype)
 
 
 @lru_cache(maxsize=8)
