@@ -421,7 +421,8 @@ def test_what_makes_the_averages_doubtful_is_said() -> None:
 @pytest.mark.parametrize(
     ("given", "close"),
     [
-        ({"initial": "{theta: 0.03, r: 2}", "nodes": "2", "a": "[0.125]"}, 1e-14),
+        # Two nodes leave u2 off by 9.5e-5; what is left here is rounding, of collocation 6e-14.
+        ({"initial": "{theta: 0.03, r: 2}", "nodes": "2", "a": "[0.125]"}, 1e-13),
         ({"initial": "{theta: 1.5, r: 0.5}", "nodes": "2", "tol": "1e-6"}, 1e-6),
         # This one comes as near to u2 = u3 as 512 nodes resolve.
         pytest.param(

@@ -31,6 +31,9 @@ TOGETHER = 2
 STARTS = 3
 """How often a process may die before it has begun; any process may be killed by chance."""
 
+NOT_OF_A_TASK = (BatchError, ModuleNotFoundError)
+"""What ends the batch, because no task is to blame for it."""
+
 DIED = "its process died: killed, or out of memory"
 
 
@@ -76,7 +79,8 @@ class Pool:
         Tasks are taken from their iterable when they are needed, at most `ahead` of the results.
         With an executor, the function, the tasks and the results must be picklable. A task whose
         worker dies is tried again, at last with no other task beside it, before it comes back with
-        a HodoError. Raises BatchError if the executor itself fails, or computes with other code.
+        a HodoError. Raises BatchError if the executor itself fails, or computes with other code, and
+        ModuleNotFoundError if a package is missing.
         """
         if self._make is None:
             return ((task, _attempt(function, task)) for task in tasks)
@@ -119,7 +123,7 @@ def _is_lost(future: Future[Any]) -> bool:
 def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
         return _marked(function, task)[1]
-    except BatchError:
+    except NOT_OF_A_TASK:
         raise
     except Exception as error:
         return error
@@ -133,7 +137,9 @@ def _marked(function: Callable[[Task], Result], task: Task) -> tuple[str, Result
     taken = process_mark()
     try:
         result = function(task)
-    except ImportError as error:  # missing, or too large for a limit on memory: no case is to blame
+    except ModuleNotFoundError:
+        raise
+    except ImportError as error:  # too large for a limit on memory, say
         raise BatchError(f"a library cannot be loaded: {error}") from None
     check_late_imports()
     return taken, result
@@ -144,7 +150,7 @@ def _outcome(future: Future[tuple[str, Any]]) -> Any:
 
     Raises BatchError if the executor has given up, or another version computed the result.
     """
-    if isinstance(error := future.exception(), BatchError):
+    if isinstance(error := future.exception(), NOT_OF_A_TASK):
         raise error
     if isinstance(error, Exception):
         return error
