@@ -79,8 +79,8 @@ class Pool:
         Tasks are taken from their iterable when they are needed, at most `ahead` of the results.
         With an executor, the function, the tasks and the results must be picklable. A task whose
         worker dies is tried again, at last with no other task beside it, before it comes back with
-        a HodoError. Raises BatchError if the executor itself fails, or computes with other code, and
-        ModuleNotFoundError if a package is missing.
+        a HodoError. Raises BatchError if the executor itself fails, or computes with other code,
+        and ModuleNotFoundError if a package is missing.
         """
         if self._make is None:
             return ((task, _attempt(function, task)) for task in tasks)
