@@ -285,6 +285,32 @@ def never_written(file: h5py.File, folder: Path) -> None:
     file["a"].create_dataset("other", (10**9,), "f8", chunks=(1000,))
 
 
+def records(file: h5py.File, folder: Path) -> None:
+    file["a"].create_dataset("other", data=np.zeros(5, [("x", "f8"), ("y", "i4")]))
+
+
+def references(file: h5py.File, folder: Path) -> None:
+    file["a"].create_dataset("other", (5,), h5py.ref_dtype)
+
+
+def lists(file: h5py.File, folder: Path) -> None:
+    file["a"].create_dataset("other", (5,), h5py.vlen_dtype("f8"))
+
+
+def many_datasets(file: h5py.File, folder: Path) -> None:
+    for i in range(1001):
+        file["a"].create_dataset(f"z{i}", data=0.0)
+
+
+def many_attributes(file: h5py.File, folder: Path) -> None:
+    for i in range(1001):
+        file["a"].attrs[f"z{i}"] = 0.0
+
+
+def two_lines(file: h5py.File, folder: Path) -> None:
+    file["a"].create_dataset("two\nlines", data=0.0)
+
+
 def one_text_many_times(file: h5py.File, folder: Path) -> None:
     """Each element of such a dataset is an address, and all of them may be the same."""
     texts = file["a"].create_dataset("other", (20_000,), h5py.string_dtype())
@@ -301,6 +327,7 @@ def one_text_many_times(file: h5py.File, folder: Path) -> None:
     "how",
     [
         *(soft_link, external_link, external_storage, virtual, cycle, never_written),
+        *(records, references, lists, many_datasets, many_attributes, two_lines),
         one_text_many_times,
     ],
 )
@@ -321,6 +348,60 @@ def test_a_case_that_is_more_than_plain_datasets_is_refused(
         # Under a seal that fits, it repeats its stored line, and reads nothing of the case.
         assert sealed or labelled.exit_code == 1
         assert sealed or "a is damaged (" in labelled.stderr
+
+
+def test_a_group_whose_name_is_no_word_is_refused(result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        file.create_group("two\nlines")
+    done = hodo("show", result)
+    assert (done.exit_code, done.stderr) == (
+        2,
+        f"{result} is damaged (a group is named 'two\\nlines')\n",
+    )
+
+
+def text_for_an_error(file: h5py.File) -> None:
+    file["a"].attrs["error"] = "none"
+
+
+def label_of_no_axis(file: h5py.File) -> None:
+    file["a/enclosed_axis"][3] = 7
+
+
+def label_of_no_axis_in_a_sweep(file: h5py.File) -> None:
+    file["s/end_axis"][3] = 7
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        (text_for_an_error, "a is damaged (its error is no number)"),
+        (label_of_no_axis, "a is damaged (its enclosed_axis holds labels that are none)"),
+        (label_of_no_axis_in_a_sweep, "s is damaged (its end_axis holds labels that are none)"),
+    ],
+)
+def test_compare_names_what_cannot_be_under_a_seal_that_fits(
+    result: Path, how: Callable[[h5py.File], None], said: str
+) -> None:
+    right = shutil.copy(result, result.with_name("right.h5"))
+    with h5py.File(result, "r+") as file:
+        how(file)
+    with open(result, "r+b", buffering=0) as raw:
+        disk.seal(raw)  # type: ignore[arg-type]
+    done = hodo("compare", result, right)
+    assert (done.exit_code, done.stderr) == (2, f"{result}: {said}\n")
+
+
+def test_a_line_on_a_damaged_case_names_its_file_once(result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        label_of_no_axis(file)
+    (unsealed,) = hodo("classify", result).stderr.splitlines()
+    with open(result, "r+b", buffering=0) as raw:
+        disk.seal(raw)  # type: ignore[arg-type]
+    (sealed,) = hodo("claims", result).stderr.splitlines()
+    for line in (unsealed, sealed):
+        assert "a is damaged (" in line
+        assert line.count(str(result)) == 1
 
 
 def test_a_pipe_is_no_result(tmp_path: Path) -> None:

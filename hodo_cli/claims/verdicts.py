@@ -78,7 +78,7 @@ def judge_erratum(erratum: Mapping[str, Any], run: Run) -> Verdict:
     try:
         finding = decide(erratum["check"], [stored_motion(run, name) for name in erratum["cases"]])
     except HodoError as error:
-        raise HodoError(f"{run.path}: erratum {erratum['id']}: {error}") from error
+        raise _told_of(f"erratum {erratum['id']}", run, error) from error
     verdict = CONFIRMED if finding.deviation <= PLOTTING_ACCURACY else NOT_CONFIRMED
     return Verdict(erratum, verdict, finding.number, finding.words)
 
@@ -104,7 +104,12 @@ def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict
             return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
         return measure(claim, [stored_motion(run, name) for name in claim["cases"]], known)
     except HodoError as error:
-        raise HodoError(f"{run.path}: claim {claim['id']}: {error}") from error
+        raise _told_of(f"claim {claim['id']}", run, error) from error
+
+
+def _told_of(what: str, run: Run, error: HodoError) -> HodoError:
+    """An error with what could not be decided, and the file once: it may begin with it already."""
+    return HodoError(f"{run.path}: {what}: {str(error).removeprefix(f'{run.path}: ')}")
 
 
 def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:

@@ -42,7 +42,8 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                         part, row = classified(name, group)
                         changes.write(name, with_row(group, part or Group({}, {}), row))
                 except HodoError as error:
-                    problems.append(f"{path}: {error}")
+                    # What the file itself refuses begins with its path.
+                    problems.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")
                     continue
                 rows.append({"run": str(path), **row})
     return rows, problems

@@ -18,6 +18,8 @@ from ..cases.case import Case, parse_case
 from ..models import rigid_body
 from ..results.hdf5 import Group, Run, Variable, open_run
 from ..results.layout import CROSSING_COLUMNS
+from ..results.motion import wrong_labels
+from ..results.provenance import typed
 
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
 # than any figure shows.
@@ -139,12 +141,29 @@ def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
     lines: list[Line] = []
     for name in theirs:
         if name in ours:
-            lines += one_case(name, a.read(name), b.read(name), tolerance)
+            lines += one_case(name, sound(a, name), sound(b, name), tolerance)
         else:
             lines.append(Line(name, "", math.inf, f"missing in {a.path}"))
     return lines + [
         Line(name, "", math.inf, f"missing in {b.path}") for name in ours if name not in theirs
     ]
+
+
+def sound(run: Run, name: str) -> Group:
+    """A case of a result. Raises HodoError if it is damaged."""
+    group = run.read(name)
+    typed({"error": math.nan, **group.attributes}, {"error": float}, f"{run.path}: {name}")
+    if problem := damage_of(group.variables):
+        raise HodoError(f"{run.path}: {name} is damaged ({problem})")
+    return group
+
+
+def damage_of(variables: Mapping[str, Variable]) -> str:
+    """What keeps variables from being compared; an empty string if nothing does."""
+    time = variables.get("time")
+    if time and (time.data.dtype.kind != "f" or time.data.ndim != 1):
+        return "its times are no numbers"
+    return wrong_labels(variables)
 
 
 def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
@@ -163,8 +182,6 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
         group.variables["time"].data if "time" in group.variables else np.empty(0)
         for group in (a, b)
     ]
-    if any(time.dtype.kind != "f" or time.ndim != 1 for time in times):
-        raise HodoError(f"{name} is damaged (its times are no numbers)")
     # By nearest time, since a reference may be thinned and an end of spin falls a rounding apart.
     rows = matching(*times)
     of_labels = () if "enclosed_axis" in a.variables else LABELS_STORED

@@ -60,6 +60,10 @@ that claims more was never written, and would fill the memory."""
 FEW_BYTES = 1 << 20
 """What a dataset may claim in any case."""
 
+MOST_ITEMS = 1000
+"""Datasets or attributes in a group: ten times those of any case, and far fewer than would keep
+HDF5, which looks for each by its name, busy for minutes."""
+
 FEW_TEXTS = 16
 """Texts that are read at once: a compromise between time, and memory if each is the whole file."""
 
@@ -256,13 +260,18 @@ def _is_placeholder(item: h5py.Dataset) -> bool:
 
 def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
     """What a group holds. Raises ValueError as `_dataset` does."""
+    if len(group) > MOST_ITEMS:
+        raise ValueError(f"it holds {len(group)} datasets")
+    if strange := [name for name in group if not name.isprintable()]:
+        raise ValueError(f"it holds {strange[0]!r}")
     return {name: _dataset(group, name) for name in group}
 
 
 def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     """An item of a group. Raises ValueError if that is anything but a plain dataset: a link, a
-    group, values in other files or made from other datasets, and a size that was never written
-    would let a file from a stranger read this machine's files or fill its memory."""
+    group, values in other files or made from other datasets, elements that are addresses, and a
+    size that was never written would let a file from a stranger read this machine's files or fill
+    its memory."""
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         raise ValueError(f"{name} is a link")
     item = group[name]
@@ -270,6 +279,9 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
         raise ValueError(f"{name} is no dataset")
     if item.external or item.is_virtual:
         raise ValueError(f"the values of {name} are in other files")
+    is_plain = _is_number(item.dtype) or h5py.check_string_dtype(item.dtype)
+    if not is_plain or item.shape is None:
+        raise ValueError(f"{name} holds neither numbers nor texts")
     stored = item.id.get_storage_size()
     if item.nbytes > FEW_BYTES + INFLATION * stored and not _is_placeholder(item):
         claimed, there = memory.in_bytes(item.nbytes), memory.in_bytes(stored)
@@ -314,6 +326,9 @@ def open_run(path: Path | str) -> Iterator[Run]:
         if version > FORMAT_VERSION:
             newer = f"newer than {FORMAT_VERSION}: update hodo to read it"
             raise HodoError(f"{path} has format version {version}, {newer}")
+        # A line of a message is one line, and a terminal obeys what it is sent.
+        if strange := [name for name in run.groups() if not name.isprintable()]:
+            raise HodoError(f"{path} is damaged (a group is named {strange[0]!r})")
         if reason := damaged.get(ROOT):
             raise HodoError(f"{path} is damaged ({reason}): move it away and run again")
         if damaged is not INTACT and any(run.lacks_checksum(name) for name in run.groups()):
@@ -400,7 +415,9 @@ def _first_line(error: BaseException) -> str:
 
 
 def _attributes(item: h5py.HLObject, only: Container[str] = ()) -> dict[str, Any]:
-    """Attributes as plain values, in their order."""
+    """Attributes as plain values, in their order. Raises ValueError if they are too many."""
+    if len(item.attrs) > MOST_ITEMS:
+        raise ValueError(f"it has {len(item.attrs)} attributes")
     found = {}
     for name in item.attrs:
         if name not in HIDDEN and (not only or name in only):
@@ -549,12 +566,17 @@ def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:
     _set_attributes(file, {**root, "checksum": str(Checksum(root))})
 
 
+def _is_number(dtype: np.dtype) -> bool:
+    """Whether netCDF has a type of number: no records, references or lists either."""
+    return dtype.kind in "iuf" and dtype.itemsize <= 8 and dtype != np.float16
+
+
 def _file_type(name: str, data: np.ndarray) -> Any:
     """The type of an array in the file. Old netCDF readers lose bool, and crash on half and long
     double."""
     if data.dtype.kind in "OU":
         return STRING
-    if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8 or data.dtype == np.float16:
+    if not _is_number(data.dtype):
         raise TypeError(f"{name}: netCDF has no type {data.dtype}")
     return data.dtype
 

@@ -231,7 +231,7 @@ def motion_of(
     Raises HodoError, which begins with `owner`, if what is stored does not fit together.
     """
     case = parse_case(typed(attrs, {"case": str}, owner)["case"])
-    if not case.sweep and (problem := damage(data)):
+    if problem := wrong_labels(data) if case.sweep else damage(data):
         raise HodoError(f"{owner} is damaged ({problem})")
     return Motion(case, data, attrs, case.name, path)
 
@@ -251,9 +251,8 @@ def damage(data: Mapping[Any, Array]) -> str:
             return f"its {name} is no array of numbers"
         if data[name].dims != dims[name]:
             return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
-    for name in ("enclosed_axis", "crossing_from", "crossing_to"):
-        if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
-            return f"its {name} holds labels that are none"
+    if problem := wrong_labels(data):
+        return problem
     if "omega" in data and data["omega"].data.shape[1:] != (3,):
         return "its omega holds no vectors"
     sizes: dict[str, int] = {}
@@ -261,6 +260,15 @@ def damage(data: Mapping[Any, Array]) -> str:
         for dim, size in zip(data[name].dims, data[name].data.shape, strict=True):
             if sizes.setdefault(dim, size) != size:
                 return f"its {name} has {size} values along {dim}, elsewhere {sizes[dim]}"
+    return ""
+
+
+def wrong_labels(data: Mapping[Any, Array]) -> str:
+    """Which variable of a case or of a sweep holds numbers that are labels of no axis; an empty
+    string if none does."""
+    for name in ("enclosed_axis", "crossing_from", "crossing_to", "start_axis", "end_axis"):
+        if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
+            return f"its {name} holds labels that are none"
     return ""
 
 
