@@ -413,6 +413,13 @@ def test_a_pipe_is_no_result(tmp_path: Path) -> None:
     )
 
 
+def test_figures_cannot_go_into_a_file(result: Path) -> None:
+    done = hodo("plot", result, "--format", "csv", "--out", result.with_suffix(".yaml"))
+    assert done.exit_code == 2
+    (line,) = done.stderr.splitlines()
+    assert "cannot write" in line
+
+
 # Names, modes and races.
 
 

@@ -314,7 +314,7 @@ class Record:
     def _hash(self, file: str) -> str:
         try:
             return sha256((self._folder / file).read_bytes()).hexdigest()
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return ""
 
     def save(self) -> None:
