@@ -331,7 +331,7 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
         assert not out.exists()
 
         spec = results.figure("fig4")
-        assert "no case 'gif4'" in refused(
+        assert "has no result of case gif4 yet" in refused(
             lambda: figures.draw({**spec, "cases": ("gif4",)}, results)
         )
         series = {**results.figure("fig12-sensitivity"), "variables": ("u1",)}
@@ -361,7 +361,7 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
 
         results.config.figures["fig6"]["cases"] = ("gone",)
         first, second = (figures.render(results, name, ("png",), out) for name in ("fig6", "fig8"))
-        assert "no case 'gone'" in first.problem
+        assert "has no result of case gone yet" in first.problem
         assert not first.files
         assert not second.problem
         assert second.files[0].is_file()
