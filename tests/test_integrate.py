@@ -3,7 +3,8 @@ are kept."""
 
 import math
 from dataclasses import replace
-from time import perf_counter
+from time import perf_counter, sleep
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,6 +112,20 @@ def test_the_error_falls_with_the_tolerance(method: str) -> None:
     case = diagonal((0.02, 0.01, 0.03), method=method, time=Time(end=50.0, samples=11))
     errors = [integrate(replace(case, tol=tol)).error for tol in (1e-4, 1e-7, 1e-10)]
     assert errors[0] > 30 * errors[1] > 900 * errors[2]
+
+
+def test_compilation_counts_towards_the_limit_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    really = engines.engine_for
+
+    def slowly(*given: Any) -> Any:
+        sleep(0.3)
+        return really(*given)
+
+    monkeypatch.setattr(engines, "engine_for", slowly)
+    # Some milliseconds by themselves.
+    case = diagonal((0.03, 0.02, 0.01), method="DOP853", time=Time(end=1.0, samples=3), error="off")
+    assert integrate(replace(case, max_seconds=10.0)).status == "ok"
+    assert integrate(replace(case, max_seconds=0.2)).status == "timeout"
 
 
 @pytest.mark.parametrize("method", ["auto", "DOP853"])

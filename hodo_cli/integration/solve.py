@@ -132,8 +132,9 @@ def attempted(
     tolerance."""
     system = case.system
     events = system.run_events
-    engine = engines.engine_for(method, system, events, tol, precision)
+    # Before the engine, whose compilation counts towards max_seconds.
     watch = Watch(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
+    engine = engines.engine_for(method, system, events, tol, precision)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
     seen = Resolved(system, max(engine.tol, EPS)) if system.finer else None
