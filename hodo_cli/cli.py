@@ -443,9 +443,10 @@ def _bench(
 @RUNS
 @JSON
 def _show(runs: tuple[Path, ...], as_json: bool) -> None:
-    """List the cases in RUNS, which are results (*.h5) or the configs of results in runs/.
+    """List the cases in RUNS.
 
-    Of each: how it was integrated, how it ended, its error and run time.
+    These are results (*.h5), or the configs of results in runs/. Of each case: how it was
+    integrated, how it ended, its error and run time.
     """
     from . import tables
     from .commands import show
