@@ -730,6 +730,8 @@ BESIDE = (
 )
 
 
+# Without heyoka members are single cases, whose side test_motions.py tries; here they take minutes.
+@pytest.mark.heyoka
 @pytest.mark.parametrize("error", ["on", "off"])
 @pytest.mark.parametrize("last", [1e-3, 1.001e-3])
 def test_members_beside_the_middle_axis_cross_as_they_must_or_are_undecided(
