@@ -28,7 +28,7 @@ REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accur
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
 AS_PRINTED = "reproduced as printed only"
 VERDICTS = (REPRODUCED, PLOTTING, AS_PRINTED, UNDERDETERMINED, CONTRADICTED, NOT_TESTED)
-"""The verdicts on a statement. One that inherits an erratum reproduced as printed only."""
+"""The verdicts on a statement. One that inherits an erratum is reproduced as printed only."""
 
 CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading"
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
