@@ -91,13 +91,11 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
 def warn_of_changes(run: Run, config: Config | None, command: str = "") -> None:
     """Warn of what has changed in the config of a result since: its cases and, where it was the
     result that a `command` was asked about, the figures or claims which that goes through."""
-    given, config = config, config or _config_of(run)
+    section = "" if config else {"plot": "figures", "claims": "claims"}.get(command, "")
+    config = config or _config_of(run)
     if config is None:
         return
-    stored = parse(run.text, str(run.path)) if given is None else config
-    sections = {"plot": "figures", "claims": "claims"}
-    section = sections.get(command, "")
-    if section and getattr(stored, section) != getattr(config, section):
+    if section and getattr(parse(run.text, str(run.path)), section) != getattr(config, section):
         said = f"the {section} of {config.path} have changed since its run"
         warnings.warn(f"{run.path}: {said}: hodo {command} {config.path} takes them", stacklevel=2)
     changed = [
