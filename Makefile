@@ -45,9 +45,8 @@ classify: run  ## Label the axis that each hodograph encloses and find the separ
 claims: classify  ## Check what the papers say against the results (exit status 3: a verdict is not the expected one)
 	$(BIN)/hodo claims $(RUNS)
 
-figures: classify  ## The main job: run, classify, check the claims and draw every figure into runs/figures/
-	$(BIN)/hodo claims $(RUNS) >/dev/null || test $$? -eq 3
-	$(BIN)/hodo plot $(RUNS) -j 2
+figures: $(READY)  ## The main job: run, classify, check the claims and draw every figure into runs/figures/
+	$(BIN)/python tools/figures.py $(CONFIGS)
 
 sweeps: $(READY)  ## Run the ensembles but for the million, and draw their maps (needs heyoka; some 20 seconds)
 	$(BIN)/hodo run $(SWEEPS) -j 2

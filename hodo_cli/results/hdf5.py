@@ -33,6 +33,7 @@ from .disk import (
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
+TEXT_IN_MEMORY = h5t.py_create(STRING)
 # netCDF-4's own mark of a dimension without a coordinate; its readers look for these very words.
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 # The bookkeeping of dimension scales, which says nothing about the data.
@@ -418,16 +419,25 @@ def _attributes(item: h5py.HLObject, only: Container[str] = ()) -> dict[str, Any
     """Attributes as plain values, in their order. Raises ValueError if they are too many."""
     if len(item.attrs) > MOST_ITEMS:
         raise ValueError(f"it has {len(item.attrs)} attributes")
-    found = {}
-    for name in item.attrs:
-        if name not in HIDDEN and (not only or name in only):
-            value = item.attrs[name]
-            # Other programs store an empty text so.
-            value = "" if isinstance(value, h5py.Empty) else value
-            value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-            # Plain Python numbers: they compare, print and go into JSON as expected.
-            found[name] = value.item() if isinstance(value, np.generic) else value
-    return found
+    names = [name for name in item.attrs if name not in HIDDEN and (not only or name in only)]
+    return {name: _attribute(item, name) for name in names}
+
+
+def _attribute(item: h5py.HLObject, name: str) -> Any:
+    """The value of one attribute, as a plain one where it is one."""
+    stored = h5a.open(item.id, name.encode("utf-8", "surrogateescape"))
+    kind = stored.get_type()
+    # Most are such texts, and `attrs` takes twice as long for each.
+    if kind.get_class() == h5t.STRING and kind.is_variable_str() and stored.shape == ():
+        text = np.empty((), STRING)
+        stored.read(text, mtype=TEXT_IN_MEMORY)
+        return text.item().decode("utf-8", "surrogateescape")
+    value = item.attrs[name]
+    # Other programs store an empty text so.
+    value = "" if isinstance(value, h5py.Empty) else value
+    value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    # Plain Python numbers: they compare, print and go into JSON as expected.
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _by_address(items: Mapping[str, h5py.HLObject]) -> dict[int, str]:

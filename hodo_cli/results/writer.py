@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -213,18 +214,17 @@ def parts_in(folder: Path) -> list[Path]:
 class Writer:
     """Makes a result out of new cases and finished ones. A context manager.
 
-    On entering, `finished` is filled as by the function of that name. On leaving, the cases that
-    were added or kept, and no others, are joined in the given order under the result's name; if
-    nothing is new, the file is left alone. After an exception the old file stays as it is, and what
-    was added stays where the next Writer finds it. Another process may replace the result
-    meanwhile: what it has added is taken in, and so are its labels of equal cases.
+    On leaving, the cases that were added or kept, and no others, are joined in the given order
+    under the result's name; if nothing is new, the file is left alone. After an exception the old
+    file stays as it is, and what was added stays where the next Writer finds it. Another process
+    may replace the result meanwhile: what it has added is taken in, and so are its labels of equal
+    cases.
     """
 
     def __init__(
         self, path: Path | str, attributes: Mapping[str, Attribute], order: Sequence[str] = ()
     ) -> None:
         self.path = Path(path)
-        self.finished: dict[str, list[Finished]] = {}
         self._attributes = attributes
         self._order = order
         self._new: dict[str, Finished] = {}
@@ -238,12 +238,11 @@ class Writer:
         """The stamps of the parts that stay when this Writer leaves, for the next one."""
 
     def __enter__(self) -> Self:
-        """Raises HodoError as `finished` does, or if a first result cannot be written there."""
+        """Raises HodoError as `open_run` does, or if a first result cannot be written there."""
         self._open.callback(self._staging.close)
         with self._open:
             self._orphans = self._staging.take_orphans()
             self._seen = identity(self.path)
-            self.finished = finished(self.path)
             if self._seen:
                 self._old = self._open.enter_context(open_run(self.path))
             else:
@@ -252,6 +251,11 @@ class Writer:
                 self._next_piece()
             self._open = self._open.pop_all()
         return self
+
+    @cached_property
+    def finished(self) -> dict[str, list[Finished]]:
+        """What the function of this name finds, once dead runs' pieces are this Writer's own."""
+        return finished(self.path)
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
