@@ -26,13 +26,14 @@ from hodo_cli.cases.claim_block import (
 )
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.sweep_block import SWEEP
-from hodo_cli.claims import paper1, paper2, quantities
+from hodo_cli.claims import paper1, paper2, quantities, variations
 from hodo_cli.claims.checks import MOTION_CHECKS
 from hodo_cli.claims.finding import PAPER_CHECKS, PAPER_TRENDS, Finding, Verdict, erratum
 from hodo_cli.claims.quantities import number
 from hodo_cli.claims.variations import Motions, changed, members
 from hodo_cli.claims.verdicts import gridded, measure, sampled, together
 from hodo_cli.commands import claims
+from hodo_cli.engines import have_taylor
 from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
@@ -312,8 +313,33 @@ def test_members_on_a_sphere_keep_the_momentum_and_start_about_the_axis_asked_fo
 
 def test_a_motion_is_integrated_once_for_all_claims() -> None:
     known = Motions()
-    assert known(TOP) is known(replace(TOP, name="another"))
-    assert known(TOP) is not known(changed(TOP, {"a.0": 0.2}))
+    found = known.of([TOP, replace(TOP, name="another"), changed(TOP, {"a.0": 0.2})])
+    assert known.of([TOP]) == found[:1]
+    assert found[0].data is found[1].data is not found[2].data
+
+
+@pytest.mark.skipif(not have_taylor(), reason="needs heyoka")
+def test_crossings_of_members_are_found_without_integrating_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = varied([BODY], {"direction": {"sphere": {"count": 100, "seed": 1}}}, None)
+    cases = [case for (case,) in found.values()]
+    singles = [quantities.integrated_motion(case) for case in cases]
+    known = Motions()
+    members_found = known.of(cases)
+    assert any(motion.crossings for motion in singles)
+    with monkeypatch.context() as patched:
+        patched.setattr(variations, "integrated_motion", None)
+        for ours, single in zip(members_found, singles, strict=True):
+            assert len(ours.crossings) == len(single.crossings)
+            for a, b in zip(ours.crossings, single.crossings, strict=True):
+                assert (a.start, a.end) == (b.start, b.end)
+                # As far as the two integrations of the crossing's own state agree.
+                assert a.time == pytest.approx(b.time, rel=1e-11)
+                assert a.momentum == pytest.approx(b.momentum, rel=1e-11)
+    for ours, single in zip(members_found, singles, strict=True):
+        assert ours.labels.tolist() == single.labels.tolist()
+        np.testing.assert_allclose(ours.omega, single.omega, rtol=0, atol=1e-13)
 
 
 def test_quantities_of_a_known_motion() -> None:

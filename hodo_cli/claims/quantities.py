@@ -1,7 +1,7 @@
 """What claims measure on a motion: quantities over time, and single numbers."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ..engines import extended
 from ..engines.protocol import EPS
 from ..integration.choice import choose
 from ..integration.classify import cross
+from ..integration.crossings import Crossing
 from ..integration.solve import solve, stored
 from ..integration.trajectory import Occurrence
 from ..models import rigid_body
@@ -20,20 +21,21 @@ from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
 
 
-def integrated_motion(case: Case) -> Motion:
+def integrated_motion(case: Case, passed: Sequence[Crossing] | None = None) -> Motion:
     """A case integrated and, where that applies, classified; its error is not measured.
 
-    Raises HodoError if it stops before its end.
+    `passed` are its crossings where they are known. Raises HodoError if it stops before its end.
     """
     method, _ = choose(case)
     marks: dict[str, Variable] = {}
-    if case.system.unclassifiable:
+    if case.system.unclassifiable or passed is not None:
         solution = solve(case, method, case.precision, case.tol)
     else:
-        solution, found = cross(case, method, case.precision, case.tol)
+        solution, passed = cross(case, method, case.precision, case.tol)
+    if passed is not None:
         inertia = np.array(case.data["inertia"])
         axes = rigid_body.enclosed_axis(inertia, extended(solution.path.state), 8 * EPS)
-        marks = label_variables(axes, found)
+        marks = label_variables(axes, passed)
     if not solution.whole:
         raise HodoError(f"a variation of case {case.name} {solution.status}: {solution.message}")
     path = solution.path

@@ -1,8 +1,9 @@
-"""The members of a claim's `over:`, each integrated as a motion of its own."""
+"""The members of a claim's `over:`, each as a motion."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,11 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, Time, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of, put
+from ..integration.crossings import Crossing
 from ..models import rigid_body
-from ..results.motion import Motion
-from ..sweeps.members import member
+from ..results.motion import Array, Motion
+from ..sweeps.chunk import crossings_of
+from ..sweeps.members import members_as_cases
 from .finding import ROUNDING
 from .quantities import integrated_motion
 
@@ -27,21 +30,15 @@ def members(
     """
     axes = axes_of(over)
     shape = tuple(map(len, axes))
-    for i in range(math.prod(shape)):
-        varied = [varied_case(case, over, i) for case in cases]
+    numbers = np.arange(math.prod(shape))
+    swept = [replace(case, sweep=dict(over)) for case in cases]
+    each = [members_as_cases(case, numbers, case.time.samples) for case in swept]
+    for i, varied in enumerate(zip(*each, strict=True)):
+        for case in varied:
+            for wrong in type(case.system).check(case.data):
+                raise HodoError(f"member {case.name}: {wrong}")
         if start is None or all(starting_axis(case) == start for case in varied):
-            yield named(axes, np.unravel_index(i, shape)), varied
-
-
-def varied_case(case: Case, over: Mapping[str, Any], index: int) -> Case:
-    """One member of a sweep of a case, with the samples of the case. Raises HodoError if it is no
-    body, or has no start.
-    """
-    found = member(replace(case, sweep=dict(over)), index, case.time.samples)
-
-    for wrong in type(found.system).check(found.data):
-        raise HodoError(f"member {index} of {case.name}: {wrong}")
-    return found
+            yield named(axes, np.unravel_index(i, shape)), [*varied]
 
 
 def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
@@ -79,14 +76,42 @@ def changed(case: Case, values: Mapping[str, Any]) -> Case:
 
 
 class Motions:
-    """The motions of varied cases, each integrated once, however many claims share it."""
+    """The motions of varied cases, each integrated once, however many claims share it, and not
+    before a claim asks for more than its crossings."""
 
     def __init__(self) -> None:
         self._known: dict[Case, Motion] = {}
 
-    def __call__(self, case: Case) -> Motion:
+    def of(self, cases: Sequence[Case]) -> list[Motion]:
+        """The motions of cases, whose crossings are found side by side.
+
+        What is asked of a motion raises HodoError if it stops before its end.
+        """
         # A member's name is its number in one sweep; the same motion may have another elsewhere.
-        unnamed = replace(case, name="variation")
-        if unnamed not in self._known:
-            self._known[unnamed] = integrated_motion(case)
-        return self._known[unnamed]
+        unnamed = [replace(case, name="variation") for case in cases]
+        new = [i for i, case in enumerate(unnamed) if case not in self._known]
+        passed = crossings_of([unnamed[i] for i in new])
+        for i, crossings in zip(new, passed, strict=True):
+            data = Late(cases[i], crossings)
+            self._known[unnamed[i]] = Motion(cases[i], data, label=cases[i].name, passed=crossings)
+        return [self._known[case] for case in unnamed]
+
+
+class Late(Mapping[str, Array]):
+    """The variables of a motion, which is integrated when they are first asked for."""
+
+    def __init__(self, case: Case, passed: Sequence[Crossing] | None) -> None:
+        self._case, self._passed = case, passed
+
+    @cached_property
+    def _variables(self) -> Mapping[str, Array]:
+        return integrated_motion(self._case, self._passed).data
+
+    def __getitem__(self, name: str) -> Array:
+        return self._variables[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._variables)
+
+    def __len__(self) -> int:
+        return len(self._variables)

@@ -8,6 +8,7 @@ sample of them, of which a share must comply.
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 from .. import HodoError
@@ -128,8 +129,10 @@ def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
     return averages(claim["check"], columns, list(sweep or {}))
 
 
+@lru_cache(maxsize=64)
 def stored_motion(run: Run, name: str) -> Motion:
-    """The motion of one case of a result. Raises HodoError if it is damaged."""
+    """The motion of one case of a result, kept for the next claim about it. Raises HodoError if it
+    is damaged."""
     group = run.read(name)
     return motion_of(group.variables, group.attributes, f"{run.path}: {name}", str(run.path))
 
@@ -143,18 +146,20 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     if not claim["over"]:
         finding = decide(claim["check"], motions)
         return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
-    varied = [*members([each.case for each in motions], claim["over"], claim["start"])]
-    found = {}
-    for i, (name, cases) in enumerate(varied):
-        with portion(i / len(varied), (i + 1) / len(varied)):
-            found[name] = [known(case) for case in cases]
-    if not found:
+    varied = dict(members([each.case for each in motions], claim["over"], claim["start"]))
+    if not varied:
         raise HodoError(f"no member starts about {claim['start']}")
+    n = len(motions)
+    flat = known.of([case for cases in varied.values() for case in cases])
+    found = dict(zip(varied, [flat[i : i + n] for i in range(0, len(flat), n)], strict=True))
     # A trend speaks of all members at once, so no single one of them can decide it.
     if (name := claim["check"].get("name")) in PAPER_TRENDS:
         finding = PAPER_TRENDS[name]([*found.values()])
         return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
-    findings = {name: decide(claim["check"], motions) for name, motions in found.items()}
+    findings = {}
+    for i, (name, some) in enumerate(found.items()):
+        with portion(i / len(found), (i + 1) / len(found)):
+            findings[name] = decide(claim["check"], some)
     return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
 
 

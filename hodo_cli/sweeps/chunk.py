@@ -1,7 +1,7 @@
 """A chunk of members, integrated: the task of a pool."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -14,6 +14,7 @@ from ..cases.case import Case
 from ..engines import have_taylor
 from ..engines.protocol import Status
 from ..integration.classify import classify
+from ..integration.crossings import Crossing
 from ..integration.integrate import integrate
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
@@ -32,7 +33,7 @@ from .columns import (
     shape,
 )
 from .ensemble import Ensemble, Outcome, Passages
-from .members import Inputs, member, member_inputs, starts
+from .members import Inputs, member, member_inputs, of_system, starts
 
 MOST_MEMBERS, LEAST_MEMBERS = 8192, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -43,6 +44,9 @@ WORTH = 250
 step of averaged equations, at about a millisecond for each member by itself. The nodes of a
 quadrature count among the constants."""
 
+
+FEWEST = 32
+"""Single cases of one kind, below which each by itself takes less time than compiling the step."""
 
 TURNING = 20
 """By what factor a body averaged over its turns takes longer by itself than a top does."""
@@ -81,15 +85,55 @@ def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
 
 
 def fits_ensemble(case: Case) -> bool:
-    """Whether the members go side by side: the method is that of `ensemble`, and they are worth the
-    compilation of their step."""
-    fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
-    fit &= not case.system.one_by_one
-    fit &= case.max_steps is None and case.max_seconds is None  # single cases heed these
+    """Whether the members of a sweep go side by side: they may, and they are worth the compilation
+    of their step."""
     worth = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
     if any(event.passage for event in case.system.run_events):
         worth //= TURNING
-    return fit and math.prod(shape(case)) >= worth
+    return goes_beside(case) and math.prod(shape(case)) >= worth
+
+
+def goes_beside(case: Case) -> bool:
+    """Whether the method of a case is that of `ensemble`."""
+    fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
+    # Single cases heed these.
+    return (
+        fit and not case.system.one_by_one and case.max_steps is None and case.max_seconds is None
+    )
+
+
+def crossings_of(cases: Sequence[Case]) -> list[tuple[Crossing, ...] | None]:
+    """The separatrix crossings of single cases, found side by side where there are enough of one
+    kind; None for a case that is left to `classify`."""
+    found: list[tuple[Crossing, ...] | None] = [None] * len(cases)
+    kinds: dict[Hashable, list[tuple[int, Inputs]]] = {}
+    for i, case in enumerate(cases):
+        if watches_separatrix(case):
+            one = of_system(case.data, case.system)
+            span = case.time.start, case.time.end
+            kind = type(case.system), one.structure, one.events, span, case.tol
+            kinds.setdefault(kind, []).append((i, one))
+    for alike in (alike for alike in kinds.values() if len(alike) >= FEWEST):
+        at = np.array([i for i, _ in alike])
+        e = _ensemble(cases[at[0]], [one for _, one in alike], np.arange(len(at)), None)
+        outcome, met = ensemble.advance_through(e)
+        labels = _reduced(e, outcome, met).classified
+        assert labels is not None
+        of = at[outcome.settled]
+        for i in of:
+            found[i] = ()
+        columns = [column.tolist() for column in labels.crossings[1:]]
+        for i, *values in zip(of[labels.crossings.member], *columns, strict=True):
+            time, error, start, end, momentum = values
+            found[i] = (*(found[i] or ()), Crossing(time, start, end, momentum, error))
+    return found
+
+
+def watches_separatrix(case: Case) -> bool:
+    """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
+    system = case.system
+    is_small = bool(system.degree) and not system.unclassifiable
+    return is_small and goes_beside(case) and not system.run_events
 
 
 def compute(chunk: Chunk) -> Group:

@@ -1,7 +1,7 @@
 """The members of a sweep: their data, and any one of them as a single case."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -38,7 +38,11 @@ def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
     model = type(case.system)
     if any(model.check(data)):
         return Inputs(data)
-    system = model(**data)
+    return of_system(data, model(**data))
+
+
+def of_system(data: Mapping[str, Any], system: Model) -> Inputs:
+    """What data of which a model makes this system amount to."""
     k, events = system.constants, (*system.run_events, *system.class_events)
     return Inputs(data, structure(k), tuple(flatten(k)), system.start, events, system)
 
@@ -93,19 +97,23 @@ def velocities(given: list[Inputs], place: np.ndarray, direction: np.ndarray) ->
 
 def member(case: Case, number: int, samples: int = 2) -> Case:
     """One member as a case of its own."""
-    (given,), _, direction = member_inputs(case, np.array([number]))
-    data = given.data
-    if direction is not None and given.start is not None:
-        omega = velocities([given], np.zeros(1, dtype=int), direction)[0].tolist()
-        # The other ways to give the start (|G|, x and y) make way for the components.
-        data = {
-            **data,
-            "initial": dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True)),
-        }
+    return next(members_as_cases(case, np.array([number]), samples))
+
+
+def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[Case]:
+    """Members as cases of their own."""
+    given, place, direction = member_inputs(case, numbers)
     time = replace(case.time, samples=samples)
-    return replace(
-        case, name=f"{case.name}.{number}", data=data, time=time, sweep=None, store=(), error="off"
-    )
+    common = replace(case, time=time, sweep=None, store=(), error="off")
+    for i, number in enumerate(numbers):
+        of = given[place[i]]
+        data = of.data
+        if direction is not None and of.start is not None:
+            omega = velocities([of], np.zeros(1, dtype=int), direction[[i]])[0].tolist()
+            # The other ways to give the start (|G|, x and y) make way for the components.
+            start = dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True))
+            data = {**data, "initial": start}
+        yield replace(common, name=f"{case.name}.{number}", data=data)
 
 
 def warnings_of_ends(case: Case) -> list[str]:
