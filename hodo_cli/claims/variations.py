@@ -14,7 +14,7 @@ from ..cases.sweep_block import Axis, axes_of, put
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..results.motion import Array, Motion
-from ..sweeps.chunk import crossings_of
+from ..sweeps.chunk import crossings_together
 from ..sweeps.members import members_as_cases
 from .finding import ROUNDING
 from .quantities import integrated_motion
@@ -90,14 +90,14 @@ class Motions:
         # A member's name is its number in one sweep; the same motion may have another elsewhere.
         unnamed = [replace(case, name="variation") for case in cases]
         new = [i for i, case in enumerate(unnamed) if case not in self._known]
-        passed = crossings_of([unnamed[i] for i in new])
+        passed = crossings_together([unnamed[i] for i in new])
         for i, crossings in zip(new, passed, strict=True):
-            data = Late(cases[i], crossings)
+            data = Unintegrated(cases[i], crossings)
             self._known[unnamed[i]] = Motion(cases[i], data, label=cases[i].name, passed=crossings)
         return [self._known[case] for case in unnamed]
 
 
-class Late(Mapping[str, Array]):
+class Unintegrated(Mapping[str, Array]):
     """The variables of a motion, which is integrated when they are first asked for."""
 
     def __init__(self, case: Case, passed: Sequence[Crossing] | None) -> None:

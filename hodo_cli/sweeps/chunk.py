@@ -102,7 +102,7 @@ def goes_beside(case: Case) -> bool:
     )
 
 
-def crossings_of(cases: Sequence[Case]) -> list[tuple[Crossing, ...] | None]:
+def crossings_together(cases: Sequence[Case]) -> list[tuple[Crossing, ...] | None]:
     """The separatrix crossings of single cases, found side by side where there are enough of one
     kind; None for a case that is left to `classify`."""
     found: list[tuple[Crossing, ...] | None] = [None] * len(cases)
