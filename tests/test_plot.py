@@ -13,12 +13,16 @@ from html.parser import HTMLParser
 from itertools import permutations
 from pathlib import Path
 
+import matplotlib.image
+import matplotlib.style
 import numpy as np
 import pytest
 from conftest import ROOT, Hodo
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
@@ -35,7 +39,7 @@ from hodo_cli.figures.geometry import (
     separatrix_circles,
     stretches,
 )
-from hodo_cli.figures.sheet import Sheet, title_lines
+from hodo_cli.figures.sheet import STYLE, Sheet, save, set_plain_ticks, title_lines
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
 from hodo_cli.results.dataset import open_results
@@ -316,6 +320,30 @@ def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
         hashes.append({path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files})
     assert len(hashes[0]) == 13  # with the record of how they were drawn
     assert hashes[0] == hashes[1]
+
+
+def test_a_png_is_what_matplotlib_itself_would_save(runs: Path, tmp_path: Path) -> None:
+    with open_results(runs / "paper1.h5") as results:
+        ours, theirs = (figures.draw(results.figure("fig4-invariants"), results) for _ in range(2))
+    save(ours, tmp_path / "ours.png", "a caption")
+    with matplotlib.style.context(["default", STYLE]):
+        theirs.figure.savefig(tmp_path / "theirs.png")
+    images = [matplotlib.image.imread(tmp_path / f"{name}.png") for name in ("ours", "theirs")]
+    assert np.array_equal(*images)
+
+
+def test_ticks_are_plain_text_and_their_factor_is_a_formula() -> None:
+    figure = Figure()
+    axes, inset = figure.add_subplot(), figure.add_axes((0.5, 0.5, 0.1, 0.1))
+    inset.set_yscale("log")
+    with matplotlib.style.context(["default", STYLE]):
+        axes.plot([-3e-9, 3e-9], [-2, 2])
+        set_plain_ticks(figure)
+        FigureCanvasAgg(figure).draw()
+    texts = [text.get_text() for text in axes.get_yticklabels()]
+    assert (texts[0], texts[-1]) == ("\N{MINUS SIGN}2.0", "2.0")
+    assert "10^" in axes.xaxis.get_offset_text().get_text()
+    assert not isinstance(inset.yaxis.get_major_formatter(), ScalarFormatter)
 
 
 def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from ..results.dataset import Results
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import STYLE, Drawing, Rendered, Sheet, check_tex, save, title_lines
+from .sheet import STYLE, Drawing, Rendered, Sheet, check_tex, save, set_plain_ticks, title_lines
 from .space import hodograph, sphere
 
 DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
@@ -47,6 +47,7 @@ def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     with matplotlib.style.context(["default", STYLE]):
         sheet = Sheet(Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
         DRAW[spec["kind"]](sheet, spec, results)
+        set_plain_ticks(sheet.figure)
         if spec["title"]:
             width, height = sheet.figure.get_size_inches()
             lines = title_lines(spec["title"], width)

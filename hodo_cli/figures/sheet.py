@@ -5,14 +5,18 @@ import io
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import matplotlib.style
 import numpy as np
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
+from matplotlib.ticker import ScalarFormatter
 
 from .. import HodoError
 from ..results.staging import replacing
@@ -122,6 +126,7 @@ class Rendered:
     problem: str = ""
 
 
+@lru_cache(maxsize=1024)  # figures share most of their labels
 def check_tex(text: str) -> None:
     """Raise HodoError if the formulas in a text, between dollar signs, cannot be set."""
     try:
@@ -167,5 +172,33 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
             draft.write_text(sheet.csv(), encoding="utf-8", newline="")
             return
         note = {"pdf": "Subject"}.get(suffix, "Description")
+        metadata = UNDATED[suffix] | {note: about}
         with matplotlib.style.context(["default", STYLE]):
-            sheet.figure.savefig(draft, format=suffix, metadata=UNDATED[suffix] | {note: about})
+            if suffix == "png":
+                save_png(sheet.figure, draft, metadata)
+            else:
+                sheet.figure.savefig(draft, format=suffix, metadata=metadata)
+
+
+def save_png(figure: Figure, path: Path, metadata: Mapping[str, Any]) -> None:
+    """Write a figure as `savefig` does, in three quarters of the time: that draws everything twice,
+    the first time for the layout alone, and compresses for long to save 7 % of the bytes."""
+    figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+    write: Any = FigureCanvasAgg(figure).print_png
+    write(path, metadata=metadata, pil_kwargs={"compress_level": 1})
+
+
+class TickText(ScalarFormatter):
+    """Numbers at ticks as plain text, and as a formula only the factor that is common to all: to
+    set a formula takes ten times as long, and a number looks the same."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
+
+
+def set_plain_ticks(figure: Figure) -> None:
+    """Give every axis whose ticks are plain numbers their `TickText`."""
+    for axis in figure.findobj(Axis):
+        assert isinstance(axis, Axis)
+        if type(axis.get_major_formatter()) is ScalarFormatter:
+            axis.set_major_formatter(TickText())
