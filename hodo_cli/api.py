@@ -18,17 +18,17 @@ from matplotlib.figure import Figure
 from . import HodoError
 from .batch.memory import check_memory
 from .batch.pool import pool
-from .cases.case import Case, case_from
+from .cases.case import Case
 from .cases.config import Config
-from .cases.figure_block import FIGURE_KINDS
+from .cases.figure_block import FIGURE_KINDS, check_figure
 from .commands.classify import classified
 from .commands.resume import fingerprint
 from .commands.run import finish
 from .figures import draw
-from .results.dataset import Opened, Results, dataset
+from .results.dataset import UNSAVED, Opened, Results, dataset
 from .results.hdf5 import Group, open_run
 from .results.writer import Writer
-from .schema.kinds import nearest, resolve
+from .schema.kinds import Wrong, nearest, resolve
 
 __all__ = ["Case", "open", "plot", "run", "sweep"]
 
@@ -101,6 +101,8 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     several = [data] if isinstance(data, xr.Dataset) or not isinstance(data, Iterable) else [*data]
     if wrong := [item for item in several if not isinstance(item, xr.Dataset)]:
         raise HodoError(f"expected a dataset or several, as run gives them, got {wrong[0]!r:.80}")
+    if not several:
+        raise HodoError("expected a dataset or several, got none")
     if kind not in FIGURE_KINDS:
         raise HodoError(
             f"unknown kind {kind!r}{nearest(kind, FIGURE_KINDS)} (valid: {', '.join(FIGURE_KINDS)})"
@@ -109,11 +111,12 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     # A sketch of quadrants draws bodies and takes no cases.
     given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
     spec, mistakes = resolve(FIGURE_KINDS[kind], given | _plain(keys))
+    mistakes += check_figure({"kind": kind, **spec})
     if mistakes:
-        raise HodoError("\n".join(f"{'.'.join(map(str, at))}: {said}" for at, said in mistakes))
+        raise HodoError(str(Wrong(*mistakes)))
     # Figures read results of files; the datasets at hand stand in for one without a config.
     empty = Config("", "", "", "", {}, {}, ())
-    return draw({"kind": kind, **spec}, Results(Path("data"), cases, empty)).figure
+    return draw({"kind": kind, **spec}, Results(UNSAVED, cases, empty)).figure
 
 
 def _case(given: Given, name: str) -> Case:
@@ -121,7 +124,7 @@ def _case(given: Given, name: str) -> Case:
         return given
     if not isinstance(given, Mapping):
         raise HodoError(f"expected a Case or a mapping of its keys to values, got {given!r:.80}")
-    return case_from(_plain(given), name)
+    return Case.of(_plain(given), name)
 
 
 def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:

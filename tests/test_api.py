@@ -179,8 +179,59 @@ def test_a_wrong_argument_says_what_is_right(tmp_path: Path, hodo: Hodo) -> None
     for data in (3, [3]):
         with pytest.raises(HodoError, match="expected a dataset or several"):
             api.plot(data)  # type: ignore[arg-type]
-    with pytest.raises(HodoError, match="a Case has no such form"):
+    with pytest.raises(HodoError, match="expected a dataset or several, got none"):
+        api.plot([])
+    with pytest.raises(HodoError, match=r"Case\.of makes a case of a mapping"):
         api.Case(FIG4)  # type: ignore[call-arg, arg-type]
+
+
+def test_a_case_is_made_of_a_mapping() -> None:
+    case = api.Case.of(FIG4, "first")
+    assert (case.name, case.time.end, case.precision) == ("first", 1000.0, "double")
+    assert {case: "it can be a key"}[api.Case.of(FIG4, "first")] == "it can be a key"
+    with pytest.raises(HodoError, match="dampin: unknown key"):
+        api.Case.of({**FIG4, "dampin": 1})
+
+
+def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
+    """As they are in a case file, and before anything is drawn."""
+    made = api.run({**FIG4, "time": {"end": 10, "samples": 11}}, classify=False)
+    ranges = {"damping.2": {"values": [0.003, 0.007]}, "damping.0": {"values": [0.005, 0.006]}}
+    swept = api.sweep({**FIG4, "sweep": ranges})
+    across = {"variable": "crossing_time", "x": "damping.2"}
+    for data, keys, message in (
+        (swept, {"kind": "map", **across, "y": "damping.2"}, "y: damping.2 is on the horizontal"),
+        (swept, {"kind": "map", **across}, "^missing 'y': a map has x and y"),
+        (swept, {"kind": "curve", "variable": "crossing_time"}, "^missing 'x'$"),
+        (made, {"labels": ["a", "b"]}, "labels: expected one for each of 1 cases, got 2"),
+        (made, {"kind": "series", "variables": ["G"], "span": [3, 2]}, "span: expected the lower"),
+        (made, {}, "no labels of the enclosed axis: classify it first"),
+        (made, {"kind": "series", "variables": ["Gz"]}, "case case has no 'gamma', which Gz needs"),
+    ):
+        with pytest.raises(HodoError, match=message):
+            api.plot(data, **keys)  # type: ignore[arg-type]
+
+
+def test_a_dataset_holds_plain_texts() -> None:
+    made = api.run({**FIG4, "max_steps": 10})
+    assert made.attrs["status"] == "timeout"
+    assert all(type(text) is str for text in made.attrs.values() if isinstance(text, str))
+
+
+def test_processes_do_not_run_the_script_that_starts_them(tmp_path: Path) -> None:
+    script = f"""
+import hodo_cli as hodo
+print("once", flush=True)
+ranges = {{"damping.2": {{"values": [0.003, 0.007]}}}}
+made = hodo.sweep({{**{FIG4}, "sweep": ranges}}, jobs=2)
+print(made.crossings.values.tolist(), flush=True)
+"""
+    (tmp_path / "script.py").write_text(script)
+    for given, text in ((tmp_path / "script.py", None), ("-", script)):
+        done = subprocess.run(
+            [sys.executable, given], input=text, capture_output=True, text=True, cwd=tmp_path
+        )
+        assert done.stdout == "once\n[1, 0]\n", done.stderr
 
 
 def test_a_case_that_is_not_in_a_file_is_named_with_those_that_are(

@@ -14,7 +14,7 @@ from conftest import Hodo
 
 from hodo_cli import progress
 from hodo_cli.batch.pool import pool
-from hodo_cli.cases.case import Case, case_from
+from hodo_cli.cases.case import Case
 from hodo_cli.engines import protocol
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.progress import Progress, listening, portion, reached, task
@@ -100,7 +100,7 @@ def test_a_case_says_how_far_it_is(method: str, monkeypatch: pytest.MonkeyPatch)
     if method == "exact":
         del data["resistance"]
         data |= {"model": "linear-diag", "damping": 0.01, "time": {"end": 90, "samples": 200_000}}
-    heard = fractions(case_from(data, "case"), monkeypatch)
+    heard = fractions(Case.of(data), monkeypatch)
     assert heard == sorted(heard)
     assert heard[0] == 0.0
     # The motion is the first quarter, its error the rest.

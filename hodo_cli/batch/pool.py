@@ -5,10 +5,11 @@ import logging
 import os
 import pickle
 import signal
+import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
@@ -16,6 +17,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from queue import SimpleQueue
 from threading import Lock, Thread
+from types import ModuleType
 from typing import Any, Self, TypeVar
 
 from .. import BatchError, HodoError
@@ -195,6 +197,27 @@ class Processes(Executor):
             worker.end()
 
 
+MAIN = Lock()
+"""Held while the main module is another one; workers start side by side."""
+
+
+@contextmanager
+def without_main() -> Iterator[None]:
+    """The time in which a process may be spawned that does not run the main module's file again.
+
+    The standard library lets it: then a script without `if __name__ == "__main__":` would run as
+    many times as there are workers, and a script from stdin not at all. No task needs it, because
+    none is a function of the main module.
+    """
+    with MAIN:
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = main
+
+
 class _Worker(Thread):
     """Hands calls to a process of its own, which it starts when it is needed and after a death."""
 
@@ -262,7 +285,8 @@ class _Worker(Thread):
             if self._ended:
                 raise EOFError
             self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
-            self._process.start()
+            with without_main():
+                self._process.start()
         return ours
 
     def _discard(self) -> None:

@@ -67,13 +67,29 @@ class Case:
     def __new__(cls, *given: Any, **_: Any) -> "Case":
         """Raises HodoError for a mapping, which a notebook may try."""
         if given and isinstance(given[0], Mapping):
-            raise HodoError("a Case has no such form: hodo.run and hodo.sweep take the mapping")
+            raise HodoError("Case.of makes a case of a mapping")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for name in ("data", "sweep", "store", "assumes"):
             # The way into a frozen dataclass.
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], name: str = "case") -> "Case":
+        """The case that these keys of a case file describe, with every default filled in.
+
+        Raises HodoError, one line for each mistake: the key, and what is right.
+        """
+        if not NAME.fullmatch(name):
+            raise HodoError(f"{NAME_RULE}, not {shown(name)}")
+        block = Block()
+        for key, value in given.items():
+            block.put(key, value, Place(1, 1), Place(1, 1))
+        try:
+            return checked_case(name, block)
+        except Wrong as error:
+            raise HodoError(str(error)) from None
 
     @cached_property
     def system(self) -> Model:
@@ -110,23 +126,6 @@ def parse_case(text: str) -> Case:
         raise mistakes.error() from None
     mistakes.raise_any()  # a key that is given twice, say
     return case
-
-
-def case_from(given: Mapping[str, Any], name: str = "case") -> Case:
-    """The case that these keys of a case file describe, with every default filled in.
-
-    Raises HodoError, one line for each mistake: the key, and what is right.
-    """
-    if not NAME.fullmatch(name):
-        raise HodoError(f"{NAME_RULE}, not {shown(name)}")
-    block = Block()
-    for key, value in given.items():
-        block.put(key, value, Place(1, 1), Place(1, 1))
-    try:
-        return checked_case(name, block)
-    except Wrong as error:
-        lines = [f"{'.'.join(map(str, at))}: {said}" if at else said for at, said in error.mistakes]
-        raise HodoError("\n".join(lines)) from None
 
 
 def read_mapping(text: str, mistakes: Mistakes) -> Block:

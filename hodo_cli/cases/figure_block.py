@@ -222,8 +222,8 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
             yield (key,), f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
     if values.get("kind") == "map":
         yield from _of_axes(values.get("x"), values.get("y"), values.get("panels"))
-    if values.get("kind") == "curve" and values.get("by") == values.get("x"):
-        yield ("by",), f"{values.get('x')} is on the horizontal axis already"
+    if values.get("kind") == "curve" and (by := values.get("by")) and by == values.get("x"):
+        yield ("by",), f"{by} is on the horizontal axis already"
 
 
 def check_variables(values: Mapping[str, Any], stored: Iterable[str]) -> Iterator[Mistake]:

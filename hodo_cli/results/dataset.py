@@ -22,13 +22,18 @@ from .motion import Motion, motion_of
 from .provenance import typed
 from .writer import open_batch
 
+UNSAVED = Path("data")
+"""Stands for a result file where the datasets at hand are drawn."""
+
 
 def dataset(group: Group) -> xr.Dataset:
     """A stored group as a dataset; a variable that is named as its only dimension becomes that
     dimension's coordinate."""
-    # Copies of the attributes: xarray lets them be changed, and a Group is frozen.
+    # Copies of the attributes: xarray lets them be changed, and a Group is frozen. A text of an
+    # enumeration (the status) becomes plain, as it is when it comes from a file.
     arrays = {name: (v.dims, v.data, dict(v.attrs)) for name, v in group.variables.items()}
-    return xr.Dataset(arrays, attrs=dict(group.attributes))
+    attrs = {k: str(v) if isinstance(v, str) else v for k, v in group.attributes.items()}
+    return xr.Dataset(arrays, attrs=attrs)
 
 
 class Datasets(Mapping[str, xr.Dataset]):
@@ -125,7 +130,8 @@ class Results:
                 end = float(data["time"].values[-1])
                 warnings.warn(f"{name}: {status}: drawn to t = {end:.6g} only", stacklevel=2)
             # Kept, because most cases stand in several figures and on the page.
-            self._motions[name] = motion_of(data, data.attrs, owner, str(self.path))
+            path = "" if self.path == UNSAVED else str(self.path)
+            self._motions[name] = motion_of(data, data.attrs, owner, path)
         return replace(self._motions[name], label=label or name)
 
     @property

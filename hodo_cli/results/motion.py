@@ -80,6 +80,8 @@ class Motion:
 
     def stored(self, name: str) -> np.ndarray:
         """The values of a stored variable. Raises KeyError if it is not stored."""
+        if name not in self.data:  # xarray's own error would list all that there is
+            raise KeyError(name)
         return np.asarray(self.data[name].data)
 
     def columns(self, *variables: str) -> dict[str, np.ndarray]:
@@ -176,10 +178,8 @@ class Motion:
     def labels(self) -> np.ndarray:
         """The enclosed axis (n,). Raises HodoError if there is none."""
         if not self.classified:
-            raise HodoError(
-                f"case {self.name} has no labels of the enclosed axis: "
-                f"run `hodo classify {self.path}` first"
-            )
+            how = f"run `hodo classify {self.path}` first" if self.path else "classify it first"
+            raise HodoError(f"case {self.name} has no labels of the enclosed axis: {how}")
         return self.stored("enclosed_axis")
 
     @cached_property

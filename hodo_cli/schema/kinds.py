@@ -28,6 +28,11 @@ class Wrong(Exception):
         super().__init__(*mistakes)
         self.mistakes = mistakes
 
+    def __str__(self) -> str:
+        """A line for each: the key, and what is right."""
+        lines = ((".".join(map(str, at)), said) for at, said in self.mistakes)
+        return "\n".join(f"{at}: {said}" if at else said for at, said in lines)
+
 
 class Misnamed(str):
     """The last part of a path whose mistake is the key itself, not its value."""
