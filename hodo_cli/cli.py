@@ -195,10 +195,35 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
             elif run.endswith(CONFIGS) or not names:
                 names += load(run).figures
     found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-    return found or [CompletionItem(incomplete, type="file")]
+    return found or _configs(ctx, param, incomplete)
 
 
-RUNS = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+    """The case files that come with hodo, with which a shell completes a name that no file begins
+    with; else its own files."""
+    from glob import escape, glob
+
+    from click.shell_completion import CompletionItem
+
+    from .cases.config import BROUGHT
+
+    names = sorted(path.stem for path in BROUGHT.glob("*.yaml"))
+    found = [CompletionItem(name) for name in names if incomplete and name.startswith(incomplete)]
+    if not found or glob(f"{escape(incomplete)}*"):
+        return [CompletionItem(incomplete, type="file")]
+    return found
+
+
+def _formats(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """The formats of figures."""
+    from .cases.figure_block import FORMATS
+
+    return [name for name in FORMATS if name.startswith(incomplete)]
+
+
+RUNS = click.argument(
+    "runs", nargs=-1, required=True, type=click.Path(path_type=Path), shell_complete=_configs
+)
 JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value instead of a table."
 )
@@ -233,7 +258,9 @@ def _init(name: Path) -> None:
 
 
 @main.command("run")
-@click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument(
+    "configs", nargs=-1, required=True, type=click.Path(path_type=Path), shell_complete=_configs
+)
 @GLOBS
 @click.option(
     "--set",
@@ -353,6 +380,7 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     multiple=True,
     default=("png",),
     show_default=True,
+    shell_complete=_formats,
     help="png, svg, pdf, csv or html (repeatable).",
 )
 @_folder("runs/figures")
@@ -408,7 +436,7 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
 
 
 @main.command("bench")
-@click.argument("config", type=click.Path(path_type=Path))
+@click.argument("config", type=click.Path(path_type=Path), shell_complete=_configs)
 @GLOBS
 @_folder("runs")
 @click.option(

@@ -202,6 +202,9 @@ def _line(total: int) -> Any:
     """A line of tqdm's. It is imported here, because only a terminal wants it."""
     from tqdm import tqdm
 
+    # A terminal that does not say how large it is (`script`, some editors) would get no line.
+    known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
+    columns, lines = (None, None) if known else (80, 24)
     # Its own lock is a semaphore of the system, which a process that is killed leaves behind.
     tqdm.set_lock(threading.RLock())
     return tqdm(
@@ -209,7 +212,9 @@ def _line(total: int) -> Any:
         total=total,
         bar_format=LINE,
         leave=False,
-        dynamic_ncols=True,
+        dynamic_ncols=known,
+        ncols=columns,
+        nrows=lines,
         mininterval=0,
         miniters=0,
         smoothing=SMOOTHING,

@@ -131,6 +131,9 @@ def test_curves_of_a_sweep_show_its_values_and_where_there_is_none() -> None:
         values = made.crossing_time.values[:, i]
         np.testing.assert_array_equal(line.get_ydata(), values)
         np.testing.assert_array_equal(none.get_xdata(), made["damping.2"].values[np.isnan(values)])
+    over = {"variable": "crossing_time", "x": "damping.2", "y": "damping.0"}
+    (words,) = api.plot(made, kind="map", **over).legends
+    assert [text.get_text() for text in words.get_texts()] == ["none"]
     several = api.plot([made, made], kind="curve", variable="end_axis.x1", x="damping.2")
     shares = (made.end_axis == 1).mean("damping.0").values
     for line in several.axes[0].lines[::2]:

@@ -175,6 +175,15 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     ]
 
 
+def test_a_failure_says_that_the_good_result_is_kept(config: Path) -> None:
+    assert run(config).exit_code == 0
+    config.write_text(FAILING)
+    b, c = run(config, "--quiet").stderr.splitlines()[:2]
+    assert b.endswith("; its earlier result is kept")
+    assert c.endswith("; its earlier result is kept")
+    assert "kept" not in run(config, "--quiet", "--out", "elsewhere").stderr
+
+
 def test_a_bug_in_one_case_is_that_case_s_own(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

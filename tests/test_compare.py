@@ -199,6 +199,21 @@ def test_parameters_that_differ_come_first(tmp_path: Path) -> None:
     assert lines[0].place == "0.0045, not 0.004"
 
 
+def test_how_a_case_was_computed_is_named_where_its_values_differ(tmp_path: Path) -> None:
+    def change(cases: dict[str, Group]) -> None:
+        text = str(cases["fig4"].attributes["case"])
+        cases["fig4"].attributes.update(case=f"{text}tol: 1e-9\n")
+
+    def both(cases: dict[str, Group]) -> None:
+        change(cases)
+        shifted("fig4", "omega", (17, 1), 2)(cases)
+
+    reference = groups()["fig4"].attributes["tol"]
+    tol, *_ = [line for line in compared(tmp_path, both) if line.case == "fig4"]
+    assert (tol.variable, tol.place) == ("tol", f"1e-09, not {reference}")
+    assert not found(compared(tmp_path, change))
+
+
 def test_the_tail_of_a_decayed_motion_counts_as_its_start_does(tmp_path: Path) -> None:
     def change(cases: dict[str, Group]) -> None:
         omega = cases["fig4"].variables["omega"].data.copy()

@@ -69,6 +69,11 @@ def test_a_symmetric_body_has_one_rate() -> None:
     assert np.isnan(found[1:]).all()
 
 
+def test_equal_rates_cancel_without_their_rounding() -> None:
+    found = rigid_body.growth_rates(np.array([1.0, 0.8, 0.6]), np.full(3, 0.005))
+    assert found[[0, 2]].tolist() == [0, 0]
+
+
 def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
     generator = np.random.default_rng(3)
     for _ in range(12):

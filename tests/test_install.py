@@ -146,6 +146,8 @@ def test_bash_completes_as_documented(hodo: Hodo, tmp_path: Path) -> None:
         "hodo run --dr",
         "hodo run mine.yaml --case sta",
         "hodo plot mine sp",
+        "hodo run pap",
+        "hodo plot --format s",
     ):
         shown += f"COMP_WORDS=({words}); COMP_CWORD={words.count(' ')}; COMPREPLY=()\n"
         shown += '_hodo_completion hodo; echo "${COMPREPLY[@]}"\n'
@@ -156,8 +158,9 @@ def test_bash_completes_as_documented(hodo: Hodo, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
     )
-    found = done.stdout.splitlines()[-4:]
-    assert found == ["claims classify", "--dry-run", "staying", "speeds"], done.stderr
+    found = done.stdout.splitlines()[-6:]
+    assert found[:4] == ["claims classify", "--dry-run", "staying", "speeds"], done.stderr
+    assert found[4:] == ["paper1 paper2 paper3", "svg"], done.stderr
 
 
 FIGURES = """

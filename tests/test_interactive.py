@@ -2,6 +2,7 @@
 
 import base64
 import importlib.util
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -51,12 +52,17 @@ figures:
   space: {kind: hodograph, cases: fig4, caption: "</script><b>&"}
   ball: {kind: sphere, cases: fig4}
   time: {kind: series, cases: fig4, variables: [T, D/2T, G.x1], time: \tau}
+  clock: {kind: series, cases: fig4, variables: [time]}
+  late: {kind: phase, cases: fig4, x: p, y: time}
   plane: {kind: phase, cases: fig4, x: p, y: q}
   corner: {kind: quadrants, cases: fig4}
   bounds: {kind: invariants, cases: fig4}
 """
 
-ALL = ["lines", "flat", "round", "space", "ball", "time", "plane", "corner", "bounds"]
+ALL = [
+    *("lines", "flat", "round", "space", "ball", "time", "clock", "late", "plane", "corner"),
+    "bounds",
+]
 
 
 @pytest.fixture(scope="module")
@@ -112,11 +118,21 @@ def test_panels_are_the_printed_ones_point_by_point(results: Results, name: str)
         np.testing.assert_array_equal(ours, theirs)
 
 
+def test_time_may_be_drawn_itself(results: Results) -> None:
+    time = results.cases["fig4"].time.values
+    for name, across in (("clock", time), ("late", results.motion("fig4")["p"])):
+        _, found = drawn(results, name)
+        (values,) = found.values()
+        np.testing.assert_array_equal(values, np.stack([across, time], axis=-1))
+
+
 def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Results) -> None:
     spec = results.figure("lines")
     sheet = figures.draw(spec, results)
     made = interactive(sheet, spec, results)
     assert len(made.data) == len(sheet.shown) == 2
+    assert [trace.name for trace in made.data] == ["damping.0 = 0.004", "damping.0 = 0.005"]
+    assert made.layout.yaxis.title.text == "crossing_time"
     for trace, shown in zip(made.data, sheet.shown, strict=True):
         x, values, errors, other = shown.values.values()
         assert set(other) in ({0.004}, {0.005})
@@ -205,6 +221,8 @@ def test_a_hodograph_turns_in_a_browser(
     browser.wait_for("!!document.querySelector('#figure canvas')")
     eye = "JSON.stringify(document.getElementById('figure')._fullLayout.scene.camera.eye)"
     before = browser.evaluate(eye)
+    # The field of view is fixed from top to bottom: a narrow page looks from farther away.
+    assert (json.loads(before)["x"] > 2) == (width == 390)
     browser.drag((width // 3, 400), (width // 2, 480))
     browser.wait_for(f"{eye} !== {before!r}")
     colour = browser.evaluate("document.getElementById('figure')._fullLayout.paper_bgcolor")

@@ -39,7 +39,14 @@ from hodo_cli.figures.geometry import (
     separatrix_circles,
     stretches,
 )
-from hodo_cli.figures.sheet import STYLE, Sheet, save, set_plain_ticks, title_lines
+from hodo_cli.figures.sheet import (
+    STYLE,
+    Sheet,
+    save,
+    set_plain_ticks,
+    title_lines,
+    without_tex,
+)
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
 from hodo_cli.results.dataset import open_results
@@ -283,6 +290,18 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
         )
 
 
+def test_names_of_curves_in_tables_are_plain_text() -> None:
+    sheet = Sheet(Figure())
+    for name in (r"1, $\lambda_1 = 0.1$", "case_1"):
+        sheet.record("panel", name, {"time": np.zeros(1), "T": np.ones(1)})
+    rows = list(csv.reader(sheet.csv().splitlines()))
+    assert rows == [
+        ["curve", "time", "T"],
+        ["1, λ1 = 0.1", "0.0", "1.0"],
+        ["case_1", "0.0", "1.0"],
+    ]
+
+
 def test_csv_is_what_is_shown(runs: Path) -> None:
     for paper, name in (
         ("paper1", "fig18"),
@@ -294,7 +313,7 @@ def test_csv_is_what_is_shown(runs: Path) -> None:
             sheet = figures.draw(results.figure(name), results)
         rows = list(csv.DictReader(sheet.csv().splitlines()))
         for shown in sheet.shown:
-            mine = [row for row in rows if row["curve"] == shown.curve]
+            mine = [row for row in rows if row["curve"] == without_tex(shown.curve)]
             for column, values in shown.values.items():
                 assert [float(row[column]) for row in mine] == values.tolist()
         curves = {shown.curve: len(next(iter(shown.values.values()))) for shown in sheet.shown}

@@ -73,6 +73,17 @@ def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.Monkey
     assert (cleared.strip(" "), end) == ("", "end")
 
 
+def test_a_terminal_of_unknown_width_shows_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    termios.tcsetwinsize(terminal.file.fileno(), (0, 0))
+    monkeypatch.setattr(sys, "stderr", terminal.file)
+    monkeypatch.setattr(progress, "BRIEF", 0.0)
+    monkeypatch.setattr(progress, "TICK", 0.01)
+    with Progress(4), task("fig4"):
+        reached(0.5)
+        terminal.wait_for("fig4 50 %")
+
+
 def test_each_item_is_a_task_of_its_own() -> None:
     heard: list[tuple[str, float]] = []
     with Progress(2, quiet=True) as shown, listening(lambda *said: heard.append(said)):

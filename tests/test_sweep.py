@@ -20,7 +20,7 @@ from conftest import ROOT, Hodo
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError
+from hodo_cli import HodoError, models
 from hodo_cli.batch.pool import Pool, pool
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
@@ -526,8 +526,19 @@ def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
     variables = {
         name: Variable(("member",), np.array(values), {}) for name, values in columns_of.items()
     }
-    (line,) = tabulated("a", Group({}, variables))["warnings"]
+    body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}}
+    case = Case.of({"model": "linear-diag", **body, "time": {"end": 1}}, "a")
+    (line,) = tabulated(case, Group({}, variables))["warnings"]
     assert line == "2 of 3 members cross, up to 2 times, first at 4 to 6, median 5"
+    del variables["crossings"]
+    (line,) = tabulated(case, Group({}, variables))["warnings"]
+    assert line == '"crossings", their number, is not stored'
+    top = {"inertia": {"A": 1.5, "C": 1}, "mu": 0.5, "a": 0.1, "b": 1}
+    start = {"initial": {"theta": "60 deg", "r": 2}, "time": {"end": 1}}
+    (line,) = tabulated(
+        Case.of({"model": "Lagrange-averaged", **top, **start}), Group({}, variables)
+    )["warnings"]
+    assert line == models.find("Lagrange-averaged", "averaged").unclassifiable != ""
 
 
 @pytest.mark.heyoka
@@ -608,6 +619,9 @@ def test_averages_over_members() -> None:
     for wrong in (("nothing",), ("share",), ("end_axis.x2",)):
         with pytest.raises(HodoError, match="the sweep has no"):
             average(*wrong)
+    for wrong, has in (("share", "share.x1, share.x2, share.x3"), ("end_axis.x2", "end_axis.x1")):
+        with pytest.raises(HodoError, match=f"it has {has}"):
+            average(wrong)
     with pytest.raises(HodoError, match="no position 3 on an axis 'b'"):
         average("crossing_time", b=3)
 

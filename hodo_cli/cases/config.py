@@ -236,10 +236,8 @@ def _of_variables(
         drawn = values.get("cases", ())
         if all(case in cases for case in drawn):
             # Labels are stored by `classify`, whatever the model.
-            stored = {v for case in drawn for v in cases[case].system.variables} | {
-                "enclosed_axis",
-                "time",
-            }
+            stored = [v for case in drawn for v in cases[case].system.variables]
+            stored = list(dict.fromkeys([*stored, "enclosed_axis", "time"]))
             sweeps = [cases[case] for case in drawn]
             found = (
                 check_swept(values, [(s.name, s.sweep, storable(type(s.system))) for s in sweeps])

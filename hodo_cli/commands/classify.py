@@ -66,7 +66,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     recorded = typed(group.attributes, RECORDED, name)
     case = parse_case(recorded["case"])
     if case.sweep:
-        return None, tabulated(name, group)
+        return None, tabulated(case, group)
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration
         motion = motion_of(group.variables, group.attributes, name)
         return None, row_of(name, Classification(motion.labels, motion.crossings))
@@ -125,15 +125,16 @@ def inapplicable(case: Case, group: Group) -> str:
     return "" if len(group.variables["omega"].data) else "no samples are stored"
 
 
-def tabulated(name: str, group: Group) -> dict[str, Any]:
+def tabulated(case: Case, group: Group) -> dict[str, Any]:
     """A sweep's line in the table of `classify`, from what is stored of it."""
-    row: dict[str, Any] = {"case": name, "start": "-", "end": "-", "crossings": []}
+    row: dict[str, Any] = {"case": case.name, "start": "-", "end": "-", "crossings": []}
     ok = group.variables["status"].data == Status.OK.code
     for end in ("start", "end"):
         if (column := group.variables.get(f"{end}_axis")) is not None:
             row[end] = _shares(column.data[ok])
     if (counts := group.variables.get("crossings")) is None:
-        return {**row, "warnings": ["the crossings are not stored"]}
+        lacking = '"crossings", their number, is not stored'
+        return {**row, "warnings": [case.system.unclassifiable or lacking]}
     crossing = ok & (counts.data > 0)
     said = f"{crossing.sum()} of {ok.sum()} members cross"
     if (most := counts.data[ok].max(initial=0)) > 1:

@@ -167,7 +167,28 @@ def damage_of(variables: Mapping[str, Variable]) -> str:
 
 
 def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
-    """The lines of one case. An attribute has one only if it differs."""
+    """The lines of one case. An attribute has one only if it differs, and how the case was computed
+    only if a value does: a reference may be computed otherwise, to the same values."""
+    lines = [*variable_lines(name, a, b, tolerance)]
+    if any(line.differs for line in lines):
+        for key in ("method", "precision", "tol"):
+            said = [asked(group, key) for group in (a, b)]
+            if said[0] != said[1]:
+                yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
+    yield from lines
+
+
+def asked(group: Group, key: str) -> object:
+    """What a stored case asks for; where it asks for nothing, what it got."""
+    try:
+        value = getattr(parse_case(str(group.attributes.get("case", ""))), key)
+    except HodoError:
+        value = None
+    return group.attributes.get(key) if value is None else value
+
+
+def variable_lines(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
+    """What differs in one case, and each of its variables."""
     yield from differing_settings(name, a, b)
     for key in EXACT:
         said = [str(group.attributes.get(key)) for group in (a, b)]

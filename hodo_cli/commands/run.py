@@ -95,7 +95,8 @@ class Plan:
                     failures[case.name] = {key: group.attributes[key] for key in SUMMARY}
                 if is_ok:
                     writer.unfinished -= self._stamps([case.name])
-                progress.done(case.name, problem(group, outcome))
+                stays = "; its earlier result is kept" if case.name in failures else ""
+                progress.done(case.name, problem(group, outcome) + stays)
                 if fail_fast and not is_ok:
                     break
             # Cases that the batch has not reached keep the results that they had.

@@ -26,7 +26,7 @@ from ..results.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
 from .geometry import graticule, separatrix_circles, stretches
 from .maps import STORED_ERRORS
-from .sheet import Sheet, Shown
+from .sheet import Sheet, Shown, without_tex
 
 HOVER = ("G", "T", "D")
 """The quantities of the point under the pointer, besides its coordinates, time and axis."""
@@ -119,7 +119,7 @@ def turnable_map(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
     columns = min(3, len(sheet.shown))
     rows = -(-len(sheet.shown) // columns)
     kind = [[{"type": "scene"}] * columns] * rows
-    titles = [_plain(shown.curve) for shown in sheet.shown]
+    titles = [without_tex(shown.curve) for shown in sheet.shown]
     figure = make_subplots(rows, columns, specs=kind, subplot_titles=titles)
     every = np.concatenate([shown.values[spec["variable"]] for shown in sheet.shown])
     low, high = spec["range"] or (float(np.nanmin(every)), float(np.nanmax(every)))
@@ -147,7 +147,9 @@ def images(shown: Sequence[Shown], spec: Mapping[str, Any]) -> go.Figure:
     """A variable of a sweep over two axes, an image a panel, all of one scale."""
     columns = min(2, len(shown))
     rows = -(-len(shown) // columns)
-    figure = make_subplots(rows, columns, subplot_titles=[_plain(each.curve) for each in shown])
+    figure = make_subplots(
+        rows, columns, subplot_titles=[without_tex(each.curve) for each in shown]
+    )
     for i, each in enumerate(shown):
         x, y, z = each.values.values()
         place = {"row": i // columns + 1, "col": i % columns + 1}
@@ -167,7 +169,7 @@ def panels(
     names = list(dict.fromkeys(panel for panel, *_ in curves))
     columns = 1 if len(names) == 1 else 2
     rows = -(-len(names) // columns)
-    figure = make_subplots(rows, columns, subplot_titles=[_plain(name) for name in names])
+    figure = make_subplots(rows, columns, subplot_titles=[without_tex(name) for name in names])
     labels = list(dict.fromkeys(label for _, label, *_ in curves))
     for panel, label, x, y, values in curves:
         row, column = divmod(names.index(panel), columns)
@@ -179,16 +181,16 @@ def panels(
         trace = go.Scatter(
             x=values[x],
             y=values[y],
-            name=_plain(label),
-            mode="lines",
+            name=without_tex(label),
+            mode="lines+markers" if spec["kind"] == "curve" else "lines",
             line=look,
             legendgroup=label,
             showlegend=panel == next(p for p, other, *_ in curves if other == label),
             **told,
         )
         figure.add_trace(trace, row=row + 1, col=column + 1)
-        figure.update_xaxes(title_text=_plain(x), row=row + 1, col=column + 1)
-        figure.update_yaxes(title_text=_plain(y), row=row + 1, col=column + 1)
+        figure.update_xaxes(title_text=without_tex(x), row=row + 1, col=column + 1)
+        figure.update_yaxes(title_text=without_tex(y), row=row + 1, col=column + 1)
         _mark_crossings(figure, motion, x, values, y, (row + 1, column + 1))
     figure.update_layout(margin=MARGIN, legend=KEY)
     return figure
@@ -199,7 +201,9 @@ def _curves(
 ) -> list[tuple[str, str, str, str, Mapping[str, np.ndarray]]]:
     """Panel, curve, and the names on both axes of what one record shows."""
     names = list(shown.values)
-    if spec["kind"] in ("phase", "quadrants", "curve"):
+    if spec["kind"] == "phase":
+        return [(shown.panel, shown.curve, spec["x"], spec["y"], shown.values)]
+    if spec["kind"] in ("quadrants", "curve"):
         x, y = [name for name in names if name != "time"][:2]
         return [(shown.panel, shown.curve, x, y, shown.values)]
     across = "time" if "time" in names else names[0]
@@ -212,8 +216,8 @@ def _curves(
             name,
             shown.values,
         )
-        for name in names
-        if name != across
+        # Time itself may be the variable that is drawn.
+        for name in [name for name in names if name != across] or [across]
     ]
 
 
@@ -258,7 +262,7 @@ def _parts(
                 where[piece] = True
         said = LABELS[int(label)]
         name = f"{motion.label}: {said}" if several > 1 else f"about {said}"
-        parts.append((_plain(name), where, {"color": AXIS_COLOUR[int(label)], "width": 4}))
+        parts.append((without_tex(name), where, {"color": AXIS_COLOUR[int(label)], "width": 4}))
     return parts
 
 
@@ -267,14 +271,15 @@ def _space(points: np.ndarray, name: str, mode: str = "lines", **look: Any) -> g
     x, y, z = points.T
     quiet = {} if "hovertemplate" in look or "hoverinfo" in look else {"hoverinfo": "skip"}
     return go.Scatter3d(
-        x=x, y=y, z=z, mode=mode, name=_plain(name), showlegend=bool(name), **quiet, **look
+        x=x, y=y, z=z, mode=mode, name=without_tex(name), showlegend=bool(name), **quiet, **look
     )
 
 
 def _marks(points: np.ndarray, times: np.ndarray, symbol: str) -> go.Scatter3d:
     """The crossings (m, 3) with their times."""
     look = {"size": 5, "symbol": "diamond", "color": "#F0E442", "line": {"color": "#000000"}}
-    text = [f"crossing of D = 0 at {_plain(symbol)} = {time:.12g}" for time in times]
+    letter = without_tex(f"${symbol}$")
+    text = [f"crossing of D = 0 at {letter} = {time:.12g}" for time in times]
     return _space(points, "D = 0", mode="markers", marker=look, text=text, hoverinfo="text")
 
 
@@ -319,11 +324,3 @@ def _scale(end: float = AREA_END) -> list[list[Any]]:
     """The scale of colours of the printed figures, for plotly."""
     colours = (255 * np.asarray(hues(16, end).colors)[:, :3]).astype(int)
     return [[i / 15, f"rgb({r},{g},{b})"] for i, (r, g, b) in enumerate(colours.tolist())]
-
-
-def _plain(text: str) -> str:
-    """A label without TeX: plotly sets formulas by a script that would have to be fetched."""
-    letters = {r"\tau": "τ", r"\lambda": "λ", r"\gamma": "γ", r"\varepsilon": "ε"}
-    for tex, plain in letters.items():
-        text = text.replace(tex, plain)
-    return text.translate(str.maketrans("", "", "${}\\")).replace("_", "")

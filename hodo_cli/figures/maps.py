@@ -54,11 +54,12 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         # Rasterized: a million cells as vectors make a file that no reader opens.
         look: Look = {"norm": scale, "cmap": hues(), "rasterized": True}
         places = (map_sphere if flat else map_image)(axes, swept, spec, value, look)
-        sheet.record(swept.case.name, title, {**places, spec["variable"]: value.ravel()})
+        name = plain_name(swept, at, label, len(sweeps))
+        sheet.record(swept.case.name, name, {**places, spec["variable"]: value.ravel()})
     handles: list[Line2D | Patch] = []
     if flat:
         handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
-    if flat and np.isnan(every).any():
+    if np.isnan(every).any():
         handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label="none"))
     if spec["level"] is not None and not flat:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
@@ -140,10 +141,11 @@ def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> 
 def map_image(
     axes: Axes, swept: Swept, spec: Mapping[str, Any], values: np.ndarray, look: Look
 ) -> dict[str, np.ndarray]:
-    """Draw an image over two axes, white where there is no value; returns the place (n,) of each
+    """Draw an image over two axes, grey where there is no value; returns the place (n,) of each
     value by the names of the axes.
     """
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
+    axes.set_facecolor(GAP)
     axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
     if spec["level"] is not None and min(values.shape) > 1:
         lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
@@ -244,7 +246,8 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
             ([swept.case.name] if len(sweeps) > 1 or not at else [])
             + [position(swept, name, i) for name, i in at.items()]
         )
-        lacking |= curve_of(sheet, axes, swept, spec, at, label, style)
+        name = plain_name(swept, at, given, len(sweeps))
+        lacking |= curve_of(sheet, axes, swept, spec, at, (label, name), style)
     if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
         raise HodoError(f"sweep {sweeps[0].case.name} has no value of {spec['variable']} to draw")
     if spec["level"] is not None:
@@ -275,18 +278,19 @@ def curve_of(
     swept: Swept,
     spec: Mapping[str, Any],
     at: Mapping[str, int],
-    label: str,
+    names: tuple[str, str],
     style: Mapping[str, Any],
 ) -> bool:
-    """Draw one curve, with the stored errors of its values and crosses at the bottom where there is
-    none; whether there are such places."""
+    """Draw one curve, with the stored errors of its values and crosses at the bottom where there
+    is none; whether there are such places. `names` are those in the legend and in tables."""
+    label, name = names
     x, _ = swept.ticks(spec["x"])
     values = swept.values(spec["variable"], [spec["x"]], at)
     shown = {spec["x"]: x, spec["variable"]: values}
     axes.plot(x, values, **style, marker=".", ms=3, label=label)
     if (error := STORED_ERRORS.get(spec["variable"], "")) in swept.data:
         shown[error] = swept.values(error, [spec["x"]], at)
-        axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"], capsize=2)
+        axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])
     # What tells this curve from the others, as numbers, in each of its rows.
     shown |= {name: np.full(len(x), swept.ticks(name)[0][i]) for name, i in at.items()}
     none = ~np.isfinite(values)
@@ -300,7 +304,7 @@ def curve_of(
         ms=4,
         color=style["color"],
     )
-    sheet.record(swept.case.name, label, shown)
+    sheet.record(swept.case.name, name, shown)
     return bool(none.any())
 
 
@@ -322,7 +326,15 @@ def position(swept: Swept, name: str, i: int) -> str:
     return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}$"
 
 
+def plain_name(swept: Swept, at: Mapping[str, int], label: str, several: int) -> str:
+    """The name of a curve or panel in tables and pages: the label that it is given, or its sweep
+    and the keys that tell it from the others."""
+    keys = [f"{name} = {swept.ticks(name)[0][i]:.4g}" for name, i in at.items()]
+    return label or ", ".join(([swept.case.name] if several > 1 or not at else []) + keys)
+
+
 KEY_SYMBOLS = {
+    "initial.theta": r"\theta\,[\mathrm{rad}]",
     "resistance.diagonal": "I_{ii}",
     "resistance.off_diagonal": "I_{ij}",
     "epsilon": r"\varepsilon",

@@ -93,7 +93,7 @@ class Sheet:
             empty = [""] * n
             present = [values[name].tolist() if name in values else empty for name in columns]
             for row in zip(*present, strict=True):
-                writer.writerow(map(_cell, [curve, *row]))
+                writer.writerow(map(_cell, [without_tex(curve), *row]))
         return text.getvalue()
 
     def _curves(self) -> list[tuple[str, dict[str, np.ndarray]]]:
@@ -109,6 +109,23 @@ class Sheet:
             else:
                 found.append((item.curve, dict(item.values)))
         return found
+
+
+TEX_LETTERS = {r"\tau": "τ", r"\lambda": "λ", r"\gamma": "γ", r"\varepsilon": "ε"}
+"""The letters of the literature in texts that are not set."""
+
+
+def without_tex(text: str) -> str:
+    """A label as plain text: for tables, and for pages, where a script that sets formulas would
+    have to be fetched."""
+
+    def letters(formula: re.Match[str]) -> str:
+        found = formula[1]
+        for tex, letter in TEX_LETTERS.items():
+            found = found.replace(tex, letter)
+        return re.sub(r"[_{}\\]", "", found)
+
+    return re.sub(r"\$([^$]*)\$", letters, text)
 
 
 def _cell(value: object) -> object:

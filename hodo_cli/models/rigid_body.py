@@ -153,6 +153,8 @@ def growth_rates(A: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """
     # lambda_i less the mean of the other two.
     found = rates - (rates.sum() - rates) / 2
+    # Equal rates cancel but for their rounding.
+    found = np.where(np.abs(found) <= 4 * np.finfo(float).eps * np.abs(rates).max(), 0, found)
     # Nor for an axis whose moment is the middle one too: a symmetric body has no such turn.
     return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, found))
 

@@ -58,7 +58,9 @@ def average(
     elif part in ("x1", "x2", "x3") and dims == (*axes, "axis"):
         data, dims, known = data[..., int(part[1]) - 1], dims[:-1], True
     if dims != tuple(axes) or not known:
-        raise HodoError(f"the sweep has no {variable!r}: name a component of a vector, or a label")
+        parts = labels or (["x1", "x2", "x3"] if dims == (*axes, "axis") else [])
+        has = ", ".join(f"{name}.{each}" for each in parts) or name
+        raise HodoError(f"the sweep has no {variable!r}: it has {has}")
     for axis, i in at.items():
         if axis not in axes or not i < data.shape[axes.index(axis)]:
             raise HodoError(
