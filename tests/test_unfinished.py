@@ -13,7 +13,14 @@ from hodo_cli.commands.run import finish
 from hodo_cli.commands.show import stored_cases
 from hodo_cli.results.dataset import open_results
 from hodo_cli.results.hdf5 import Group, open_run
-from hodo_cli.results.writer import Writer, finished, open_batch, parts_in, publish_finished
+from hodo_cli.results.writer import (
+    Writer,
+    finished,
+    latest,
+    open_batch,
+    parts_in,
+    publish_finished,
+)
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}
@@ -55,6 +62,23 @@ def stored(seed: int, status: str = "ok") -> Group:
 def hashes(path: Path) -> dict[str, str]:
     with open_batch(path) as run:
         return {name: run.summary(name)["hash"] for name in run.cases()}
+
+
+def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
+    text = CONFIG + "# " + 100_000 * "x"
+    with run_of(path, {"first": stored(1), "second": stored(2)}, text):
+        sizes = [file.stat().st_size for file in path.parent.rglob("*.h5")]
+        assert 100_000 < sum(sizes) < 200_000
+        with open_batch(path) as run:
+            assert (run.text, run.cases()) == (text, ["first", "second"])
+    # Those of a dead run are shown with the case file of the run that has taken them over.
+    other = path.with_name("b.h5")
+    interrupted(other, {"first": stored(1)})
+    with Writer(other, {"config": text}) as writer:
+        assert writer.keep(writer.finished["first"][0])
+        pieces = path.parent.glob(".b.h5.*/[0-9].h5")
+        texts = [latest({"first": piece})["config"] for piece in pieces]
+        assert sorted(texts) == sorted([CONFIG, text])
 
 
 @pytest.mark.parametrize("is_running", [True, False])

@@ -40,7 +40,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                     if row is None:
                         group = changes.run.read(name)
                         part, row = classified(name, group)
-                        changes.write(name, with_row(group, part or Group({}, {}), row))
+                        changes.write(name, with_row(group, part or Group({}, {}), row), old=group)
                 except HodoError as error:
                     # What the file itself refuses begins with its path.
                     problems.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")

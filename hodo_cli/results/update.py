@@ -20,11 +20,12 @@ class Update:
         self.run = run
         self.parts: dict[str, Group] = {}
 
-    def write(self, name: str, part: Group) -> None:
+    def write(self, name: str, part: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
-        made anew."""
-        is_there = name in self.run and name not in self.run.damaged
-        if not is_there or not _holds(self.run.read(name), part, whole=name.startswith("_")):
+        made anew. `old` is what the result holds of it, if that was read already."""
+        if old is None and name in self.run and name not in self.run.damaged:
+            old = self.run.read(name)
+        if old is None or not _holds(old, part, whole=name.startswith("_")):
             self.parts[name] = part
 
 

@@ -70,7 +70,7 @@ class Batch(Run):
     def __init__(self, path: Path, result: Run | None, waiting: Mapping[str, Path]) -> None:
         self.path = path
         self.damaged = result.damaged if result else {}
-        self.attributes = _latest(waiting)
+        self.attributes = latest(waiting)
         self._result = result
         self._waiting = waiting
         known = result.groups() if result else []
@@ -152,10 +152,18 @@ SAME = ("hash", "status")
 """The attributes that tell a case that has changed, or failed, from the one before."""
 
 
-def _latest(waiting: Mapping[str, Path]) -> dict[str, Any]:
+HEAD = "head.h5"
+"""The file of a staging folder that holds the attributes of the result to be. Its text is the whole
+case file: in each of 10,000 pieces it would be some 10 GB."""
+
+
+def latest(waiting: Mapping[str, Path]) -> dict[str, Any]:
     """The attributes of the result that the latest of some pieces will be part of."""
-    with open_run(max(waiting.values(), key=_changed)) as piece:
-        return piece.attributes
+    piece = max(waiting.values(), key=_changed)
+    head = piece.with_name(HEAD)
+    # Earlier versions have put them into each piece.
+    with open_run(head if head.exists() else piece) as run:
+        return run.attributes
 
 
 def in_order(names: Iterable[str], text: str) -> list[str]:
@@ -179,7 +187,7 @@ def publish_finished(path: Path) -> None:
             # A damaged case could not be copied into the new file, and would be gone.
             waiting = {} if run.damaged else {n: f for n, f in waiting.items() if n not in run}
     if waiting:
-        attributes = _latest(waiting)
+        attributes = latest(waiting)
         order = in_order([*finished(path)], str(attributes.get("config")))
         with Writer(path, attributes, order) as writer:
             writer.keep_all_parts()
@@ -271,17 +279,14 @@ class Writer:
         Raises HodoError if it cannot be written.
         """
         piece = self._next_piece()
-        # With the attributes of the whole: until that is made, a piece is shown in its place.
-        self._put(piece, name, group, self._attributes)
+        self._put(piece, name, group)
         self._new[name] = Finished(name, piece, group.attributes)
 
-    def _put(
-        self, piece: Path, name: str, group: Group, attributes: Mapping[str, Attribute]
-    ) -> None:
+    def _put(self, piece: Path, name: str, group: Group) -> None:
         draft = piece.with_name("draft")
         with refusals(self.path, KEPT), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
-            with create(draft, attributes) as output:
+            with create(draft, {}) as output:
                 output.write(name, group)
             synced(draft)  # or a loss of power leaves the name with nothing under it
             # The new name is on the disk with the next sync: one case may be lost, and half of the
@@ -312,7 +317,7 @@ class Writer:
         """
         with refusals(self.path, KEPT):
             piece = self._staging / f"part-{stamp}-{number}.h5"
-        self._put(piece, "part", group, {})
+        self._put(piece, "part", group)
 
     def keep_all_parts(self) -> None:
         """Leave the parts of dead runs where the next Writer finds them."""
@@ -346,8 +351,14 @@ class Writer:
         return True
 
     def _next_piece(self) -> Path:
-        self._count += 1
         with refusals(self.path, KEPT):
+            if not self._count:
+                # Before any piece: until the result is made, they are shown in its place.
+                head = self._staging / HEAD
+                with create(head, self._attributes):
+                    pass
+                synced(head)
+            self._count += 1
             return self._staging / f"{self._count}.h5"
 
     def _finish(self) -> None:
