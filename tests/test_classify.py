@@ -289,3 +289,21 @@ def test_rounding_makes_no_crossing_of_a_motion_that_turns_over(beside: float, p
     found = classify(case, motion.method, motion.tol, math.nan, motion.variables["omega"])
     assert not found.crossings
     assert set(found.labels.tolist()) <= {0, 1 if part > 0 else 3}
+
+
+def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
+    """Beside states far from the separatrix, some that a double would put on it."""
+    A = np.array([1.0, 0.8, 0.6])
+    order = rigid_body.inertia_order(A)
+    a, b = rigid_body.separatrix_roots(A.astype(np.longdouble), order)
+    off = np.array([1e-18, -1e-18, 1e-10, 0.1], dtype=np.longdouble)
+    across = b / a * (1 + off)
+    omega = np.stack([across, np.full(4, 0.5), np.ones(4)], axis=-1)
+    found = rigid_body.margin(A, omega, order)
+    w = omega[:, 0] ** 2 + omega[:, 1] ** 2 + omega[:, 2] ** 2
+    outer, inner = (a * omega[:, 0]) ** 2, (b * omega[:, 2]) ** 2
+    exact = (outer - inner) / np.sqrt((outer + inner) * (a * a + b * b) * w)
+    assert found.dtype == np.float64
+    np.testing.assert_allclose(found, exact.astype(float), rtol=0.1, atol=0)
+    np.testing.assert_allclose(found[3], float(exact[3]), rtol=1e-14)
+    assert rigid_body.margin(A, omega[1], order) == found[1]

@@ -229,9 +229,10 @@ def distances(path: Sampled, reference: Sampled) -> np.ndarray:
     n = min(len(path.time), len(reference.time))
     shift = (path.exponent[:n] - reference.exponent[:n])[:, None]
     ours, theirs = extended(path.state[:n]), extended(reference.state[:n])
-    size = np.sqrt(np.square(theirs).sum(axis=1))
-    off = np.sqrt(np.square(np.ldexp(ours, shift) - theirs).sum(axis=1))
-    errors = np.divide(off, size, out=np.zeros_like(off), where=size > 0).astype(float)
+    # Only the difference needs the digits of a long double.
+    apart = (np.ldexp(ours, shift) - theirs).astype(float)
+    off, size = (np.sqrt(np.vecdot(each, each)) for each in (apart, theirs.astype(float)))
+    errors = np.divide(off, size, out=np.zeros_like(off), where=size > 0)
     least = EPS if path.state.dtype == np.float64 else PRECISION["extended"]
     # The two may have ended at different times; beyond the earlier end the last error stands.
     return np.pad(np.maximum(errors, least), (0, len(path.time) - n), mode="edge")
@@ -247,13 +248,13 @@ def crossings_of(case: Case, motion: Watched, errors: np.ndarray) -> Decided:
     order = rigid_body.inertia_order(A)
     if not A[order[0]] > A[order[1]] > A[order[2]] or not len(path.time):
         return Decided([], [], [])
-    state = extended(path.state)
     nothing = np.zeros(len(path.time))
-    momentum = np.sqrt(np.square(A * state).sum(axis=1)).astype(float)
+    G = A * path.state.astype(float)
+    momentum = np.sqrt(np.vecdot(G, G))
     with np.errstate(over="ignore"):
         samples = Marks(
             path.time,
-            rigid_body.margin(A.astype(np.longdouble), state, order).astype(float),
+            rigid_body.margin(A, extended(path.state), order),
             nothing.astype(bool),
             nothing,
             np.ldexp(momentum, path.exponent),

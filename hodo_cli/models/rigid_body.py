@@ -72,14 +72,31 @@ def separatrix_forms(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
     return np.array([outer - inner, outer + inner])
 
 
+CANCELLING = 1e-9
+"""The margin below which its terms cancel so far that the rounding of a double, below 1e-15, might
+be taken for it."""
+
+
 def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
     """How far omega (..., 3) is from the separatrix, relative to |omega|: an error of about that
     size may change its side. Positive where the axis of largest inertia is enclosed.
 
     It is D sqrt(near) over the sum of its two terms, near being that of `near_middle_axis`: up to a
-    factor between 1 and sqrt 2, the smaller of the two forms over sqrt(a^2 + b^2) |omega|.
+    factor between 1 and sqrt 2, the smaller of the two forms over sqrt(a^2 + b^2) |omega|. Doubles,
+    with the digits of `omega` where its terms cancel: few places are that near, and ten times the
+    work is to be done at each in long double.
     """
-    w = np.moveaxis(omega, -1, 0)
+    found = _margin(A, omega.astype(float), order)
+    near = np.abs(found) < CANCELLING
+    if omega.dtype != np.float64 and near.any():
+        found[near] = _margin(np.asarray(A, dtype=omega.dtype), omega[near], order)
+    return found
+
+
+def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
+    """`margin`, in the arithmetic of its arguments."""
+    # Along an axis of three, numpy is slow unless the rest is what lies together.
+    w = np.ascontiguousarray(np.moveaxis(omega, -1, 0))
     # A power of two changes no digit, and keeps fourth powers within the range of doubles.
     w = np.ldexp(w, -np.frexp(np.abs(w).max(axis=0))[1])
     a, b = separatrix_roots(A, order)
@@ -119,7 +136,7 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     if A[largest] > A[middle] > A[smallest]:
         known = np.isfinite(outer + inner) & np.any(omega != 0, axis=-1)
         with np.errstate(invalid="ignore"):  # what is infinite is undetermined anyway
-            near = np.abs(margin(np.asarray(A, dtype=omega.dtype), omega, order)) <= band
+            near = np.abs(margin(A, omega, order)) <= band
         labels = np.where(near, SEPARATRIX, labels)
     return np.where(known, labels, UNDETERMINED).astype(np.int8)
 
