@@ -1,9 +1,11 @@
 """Break the package at random places, one at a time, and see whether a test notices.
 
-`python tools/mutants.py --count 300 --seed 1` maps once which test calls which function, draws
-mutants (an operator, a comparison, a condition, a returned number) and runs for each the tests that
-call its function, shortest first. It prints the survivors, each of which wants a test or a
-sentence why it changes nothing, and ends with status 1 if there are some.
+`python tools/mutants.py --count 300 --seed 1` clones the last commit, maps once which test calls
+which function, draws mutants (an operator, a comparison, a condition, a returned number) and runs
+for each the tests that call its function, shortest first. It prints the fate of each with the test
+that noticed it; a survivor wants a test or a sentence why it changes nothing, and with one the
+status is 1. What was tried before is not tried again, by this seed or another, until `--map`
+begins anew from the last commit.
 
 Tools for this exist, but those that choose tests by coverage draw no sample by a seed, and those
 that draw one run the whole suite for each mutant: ten minutes, times 300, are two days.
@@ -14,7 +16,9 @@ import ast
 import json
 import os
 import random
+import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections import Counter, defaultdict
@@ -24,6 +28,11 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 WORK = ROOT / "build" / "mutants"
+TREE = WORK / "tree"
+"""A clone: mutants never touch the code being worked on, and tests that ask git find a checkout."""
+
+MAP, FATES = WORK / "map.json", WORK / "fates.jsonl"
+
 ROOMS = ("engines", "integration", "models", "sweeps", "results", "commands")
 """The folders of the package that hold numeric, storage and command code."""
 
@@ -57,12 +66,12 @@ class Recorder:
         self.failed: set[str] = set()
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
-        calls, package = self.called[nodeid], str(ROOT / "hodo_cli")
+        calls, package = self.called[nodeid], str(TREE / "hodo_cli")
 
         def watch(frame: object, event: str, argument: object) -> None:
             code = frame.f_code  # type: ignore[attr-defined]
             if event == "call" and code.co_filename.startswith(package):
-                path = os.path.relpath(code.co_filename, ROOT)
+                path = os.path.relpath(code.co_filename, TREE)
                 calls.add(f"{path}:{code.co_firstlineno}")
 
         sys.setprofile(watch)
@@ -79,6 +88,10 @@ class Recorder:
 def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
     """The tests of each function, shortest first. Functions that run only in other processes are
     not seen: their mutants count as not covered."""
+    # Before pytest, and with it the package, is loaded: both are to come from the clone.
+    os.chdir(TREE)
+    os.environ["PYTHONPATH"] = str(TREE)
+    sys.path.insert(0, str(TREE))
     import pytest
 
     recorder = Recorder()
@@ -114,8 +127,8 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
 def mutants() -> list[Mutant]:
     """Every change that can be made."""
     found = []
-    for path in sorted(p for room in ROOMS for p in (ROOT / "hodo_cli" / room).glob("*.py")):
-        name = str(path.relative_to(ROOT))
+    for path in sorted(p for room in ROOMS for p in (TREE / "hodo_cli" / room).glob("*.py")):
+        name = str(path.relative_to(TREE))
         every = places(ast.parse(path.read_text(encoding="utf-8")))
         for n, (node, words, function) in enumerate(every):
             found.append(Mutant(name, n, function, node.lineno, words))  # type: ignore[attr-defined]
@@ -124,7 +137,7 @@ def mutants() -> list[Mutant]:
 
 def changed(mutant: Mutant) -> str:
     """The text of its module with the mutant in it."""
-    tree = ast.parse((ROOT / mutant.path).read_text(encoding="utf-8"))
+    tree = ast.parse((TREE / mutant.path).read_text(encoding="utf-8"))
     node = list(places(tree))[mutant.n][0]
     if mutant.words == "condition reversed":
         node.test = ast.UnaryOp(ast.Not(), node.test)  # type: ignore[attr-defined]
@@ -137,28 +150,43 @@ def changed(mutant: Mutant) -> str:
     return ast.unparse(ast.fix_missing_locations(tree))
 
 
-def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> str:
-    """Whether the tests notice a mutant, in a copy of the package."""
+def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> tuple[str, str]:
+    """How the tests take a mutant, and the first that fails."""
     chosen, spent = [], 0.0
     for seconds, test in tests:
         if not chosen or spent + seconds < SECONDS:
             chosen, spent = [*chosen, test], spent + seconds
     if not chosen:
-        return "not covered"
-    target = WORK / mutant.path
+        return "not covered", ""
+    target = TREE / mutant.path
+    whole = target.read_text(encoding="utf-8")
     target.write_text(changed(mutant), encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *chosen]
+    # A group of its own, so that what hangs ends with the processes it has begun.
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *chosen], cwd=TREE,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        env={**os.environ, "PYTHONPATH": str(TREE), "PYTHONDONTWRITEBYTECODE": "1"},
+    )  # fmt: skip
     try:
-        # Ten times what they take at rest: what is still running then hangs.
-        ended = subprocess.run(
-            command, cwd=WORK, capture_output=True, timeout=60 + 10 * spent,
-            env={**os.environ, "PYTHONPATH": str(WORK), "PYTHONDONTWRITEBYTECODE": "1"},
-        )  # fmt: skip
+        # Several times what they take at rest: what is still running then hangs.
+        said, _ = process.communicate(timeout=60 + 4 * spent)
     except subprocess.TimeoutExpired:
-        return "hung"
+        return "hung", ""
     finally:
-        shutil.copyfile(ROOT / mutant.path, target)
-    return "killed" if ended.returncode else "survived"
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        target.write_text(whole, encoding="utf-8")
+    failed = re.search("^(?:FAILED|ERROR) (.*?)(?: - |$)", said, re.MULTILINE)
+    return "killed" if process.returncode else "survived", failed[1] if failed else ""
+
+
+def begin(tests: list[str]) -> None:
+    """Clone the last commit and map its tests, in place of what was tried before."""
+    shutil.rmtree(WORK, ignore_errors=True)
+    WORK.mkdir(parents=True)
+    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(TREE)], check=True)
+    MAP.write_text(json.dumps(recorded(tests)), encoding="utf-8")
 
 
 def main() -> int:
@@ -166,25 +194,30 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--map", action="store_true", help="map the tests anew")
+    parser.add_argument("--map", action="store_true", help="begin anew: clone and map the tests")
     parser.add_argument("tests", nargs="*", default=["tests"], help="those to be mapped")
     options = parser.parse_args()
-    if options.map:
-        shutil.rmtree(WORK, ignore_errors=True)
-    if not (WORK / "map.json").exists():
-        WORK.mkdir(parents=True, exist_ok=True)
-        (WORK / "map.json").write_text(json.dumps(recorded(options.tests)), encoding="utf-8")
-    tests = json.loads((WORK / "map.json").read_text(encoding="utf-8"))
-    for name in ("hodo_cli", "tests", "configs"):
-        shutil.copytree(ROOT / name, WORK / name, dirs_exist_ok=True)
-    shutil.copyfile(ROOT / "pyproject.toml", WORK / "pyproject.toml")
+    if options.map or not MAP.exists():
+        begin(options.tests)
+    # An interruption may have left a mutant in the clone.
+    subprocess.run(["git", "checkout", "--quiet", "."], cwd=TREE, check=True)
+    tests = json.loads(MAP.read_text(encoding="utf-8"))
+    FATES.touch()
+    known = {tuple(key): end for *key, end in map(json.loads, FATES.open(encoding="utf-8"))}
     every = mutants()
+    drawn = random.Random(options.seed).sample(every, min(options.count, len(every)))
     fates: Counter[str] = Counter()
-    for mutant in random.Random(options.seed).sample(every, min(options.count, len(every))):
-        end = fate(mutant, tests.get(f"{mutant.path}:{mutant.function}", []))
-        fates[end] += 1
-        if end != "killed":
-            print(f"{mutant.path}:{mutant.line}: {mutant.words}: {end}", flush=True)
+    for mutant in drawn:
+        key, test = (mutant.path, mutant.n), "known before"
+        if key not in known:
+            known[key], test = fate(mutant, tests.get(f"{mutant.path}:{mutant.function}", []))
+            with FATES.open("a", encoding="utf-8") as file:
+                print(json.dumps([*key, known[key]]), file=file)
+        fates[known[key]] += 1
+        print(
+            f"{fates.total()}/{len(drawn)} {mutant.path}:{mutant.line}: {mutant.words}:",
+            known[key], test, flush=True,
+        )  # fmt: skip
     print(f"{len(every)} mutants; tried, seed {options.seed}: {dict(fates)}")
     return 1 if fates["survived"] else 0
 
