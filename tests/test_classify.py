@@ -67,8 +67,10 @@ def test_a_start_on_the_separatrix_is_no_crossing(damping: tuple[float, ...], en
     assert (classification.labels[0], classification.labels[-1]) == (rigid_body.SEPARATRIX, end)
 
 
-def test_rotation_about_the_middle_axis_is_the_separatrix() -> None:
-    assert set(found(diagonal(0.01, (0.0, 1.0, 0.0))).labels) == {rigid_body.SEPARATRIX}
+@pytest.mark.parametrize("error", ["on", "off"])
+def test_rotation_about_the_middle_axis_is_the_separatrix(error: str) -> None:
+    case = diagonal(0.01, (0.0, 1.0, 0.0), error=error)
+    assert set(found(case).labels) == {rigid_body.SEPARATRIX}
 
 
 @pytest.mark.parametrize(

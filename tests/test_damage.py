@@ -80,7 +80,8 @@ def test_a_damaged_case_is_named_by_every_command_and_run_anew(
 
 def wrong_number(path: Path, name: str) -> None:
     with h5py.File(path, "r+") as file:
-        file[name]["omega"][7, 1] += 1e-9
+        data = file[name]["number" if name == "_claims" else "omega"]
+        data[...] = data[...] + 1e-9
 
 
 def unreadable(path: Path, name: str) -> None:
@@ -106,6 +107,10 @@ def test_the_labels_of_other_cases_are_stored_beside_a_damaged_one(
         assert "a is damaged (" in line
     with open_run(result) as run:
         assert set(run.cases()) == {"a", "b", "s"}
+        assert [line.split()[2] for line in run.attributes["history"].splitlines()[-2:]] == [
+            "run",
+            "classify",
+        ]
         assert "enclosed_axis" in run.read("b").variables
         with pytest.raises(HodoError, match=r"a is damaged \("):
             run.read("a")
@@ -120,11 +125,27 @@ def test_damaged_verdicts_are_given_again(
     result: Path, damage: Callable[[Path, str], None]
 ) -> None:
     assert hodo("claims", result).exit_code == 0
-    if damage is unreadable:
-        unreadable(result, "_claims")
-    else:
-        with h5py.File(result, "r+") as file:
-            file["_claims/number"][0] = 7
+    damage(result, "_claims")
+    assert hodo("claims", result).exit_code == 0
+    with open_run(result) as run:
+        assert not run.damaged
+        assert list(run.read("_claims").variables["verdict"].data) == ["reproduced"]
+
+
+@pytest.mark.parametrize("damage", [wrong_number, unreadable])
+def test_damaged_verdicts_beside_a_damaged_case_are_given_until_they_can_be_stored(
+    result: Path, damage: Callable[[Path, str], None]
+) -> None:
+    assert hodo("claims", result).exit_code == 0
+    damage(result, "_claims")
+    wrong_number(result, "b")
+    for _ in range(2):
+        done = hodo("claims", result)
+        assert done.exit_code == 0, done.stderr
+        assert "reproduced" in done.stdout
+        with open_run(result) as run:
+            assert set(run.damaged) == {"b", "_claims"}
+    assert hodo("run", result.with_suffix(".yaml"), "--out", result.parent).exit_code == 0
     assert hodo("claims", result).exit_code == 0
     with open_run(result) as run:
         assert not run.damaged

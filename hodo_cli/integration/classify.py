@@ -186,10 +186,7 @@ def left_axis(case: Case, path: Sampled) -> np.ndarray:
     that of the largest terms so far is still there.
     """
     A = np.array(case.data["inertia"])
-    order = rigid_body.inertia_order(A)
-    if not A[order[0]] > A[order[1]] > A[order[2]]:
-        return np.ones(len(path.time))
-    near = rigid_body.near_middle_axis(A, path.state.astype(float), order)
+    near = rigid_body.near_middle_axis(A, path.state.astype(float), rigid_body.inertia_order(A))
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
     return np.maximum(1, np.where(near > 0, growth, 1))
