@@ -17,6 +17,7 @@ from hodo_cli.cases import claim_block
 from hodo_cli.cases.case import Case
 from hodo_cli.cases.claim_block import (
     AS_PRINTED,
+    BY_READING,
     CONTRADICTED,
     NOT_TESTED,
     PLOTTING,
@@ -446,6 +447,23 @@ def test_verdicts_are_given_once_until_what_they_rest_on_changes(
     path.write_bytes(other.read_bytes())
     claims.judge_results([path])
     assert len(given) == 2
+
+
+def test_claims_and_errata_are_judged_and_counted_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    errata = "errata:\n  - {id: a, where: (1), printed: x, should_be: y}\n"
+    config = parse(CONFIG.replace("EXPECT", REPRODUCED) + errata, "c.yaml")
+    counted: list[int] = []
+
+    class Counted(claims.Progress):
+        def __init__(self, total: int, **options: bool) -> None:
+            counted.append(total)
+            super().__init__(total, **options)
+
+    monkeypatch.setattr(claims, "Progress", Counted)
+    statements, misprints = claims.judged(config, {})  # type: ignore[arg-type]
+    assert [row.verdict for row in statements] == [NOT_TESTED, NOT_TESTED]
+    assert [row.verdict for row in misprints] == [BY_READING]
+    assert counted == [3]
 
 
 def test_the_page_of_figures_shows_the_verdicts(hodo: Hodo, tmp_path: Path) -> None:
