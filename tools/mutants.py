@@ -24,6 +24,7 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from types import CodeType
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
@@ -61,18 +62,17 @@ class Recorder:
     """A plugin of pytest: the functions of the package that each test calls, and its seconds."""
 
     def __init__(self) -> None:
-        self.called: dict[str, set[str]] = defaultdict(set)
+        self.called: dict[str, set[str]] = {}
+        self.codes: set[CodeType] = set()
         self.seconds: dict[str, float] = defaultdict(float)
         self.failed: set[str] = set()
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
-        calls, package = self.called[nodeid], str(TREE / "hodo_cli")
+        calls = self.codes = set()
 
+        # Nothing else is done here: what each call costs, a test pays a million times.
         def watch(frame: object, event: str, argument: object) -> None:
-            code = frame.f_code  # type: ignore[attr-defined]
-            if event == "call" and code.co_filename.startswith(package):
-                path = os.path.relpath(code.co_filename, TREE)
-                calls.add(f"{path}:{code.co_firstlineno}")
+            calls.add(frame.f_code)  # type: ignore[attr-defined]
 
         sys.setprofile(watch)
 
@@ -83,6 +83,12 @@ class Recorder:
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         sys.setprofile(None)
+        package = f"{TREE}/"
+        self.called[nodeid] = {
+            f"{code.co_filename.removeprefix(package)}:{code.co_firstlineno}"
+            for code in self.codes
+            if code.co_filename.startswith(package)
+        }
 
 
 def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
