@@ -217,8 +217,9 @@ def main() -> int:
         key, test = (mutant.path, mutant.n), "known before"
         if key not in known:
             known[key], test = fate(mutant, tests.get(f"{mutant.path}:{mutant.function}", []))
-            with FATES.open("a", encoding="utf-8") as file:
-                print(json.dumps([*key, known[key]]), file=file)
+            if known[key] != "not covered":
+                with FATES.open("a", encoding="utf-8") as file:
+                    print(json.dumps([*key, known[key]]), file=file)
         fates[known[key]] += 1
         print(
             f"{fates.total()}/{len(drawn)} {mutant.path}:{mutant.line}: {mutant.words}:",
