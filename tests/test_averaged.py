@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Hodo
+from scipy.special import ellipk
 
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case
@@ -21,7 +22,12 @@ from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve, stored
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging.capture import capture_shares
-from hodo_cli.models.averaging.fluid import drift_by_region, fluid_constants, fluid_part
+from hodo_cli.models.averaging.fluid import (
+    drift_by_region,
+    fluid_constants,
+    fluid_part,
+    fluid_rates,
+)
 from hodo_cli.models.averaging.forms import either
 from hodo_cli.models.averaging.free_turn import Body, free_motion_by_phase, slow_elements
 from hodo_cli.models.averaging.passage import crossing_table, crossing_time
@@ -449,6 +455,30 @@ def test_a_torque_brings_an_exact_rotation_to_rest() -> None:
 
 def test_the_cavity_warns_in_its_averaged_form_too() -> None:
     assert any("not small" in each for each in cavity(kappa=10).system.warnings)
+
+
+def quarter_turn(start: Mapping[str, float]) -> float:
+    """K/n of the free motion of P1's body."""
+    (A1, A2, A3), (p, q, r) = (1, 0.8, 0.6), start.values()
+    about_1, about_3 = A1 * (A1 - A2) * p * p, A3 * (A2 - A3) * r * r
+    assert about_1 > about_3
+    Y = A2 * (A2 - A3) * q * q + A1 * (A1 - A3) * p * p
+    k2 = 1 - (A1 - A3) * (about_1 - about_3) / ((A1 - A2) * Y)
+    return float(ellipk(k2) / math.sqrt((A1 - A2) * Y / (A1 * A2 * A3)))
+
+
+def test_a_perturbation_is_small_beside_a_quarter_turn() -> None:
+    quarter = quarter_turn(FIG4)
+    by_resistance = case(mean_start="no").system
+    fastest = 0.005
+    assert by_resistance.smallness(np.array([by_resistance.start])) == pytest.approx(
+        fastest * quarter
+    )
+    by_fluid = cavity(kappa=1e-3, initial=FIG4, mean_start="no").system
+    g, f, *_ = by_fluid.start
+    dg, df, *_ = fluid_rates(0.0, by_fluid.start, attributes(by_fluid.constants))
+    fastest = max(abs(dg / g), abs(df / f))
+    assert by_fluid.smallness(np.array([by_fluid.start])) == pytest.approx(fastest * quarter)
 
 
 def last(motion: Trajectory, name: str) -> float:

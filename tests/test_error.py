@@ -7,7 +7,7 @@ import pytest
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
-from hodo_cli.integration.error import COMPARED, thinned
+from hodo_cli.integration.error import COMPARED, references, thinned
 from hodo_cli.integration.integrate import integrate
 
 SPIN = parse(
@@ -48,6 +48,14 @@ def test_the_error_is_that_of_the_stored_doubles(precision: str) -> None:
     rounded = np.array(motion.variables["omega"])
     assert rounded.dtype == np.float64
     assert 2**-60 < motion.error < 2**-52
+
+
+def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> None:
+    quadruple = replace(FIG4, precision="quadruple")
+    assert [*references(quadruple, "taylor", 1e-20)] == [
+        ("quadruple", "taylor", pytest.approx(1e-22, rel=1e-12)),
+        ("quadruple", "taylor", pytest.approx(1e-18, rel=1e-12)),
+    ]
 
 
 def test_a_thinned_motion_keeps_its_ends() -> None:
