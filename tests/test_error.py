@@ -53,8 +53,8 @@ def test_the_error_is_that_of_the_stored_doubles(precision: str) -> None:
 def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> None:
     quadruple = replace(FIG4, precision="quadruple")
     assert [*references(quadruple, "taylor", 1e-20)] == [
-        ("quadruple", "taylor", pytest.approx(1e-22, rel=1e-12)),
-        ("quadruple", "taylor", pytest.approx(1e-18, rel=1e-12)),
+        ("quadruple", "taylor", pytest.approx(1e-22, rel=1e-12, abs=0)),
+        ("quadruple", "taylor", pytest.approx(1e-18, rel=1e-12, abs=0)),
     ]
 
 
