@@ -133,7 +133,7 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
 def mutants() -> list[Mutant]:
     """Every change that can be made."""
     found = []
-    for path in sorted(p for room in ROOMS for p in (TREE / "hodo_cli" / room).glob("*.py")):
+    for path in sorted(p for room in ROOMS for p in (TREE / "hodo_cli" / room).rglob("*.py")):
         name = str(path.relative_to(TREE))
         every = places(ast.parse(path.read_text(encoding="utf-8")))
         for n, (node, words, function) in enumerate(every):
@@ -184,7 +184,9 @@ def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> tuple[str, str]:
             process.wait()
         target.write_text(whole, encoding="utf-8")
     failed = re.search("^(?:FAILED|ERROR) (.*?)(?: - |$)", said, re.MULTILINE)
-    return "killed" if process.returncode else "survived", failed[1] if failed else ""
+    # Without a last line a test process has ended before its time, whatever its status says.
+    whole_run = process.returncode == 0 and re.search(r"^\d+ (passed|skipped)", said, re.MULTILINE)
+    return "survived" if whole_run else "killed", failed[1] if failed else ""
 
 
 def begin(tests: list[str]) -> None:
