@@ -364,12 +364,12 @@ def test_a_key_of_another_form_says_which() -> None:
 
 def test_a_models_own_check_goes_as_far_as_the_values_that_are_right() -> None:
     text = (
-        "cases:\n  a: {model: Lagrange-averaged, form: averaged-u, inertia: {A: 1, C: 3}, mu: 1, "
+        "cases:\n  a: {model: Lagrange-averaged, form: averaged-u, inertia: {A: 2, C: 5}, mu: 1, "
         "a: [1], b: x, "
         f"initial: {{theta: 1, r: 2}}, {SPAN}}}\n"
     )
     inertia, b = mistakes(text)
-    assert inertia == "x.yaml:2:70: cases.a.inertia.C: no body has C = 3 larger than 2 A = 2"
+    assert inertia == "x.yaml:2:70: cases.a.inertia.C: no body has C = 5 larger than 2 A = 4"
     assert b.startswith("x.yaml:2:92: cases.a.b: expected ")
 
 

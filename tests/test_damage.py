@@ -501,6 +501,19 @@ def test_the_history_does_not_grow_without_bound(result: Path) -> None:
     assert history.splitlines()[-1] == "line 299"
 
 
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (OSError("file write failed: error message = 'No space left on device', buf = 0x1"),
+         "no space left on device"),
+        (PermissionError(13, "Permission denied"), "permission denied"),
+        (OSError("bad magic number"), ""),
+    ],
+)  # fmt: skip
+def test_the_reason_of_a_refusal_is_that_of_the_system(error: OSError, reason: str) -> None:
+    assert disk.refusal(error) == reason
+
+
 def test_what_does_not_fit_on_the_disk_is_refused(tmp_path: Path) -> None:
     text = CONFIG.replace("linspace: [0.01, 0.05, 300]}}", "linspace: [0.01, 0.05, 999999999]}}")
     (tmp_path / "x.yaml").write_text(text)

@@ -146,3 +146,23 @@ def test_collocation_does_not_pass_over_a_decay_that_it_has_to_resolve() -> None
     times = np.linspace(0, steps.t, 50)
     assert steps.t < 10
     assert np.abs(steps.dense_output()(times)[0] - np.exp(-times)).max() < 1e-13
+
+
+def test_collocation_takes_a_shorter_step_where_its_equations_are_singular(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    solve, asked = np.linalg.solve, []
+
+    def singular_at_first(*of: np.ndarray) -> np.ndarray:
+        asked.append(1)
+        if len(asked) == 1:
+            raise np.linalg.LinAlgError
+        return solve(*of)
+
+    monkeypatch.setattr(np.linalg, "solve", singular_at_first)
+    steps = Steps(
+        Decay, SimpleNamespace(), np.array([1.0, 1.0]), np.float64(0), np.float64(1), 1e-14
+    )
+    assert steps.step() is None
+    assert steps.t == 1 / 4
+    assert steps.y[0] == pytest.approx(np.exp(-1 / 4), rel=1e-14)

@@ -2,6 +2,7 @@
 are kept."""
 
 import math
+import warnings
 from dataclasses import replace
 from time import perf_counter, sleep
 from typing import Any
@@ -16,6 +17,7 @@ from hodo_cli.integration.choice import choose, taylor_steps
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import sample_times, solve
 from hodo_cli.integration.units import Clock
+from hodo_cli.models.constants import attributes, jacobian
 
 taylor = pytest.mark.heyoka
 
@@ -112,6 +114,21 @@ def test_the_error_falls_with_the_tolerance(method: str) -> None:
     case = diagonal((0.02, 0.01, 0.03), method=method, time=Time(end=50.0, samples=11))
     errors = [integrate(replace(case, tol=tol)).error for tol in (1e-4, 1e-7, 1e-10)]
     assert errors[0] > 30 * errors[1] > 900 * errors[2]
+
+
+@pytest.mark.parametrize("method", ["DOP853", "RK45", "LSODA", "Radau", "BDF"])
+def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> None:
+    case = diagonal((0.02, 0.01, 0.03))
+    engine = engines.engine_for(method, case.system, (), 1e-6, "double")
+    k, start = attributes(case.system.constants), np.array(START)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # as SciPy warns of a Jacobian that it does not use
+        solver = engine.solver(k, start, 0.0, 1.0)  # type: ignore[attr-defined]
+    # Two for the size of the first step; finite differences take one more for each variable.
+    assert solver.nfev <= 2
+    if method in ("Radau", "BDF"):
+        given = jacobian(case.system, k, 0.0, start)
+        assert np.array_equal(solver.J, given)
 
 
 def test_compilation_counts_towards_the_limit_of_time(monkeypatch: pytest.MonkeyPatch) -> None:
