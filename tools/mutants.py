@@ -24,8 +24,11 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from time import perf_counter
 from types import CodeType
 from typing import NamedTuple
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 WORK = ROOT / "build" / "mutants"
@@ -64,6 +67,7 @@ class Recorder:
     def __init__(self) -> None:
         self.called: dict[str, set[str]] = {}
         self.codes: set[CodeType] = set()
+        self.made: dict[str, float] = {}
         self.seconds: dict[str, float] = defaultdict(float)
         self.failed: set[str] = set()
 
@@ -76,10 +80,21 @@ class Recorder:
 
         sys.setprofile(watch)
 
-    def pytest_runtest_logreport(self, report: object) -> None:
-        self.seconds[report.nodeid] += report.duration  # type: ignore[attr-defined]
-        if report.failed:  # type: ignore[attr-defined]
-            self.failed.add(report.nodeid)  # type: ignore[attr-defined]
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Iterator[None]:
+        began = perf_counter()
+        made = yield
+        self.made[fixturedef.argname] = perf_counter() - began
+        return made
+
+    def pytest_runtest_teardown(self, item: pytest.Function) -> None:
+        # By itself a test pays for every fixture, here only the first that asks for it.
+        self.seconds[item.nodeid] += sum(self.made.get(name, 0) for name in item.fixturenames)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[report.nodeid] += report.duration if report.when == "call" else 0
+        if report.failed:
+            self.failed.add(report.nodeid)
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         sys.setprofile(None)
@@ -94,12 +109,10 @@ class Recorder:
 def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
     """The tests of each function, shortest first. Functions that run only in other processes are
     not seen: their mutants count as not covered."""
-    # Before pytest, and with it the package, is loaded: both are to come from the clone.
+    # Before the tests load the package: both are to come from the clone.
     os.chdir(TREE)
     os.environ["PYTHONPATH"] = str(TREE)
     sys.path.insert(0, str(TREE))
-    import pytest
-
     recorder = Recorder()
     pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests], plugins=[recorder])
     found: dict[str, list[tuple[float, str]]] = defaultdict(list)
