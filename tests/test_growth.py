@@ -86,6 +86,14 @@ def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
         assert found.labels[-1] == found.final
 
 
+@pytest.mark.parametrize("unit", [1e-14, 1, 1e14])
+def test_what_feeds_energy_in_is_told_in_every_unit(unit: float) -> None:
+    # Of a kernel rounding makes an eigenvalue of either sign.
+    for on, off, told in ((5, 5, False), (1, 3, True), (-1, 0, True)):
+        warnings = tensor(on * unit, off * unit).system.warnings
+        assert any("not dissipative" in each for each in warnings) == told
+
+
 def test_nothing_is_predicted_for_a_kernel_or_a_tensor_that_feeds_energy_in() -> None:
     # A matter of the eigenvalues' ratios, whatever the unit of time.
     assert [tensor(3 * unit, unit).system.final_axis for unit in (1e-14, 1e-3, 1e14)] == [1] * 3

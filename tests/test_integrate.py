@@ -13,9 +13,10 @@ import pytest
 from hodo_cli import HodoError, engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import exact
+from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.choice import choose, taylor_steps
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import sample_times, solve
+from hodo_cli.integration.solve import Solution, sample_times, solve
 from hodo_cli.integration.units import Clock
 from hodo_cli.models.constants import attributes, jacobian
 
@@ -185,6 +186,29 @@ def test_the_method_is_chosen_by_what_the_case_is() -> None:
 def test_a_motion_at_rest_costs_nothing() -> None:
     assert choose(diagonal((1e6, 2e6, 3e6)))[0] in ("taylor", "collocation")
     assert taylor_steps(diagonal((1e6, 2e6, 1e-6))) > 1e7
+
+
+@taylor
+@pytest.mark.parametrize(
+    ("precision", "status", "expected"),
+    [
+        ("double", Status.FAILED, ("collocation", "ok")),
+        # Collocation knows no quadruple precision, and a limit of time is the user's.
+        ("quadruple", Status.FAILED, ("taylor", "failed")),
+        ("double", Status.TIMEOUT, ("taylor", "timeout")),
+    ],
+)
+def test_where_the_series_fails_auto_takes_collocation(
+    monkeypatch: pytest.MonkeyPatch, precision: str, status: Status, expected: tuple[str, str]
+) -> None:
+    def without_series(case: Case, method: str, *rest: Any) -> Solution:
+        solution = solve(case, method, *rest)
+        return replace(solution, status=status) if method == "taylor" else solution
+
+    monkeypatch.setattr("hodo_cli.integration.integrate.solve", without_series)
+    time = Time(end=1.0, samples=3)
+    motion = integrate(diagonal((0.02, 0.01, 0.03), precision=precision, time=time, error="off"))
+    assert (motion.method, motion.status) == expected
 
 
 def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:

@@ -522,13 +522,18 @@ def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
         "status": [Status.OK.code] * 3 + [Status.INVALID.code],
         "crossings": [2, 0, 1, 3],
         "crossing_time": [4.0, math.nan, 6.0, 1.0],
+        "start_axis": [1, 3, 1, 3],
+        "end_axis": [0, 3, 3, 1],
     }
     variables = {
         name: Variable(("member",), np.array(values), {}) for name, values in columns_of.items()
     }
     body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}}
     case = Case.of({"model": "linear-diag", **body, "time": {"end": 1}}, "a")
-    (line,) = tabulated(case, Group({}, variables))["warnings"]
+    row = tabulated(case, Group({}, variables))
+    assert row["start"] == "x1 66.7 %, x3 33.3 %"
+    assert row["end"] == "x3 66.7 %, separatrix 33.3 %"
+    (line,) = row["warnings"]
     assert line == "2 of 3 members cross, up to 2 times, first at 4 to 6, median 5"
     del variables["crossings"]
     (line,) = tabulated(case, Group({}, variables))["warnings"]
