@@ -23,7 +23,7 @@ from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.models import catalogue, lagrange
 from hodo_cli.models.base import Event
-from hodo_cli.models.lagrange import first_integrals, mean_cosine, nutation
+from hodo_cli.models.lagrange import cubic_dissipation, first_integrals, mean_cosine, nutation
 from hodo_cli.sweeps.chunk import Chunk, compute
 
 HERE = Path(__file__).parent
@@ -276,6 +276,16 @@ def test_full_and_averaged_differ_in_proportion_to_epsilon(
     assert distances == pytest.approx(np.array(expected), rel=0.03)
     for column in distances.T:
         assert np.polyfit(np.log(small), np.log(column), 1)[0] == pytest.approx(1, abs=0.12)
+
+
+def test_the_cubic_torque_is_the_linear_one_times_the_square_of_the_velocity() -> None:
+    p, q, r, u = 0.3, -0.7, 1.1, 0.4
+    laws = {"a": (0.2,), "b": (0.1,), "a_law": "polynomial", "b_law": "polynomial"}
+    k = SimpleNamespace(A=1.5, C=1.0, mu=0.5, **laws)
+    H = (k.A * (p * p + q * q) + k.C * r * r) / 2 + k.mu * u
+    square = p * p + q * q + r * r
+    found = cubic_dissipation(0.0, 0.0, H, r, u, k)
+    assert found == pytest.approx((-0.2 * square, -0.1 * r * square))
 
 
 def test_the_quadrature_averages_other_torques_too() -> None:

@@ -34,7 +34,7 @@ from hodo_cli.figures.maps import GRID, sphere_cells, unbroken
 from hodo_cli.integration.classify import classify, cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
-from hodo_cli.progress import Progress
+from hodo_cli.progress import Progress, listening, reached, task
 from hodo_cli.results.hdf5 import Group, Variable
 from hodo_cli.results.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
@@ -515,6 +515,31 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
             file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True
         )
         assert (file["ball"]["status"][:] == Status.OK.code).all()
+
+
+def test_what_a_sweep_takes_on_the_disk_is_foreseen() -> None:
+    case = one(
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, store: [omega, trajectory], "
+        "sweep: {damping.2: {values: [0.001, 0.002, 0.003]}}"
+    )
+    case = replace(case, time=replace(case.time, samples=101))
+    values, kept = computed(case), columns.kept(case)
+    assert set(kept) == {"omega", "status"}
+    stored = sum(values[name].nbytes for name in kept)
+    assert stored == 3 * (101 * 3 * 8 + 1)
+    assert stored <= columns.stored_bytes(case) < 1.02 * stored
+
+
+def test_a_member_is_a_part_of_its_sweep() -> None:
+    case = one(
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, "
+        "sweep: {damping.2: {values: [1, 2, 3, 4]}}"
+    )
+    heard: list[tuple[str, float]] = []
+    with listening(lambda *said: heard.append(said)), task("a"), chunk._of_member(case, 2):
+        reached(0.0)
+        reached(1.0)
+    assert heard == [("a", 0.0), ("a", 0.5), ("a", 0.75)]
 
 
 def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
