@@ -7,8 +7,9 @@ import pytest
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
-from hodo_cli.integration.error import COMPARED, references, thinned
+from hodo_cli.integration.error import COMPARED, patient, references, thinned
 from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.solve import solve
 
 SPIN = parse(
     """\
@@ -56,6 +57,15 @@ def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> 
         ("quadruple", "taylor", pytest.approx(1e-22, rel=1e-12, abs=0)),
         ("quadruple", "taylor", pytest.approx(1e-18, rel=1e-12, abs=0)),
     ]
+
+
+def test_a_reference_by_the_same_method_is_given_up_sooner() -> None:
+    solution = replace(solve(FIG4, "DOP853"), steps=10_000)
+    same, other = (
+        patient(FIG4, "taylor", solution, method) for method in ("taylor", "collocation")
+    )
+    assert (same.max_steps, other.max_steps) == (200_000, 5_000_000)
+    assert patient(replace(FIG4, max_steps=7), "taylor", solution, "taylor").max_steps == 7
 
 
 def test_a_thinned_motion_keeps_its_ends() -> None:
