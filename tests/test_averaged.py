@@ -5,7 +5,7 @@ import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -584,6 +584,15 @@ def test_figures_and_claims_of_averaging(hodo: Hodo, tmp_path: Path) -> None:
 def test_the_side_chooses_to_the_last_digit() -> None:
     assert either(-1.0, 1.5e15, 6.7e-16) == 6.7e-16
     assert either(1.0, 6.7e-16, 1.5e15) == 6.7e-16
+
+
+@pytest.mark.parametrize("beside", [1e-3, 1e-7])
+def test_a_start_in_long_double_is_that_in_double_to_its_rounding(beside: float) -> None:
+    for sign, of in ((-1, case), (1, partial(cavity, kappa=0.01))):
+        start = {"p": 0.8, "q": 0.5, "r": 0.8 * math.sqrt(0.2 / 0.12) * (1 + sign * beside)}
+        system = of(initial=start, mean_start="no").system
+        apart = system.finer_start - np.array(system.start)
+        assert 0 < np.abs(apart).max() < 1e-15
 
 
 @pytest.mark.parametrize("beside", [1e-3, 1e-5, 1e-7, 1e-9])
