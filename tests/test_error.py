@@ -1,15 +1,16 @@
 """The measured error: of what is stored, at the samples that both motions have."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
-from hodo_cli.integration.error import COMPARED, patient, references, thinned
+from hodo_cli.integration.error import COMPARED, measured_error, patient, references, thinned
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve
+from hodo_cli.integration.solve import Solution, solve
 
 SPIN = parse(
     """\
@@ -66,6 +67,24 @@ def test_a_reference_by_the_same_method_is_given_up_sooner() -> None:
     )
     assert (same.max_steps, other.max_steps) == (200_000, 5_000_000)
     assert patient(replace(FIG4, max_steps=7), "taylor", solution, "taylor").max_steps == 7
+
+
+def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case, asked = replace(FIG4, precision="quadruple"), []
+    motion = replace(solve(FIG4, "DOP853"), tol=2.0**-112)
+
+    def limited(
+        case: Case, method: str, precision: str, tol: float, *_: Any, **__: Any
+    ) -> Solution:
+        asked.append(tol)
+        return replace(motion, tol=max(tol, motion.tol))
+
+    monkeypatch.setattr("hodo_cli.integration.error.solve", limited)
+    _, kind = measured_error(case, "taylor", motion)
+    assert kind == "refined"
+    assert asked == [2.0**-112 / 100, 2.0**-112 * 100]
 
 
 def test_a_thinned_motion_keeps_its_ends() -> None:

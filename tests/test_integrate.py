@@ -211,6 +211,15 @@ def test_where_the_series_fails_auto_takes_collocation(
     assert (motion.method, motion.status) == expected
 
 
+@pytest.mark.parametrize("size", [2.0**-60, 2.0**60])
+def test_the_steps_of_a_motion_are_the_same_in_every_unit(size: float) -> None:
+    def in_unit(size: float) -> Case:
+        damping, start = (tuple(size * x for x in of) for of in ((0.1, 0.2, 0.3), START))
+        return diagonal(damping, start, time=Time(end=100 / size, samples=2))  # type: ignore[arg-type]
+
+    assert taylor_steps(in_unit(size)) == taylor_steps(in_unit(1.0)) > 10
+
+
 def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
     # At the start the fluid of a body about no axis of its own drives as much as it damps.
     data = {

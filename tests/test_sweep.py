@@ -38,6 +38,7 @@ from hodo_cli.progress import Progress, listening, reached, task
 from hodo_cli.results.hdf5 import Group, Variable
 from hodo_cli.results.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
+from hodo_cli.sweeps.swept import Swept
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
@@ -528,6 +529,13 @@ def test_what_a_sweep_takes_on_the_disk_is_foreseen() -> None:
     stored = sum(values[name].nbytes for name in kept)
     assert stored == 3 * (101 * 3 * 8 + 1)
     assert stored <= columns.stored_bytes(case) < 1.02 * stored
+
+
+def test_the_key_of_an_axis_is_the_first_that_varies_along_it() -> None:
+    both = "{zip: {damping.0: {values: [1, 2]}, damping.1: {values: [3, 4]}}}"
+    case = one(f"{FIG4}, {BALL}, sweep: {{both: {both}, from: {{sphere: {{count: 3}}}}}}")
+    found = Swept(case, None)
+    assert [found.key(name) for name in found.axes] == ["damping.0", "from"]
 
 
 def test_a_member_is_a_part_of_its_sweep() -> None:
