@@ -11,10 +11,11 @@ import pytest
 from conftest import ROOT
 
 from hodo_cli import HodoError
+from hodo_cli.cases.config import load
 from hodo_cli.cases.sweep_block import REDUCED
 from hodo_cli.results import layout
 from hodo_cli.results.dataset import dataset, open_results
-from hodo_cli.results.hdf5 import open_run
+from hodo_cli.results.hdf5 import Variable, open_run
 from hodo_cli.results.motion import QUANTITIES, Motion, motion_of
 
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
@@ -77,6 +78,16 @@ for name, data in theirs.items():
 
 def test_every_column_of_a_sweep_that_a_case_may_ask_for_is_declared() -> None:
     assert set(REDUCED) == set(layout.MEMBER_CLASSIFIED)
+
+
+def test_what_x_and_y_of_the_averaged_cavity_determine() -> None:
+    case = load(ROOT / "configs" / "paper2.yaml").cases["fig1"]
+    values = {"x": np.array([1.0, 0.25, 0.5]), "y": np.array([1.0, 0.36, 0.0])}
+    variables = {name: Variable(("time",), of) for name, of in values.items()}
+    m = Motion(case, variables)
+    A, _, C = case.data["inertia"]
+    G = np.hypot(A * np.sqrt(values["x"]), C * np.sqrt(values["y"]))
+    np.testing.assert_allclose(m["G"], G, rtol=2e-15)
 
 
 def test_what_omega_determines() -> None:

@@ -8,7 +8,15 @@ import pytest
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
-from hodo_cli.integration.error import COMPARED, measured_error, patient, references, thinned
+from hodo_cli.integration.driver import LIMIT, Sampled
+from hodo_cli.integration.error import (
+    COMPARED,
+    errors_against,
+    measured_error,
+    patient,
+    references,
+    thinned,
+)
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import Solution, solve
 
@@ -85,6 +93,16 @@ def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
     _, kind = measured_error(case, "taylor", motion)
     assert kind == "refined"
     assert asked == [2.0**-112 / 100, 2.0**-112 * 100]
+
+
+def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
+    time, moving = np.array([0.0, 1.0]), np.array([[1.0, 0, 0], [0.5, 0, 0]])
+    sizes = np.array([0, -LIMIT + 1]), np.array([0, -LIMIT])
+    ours = Sampled(time, moving * [[1], [0]], sizes[1], ())
+    theirs = Sampled(time, moving.astype(np.longdouble), sizes[0], ())
+    assert errors_against(FIG4, ours, theirs) == {"omega": 0}
+    # Far above that limit a motion that has stopped is wrong.
+    assert errors_against(FIG4, ours, theirs._replace(exponent=np.array([0, -9]))) == {"omega": 1}
 
 
 def test_a_thinned_motion_keeps_its_ends() -> None:

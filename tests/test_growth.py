@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hodo_cli.cases.case import Case, Time
+from hodo_cli.commands.classify import growth
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
@@ -61,6 +62,11 @@ def test_a_small_tilt_grows_at_the_rate(axis: int) -> None:
     )
     rate = np.polyfit(np.linspace(0, 150, 401), np.log(tilt), 1)[0]
     assert rate == pytest.approx(rigid_body.growth_rates(A, np.array(damping))[axis], rel=0.03)
+
+
+def test_the_table_has_the_rates_by_axis_but_for_the_middle_one() -> None:
+    assert growth(np.array([0.1, np.nan, -0.2])) == {"x1": 0.1, "x3": -0.2}
+    assert growth(None) == {}
 
 
 def test_a_symmetric_body_has_one_rate() -> None:

@@ -15,7 +15,7 @@ from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import exact
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.choice import choose, taylor_steps
-from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.integrate import integrate, remarks
 from hodo_cli.integration.solve import Solution, sample_times, solve
 from hodo_cli.integration.units import Clock
 from hodo_cli.models.constants import attributes, jacobian
@@ -209,6 +209,15 @@ def test_where_the_series_fails_auto_takes_collocation(
     time = Time(end=1.0, samples=3)
     motion = integrate(diagonal((0.02, 0.01, 0.03), precision=precision, time=time, error="off"))
     assert (motion.method, motion.status) == expected
+
+
+def test_what_is_said_of_an_error_that_is_large_or_unknown() -> None:
+    case = diagonal((0.02, 0.01, 0.03))
+    solution = solve(case, "DOP853", tol=1e-6, times=np.array([1.0]))
+    assert not [*remarks(case, solution, {}, {"omega": 9e-6})]
+    assert ["exceeds" in line for line in remarks(case, solution, {}, {"omega": 2e-5})] == [True]
+    assert [*remarks(case, solution, {}, {})] == ["the error could not be measured"]
+    assert not [*remarks(replace(case, error="off"), solution, {}, {})]
 
 
 @pytest.mark.parametrize("size", [2.0**-60, 2.0**60])
