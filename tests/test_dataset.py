@@ -13,6 +13,8 @@ from conftest import ROOT
 from hodo_cli import HodoError
 from hodo_cli.cases.config import load
 from hodo_cli.cases.sweep_block import REDUCED
+from hodo_cli.integration.crossings import Crossing
+from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
 from hodo_cli.results.dataset import dataset, open_results
 from hodo_cli.results.hdf5 import Variable, open_run
@@ -88,6 +90,14 @@ def test_what_x_and_y_of_the_averaged_cavity_determine() -> None:
     A, _, C = case.data["inertia"]
     G = np.hypot(A * np.sqrt(values["x"]), C * np.sqrt(values["y"]))
     np.testing.assert_allclose(m["G"], G, rtol=2e-15)
+
+
+def test_a_passage_to_another_axis_is_a_crossing_with_the_error_of_its_time() -> None:
+    def passage(time: float, to: int) -> Occurrence:
+        return Occurrence("separatrix", time, {"from": 1, "to": to, "momentum": 0.5})
+
+    events = [passage(20.0, 3), passage(30.0, 1), passage(40.0, 0), Occurrence("end_of_spin", 50)]
+    assert layout.passages_as_crossings(events, 1e-9) == [Crossing(20.0, 1, 3, 0.5, 20 * 1e-9)]
 
 
 def test_what_omega_determines() -> None:

@@ -9,6 +9,8 @@ import pytest
 from conftest import ROOT, Hodo
 from test_docs import snippets
 
+from hodo_cli import models
+
 EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)
 CONFIG = """\
 defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
@@ -19,6 +21,13 @@ cases:
   swept: {model: quadratic-drag, drag: 0.2, error: off, sweep: {drag: {values: [0, 0.1]}}}
   known: {model: linear-diag}
 """
+
+
+def test_a_form_has_a_name_of_its_own_and_a_models() -> None:
+    base = type("Base", (), {"form": "full"})
+    form = type("Form", (base,), {"form": "full", "name": "mine"})
+    below = type("Below", (form,), {})
+    assert [models._is_form(each) for each in (base, form, below)] == [False, True, False]
 
 
 @pytest.fixture
