@@ -760,6 +760,7 @@ def test_a_kind_that_cannot_be_turned_is_kept_without_a_file(
     monkeypatch.chdir(tmp_path)
     text = KEPT.format(caption="old", r=1, end=1).partition("figures:")[0]
     sketch = "figures:\n  sketch: {kind: quadrant-sketch, bodies: [[3, 2, 1.5]]}\n"
+    sketch += "  of-a: {kind: phase, cases: a, x: p, y: q}\n"
     (tmp_path / "c.yaml").write_text(text + sketch)
     main(["run", "c.yaml", "--quiet"], standalone_mode=False)
     page_file, written = tmp_path / "runs" / "figures" / "index.html", set()
