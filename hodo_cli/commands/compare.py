@@ -171,20 +171,24 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
     only if a value does: a reference may be computed otherwise, to the same values."""
     lines = [*variable_lines(name, a, b, tolerance)]
     if any(line.differs for line in lines):
-        for key in ("method", "precision", "tol"):
-            said = [asked(group, key) for group in (a, b)]
-            if said[0] != said[1]:
-                yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
+        yield from differing_computation(name, a, b)
     yield from lines
 
 
-def asked(group: Group, key: str) -> object:
-    """What a stored case asks for; where it asks for nothing, what it got."""
+def differing_computation(name: str, a: Group, b: Group) -> Iterator[Line]:
+    """Lines for the method and tolerance where two stored cases ask for others: the precision is
+    not told, because references have a higher one. None for a case that cannot be read, which has
+    a line of its own."""
     try:
-        value = getattr(parse_case(str(group.attributes.get("case", ""))), key)
+        cases = [parse_case(str(group.attributes.get("case", ""))) for group in (a, b)]
     except HodoError:
-        value = None
-    return group.attributes.get(key) if value is None else value
+        return
+    for key in ("method", "tol"):
+        asked = [getattr(case, key) for case in cases]
+        if asked[0] != asked[1]:
+            got = [group.attributes.get(key) for group in (a, b)]
+            said = [g if each is None else each for each, g in zip(asked, got, strict=True)]
+            yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
 
 
 def variable_lines(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
