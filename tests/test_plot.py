@@ -357,10 +357,11 @@ def test_ticks_are_plain_text_and_their_factor_is_a_formula() -> None:
     inset.set_yscale("log")
     with matplotlib.style.context(["default", STYLE]):
         axes.plot([-3e-9, 3e-9], [-2, 2])
+        axes.set_yticks([-2.5, 2.5])
         set_plain_ticks(figure)
         FigureCanvasAgg(figure).draw()
     texts = [text.get_text() for text in axes.get_yticklabels()]
-    assert (texts[0], texts[-1]) == ("\N{MINUS SIGN}2.0", "2.0")
+    assert (texts[0], texts[-1]) == ("\N{MINUS SIGN}2.5", "2.5")
     assert "10^" in axes.xaxis.get_offset_text().get_text()
     assert not isinstance(inset.yaxis.get_major_formatter(), ScalarFormatter)
 
