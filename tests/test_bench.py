@@ -57,6 +57,12 @@ def test_one_ulp_moves_every_number_that_is_not_zero() -> None:
     assert next(perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
 
 
+def test_a_trial_that_has_no_time_for_a_sample_is_told() -> None:
+    case = CASES["b"]
+    found = trial(case, truth(case), "exact", None, 1, 1e-9)
+    assert (found.status, np.isnan(found.drift)) == ("timeout", True)
+
+
 def test_a_symmetric_body_stays_symmetric_when_its_numbers_are_moved() -> None:
     body = replace(CASES["a"], data={**CASES["a"].data, "inertia": (8.0, 8.0, 4.0)})
     for one in perturbed(body):

@@ -192,7 +192,8 @@ def trial(
         compile_time=max(compile_time, 0.0),
         steps=solution.steps,
         rhs_evaluations=solution.evaluations or math.nan,
-        drift=max((changes[i] for i in sure.kept), default=math.nan),
+        # One that ran out of time before its first sample has none.
+        drift=max((changes[i] for i in sure.kept if changes), default=math.nan),
         floor=sure.floor,
         message=solution.message,
     )
