@@ -145,8 +145,9 @@ def map_image(
     value by the names of the axes.
     """
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
-    axes.set_facecolor(GAP)
-    axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
+    image = axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
+    # Not the background: beside a larger panel, it shows beyond the axes of a sweep too.
+    image.set_cmap(image.get_cmap().with_extremes(bad=GAP))
     if spec["level"] is not None and min(values.shape) > 1:
         lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
         lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
