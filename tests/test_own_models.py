@@ -107,3 +107,33 @@ def test_a_bad_file_is_one_line(hodo: Hodo, folder: Path, text: str | None, said
         assert (done.returncode, done.stdout) == (2, "")
         assert done.stderr.startswith(f"{folder / 'bad.py'}{said}")
         assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("k.c * w * q", "kk.c * w * q", ":32: NameError: name 'kk' is not defined"),
+        (
+            "k.c * w * q",
+            "k.d * w * q",
+            ":32: there is no constant 'd' (`constants` has: A1, A2, A3, g, c)",
+        ),
+        (
+            "self.drag}",
+            "self.drug}",
+            ":38: AttributeError: 'QuadraticDrag' object has no attribute",
+        ),
+        ("return (\n", "return (\n0,", ": rhs gives 4 rates for 3 variables of the state"),
+    ],
+)
+def test_a_mistake_in_the_equations_is_one_line_before_the_run(
+    hodo: Hodo, folder: Path, right: str, wrong: str, said: str
+) -> None:
+    assert right in EXAMPLE
+    (folder / "bad.py").write_text(EXAMPLE.replace(right, wrong), encoding="utf-8")
+    done = hodo("--models", "bad.py", "run", "a.yaml")
+    assert (done.returncode, done.stdout) == (2, "")
+    first, *others = done.stderr.splitlines()
+    assert f"model: {folder / 'bad.py'}{said}" in first
+    assert all(line.startswith("a.yaml:") for line in others)
+    assert not (folder / "runs").exists()

@@ -164,8 +164,11 @@ def checked_case(name: str, block: Block) -> Case:
     data = {key: values[key] for key in model.keys if key in values}
     mistakes += model.check(data)
     # What is stored hangs on the class that stands in for a form with these data.
-    standing = model if mistakes else type(model.of(data))
+    system = None if mistakes else model.of(data)
+    standing = type(system) if system else model
     mistakes += _of_store(standing, values)
+    if system and (said := models.mistake_in(system)):
+        mistakes.append((("model",), said))
     if values.get("sweep") and not mistakes:
         mistakes += check_axes(values["sweep"], standing, data)
     if mistakes:

@@ -11,10 +11,11 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 from .. import HodoError
 from .base import Model
+from .constants import attributes
 
 OWN = "HODO_MODELS"
 """The variable of the environment with the user's own files, separated as in PATH: worker processes
@@ -122,10 +123,37 @@ def _load(path: str, name: str) -> Foreign:
     except SyntaxError as error:
         raise HodoError(f"{path}:{error.lineno or 1}: {error.msg}") from None
     except Exception as error:
-        lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at[0] == path]
-        said = f"{type(error).__name__}: {error}".partition("\n")[0]
-        raise HodoError(f"{path}:{lines[-1] if lines else 1}: {said}") from error
+        raise HodoError(_said_of(error, path)) from error
     return path, module, hashlib.sha256(text).hexdigest()
+
+
+def _said_of(error: Exception, path: str) -> str:
+    """What went wrong in a file, after the line where it did."""
+    lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at[0] == path]
+    said = f"{type(error).__name__}: {error}".partition("\n")[0]
+    if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
+        known = ", ".join(vars(error.obj))
+        said = f"there is no constant {error.name!r} (`constants` has: {known})"
+    return f"{path}:{lines[-1] if lines else 1}: {said}"
+
+
+def mistake_in(system: Model) -> str:
+    """What is wrong with equations that are not hodo's, tried at the start of a motion; an empty
+    string if nothing is."""
+    own = [module for _, module, _ in _foreign() if system.name in {f.name for f in _forms(module)}]
+    if not own:
+        return ""
+    path = str(own[0].__file__)
+    try:
+        rates = system.rhs(0.0, [*system.start], attributes(system.constants))
+        found = len(rates)
+    except ArithmeticError:
+        return ""  # that is for the numbers of a case to answer, not for its equations
+    except Exception as error:
+        return _said_of(error, path)
+    if found == len(system.state):
+        return ""
+    return f"{path}: rhs gives {found} rates for {len(system.state)} variables of the state"
 
 
 def find(name: str, form: str) -> type[Model]:
