@@ -72,7 +72,8 @@ def address(file: Path) -> str:
     from distributed import Client
 
     deadline = time.monotonic() + 60
-    while not file.exists() and time.monotonic() < deadline:
+    # Its last character comes last; a file that is half written is no JSON yet.
+    while not (file.exists() and file.read_text().endswith("}")) and time.monotonic() < deadline:
         time.sleep(0.05)
     found = str(json.loads(file.read_text())["address"])
     assert found.startswith("tcp://127.0.0.1:")

@@ -17,8 +17,8 @@ PACKAGE = ROOT / "hodo_cli"
 
 # A heavy library and the only modules that may import it; netCDF4 is for those who read results.
 IMPORTERS = {
-    "dask": "batch/pool.py",
-    "distributed": "batch/pool.py",
+    "dask": "batch/dask.py",
+    "distributed": "batch/dask.py",
     "h5py": "results/hdf5.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/ api.py",

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from .. import HodoError
-from ..batch.pool import Pool, Processes
+from ..batch.pool import Pool
+from ..batch.processes import Processes
 from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench

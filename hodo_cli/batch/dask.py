@@ -1,0 +1,138 @@
+"""Workers of a dask scheduler that do tasks, here or on other machines."""
+
+import logging
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from functools import partial
+from itertools import count
+from threading import Thread
+from time import perf_counter
+from typing import Any
+
+from .. import BatchError
+from ..progress import TICK, hear, listening
+from . import WorkerLost
+
+MOST_WAIT = 60.0
+"""Seconds in which a scheduler must answer, or one of this machine start its workers."""
+
+
+class Dask(Executor):
+    """The workers of a dask scheduler: those at tcp://HOST:PORT, or, for "dask", so many processes
+    of this machine.
+
+    A task whose worker is lost is done again by another one. Raises BatchError if dask is not
+    installed, or no scheduler answers.
+    """
+
+    def __init__(self, scheduler: str, workers: int) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise BatchError(
+                "--scheduler needs dask, which is not installed: pip install '.[dask]'"
+            ) from None
+        # It logs with tracebacks what ends up as one line of ours.
+        for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        local = {
+            "n_workers": workers,
+            "threads_per_worker": 1,
+            "host": "127.0.0.1",
+            "dashboard_address": None,
+        }
+        self._address = scheduler
+        self._killed = distributed.KilledWorker
+        self._client = self._connected(
+            partial(distributed.Client, **local)
+            if scheduler == "dask"
+            else partial(distributed.Client, scheduler, timeout=10)
+        )
+        self._inner = self._client.get_executor(pure=False)
+        # Of this client alone: others may use the scheduler at the same time.
+        self._topic = f"hodo {self._client.id}"
+        self._client.subscribe_topic(self._topic, self._hear)
+        self._numbers, self._running = count(), set[int]()
+
+    def _connected(self, connect: Callable[[], Any]) -> Any:
+        """A client. What answers at an address may be any program: dask raises whatever that leads
+        to, or waits for ever."""
+        answer: Future[Any] = Future()
+
+        def try_to() -> None:
+            try:
+                answer.set_result(connect())
+            except Exception as error:
+                answer.set_exception(error)
+
+        Thread(target=try_to, daemon=True).start()
+        try:
+            return answer.result(timeout=MOST_WAIT)
+        except Exception as error:
+            reason = str(error).partition("\n")[0] or type(error).__name__
+            raise BatchError(f"no dask scheduler answers at {self._address}: {reason}") from None
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Schedule a call. Raises BatchError if the scheduler is gone."""
+        try:
+            number = next(self._numbers)
+            told = partial(reporting, self._topic, number, function)
+            theirs = self._inner.submit(told, *args, **kwargs)
+        except Exception as error:
+            raise self._gone(error) from None
+        self._running.add(number)
+        ours: Future[Any] = Future()
+        ours.add_done_callback(lambda _: self._running.discard(number))
+        theirs.add_done_callback(lambda done: self._pass_on(done, ours))
+        return ours
+
+    def _hear(self, event: tuple[float, tuple[int, str, float]]) -> None:
+        """Pass on how far a call is; what comes after its result is late."""
+        number, name, part = event[1]
+        if number in self._running:
+            hear(name, part)
+
+    def _pass_on(self, theirs: Future[Any], ours: Future[Any]) -> None:
+        """The outcome of a task; dask's own errors by what they mean for a batch."""
+        error = None if theirs.cancelled() else theirs.exception()
+        if theirs.cancelled():
+            ours.set_exception(self._gone("it has dropped a task"))
+        elif isinstance(error, self._killed):
+            ours.set_exception(WorkerLost())
+        elif type(error).__module__.startswith("distributed"):
+            ours.set_exception(self._gone(error))
+        elif error is not None:
+            ours.set_exception(error)
+        else:
+            ours.set_result(theirs.result())
+
+    def _gone(self, error: object) -> BatchError:
+        reason = str(error).partition("\n")[0]
+        return BatchError(
+            f"the dask scheduler at {self._address} has failed: {reason}; what is finished is kept"
+        )
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the scheduler; a cluster of this machine ends."""
+        self._inner.shutdown(wait=wait and not cancel_futures)
+        self._client.close()
+
+
+def reporting(
+    topic: str, number: int, function: Callable[..., Any], *args: Any, **kwargs: Any
+) -> Any:
+    """A call on a worker of dask, which tells the scheduler how far it is."""
+    from distributed import get_worker
+
+    worker, said = get_worker(), -math.inf
+
+    def say(name: str, part: float) -> None:
+        nonlocal said
+        # The scheduler keeps what it is told, so it is not told of every step.
+        if perf_counter() > said + TICK:
+            said = perf_counter()
+            worker.log_event(topic, (number, name, part))
+
+    with listening(say):
+        return function(*args, **kwargs)
