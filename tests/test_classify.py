@@ -140,14 +140,16 @@ def test_labels_and_crossings_as_they_are_stored() -> None:
 # `read_marks` by itself, on marks made by hand.
 
 
-def told_by(margins: list[float | None]) -> tuple[list[tuple[int, int]], int]:
+def told_by(
+    margins: list[float | None], kept: tuple[int, ...] = ()
+) -> tuple[list[tuple[int, int]], int]:
     """The crossings, and how many places are undecided, when D / (sum of its terms) takes these
-    values at whole times, None marking a zero."""
+    values at whole times, None marking a zero, and the axes `kept` are never left."""
     margin = np.array([0.0 if value is None else value for value in margins])
     vanishes = np.array([value is None for value in margins])
     ones = np.ones(len(margin))
     marks = Marks(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
-    verdict = read_marks(marks, 1e-15 * ones, (0, 1, 2))
+    verdict = read_marks(marks, 1e-15 * ones, (0, 1, 2), frozenset(kept))
     return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
 
 
@@ -167,6 +169,18 @@ def test_a_start_or_an_end_on_the_separatrix_is_no_crossing() -> None:
     assert told_by([0.0, 0.5]) == ([], 0)
     assert told_by([None, 0.5, None, -0.5]) == ([(1, 3)], 0)
     assert told_by([0.5, None, -1e-17]) == ([], 1)
+
+
+def test_an_axis_that_is_never_left_decides_what_the_error_hides() -> None:
+    touch, leave = [0.5, None, -1e-16, None, 0.5, None, 1e-16], [0.5, None, -0.5, 1e-16, -0.5, 0.0]
+    assert told_by(touch) == ([], 2)
+    # About x1 it is for good; about x3 the end may have brought it, but nothing before.
+    assert told_by(touch, (1,)) == told_by(touch, (1, 3)) == ([], 0)
+    assert told_by(touch, (3,)) == ([], 1)
+    assert told_by(leave) == ([(1, 3)], 2)
+    assert told_by(leave, (3,)) == ([(1, 3)], 0)
+    # What cannot be is the error's doing, and is shown as it was found.
+    assert told_by(leave, (1,)) == ([(1, 3)], 2)
 
 
 def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
@@ -246,15 +260,29 @@ def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -
 
 
 @pytest.mark.heyoka
-def test_a_motion_that_dies_out_about_the_middle_axis_keeps_no_side() -> None:
-    # p and r fall to 1e-16 of q at a time of about 3, and far below the smallest double: their sign
-    # of D is noise.
+def test_a_motion_that_dies_out_about_the_middle_axis_keeps_the_side_that_it_cannot_leave() -> None:
+    # p and r fall to 1e-16 of q at a time of about 3, and far below the smallest double: the sign
+    # of D is noise. But lambda1 > lambda3, and so there is no way back from x3.
     case = diagonal((30.0, 10.0, 20.0), (0.7, 0.3, 0.3), time=Time(end=200.0, samples=201))
     classification = found(case)
     assert [(c.start, c.end) for c in classification.crossings] == [(1, 3)]
     assert classification.crossings[0].time < 1
-    assert set(classification.labels[1:3]) == {3}
-    assert set(classification.labels[10:]) == {rigid_body.SEPARATRIX}
+    assert set(classification.labels[1:]) == {3}
+
+
+@pytest.mark.heyoka
+def test_without_a_side_that_it_cannot_leave_a_motion_that_dies_out_keeps_none() -> None:
+    # The same as a tensor: an entry beside the diagonal, too small to matter, and no theory.
+    lam, A = (30.0, 10.0, 20.0), BODY
+    I = tuple(
+        tuple(lam[i] * A[i] if i == j else 1e-300 * (i + j == 1) for j in range(3))
+        for i in range(3)
+    )
+    initial = {"p": 0.7, "q": 0.3, "r": 0.3, "G": None}
+    data = {"inertia": A, "resistance": I, "initial": initial}
+    labels = found(Case("dying", "tensor", "full", data, Time(end=200.0, samples=201))).labels
+    assert set(labels[1:3]) == {3}
+    assert set(labels[10:]) == {rigid_body.SEPARATRIX}
 
 
 def test_a_margin_of_just_the_band_stands_on_neither_side() -> None:

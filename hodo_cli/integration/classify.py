@@ -76,6 +76,7 @@ def classify(
     state = extended(motion.solution.path.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
+    labels = completed(labels, case.system.kept_axes)
     found = crossings_of(case, motion, errors)
     crossings, warnings = (
         settled(found, *reference) if reference else (found.crossings, undecided(found.undecided))
@@ -154,7 +155,8 @@ def against_reference(
     solution, path = motion.solution, motion.solution.path
     if case.error == "off":
         assumed = assumed_errors(case, path, expected)
-        if not crossings_of(case, motion, assumed).undecided:
+        # Also where the equations tell the axes: a time needs an error.
+        if not crossings_of(case, motion, assumed, kept=frozenset()).undecided:
             return assumed, None
     end = math.inf if solution.whole else float(path.time[-1])
     for precision, other, tol in references(case, method, solution.tol):
@@ -235,8 +237,12 @@ def distances(path: Sampled, reference: Sampled) -> np.ndarray:
     return np.pad(np.maximum(errors, least), (0, len(path.time) - n), mode="edge")
 
 
-def crossings_of(case: Case, motion: Watched, errors: np.ndarray) -> Decided:
+def crossings_of(
+    case: Case, motion: Watched, errors: np.ndarray, kept: frozenset[int] | None = None
+) -> Decided:
     """The crossings of a motion with the error (n,) at each of its times.
+
+    `kept` are the axes that it keeps once it encloses them, by default those of its equations.
 
     The times themselves are marks too, so that labels and crossings tell the same. A mark between
     two of them has the larger of their errors.
@@ -259,10 +265,27 @@ def crossings_of(case: Case, motion: Watched, errors: np.ndarray) -> Decided:
     marks = Marks.joined([motion.marks, samples])
     after = np.searchsorted(path.time, marks.time).clip(max=len(path.time) - 1)
     before = np.where(path.time[after] == marks.time, after, np.maximum(after - 1, 0))
-    found = read_marks(marks, CERTAIN * np.maximum(errors[before], errors[after]), order)
+    band = CERTAIN * np.maximum(errors[before], errors[after])
+    found = read_marks(marks, band, order, case.system.kept_axes if kept is None else kept)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return found._replace(undecided=[time for time in found.undecided if time > started])
+
+
+def completed(labels: np.ndarray, kept: frozenset[int]) -> np.ndarray:
+    """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
+    goes on to enclose the axes `kept` once it does, and before that it enclosed the other one."""
+    place, there = np.arange(len(labels)), np.isin(labels, [*kept])
+    away = (labels > 0) & ~there
+    first = int(np.argmax(there)) if there.any() else len(labels)
+    last = int(np.max(place[away], initial=-1))
+    if not kept or last > first:  # its error is larger than stated
+        return labels
+    # A start on D = 0 is on neither side, wherever it leads.
+    hidden = (labels == rigid_body.SEPARATRIX) & (place > 0)
+    after, before = hidden & (place > first), hidden & (place < last)
+    labels = np.where(after, labels[min(first, len(labels) - 1)], labels)
+    return np.where(before, labels[last], labels)
 
 
 def settled(found: Decided, theirs: Decided, name: str) -> tuple[list[Crossing], tuple[str, ...]]:

@@ -220,8 +220,14 @@ def with_middles(
     return row[order], x[order], vanishes[order]
 
 
-def read_marks(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> Decided:
-    """What marks tell whose margins count where they exceed `band` (k,); `order` is the body's.
+def read_marks(
+    marks: Marks,
+    band: np.ndarray,
+    order: tuple[int, int, int],
+    kept: frozenset[int] = frozenset(),
+) -> Decided:
+    """What marks tell whose margins count where they exceed `band` (k,); `order` is the body's, and
+    `kept` are the axes that its hodograph encloses for ever once it does.
 
     The motion has crossed where its margin stands first on one side, then on the other, beyond
     doubt. So neither a start on D = 0 nor a touch is a crossing, and no zero that is reported twice
@@ -230,6 +236,8 @@ def read_marks(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> D
     """
     # A zero is on neither side, so only the marks between zeros can tell that a side has changed.
     sure = np.flatnonzero(~marks.vanishes & (np.abs(marks.margin) > band))
+    axis = np.where(marks.margin > 0, order[0] + 1, order[2] + 1)
+    sure, certain = needed(sure, axis[sure], kept)
     rises = np.sign(marks.margin[sure])
     verdict = Decided([], [], [])
     for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(rises) != 0)):
@@ -242,9 +250,22 @@ def read_marks(marks: Marks, band: np.ndarray, order: tuple[int, int, int]) -> D
         verdict.crossings.append(Crossing(float(marks.time[at]), *axes, float(marks.momentum[at])))
         width = band[last] / marks.rate[at] if marks.rate[at] else math.inf
         verdict.widths.append(float(max(width, spread)))
-    if sure.size and sure[-1] < len(marks.time) - 1:
+    if sure.size and sure[-1] < len(marks.time) - 1 and not certain:
         verdict.undecided.append(_nearest(marks, sure[-1] + 1, len(marks.time)))
     return verdict
+
+
+def needed(sure: np.ndarray, axis: np.ndarray, kept: frozenset[int]) -> tuple[np.ndarray, bool]:
+    """Those of the sure marks (k,), which tell these axes (k,), that decide where a motion crosses,
+    and whether it stays where the last of them stands.
+
+    They are the last one before it comes to an axis that it keeps, and the first one there.
+    """
+    there = np.isin(axis, [*kept])
+    first = int(np.argmax(there)) if there.any() else len(sure)
+    if (axis[first:] != axis[first : first + 1]).any():
+        return sure, False  # its error is larger than stated, and what it shows is said
+    return sure[max(first - 1, 0) : first + 1] if kept else sure, first < len(sure)
 
 
 def _passage(marks: Marks, first: int, last: int) -> tuple[int, float]:

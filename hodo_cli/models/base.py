@@ -148,6 +148,11 @@ class Model:
         return None
 
     @property
+    def kept_axes(self) -> frozenset[int]:
+        """The axes that the hodograph encloses for ever once it does, by the equations alone."""
+        return frozenset()
+
+    @property
     def warnings(self) -> list[str]:
         """What the data say against the model's own assumptions."""
         return []

@@ -11,7 +11,7 @@ from ..schema.kinds import Key, Vector
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
-from .rigid_body import INERTIA, INITIAL, BodyFrame
+from .rigid_body import INERTIA, INITIAL, BodyFrame, kept_axes
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class LinearDiag(BodyFrame):
     all zero for free motion. Assumed: constant coefficients, about the same axes as the inertia.
 
     D changes sign at most once: with l and s the axes of largest and smallest inertia, where D = 0
-    dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign.
+    dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign (`kept_axes`).
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (1)-(4).
     """
@@ -65,6 +65,10 @@ class LinearDiag(BodyFrame):
     @property
     def damping_rates(self) -> np.ndarray:
         return np.array(self.damping)
+
+    @property
+    def kept_axes(self) -> frozenset[int]:
+        return kept_axes(np.array(self.inertia), self.damping_rates)
 
     @property
     def warnings(self) -> list[str]:

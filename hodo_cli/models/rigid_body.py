@@ -176,6 +176,24 @@ def growth_rates(A: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, found))
 
 
+def kept_axes(A: np.ndarray, rates: np.ndarray) -> frozenset[int]:
+    """The axes that the hodograph encloses for ever once it does, in a medium that damps rotation
+    about each body axis at a rate (3,) of its own.
+
+    With l and s the axes of largest and smallest inertia, and D the difference of its two terms
+    d_l and d_s,
+
+        dD/dt = -2 lambda_l d_l + 2 lambda_s d_s
+              = -2 lambda_l D + 2 (lambda_s - lambda_l) d_s,
+
+    so that D > 0 does not end if lambda_l <= lambda_s, and D < 0 not if lambda_l >= lambda_s.
+    """
+    largest, _, smallest = inertia_order(A)
+    kept = (rates[largest] <= rates[smallest], rates[largest] >= rates[smallest])
+    axes = (largest + 1, smallest + 1)
+    return frozenset(axis for axis, holds in zip(axes, kept, strict=True) if holds)
+
+
 SMALLEST = 1e-100
 """The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
 
