@@ -27,7 +27,7 @@ class LinearDiag(BodyFrame):
     all zero for free motion. Assumed: constant coefficients, about the same axes as the inertia.
 
     D changes sign at most once: with l and s the axes of largest and smallest inertia, where D = 0
-    dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign (`kept_axes`).
+    dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign.
 
     Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (1)-(4).
     """
