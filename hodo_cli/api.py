@@ -25,8 +25,9 @@ from .commands.classify import classified
 from .commands.resume import fingerprint
 from .commands.run import finish
 from .figures import draw
-from .results.dataset import UNSAVED, Opened, Results, dataset
+from .results.dataset import Opened, dataset, group_of
 from .results.hdf5 import Group, open_run
+from .results.motion import UNSAVED, Results
 from .results.writer import Writer
 from .schema.kinds import Wrong, nearest, resolve
 
@@ -107,7 +108,7 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
         raise HodoError(
             f"unknown kind {kind!r}{nearest(kind, FIGURE_KINDS)} (valid: {', '.join(FIGURE_KINDS)})"
         )
-    cases = _named(several)
+    cases = {case: group_of(each) for case, each in _named(several).items()}
     # A sketch of quadrants draws bodies and takes no cases.
     given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
     spec, mistakes = resolve(FIGURE_KINDS[kind], given | _plain(keys))

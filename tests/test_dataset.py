@@ -16,9 +16,9 @@ from hodo_cli.cases.sweep_block import REDUCED
 from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
-from hodo_cli.results.dataset import dataset, open_results
+from hodo_cli.results.dataset import Opened, dataset, group_of
 from hodo_cli.results.hdf5 import Variable, open_run
-from hodo_cli.results.motion import QUANTITIES, Motion, motion_of
+from hodo_cli.results.motion import QUANTITIES, Motion, motion_of, open_results
 
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
 
@@ -38,10 +38,10 @@ def test_cases_of_the_sample() -> None:
         assert len(cases) == 2
         assert "_claims" in cases
         assert "fig5" not in cases
-        fig4, spin = cases["fig4"], cases["spin"]
         with pytest.raises(KeyError, match="fig5"):
             cases["fig5"]
         assert results.config.cases.keys() == {"fig4"}
+    fig4, spin = (Opened(SAMPLE)[name] for name in ("fig4", "spin"))
     assert fig4["omega"].dims == ("time", "axis")
     assert fig4["axis"].values.tolist() == ["x1", "x2", "x3"]
     assert fig4["omega"].sel(time=0.0, axis="x3") == 0.74
@@ -54,6 +54,17 @@ def test_cases_of_the_sample() -> None:
     assert fig4.attrs["warnings"] == "first\nsecond"
     assert spin["event_kind"].values.tolist() == ["end of spin"]
     assert np.isnan(spin.attrs["error"])
+
+
+def test_a_dataset_is_drawn_as_the_group_that_it_was() -> None:
+    with open_run(SAMPLE) as run:
+        group = run.read("fig4")
+    again = group_of(dataset(group))
+    assert again.attributes == group.attributes
+    assert again.variables.keys() == group.variables.keys()
+    for name, variable in group.variables.items():
+        assert again.variables[name].dims == variable.dims, name
+        np.testing.assert_array_equal(again.variables[name].data, variable.data)
 
 
 def test_the_dataset_is_what_netCDF4_reads() -> None:

@@ -13,7 +13,8 @@ from browser import CHROMIUM, Browser
 from hodo_cli import api, figures
 from hodo_cli.cases.config import parse
 from hodo_cli.figures.sheet import Sheet
-from hodo_cli.results.dataset import Results
+from hodo_cli.results.dataset import group_of
+from hodo_cli.results.motion import Results
 
 if importlib.util.find_spec("plotly") is None:
     pytest.skip("needs plotly", allow_module_level=True)
@@ -70,7 +71,8 @@ def results() -> Results:
     """A case and its figures, in memory."""
     config = parse(CONFIG, "test.yaml")
     cases = {
-        name: (api.sweep if case.sweep else api.run)(case) for name, case in config.cases.items()
+        name: group_of((api.sweep if case.sweep else api.run)(case))
+        for name, case in config.cases.items()
     }
     return Results(Path("test.h5"), cases, config)
 
@@ -119,7 +121,7 @@ def test_panels_are_the_printed_ones_point_by_point(results: Results, name: str)
 
 
 def test_time_may_be_drawn_itself(results: Results) -> None:
-    time = results.cases["fig4"].time.values
+    time = results.cases["fig4"].variables["time"].data
     for name, across in (("clock", time), ("late", results.motion("fig4")["p"])):
         _, found = drawn(results, name)
         (values,) = found.values()

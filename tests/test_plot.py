@@ -42,14 +42,14 @@ from hodo_cli.figures.geometry import (
 from hodo_cli.figures.sheet import (
     STYLE,
     Sheet,
+    lighten,
     save,
-    set_plain_ticks,
     title_lines,
     without_tex,
 )
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
-from hodo_cli.results.dataset import open_results
+from hodo_cli.results.motion import open_results
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -132,11 +132,11 @@ def test_curves_in_space_are_those_stored(runs: Path) -> None:
     is left out."""
     with open_results(runs / "paper1.h5") as results:
         sheet = figures.draw(results.figure("fig12-all-entries"), results)
-        data = results.cases["fig12-all-entries"]
-        G = data["omega"].values * [1, 0.8, 0.6]
+        data = results.cases["fig12-all-entries"].variables
+        G = data["omega"].data * [1, 0.8, 0.6]
         (shown,) = sheet.shown
         assert shown.curve == "fig12-all-entries"
-        assert (shown.values["time"] == data["time"].values).all()
+        assert (shown.values["time"] == data["time"].data).all()
         assert (np.stack([shown.values[f"G.x{i}"] for i in (1, 2, 3)], axis=-1) == G).all()
 
         main, zoomed = sheet.figure.axes
@@ -148,7 +148,7 @@ def test_curves_in_space_are_those_stored(runs: Path) -> None:
         blue, orange = (np.array(to_rgb(artists.AXIS_COLOUR[axis])) for axis in (1, 3))
         label = {
             tuple(at): axis
-            for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].values, strict=True)
+            for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].data, strict=True)
         }
         for segment, colour in zip(curve.get_segments(), curve.get_colors(), strict=True):
             # paler toward white: the colour's distances from white keep their ratio
@@ -158,14 +158,14 @@ def test_curves_in_space_are_those_stored(runs: Path) -> None:
             assert np.ptp(faded) < 1e-12
             assert 0.49 < faded[0] <= 1
         (crossings,) = [line for line in main.lines if line.get_marker() == "D"]
-        assert len(crossings.get_xdata()) == data.sizes["crossing"] == 3
+        assert len(crossings.get_xdata()) == data["crossing_time"].data.size == 3
         assert main.get_aspect() == zoomed.get_aspect() == 1
 
 
 def test_time_colour_projections_and_sphere(runs: Path) -> None:
     with open_results(runs / "paper1.h5") as results:
         sheet = figures.draw(results.figure("fig4-projections"), results)
-        G = results.cases["fig4"]["omega"].values * [1, 0.8, 0.6]
+        G = results.cases["fig4"].variables["omega"].data * [1, 0.8, 0.6]
         for axes, (i, j) in zip(sheet.figure.axes[1:4], [(0, 1), (0, 2), (1, 2)], strict=True):
             (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
             pieces = curve.get_segments()
@@ -181,7 +181,7 @@ def test_time_colour_projections_and_sphere(runs: Path) -> None:
         assert [each.curve for each in sheet.shown] == ["1", "2", "3′", "3", "4"]
         for shown, name in zip(sheet.shown, results.figure("fig1")["cases"], strict=True):
             g = np.stack([shown.values[f"G.x{i}/|G|"] for i in (1, 2, 3)], axis=-1)
-            G = results.cases[name]["omega"].values * [1, 0.8, 0.6]
+            G = results.cases[name].variables["omega"].data * [1, 0.8, 0.6]
             np.testing.assert_allclose(np.linalg.norm(g, axis=1), 1, rtol=1e-15)
             np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
 
@@ -191,16 +191,16 @@ def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> Non
         limits = set()
         for name in ("fig9", "fig10", "fig11", "fig13-all-entries"):
             figure = results.figure(name)
-            case = results.cases[figure["cases"][0]]
+            case = results.cases[figure["cases"][0]].variables
             sheet = figures.draw(figure, results)
             axes = sheet.figure.axes[0]
             (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
             pieces = curve.get_segments()
             across, up = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])]).T
-            p, _, r = case["omega"].values.T
+            p, _, r = case["omega"].data.T
             assert (across == p**2).all()
             np.testing.assert_allclose(up, 0.6 * (0.8 - 0.6) / (1 - 0.8) * r**2, rtol=1e-15)
-            assert (np.where(across > up, 1, 3) == case["enclosed_axis"].values).all()
+            assert (np.where(across > up, 1, 3) == case["enclosed_axis"].data).all()
             A, B = (patch.get_xy() for patch in axes.patches[:2])
             assert (A[:, 0] >= A[:, 1]).all()
             assert (B[:, 0] <= B[:, 1]).all()
@@ -208,7 +208,7 @@ def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> Non
             for text in axes.texts:
                 assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
             (marks,) = [line for line in axes.lines if line.get_marker() == "D"]
-            assert len(marks.get_xdata()) == case.sizes.get("crossing", 0)
+            assert len(marks.get_xdata()) == case["crossing_time"].data.size
             assert (marks.get_xdata() == marks.get_ydata()).all()
             if name != "fig13-all-entries":
                 limits.add((axes.get_xlim(), axes.get_ylim()))
@@ -226,27 +226,27 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
         for axes, name, title, end in zip(
             sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True
         ):
-            case = results.cases[name]
+            case = results.cases[name].variables
             x, _, y, _ = axes.lines  # each followed by the mark of its end
             assert axes.get_title() == title
-            assert (x.get_xdata() == case["time"].values).all()
-            assert (x.get_ydata() == case["x"].values).all()
-            assert (y.get_ydata() == case["y"].values).all()
+            assert (x.get_xdata() == case["time"].data).all()
+            assert (x.get_ydata() == case["x"].data).all()
+            assert (y.get_ydata() == case["y"].data).all()
             assert [text.get_text() for text in axes.texts] == [
                 f"${end}$",
-                f"$t = {case['event_time'].values[0]:#.4g}$",
+                f"$t = {case['event_time'].data[0]:#.4g}$",
             ]
         sheet = figures.draw(results.figure("phase"), results)
         lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
         for line, name in zip(lines, results.figure("phase")["cases"], strict=True):
-            assert (line.get_xdata() == results.cases[name]["x"].values).all()
-            assert (line.get_ydata() == results.cases[name]["y"].values).all()
+            assert (line.get_xdata() == results.cases[name].variables["x"].data).all()
+            assert (line.get_ydata() == results.cases[name].variables["y"].data).all()
 
     with open_results(runs / "paper3.h5") as results:
         sheet = figures.draw(results.figure("figure"), results)
         for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
             for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
-                assert (line.get_ydata() == results.cases[name][variable].values).all()
+                assert (line.get_ydata() == results.cases[name].variables[variable].data).all()
         (rebound,) = sheet.figure.axes[0].child_axes
         (u3,) = rebound.lines
         # It touches 1 and comes back up to 1.0128.
@@ -254,9 +254,9 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
         assert u3.get_ydata()[touched:].max() == pytest.approx(1.0128, abs=5e-5)
         (inset,) = sheet.figure.axes[2].child_axes
         u1, u2 = inset.lines
-        case = results.cases["case3"]
-        assert (u1.get_ydata() == case["u1"].values).all()
-        assert (u2.get_ydata() == case["u2"].values).all()
+        case = results.cases["case3"].variables
+        assert (u1.get_ydata() == case["u1"].data).all()
+        assert (u2.get_ydata() == case["u2"].data).all()
 
     with open_results(runs / "paper1.h5") as results:
         sheet = figures.draw(results.figure("fig12-sensitivity"), results)
@@ -268,7 +268,7 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
             "span": None,
         }
         sheet = figures.draw(figure, results)
-        p, q, r = results.cases["fig12-all-entries"]["omega"].values.T
+        p, q, r = results.cases["fig12-all-entries"].variables["omega"].data.T
         for axes, values, label in zip(
             sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True
         ):
@@ -348,7 +348,9 @@ def test_a_png_is_what_matplotlib_itself_would_save(runs: Path, tmp_path: Path) 
     with matplotlib.style.context(["default", STYLE]):
         theirs.figure.savefig(tmp_path / "theirs.png")
     images = [matplotlib.image.imread(tmp_path / f"{name}.png") for name in ("ours", "theirs")]
-    assert np.array_equal(*images)
+    # Without the alpha of matplotlib's, which is opaque.
+    assert (images[1][..., 3] == 1).all()
+    assert np.array_equal(images[0], images[1][..., :3])
 
 
 def test_ticks_are_plain_text_and_their_factor_is_a_formula() -> None:
@@ -358,7 +360,7 @@ def test_ticks_are_plain_text_and_their_factor_is_a_formula() -> None:
     with matplotlib.style.context(["default", STYLE]):
         axes.plot([-3e-9, 3e-9], [-2, 2])
         axes.set_yticks([-2.5, 2.5])
-        set_plain_ticks(figure)
+        lighten(figure)
         FigureCanvasAgg(figure).draw()
     texts = [text.get_text() for text in axes.get_yticklabels()]
     assert (texts[0], texts[-1]) == ("\N{MINUS SIGN}2.5", "2.5")

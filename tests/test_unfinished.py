@@ -11,8 +11,8 @@ from hodo_cli.commands.classify import classify_results
 from hodo_cli.commands.plot import draw_results
 from hodo_cli.commands.run import finish
 from hodo_cli.commands.show import stored_cases
-from hodo_cli.results.dataset import open_results
 from hodo_cli.results.hdf5 import Group, open_run
+from hodo_cli.results.motion import open_results
 from hodo_cli.results.writer import (
     Writer,
     finished,

@@ -27,7 +27,7 @@ from ..schema.kinds import nearest
 from .resume import CONFIGS, content_mark, result_named, warn_of_changes
 
 if TYPE_CHECKING:
-    from ..results.dataset import Results
+    from ..results.motion import Results
 
 SOURCES = (".h5", *CONFIGS)
 """What the name of a result or of its config ends with; any other name is that of a figure."""
@@ -153,7 +153,7 @@ def draw_results(
 def draw_figure(task: FigureTask) -> Drawn:
     """Draw one figure; what a pool does."""
     from ..figures import render
-    from ..results.dataset import Datasets, open_results
+    from ..results.motion import StoredCases, open_results
 
     with (
         warnings.catch_warnings(record=True) as caught,
@@ -162,7 +162,7 @@ def draw_figure(task: FigureTask) -> Drawn:
         warnings.simplefilter("always")
         made = render(results, task.name, task.formats, task.folder)
         said = [*(str(each.message) for each in caught), *unlabelled(results)]
-        assert isinstance(results.cases, Datasets)
+        assert isinstance(results.cases, StoredCases)
         cases = tuple(sorted(results.cases.asked))
     return Drawn(made.name, made.files, made.problem, cases, tuple(said))
 
@@ -268,7 +268,7 @@ def page_written(task: PageTask) -> tuple[str, ...]:
     """Write the page of all figures, and return the warnings that it gives; what a pool does."""
     from ..figures import page
     from ..figures.sheet import Rendered
-    from ..results.dataset import open_results
+    from ..results.motion import open_results
 
     with warnings.catch_warnings(record=True) as caught, ExitStack() as stack:
         warnings.simplefilter("always")

@@ -13,11 +13,11 @@ import matplotlib.style
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import HodoError
-from ..results.dataset import Results
+from ..results.motion import Results
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import STYLE, Drawing, Rendered, Sheet, check_tex, save, set_plain_ticks, title_lines
+from .sheet import STYLE, Drawing, Rendered, Sheet, check_tex, lighten, save, title_lines
 from .space import hodograph, sphere
 
 DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
@@ -42,12 +42,13 @@ def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for
     it, or a text is not TeX as matplotlib knows it.
     """
-    for text in (*spec.get("labels", ()), spec["title"], f"${spec.get('time', 't')}$"):
-        check_tex(text)
     with matplotlib.style.context(["default", STYLE]):
+        for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
+            check_tex(text, STYLE["legend.fontsize"])
+        check_tex(spec["title"], STYLE["axes.titlesize"])
         sheet = Sheet(Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
         DRAW[spec["kind"]](sheet, spec, results)
-        set_plain_ticks(sheet.figure)
+        lighten(sheet.figure)
         if spec["title"]:
             width, height = sheet.figure.get_size_inches()
             lines = title_lines(spec["title"], width)

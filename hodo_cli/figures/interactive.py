@@ -20,8 +20,7 @@ from plotly.subplots import make_subplots
 from .. import HodoError
 from ..cases.figure_block import SCRIPT
 from ..models.rigid_body import LABELS
-from ..results.dataset import Results
-from ..results.motion import Motion
+from ..results.motion import Motion, Results
 from ..results.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
 from .geometry import graticule, separatrix_circles, stretches

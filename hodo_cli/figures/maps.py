@@ -12,10 +12,9 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
-from scipy.spatial import cKDTree
 
 from .. import HodoError
-from ..results.dataset import Results
+from ..results.motion import Results
 from ..sweeps.swept import Swept
 from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
 from .geometry import edges, separatrix_circles
@@ -213,6 +212,9 @@ def sphere_cells(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges of longitude and latitude, and the value in each cell: that of the nearest of the
     directions (n, 3)."""
+    # Late, because it loads half of SciPy, which no other figure needs.
+    from scipy.spatial import cKDTree
+
     longitude = np.linspace(-np.pi, np.pi, GRID + 1)
     latitude = np.linspace(-np.pi / 2, np.pi / 2, GRID // 2 + 1)
     middle = [(edge[1:] + edge[:-1]) / 2 for edge in (longitude, latitude)]

@@ -16,8 +16,7 @@ from urllib.parse import quote
 from ..cases.case import Case
 from ..cases.claim_block import cases_of
 from ..models.rigid_body import LABELS
-from ..results.dataset import Results
-from ..results.motion import Motion
+from ..results.motion import Motion, Results
 from ..results.staging import replacing
 from ..text import magnitude, seconds
 from .sheet import Rendered
@@ -125,7 +124,7 @@ class Places:
         errata = {erratum["id"]: erratum["cases"] for erratum in results.config.errata}
         for kind, group, told in (("claim", "_claims", claims), ("erratum", "_errata", errata)):
             # Only what `hodo claims` has judged stands in the page.
-            stored = results.cases[group]["claim"].values if group in results.cases else ()
+            stored = results.cases[group].variables["claim"].data if group in results.cases else ()
             self._told |= {(kind, name): told[name] for name in told if name in stored}
 
     def figure(self, name: str) -> str:
@@ -163,9 +162,9 @@ def _told(results: Results, places: Places, group: str) -> list[Entry]:
     """The entries of the index for the stored statements or errata; none before `hodo claims`."""
     if group not in results.cases:
         return []
-    found, claims = results.cases[group], group == "_claims"
+    found, claims = results.cases[group].variables, group == "_claims"
     kind, text = ("claim", "statement") if claims else ("erratum", "printed")
-    columns = (map(str, found[name].values) for name in ("claim", text, "verdict"))
+    columns = (map(str, found[name].data) for name in ("claim", text, "verdict"))
     return [
         {
             "kind": "statement" if claims else "erratum",
@@ -358,9 +357,9 @@ def _claims(results: Results, places: Places) -> str:
     """The table of statements with their verdicts; none before `hodo claims`."""
     if "_claims" not in results.cases:
         return ""
-    claims = results.cases["_claims"]
+    claims = results.cases["_claims"].variables
     names = ("claim", "where", "statement", "original", "verdict", "evidence", "measured", "note")
-    columns = [map(str, claims[name].values) for name in names]
+    columns = [map(str, claims[name].data) for name in names]
     rows = [
         [
             f'<td id="{places.told("claim", name)}">{escape(where)}</td>',
@@ -384,9 +383,9 @@ def _errata(results: Results, places: Places) -> str:
     """The table of misprints; none without any."""
     if "_errata" not in results.cases:
         return ""
-    errata = results.cases["_errata"]
+    errata = results.cases["_errata"].variables
     names = ("claim", "where", "printed", "should_be", "verdict", "evidence")
-    columns = [map(str, errata[name].values) for name in names]
+    columns = [map(str, errata[name].data) for name in names]
     rows = [
         [
             f'<td id="{places.told("erratum", name)}">{escape(where)}</td>',

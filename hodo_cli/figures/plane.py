@@ -14,8 +14,7 @@ from matplotlib.patches import Polygon
 from .. import HodoError
 from ..models import rigid_body
 from ..models.rigid_body import slope
-from ..results.dataset import Results
-from ..results.motion import Motion
+from ..results.motion import Motion, Results
 from .artists import (
     AXIS_COLOUR,
     BLACK,

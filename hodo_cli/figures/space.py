@@ -10,8 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from ..results.dataset import Results
-from ..results.motion import Motion
+from ..results.motion import Motion, Results
 from .artists import (
     COLUMN,
     GREY,

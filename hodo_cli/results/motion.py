@@ -6,9 +6,12 @@ computed when they are asked for, from the samples, and by nobody else.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Protocol
 
@@ -16,11 +19,14 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, parse_case
+from ..cases.config import Config, parse
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
-from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
+from .hdf5 import Group, Run
+from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, SHOWN
 from .provenance import typed
+from .writer import open_batch
 
 
 class Array(Protocol):
@@ -274,6 +280,106 @@ def wrong_labels(data: Mapping[Any, Array]) -> str:
         if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
             return f"its {name} holds labels that are none"
     return ""
+
+
+# The motions of a result file
+
+
+UNSAVED = Path("data")
+"""Stands for a result file where the datasets at hand are drawn."""
+
+
+class StoredCases(Mapping[str, Group]):
+    """The cases of an open result file by name, each read when it is asked for; `asked` notes for
+    which, whether they are there or not."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self.asked: set[str] = set()
+
+    def __getitem__(self, name: str) -> Group:
+        """A case, in memory; groups that are no cases have names that begin with `_`.
+
+        Raises KeyError if it is not there, HodoError if it is damaged or too large.
+        """
+        if name not in self:
+            raise KeyError(name)
+        return self._run.read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._run.cases())
+
+    def __len__(self) -> int:
+        return len(self._run.cases())
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return isinstance(name, str) and name in self._run
+
+
+@dataclass
+class Results:
+    """A result file that is open for reading: its cases, and the config that it was made from."""
+
+    path: Path
+    cases: Mapping[str, Group]
+    config: Config
+    _motions: dict[str, Motion] = field(default_factory=dict)
+
+    @property
+    def figures(self) -> Mapping[str, Mapping[str, Any]]:
+        """The entries of the `figures:` block, resolved."""
+        return self.config.figures
+
+    def motion(self, name: str, label: str = "") -> Motion:
+        """One case. Raises HodoError if the file does not hold it, or it is damaged."""
+        if name not in self._motions:
+            if name not in self.cases:
+                raise HodoError(f"{self.path} has no result of case {name} yet: run it first")
+            owner, group = f"{self.path}: {name}", self.cases[name]
+            typed(group.attributes, SHOWN, owner)
+            time = group.variables.get("time")
+            status = group.attributes["status"]
+            if status != "ok" and time is not None and time.data.size:
+                end = float(time.data[-1])
+                warnings.warn(f"{name}: {status}: drawn to t = {end:.6g} only", stacklevel=2)
+            # Kept, because most cases stand in several figures and on the page.
+            path = "" if self.path == UNSAVED else str(self.path)
+            self._motions[name] = motion_of(group.variables, group.attributes, owner, path)
+        return replace(self._motions[name], label=label or name)
+
+    @property
+    def lacks_labels(self) -> bool:
+        """Whether a case that has been read would be labelled by `classify`, and is not."""
+        return any(motion.lacks_labels for motion in self._motions.values())
+
+    def motions(self, spec: Mapping[str, Any]) -> list[Motion]:
+        """The cases of a figure, in order, under the labels that it gives them.
+
+        Raises HodoError if the file does not hold one of them, or has no samples of it.
+        """
+        labels = [*spec["labels"], *[""] * len(spec["cases"])]
+        motions = [
+            self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)
+        ]
+        for motion in motions:
+            if "time" not in motion.data or not len(motion.time):
+                status = motion.attrs.get("status")
+                why = "" if status == "ok" else f", its status is {status}"
+                raise HodoError(f"case {motion.name} has no samples{why}")
+        return motions
+
+    def figure(self, name: str) -> Mapping[str, Any]:
+        """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
+        return self.config.figure(name)
+
+
+@contextmanager
+def open_results(path: Path | str, config: Config | None = None) -> Iterator[Results]:
+    """A result file, open for reading, with its own config or another. Raises HodoError as
+    `writer.open_batch` does."""
+    with open_batch(path) as run:
+        yield Results(run.path, StoredCases(run), config or parse(run.text, str(path)))
 
 
 # What follows from the samples

@@ -9,6 +9,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..cases.sweep_block import Axis, axes_of
+from ..results.hdf5 import Group
 from ..results.motion import Array
 from ..results.provenance import typed
 from ..schema.kinds import nearest
@@ -17,24 +18,24 @@ from .averages import average
 
 @dataclass(frozen=True)
 class Swept:
-    """A sweep as it is stored: its case, and its variables by name (an `xarray.Dataset`, say)."""
+    """A sweep as it is stored: its case, and its variables by name."""
 
     case: Case
     data: Mapping[Any, Array]
 
     @classmethod
-    def of(cls, name: str, cases: Mapping[str, Any]) -> "Swept":
-        """A sweep among the datasets of a result file.
+    def of(cls, name: str, cases: Mapping[str, Group]) -> "Swept":
+        """A sweep among the cases of a result file.
 
         Raises HodoError if there is no such case, or it is no sweep.
         """
         if name not in cases:
             raise HodoError(f"there is no case {name!r}{nearest(name, cases)}")
-        data = cases[name]
-        case = parse_case(typed(data.attrs, {"case": str}, name)["case"])
+        group = cases[name]
+        case = parse_case(typed(group.attributes, {"case": str}, name)["case"])
         if not case.sweep:
             raise HodoError(f"case {name} is no sweep")
-        return cls(case, data)
+        return cls(case, group.variables)
 
     @property
     def axes(self) -> dict[str, Axis]:
