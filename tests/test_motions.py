@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import series
 
+from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.integration.classify import Classification, classify
 from hodo_cli.integration.integrate import integrate
@@ -184,3 +185,122 @@ def test_a_crossing_shortly_after_the_start_is_found_however_loose_the_tolerance
     (crossing,) = found.crossings
     assert abs(crossing.time - 0.335263108464917872) <= 3 * crossing.error
     assert (crossing.start, crossing.end) == (1, 3)
+
+
+# The other models: their states, and the errors that are stated of them.
+
+
+class Known(NamedTuple):
+    """A case, its equations in the independent series, their start, and what is stored of a
+    state."""
+
+    case: Case
+    system: series.System
+    start: Sequence[Fraction | float]
+    stored: Callable[[list[Fraction]], dict[str, list[Fraction]]]
+
+
+def by_any_method(rng: random.Random) -> dict[str, object]:
+    method = rng.choice(("auto", "auto", "collocation", *LOOSE))
+    return {"method": method} | ({"tol": 10 ** rng.uniform(-10, -2)} if method in LOOSE else {})
+
+
+def filled(rng: random.Random) -> Known:
+    """A triaxial body with a cavity under a torque, in full."""
+    torque = [rng.gauss(0, 1) * rng.choice((0, 1)) for _ in range(3)]
+    case = Case.of(
+        {
+            "model": "cavity+constant",
+            "form": "full",
+            "inertia": body(rng),
+            "cavity": {"kappa": 10 ** rng.uniform(-3, -0.5)},
+            "torque": torque,
+            "epsilon": 10 ** rng.uniform(-3, -0.5),
+            "initial": {name: rng.gauss(0, 1) for name in "pqr"},
+            "time": {"end": rng.uniform(5, 60), "samples": rng.choice((2, 5, 11))},
+        }
+        | by_any_method(rng)
+    )
+    k = case.system.constants
+    system = series.cavity(case.data["inertia"], k["kappa"], [k["N1"], k["N2"], k["N3"]])
+    return Known(case, system, case.system.start, lambda y: {"omega": y})
+
+
+def spun(rng: random.Random) -> Known:
+    """A symmetric body with a cavity, averaged: x and y are given, and their roots integrated."""
+    A, form = 10 ** rng.uniform(-1, 1), rng.choice(("averaged", "averaged-as-printed"))
+    C, x, y = rng.uniform(0.2, 1.9) * A, 10 ** rng.uniform(-2, 1), 10 ** rng.uniform(-2, 1)
+    kappa, torque = 10 ** rng.uniform(-3, -0.5), rng.choice((1, -1, -1)) * 10 ** rng.uniform(-3, -1)
+    # Before the spin ends, and before x has changed by more than some powers of e.
+    end = min(C * math.sqrt(y) / abs(torque), 3 * A * A / (kappa * max(y, 1) * abs(A - C)), 1e3)
+    case = Case.of(
+        {
+            "model": "cavity+constant",
+            "form": form,
+            "inertia": [A, A, C],
+            "cavity": {"kappa": kappa},
+            "torque": [0, 0, torque],
+            "epsilon": 1,
+            "initial": {"x": x, "y": y},
+            "time": {"end": 0.9 * end, "samples": rng.choice((2, 5, 11))},
+        }
+        | by_any_method(rng)
+    )
+    k = case.system.constants
+    system = series.cavity_averaged(A, C, k["kappa"], k["N3"], printed=form.endswith("printed"))
+    root = Fraction(math.isqrt(int(Fraction(y) * 4**300)), 2**300)
+    return Known(case, system, (Fraction(x), root), lambda s: {"x": [s[0]], "y": [s[1] ** 2]})
+
+
+def nodding(rng: random.Random) -> Known:
+    """The full top."""
+    A, mu, epsilon = rng.uniform(0.5, 2), 10 ** rng.uniform(-1.5, 0.7), 10 ** rng.uniform(-1.5, 0)
+    C = rng.uniform(0.1, 1.99) * A
+    a, b = ([rng.uniform(-0.1, 0.6), rng.uniform(-0.1, 1)] for _ in range(2))
+    case = Case.of(
+        {
+            "model": "Lagrange-averaged",
+            "form": "full",
+            "inertia": {"A": A, "C": C},
+            "mu": mu,
+            "epsilon": epsilon,
+            "a": a,
+            "b": b,
+            "initial": {"theta": 10 ** rng.uniform(-3, 0.4), "r": rng.gauss(0, 2)},
+            "time": {"end": rng.uniform(0.3, 2), "samples": rng.choice((2, 5, 11))},
+        }
+        | by_any_method(rng)
+    )
+    system = series.lagrange(A, C, mu, epsilon, a, b)
+    start = (*case.system.start, 0)
+    return Known(case, system, start, lambda y: {"omega": y[:3], "gamma": y[3:6]})
+
+
+@pytest.mark.parametrize("seed", range(COUNT))
+@pytest.mark.parametrize("draw", [filled, spun, nodding])
+def test_no_stated_error_is_smaller_than_the_true_one(
+    draw: Callable[[random.Random], Known], seed: int
+) -> None:
+    case, system, start, stored = draw(random.Random(seed))
+    try:
+        motion = integrate(case)
+    except HodoError:  # no method of SciPy starts at any tolerance
+        return
+    if motion.status != "ok":
+        return
+    true = [stored(y) for y in series.states(system, start, motion.time.tolist(), bits=300)]
+    for name in true[0]:
+        ours = motion.variables[name].reshape(len(true), -1)
+        theirs = [each[name] for each in true]
+        off = np.array(
+            [
+                [float(Fraction(float(x)) - y) for x, y in zip(a, b, strict=True)]
+                for a, b in zip(ours, theirs, strict=True)
+            ]
+        )
+        size = np.linalg.norm(np.array(theirs).astype(float), axis=1)
+        # A vector is judged sample by sample, a scalar by its largest value.
+        scale = size if ours.shape[1] > 1 else size.max()
+        error = float((np.linalg.norm(off, axis=1) / scale).max())
+        # Half an ulp of a reference in long double, and what the two norms round.
+        assert error <= 1.1 * motion.errors[name] + 2e-17
