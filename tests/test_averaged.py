@@ -15,7 +15,7 @@ from conftest import Hodo
 from scipy.special import ellipk
 
 from hodo_cli import HodoError
-from hodo_cli.cases.case import Case
+from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
@@ -134,6 +134,24 @@ def test_figure_4_from_its_raw_start(method: str) -> None:
     assert passage.time == pytest.approx(304.02105312940017, rel=CLOSE)
     assert set(passage.details) == {"from", "to", "momentum", "frequency", "scatter"}
     assert motion.error < CLOSE
+
+
+@pytest.mark.parametrize("inertia", [(1, 0.9, 0.5), (0.5, 1, 0.9)])
+@pytest.mark.parametrize("about_largest", [True, False])
+def test_the_momentum_told_of_a_passage_is_that_of_the_motion_there(
+    inertia: tuple[float, ...], about_largest: bool
+) -> None:
+    order = np.argsort(inertia)[::-1]
+    omega, damping = np.empty((2, 3))
+    omega[order] = (0.9, 0.3, 0.3) if about_largest else (0.3, 0.3, 0.9)
+    damping[order] = (1e-2, 8e-3, 3e-3) if about_largest else (3e-3, 8e-3, 1e-2)
+    given = {"damping": damping.tolist(), "inertia": inertia, "mean_start": "no"}
+    given |= {"initial": dict(zip("pqr", omega, strict=True))}
+    (passage,) = integrate(case(**given)).events
+    before = replace(case(**given), time=Time(end=passage.time - 1e-3, samples=1))
+    # It falls by 1e-2 a unit of time at most.
+    momentum = integrate(before).variables["momentum"][-1]
+    assert passage.details["momentum"] == pytest.approx(momentum, rel=2e-5)
 
 
 BODIES = {8: (1, 0.8, 0.6), 9: (1, 0.8, 0.6), 11: (1, 0.8, 0.6), 6: (1, 0.8, 0.8), 7: (1, 1, 0.6)}
