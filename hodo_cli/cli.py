@@ -409,8 +409,8 @@ def _plot(
 
 
 @main.command("compare")
-@click.argument("a", type=click.Path(path_type=Path))
-@click.argument("b", type=click.Path(path_type=Path))
+@click.argument("a", type=click.Path(path_type=Path), shell_complete=_configs)
+@click.argument("b", type=click.Path(path_type=Path), shell_complete=_configs)
 @click.option(
     "--rtol", type=float, help="Relative tolerance (default: the reference's own, else 1e-9)."
 )
@@ -421,7 +421,8 @@ def _plot(
 def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
     """Compare the result A with the reference B.
 
-    Each case, label, crossing and value of B is compared.
+    A and B are results (*.h5), or the configs of results in runs/. Each case, label, crossing and
+    value of B is compared.
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
     Times of crossings and events may be off by 100 times rtol.
     """

@@ -4,6 +4,7 @@ right."""
 import csv
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -299,6 +300,18 @@ def test_compare_prints_the_worst_of_each_case_and_says_0_or_3(hodo: Hodo, tmp_p
     with open_run(path) as run:
         assert [line.split()[0] for line in same.stdout.splitlines()[1:]] == run.cases()
     assert hodo("compare", path, REFERENCE / "paper2.h5").returncode == 2
+
+
+def test_a_config_stands_for_its_result(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    shutil.copy(REFERENCE / "paper3.h5", tmp_path / "runs")
+    done = hodo("compare", "paper3", REFERENCE / "paper3.h5")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == hodo("compare", "runs/paper3.h5", REFERENCE / "paper3.h5").stdout
+    lacking = hodo("compare", "runs/paper3.h5", "paper2")
+    assert lacking.returncode == 2
+    assert lacking.stderr.startswith("paper2 has no result runs/paper2.h5: hodo run paper2")
+    assert lacking.stderr.count("\n") == 1
 
 
 # The reference itself.

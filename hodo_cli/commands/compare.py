@@ -20,6 +20,7 @@ from ..results.hdf5 import Group, Run, Variable, open_run
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
 from ..results.provenance import typed
+from .resume import result_named, warn_of_changes
 
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
 # than any figure shows.
@@ -125,9 +126,14 @@ class Line:
 
 
 def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Line]:
-    """The result file `a` against the reference `b`, as `compare` does it."""
-    with open_run(a) as ours, open_run(b) as reference:
-        return compare(ours, reference, tolerance)
+    """The result `a` against the reference `b`, as `compare` does it; each may be named by its
+    config."""
+    (ours, config), (theirs, other) = map(result_named, (a, b))
+    with open_run(ours) as run, open_run(theirs) as reference:
+        for result, named in ((run, config), (reference, other)):
+            if named:
+                warn_of_changes(result, named)
+        return compare(run, reference, tolerance)
 
 
 def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
