@@ -109,6 +109,21 @@ def test_a_bad_file_is_one_line(hodo: Hodo, folder: Path, text: str | None, said
         assert done.stderr.count("\n") == 1
 
 
+def test_keys_of_a_model_that_is_not_there_are_no_mistakes_of_their_own(
+    hodo: Hodo, folder: Path
+) -> None:
+    assert hodo("--models", "drag.py", "run", "a.yaml").returncode == 0
+    for command in (("run", "a.yaml"), ("classify", "runs/a.h5")):
+        lines = hodo(*command).stderr.splitlines()
+        assert lines
+        assert all("expected" in line and "hodo --models FILE.py" in line for line in lines)
+    # A typo in the word itself leaves a case without a model.
+    (folder / "b.yaml").write_text("cases: {a: {modle: tensor, nodes: 3, x: 1}}", encoding="utf-8")
+    said = hodo("run", "b.yaml").stderr
+    assert "did you mean 'model'?" in said
+    assert "cases.a.x: unknown key" in said
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [

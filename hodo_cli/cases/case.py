@@ -205,8 +205,8 @@ def _own(
 ) -> tuple[dict[str, Any], list[Mistake]]:
     """The entries of a case that are to be resolved, and keys of another form of its model.
 
-    Left out besides are defaults that its model does not take and, where the model is not known,
-    the keys of every model.
+    Left out besides are defaults that its model does not take; the keys of every model where none
+    is named; and all keys of a model that is not known, which may be its own.
     """
     own: dict[str, Any] = {}
     mistakes: list[Mistake] = []
@@ -214,7 +214,7 @@ def _own(
         others = _takers(model, key) if model and key not in keys else ""
         if key in keys:
             own[key] = value
-        elif key in block.inherited or (model is None and key in all_keys()):
+        elif key in block.inherited or (model is None and ("model" in block or key in all_keys())):
             continue
         elif model and others:
             said = f"is a key of form {others}, and this is form {model.form}"

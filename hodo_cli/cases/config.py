@@ -216,10 +216,12 @@ def _merge(defaults: Block, given: Block) -> Block:
 
 def _of_defaults(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
     """The defaults that no case takes."""
-    found = [keys_in(block) for block in blocks]
-    # A case whose model is not known may take any key.
-    models_known = all(model is not None for model, _ in found)
-    taken = {key for _, keys in found for key in keys} if models_known else set(all_keys())
+    found = [(block, *keys_in(block)) for block in blocks]
+    if any(model is None and "model" in block for block, model, _ in found):
+        return  # it may have keys of its own
+    # A case without a model may take any key that there is.
+    models_known = all(model is not None for _, model, _ in found)
+    taken = {key for _, _, keys in found for key in keys} if models_known else set(all_keys())
     for key in defaults:
         if key in taken:
             continue
