@@ -930,7 +930,7 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
     [
         ("{kind: map, cases: [grid, one], variable: crossings, x: damping.2, y: damping.0}",
          "figures.f.cases.1: case one is no sweep"),
-        ("{kind: map, cases: grid, variable: crossing_tim}",
+        ("{kind: map, cases: grid, variable: crossing_tim, x: damping.2, y: damping.0}",
          "figures.f.variable: unknown variable 'crossing_tim'; did you mean"),
         ("{kind: curve, cases: grid, variable: end_axis.x1, x: dampng.2}",
          "figures.f.x: unknown axis 'dampng.2' of sweep grid; did you mean 'damping.2'?"),
@@ -942,16 +942,71 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
          "variables: [T]}]}", "figures.f.insets.0.case: unknown case 'two' (valid: one)"),
         ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: one, "
          "variables: [T, G, K]}]}", "figures.f.insets.0.variables.2: unknown variable 'K'"),
+        ("{kind: series, cases: one, variables: [T], span: [2, 3]}",
+         "figures.f.span: holds no time of case one, which goes from 0 to 1"),
+        ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: one, "
+         "variables: [T], span: [-2, -1]}]}", "figures.f.insets.0.span: holds no time of case one"),
+        ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: one, "
+         "variables: [T], span: [1, 0]}]}",
+         "figures.f.insets.0.span: expected the lower end first, got 1, 0"),
+        ("{kind: curve, cases: grid, variable: crossings, x: damping.2, by: damping.0, at: [0, 2]}",
+         "figures.f.at.1: axis damping.0 of sweep grid has positions 0 to 1, not 2"),
+        ("{kind: curve, cases: grid, variable: crossings, x: damping.2, at: [0]}",
+         "figures.f.at: counts positions on the axis that 'by' names, which is missing"),
+        ("{kind: map, cases: grid, variable: crossings}",
+         "figures.f: sweep grid has no sphere: name the axes x and y"),
+        ("{kind: map, cases: round, variable: crossings, x: u, y: d}",
+         "figures.f.y: axis d of sweep round is a sphere, which has no scale"),
+        ("{kind: series, cases: one, variables: [p, omega]}",
+         "figures.f.variables.1: omega is a vector: name a component, "
+         "omega.x1, omega.x2, omega.x3"),
+        ("{kind: phase, cases: one, x: G, y: G.x4}",
+         "figures.f.y: G is a vector: name a component"),
+        ("{kind: phase, cases: one, x: T.x1, y: G}",
+         "figures.f.x: T is no vector, and has no component 'x1'"),
+        ("{kind: hodograph, cases: [one, grid]}",
+         "figures.f.cases.1: case grid is a sweep, which only map and curve draw"),
+        ("{kind: hodograph, cases: top}",
+         "figures.f.cases.0: case top stores no angular velocity in body axes, which a hodograph"),
+        ("{kind: share, cases: one}", "figures.f.cases.0: case one is no sweep"),
+        ("{kind: cost, cases: [one, one], groups: [1], small: [1, 2]}",
+         "figures.f.groups: expected sizes that add up to the 2 cases, got 1"),
+        ("{kind: cost, cases: [one, one], groups: [2], small: [1]}",
+         "figures.f.small: expected one for each of 2 cases, got 1"),
+        ("{kind: order, cases: one, groups: [1], small: [1], against: [oen]}",
+         "figures.f.against.0: unknown name 'oen'; did you mean 'one'?"),
     ],
 )  # fmt: skip
 def test_names_in_figures_are_checked_when_the_file_is_read(figure: str, said: str) -> None:
     body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 1, initial: {p: 1, q: 1, r: 1}"
     axes = "{damping.2: {values: [1, 2]}, damping.0: {values: [1, 2]}}"
     cases = f"one: {{{body}, time: {{end: 1}}}}, grid: {{{body}, time: {{end: 1}}, sweep: {axes}}}"
+    free = body.replace("initial: {p: 1, q: 1, r: 1}", "initial: {p: 0, q: 0, G: 1}")
+    axes = "{u: {zip: {damping.2: {values: [1, 2]}}}, d: {sphere: {count: 9}}}"
+    cases += f", round: {{{free}, time: {{end: 1}}, sweep: {axes}}}"
+    cases += (
+        ", top: {model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0, 1], b: [0, 1],"
+        " initial: {theta: 1, r: 1}, time: {end: 1}}"
+    )
     with pytest.raises(HodoError) as error:
         parse(f"figures: {{f: {figure}}}\ncases: {{{cases}}}\n", "x.yaml")
     (line,) = str(error.value).splitlines()
     assert said in line
     file, number, column, _ = line.split(":", 3)
     assert (file, number) == ("x.yaml", "1")
-    assert int(column) > len("figures: {f: {kind: map,")
+    # The place of the key, or of the whole figure.
+    assert int(column) >= len("figures: {f: {")
+
+
+def test_an_override_for_one_run_leaves_figures_right() -> None:
+    """A trial over a shorter time, or of fewer members, draws what it can."""
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 1, initial: {p: 1, q: 1, r: 1}"
+    sweep = "sweep: {damping.2: {values: [1, 2]}, damping.0: {linspace: [1, 2, 9]}}"
+    text = (
+        f"cases: {{a: {{{body}, time: {{end: 9}}}}, s: {{{body}, time: {{end: 9}}, {sweep}}}}}\n"
+        "figures:\n"
+        "  f: {kind: series, cases: a, variables: T, span: [5, 6]}\n"
+        "  g: {kind: curve, cases: s, variable: crossings, x: damping.2, by: damping.0, at: [8]}\n"
+    )
+    parse(text, "x.yaml", ["*.time.end=1", "s.sweep={damping.2: {values: [1]}, "
+                           "damping.0: {values: [1]}}"])  # fmt: skip

@@ -118,6 +118,9 @@ def test_panels_are_the_printed_ones_point_by_point(results: Results, name: str)
     assert len(found) == len(printed) > 0
     for ours, theirs in zip(found.values(), printed, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+    if name in ("time", "plane"):
+        lines = [np.asarray(line.get_xydata()) for axes in sheet.figure.axes for line in axes.lines]
+        assert all(any(np.array_equal(ours, line) for line in lines) for ours in found.values())
 
 
 def test_time_may_be_drawn_itself(results: Results) -> None:
@@ -132,10 +135,10 @@ def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Result
     spec = results.figure("lines")
     sheet = figures.draw(spec, results)
     made = interactive(sheet, spec, results)
-    assert len(made.data) == len(sheet.shown) == 2
-    assert [trace.name for trace in made.data] == ["damping.0 = 0.004", "damping.0 = 0.005"]
+    curves = [trace for trace in made.data if trace.name != "none"]
+    assert [trace.name for trace in curves] == ["damping.0 = 0.004", "damping.0 = 0.005"]
     assert made.layout.yaxis.title.text == "crossing_time"
-    for trace, shown in zip(made.data, sheet.shown, strict=True):
+    for trace, shown in zip(curves, sheet.shown, strict=True):
         x, values, errors, other = shown.values.values()
         assert set(other) in ({0.004}, {0.005})
         np.testing.assert_array_equal(trace.x, x)
@@ -143,6 +146,23 @@ def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Result
         np.testing.assert_array_equal(np.asarray(trace.error_y.array, dtype=float), errors)
         assert np.isfinite(values).any()
         assert (errors[np.isfinite(values)] > 0).all()
+
+
+def test_members_without_a_value_are_marked_where_the_printed_curves_mark_them(
+    results: Results,
+) -> None:
+    spec = results.figure("lines")
+    sheet = figures.draw(spec, results)
+    made = interactive(sheet, spec, results)
+    crosses = [line for line in sheet.figure.axes[0].lines if line.get_marker() == "x"]
+    printed = [line.get_xdata().tolist() for line in crosses if line.get_xdata().size]
+    marks = [trace for trace in made.data if trace.name == "none"]
+    assert [list(trace.x) for trace in marks] == printed != []
+    # Below every value, and once in the legend.
+    every = np.concatenate([shown.values["crossing_time"] for shown in sheet.shown])
+    assert all(y < np.nanmin(every) for trace in marks for y in trace.y)
+    assert [trace.showlegend for trace in marks] == [True, *[False] * (len(marks) - 1)]
+    assert marks[0].text[0].endswith(": none")
 
 
 def test_maps_are_the_printed_ones(results: Results) -> None:

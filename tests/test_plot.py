@@ -672,7 +672,7 @@ def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
             "span: expected the lower end first",
         ),
         (
-            "kind: map, cases: s, variable: crossings, range: [5, 1]",
+            "kind: map, cases: s, variable: crossings, x: u, y: v, range: [5, 1]",
             "range: expected the lower end first",
         ),
         (

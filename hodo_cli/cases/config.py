@@ -12,16 +12,10 @@ from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, nearest, resol
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
-from .figure_block import (
-    FIGURE_KINDS,
-    SWEPT_KINDS,
-    check_figure,
-    check_swept,
-    check_variables,
-)
+from .figure_block import FIGURE_KINDS, Drawn, check_drawn, check_figure
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
-from .sweep_block import storable
+from .sweep_block import axes_of, storable
 
 
 @dataclass(frozen=True)
@@ -151,7 +145,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         apply_override(override, blocks, mistakes)
     cases = _checked(blocks, named.value_places, mistakes)
     figures, not_figures = _figures(sections.get("figures") or {}, named)
-    not_figures += _of_variables(figures, cases)
+    not_figures += _of_figures(figures, cases, steady=not overrides)
     checks = {case: partial(check_sweep, cases[case]) if case in cases else None for case in named}
     of_claims = claim_block.cross_check(given.get("claims"), given.get("errata"), checks)
     found += [*not_cases, *_of_defaults(defaults, blocks.values()), *not_figures, *of_claims]
@@ -230,24 +224,30 @@ def _of_defaults(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
         yield ("defaults", Misnamed(key)), said
 
 
-def _of_variables(
-    figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case]
+def _of_figures(
+    figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case], steady: bool
 ) -> Iterator[Mistake]:
-    """Variables of figures that none of their cases can have; not where a case is wrong itself."""
+    """What keeps figures from drawing their cases; not where a case is wrong itself."""
+    known = {name: _drawn(case) for name, case in cases.items()}
     for name, values in figures.items():
-        drawn = values.get("cases", ())
-        if all(case in cases for case in drawn):
-            # Labels are stored by `classify`, whatever the model.
-            stored = [v for case in drawn for v in cases[case].system.variables]
-            stored = list(dict.fromkeys([*stored, "enclosed_axis", "time"]))
-            sweeps = [cases[case] for case in drawn]
-            found = (
-                check_swept(values, [(s.name, s.sweep, storable(type(s.system))) for s in sweeps])
-                if values.get("kind") in SWEPT_KINDS
-                else check_variables(values, stored)
-            )
-            for at, said in found:
+        if all(case in cases for case in values.get("cases", ())):
+            for at, said in check_drawn(values, known, steady):
                 yield ("figures", name, *at), said
+
+
+def _drawn(case: Case) -> Drawn:
+    """What figures may ask of a case."""
+    labels = case.system.variables
+    vectors = [name for name, label in labels.items() if "axis" in label.dims]
+    if case.sweep:
+        stored = storable(type(case.system))
+    else:
+        # Labels are stored by `classify`, whatever the model.
+        stored = list(dict.fromkeys([*(case.store or labels), "enclosed_axis", "time"]))
+    if "omega" in vectors:
+        vectors.append("G")
+    axes = {axis.name: axis for axis in axes_of(case.sweep or {})}
+    return Drawn(case.name, stored, vectors, (case.time.start, case.time.end), axes)
 
 
 def _figures(
@@ -269,7 +269,7 @@ def _figures(
         mistakes += [(("figures", name, *at), said) for at, said in wrong]
         if figures[name].get("cases") == ():
             mistakes.append((("figures", name, "cases"), "names no case"))
-        for key, valid in (("cases", cases), ("scale_with", given)):
+        for key, valid in (("cases", cases), ("against", cases), ("scale_with", given)):
             for i, item in enumerate(figures[name].get(key, ())):
                 if item not in valid:
                     said = unknown(f"name {item!r}", item, valid)

@@ -1,7 +1,8 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
 `kind`."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ..schema.kinds import (
@@ -18,6 +19,7 @@ from ..schema.kinds import (
     Vector,
     unknown,
 )
+from .sweep_block import Axis
 
 FORMATS = ("png", "svg", "pdf", "csv", "html")
 """The formats that a figure is written in."""
@@ -37,6 +39,8 @@ DERIVED = (
     *("x1_direction", "separatrix_distance"),
 )
 """What `results.motion` computes from the samples of a motion, besides what is stored of it."""
+
+BODY_AXES = ("x1", "x2", "x3")
 
 COLOUR_NAMES = ("blue", "orange", "green", "sky", "red", "purple", "black", "grey")
 LINE_NAMES = ("solid", "dashed", "dotted")
@@ -217,18 +221,91 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         for word, known in ((colour, COLOUR_NAMES), (line or "solid", LINE_NAMES)):
             if word not in known:
                 yield ("styles", i), unknown(f"colour or line {word!r}", word, known)
-    for key in ("range", "span"):
-        if (ends := values.get(key)) and not ends[0] < ends[1]:
-            yield (key,), f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
+    given: dict[KeyPath, Any] = {(key,): values.get(key) for key in ("range", "span")}
+    given |= {("insets", i, "span"): of["span"] for i, of in enumerate(values.get("insets", ()))}
+    for at, ends in given.items():
+        if ends and not ends[0] < ends[1]:
+            yield at, f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
+    if values.get("at") and not values.get(axis := _axis_of_positions(values)):
+        yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
     if values.get("kind") == "map":
         yield from _of_axes(values.get("x"), values.get("y"), values.get("panels"))
+    yield from _of_groups(values, len(several))
     if values.get("kind") == "curve" and (by := values.get("by")) and by == values.get("x"):
         yield ("by",), f"{by} is on the horizontal axis already"
 
 
-def check_variables(values: Mapping[str, Any], stored: Iterable[str]) -> Iterator[Mistake]:
-    """Names of variables that motions with these stored variables cannot have."""
-    valid = [*DERIVED, *stored]
+def _of_groups(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
+    """Numbers of cases that do not fit the n cases of a figure of errors or costs."""
+    if "groups" in values and (total := sum(values["groups"])) != n:
+        yield ("groups",), f"expected sizes that add up to the {n} cases, got {total}"
+    for key in ("small", "against"):
+        if key in values and len(values[key]) != n:
+            yield (key,), f"expected one for each of {n} cases, got {len(values[key])}"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What is known of a case before it is run, as far as figures ask for it: its name, the
+    variables that may be stored of it, which of them are vectors, its first and last time, and the
+    axes of its sweep; none for a single case."""
+
+    name: str
+    stored: Sequence[str]
+    vectors: Sequence[str]
+    times: tuple[float, float]
+    axes: Mapping[str, Axis]
+
+
+SWEPT_KINDS = ("map", "curve", "share")
+"""The kinds that draw sweeps."""
+
+KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
+"""The kinds that draw what follows from the angular velocity in body axes."""
+
+
+def check_drawn(
+    values: Mapping[str, Any], cases: Mapping[str, Drawn], steady: bool
+) -> Iterator[Mistake]:
+    """What keeps a figure from drawing its cases, as far as it is known before they are run.
+
+    Unless `steady`, the times of cases and the lengths of axes may be others for a single run, and
+    no figure is wrong by them.
+    """
+    kind, wrong = values.get("kind"), False
+    for i, name in enumerate(values.get("cases", ())):
+        if said := _unfit(kind, cases[name]):
+            yield ("cases", i), said
+            wrong = True
+    if wrong:
+        return
+    drawn = [cases[name] for name in values.get("cases", ())]
+    if kind in SWEPT_KINDS:
+        for case in drawn:
+            yield from _of_swept(values, case, steady)
+        return
+    yield from _of_variables(values, drawn)
+    for i, inset in enumerate(values.get("insets", ())):
+        yield from _of_inset(inset, values, ("insets", i))
+    if steady:
+        yield from _of_spans(values, cases)
+
+
+def _unfit(kind: str | None, case: Drawn) -> str:
+    """Why a kind of figure cannot draw a case; an empty string if it can."""
+    if kind in SWEPT_KINDS:
+        return "" if case.axes else f"case {case.name} is no sweep"
+    if case.axes:
+        return f"case {case.name} is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw"
+    if kind in KINDS_OF_BODIES and "omega" not in case.stored:
+        return f"case {case.name} stores no angular velocity in body axes, which a {kind} needs"
+    return ""
+
+
+def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawn]) -> Iterator[Mistake]:
+    """Names of variables that motions cannot have."""
+    valid = list(dict.fromkeys([*DERIVED, *(name for case in cases for name in case.stored)]))
+    vectors = {name for case in cases for name in case.vectors}
     given: dict[KeyPath, str] = {
         ("variables", i): name for i, name in enumerate(values.get("variables", ()))
     }
@@ -236,10 +313,15 @@ def check_variables(values: Mapping[str, Any], stored: Iterable[str]) -> Iterato
         given |= {(key,): values[key] for key in ("x", "y") if key in values}
     for i, inset in enumerate(values.get("insets", ())):
         given |= {("insets", i, "variables", j): v for j, v in enumerate(inset["variables"])}
-        yield from _of_inset(inset, values, ("insets", i))
     for at, name in given.items():
-        if name.partition(".")[0] not in valid:
+        base, dot, axis = name.partition(".")
+        components = [f"{base}.{x}" for x in BODY_AXES]
+        if base not in valid:
             yield at, unknown(f"variable {name!r}", name, valid)
+        elif base in vectors and (axis or base not in DERIVED) and axis not in BODY_AXES:
+            yield at, f"{base} is a vector: name a component, {', '.join(components)}"
+        elif dot and base not in vectors:
+            yield at, f"{base} is no vector, and has no component {axis!r}"
 
 
 def _of_inset(
@@ -253,25 +335,46 @@ def _of_inset(
             yield (*at, key), unknown(f"{key} {inset[key]!r}", inset[key], valid)
 
 
-SWEPT_KINDS = ("map", "curve")
-"""The kinds that draw sweeps."""
-
-
-def check_swept(
-    values: Mapping[str, Any], sweeps: Iterable[tuple[str, Mapping[str, Any] | None, list[str]]]
-) -> Iterator[Mistake]:
-    """Names in a figure of sweeps that these do not have; of each its name, its `sweep:` block and
-    what may be stored of its members."""
-    for i, (name, axes, stored) in enumerate(sweeps):
-        if not axes:
-            yield ("cases", i), f"case {name} is no sweep"
+def _of_spans(values: Mapping[str, Any], cases: Mapping[str, Drawn]) -> Iterator[Mistake]:
+    """Spans in which a case that is drawn over them has no time."""
+    given: list[tuple[KeyPath, tuple[float, float] | None, str]] = [
+        (("span",), values.get("span"), name) for name in values.get("cases", ())
+    ]
+    for i, inset in enumerate(values.get("insets", ())):
+        given.append((("insets", i, "span"), inset["span"], inset["case"]))
+    for at, span, name in given:
+        if span is None or span[0] >= span[1] or name not in cases:
             continue
-        variable = values.get("variable", stored[0])
-        if variable.partition(".")[0] not in stored:
-            yield ("variable",), unknown(f"variable {variable!r}", variable, stored)
-        for key in ("x", "y", "by", "panels"):
-            if (axis := values.get(key)) is not None and axis not in axes:
-                yield (key,), unknown(f"axis {axis!r} of sweep {name}", axis, list(axes))
+        start, end = cases[name].times
+        if span[1] < start or span[0] > end:
+            yield at, f"holds no time of case {name}, which goes from {start:g} to {end:g}"
+
+
+def _of_swept(values: Mapping[str, Any], case: Drawn, steady: bool) -> Iterator[Mistake]:
+    """Names and positions in a figure of sweeps that a sweep does not have."""
+    variable = values.get("variable", case.stored[0])
+    if variable.partition(".")[0] not in case.stored:
+        yield ("variable",), unknown(f"variable {variable!r}", variable, case.stored)
+    for key in ("x", "y", "by", "panels"):
+        if (name := values.get(key)) is None:
+            continue
+        if name not in case.axes:
+            yield (key,), unknown(f"axis {name!r} of sweep {case.name}", name, list(case.axes))
+        elif case.axes[name].sphere is not None:
+            yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"
+    flat = values.get("kind") == "map" and values.get("x") is None and values.get("y") is None
+    if flat and all(axis.sphere is None for axis in case.axes.values()):
+        yield (), f"sweep {case.name} has no sphere: name the axes x and y"
+    if steady and (counted := case.axes.get(values.get(_axis_of_positions(values), ""))):
+        for i, position in enumerate(values["at"]):
+            if position >= (n := len(counted)):
+                said = f"axis {counted.name} of sweep {case.name} has positions 0 to {n - 1}"
+                yield ("at", i), f"{said}, not {position}"
+
+
+def _axis_of_positions(values: Mapping[str, Any]) -> str:
+    """The key that names the axis on which `at` counts; an empty string for a kind without."""
+    return {"map": "panels", "curve": "by"}.get(str(values.get("kind")), "")
 
 
 def _of_axes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:

@@ -79,7 +79,10 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.F
         flat = spec["x"] is None or spec["y"] is None
         return turnable_map(sheet, spec) if flat else images(sheet.shown, spec)
     if spec["kind"] in OF_SWEEPS:
-        return panels(sheet.shown, spec, {})
+        figure = panels(sheet.shown, spec, {})
+        if spec["kind"] == "curve":
+            mark_gaps(figure, sheet.shown, spec["variable"])
+        return figure
     motions = {motion.label: motion for motion in results.motions(spec)}
     return panels(sheet.shown, spec, motions)
 
@@ -150,11 +153,11 @@ def images(shown: Sequence[Shown], spec: Mapping[str, Any]) -> go.Figure:
         rows, columns, subplot_titles=[without_tex(each.curve) for each in shown]
     )
     for i, each in enumerate(shown):
-        x, y, z = each.values.values()
+        (across, x), (up, y), (_, z) = each.values.items()
         place = {"row": i // columns + 1, "col": i % columns + 1}
         figure.add_trace(go.Heatmap(x=x, y=y, z=z, coloraxis="coloraxis"), **place)
-        figure.update_xaxes(title_text=spec["x"], **place)
-        figure.update_yaxes(title_text=spec["y"], **place)
+        figure.update_xaxes(title_text=across, **place)
+        figure.update_yaxes(title_text=up, **place)
     limits = dict(zip(("cmin", "cmax"), spec["range"] or (None, None), strict=True))
     figure.update_layout(margin=MARGIN, coloraxis={"colorscale": _scale(), **limits})
     return figure
@@ -193,6 +196,32 @@ def panels(
         _mark_crossings(figure, motion, x, values, y, (row + 1, column + 1))
     figure.update_layout(margin=MARGIN, legend=KEY)
     return figure
+
+
+def mark_gaps(figure: go.Figure, shown: Sequence[Shown], variable: str) -> None:
+    """Crosses below the curves of sweeps at the members that have no value."""
+    every = np.concatenate([each.values[variable] for each in shown])
+    low, high = float(np.nanmin(every)), float(np.nanmax(every))
+    below = low - 0.05 * ((high - low) or abs(low) or 1.0)
+    marked = False
+    for i, each in enumerate(shown):
+        (across, places), *_ = each.values.items()
+        x = places[np.isnan(each.values[variable])]
+        if not x.size:
+            continue
+        trace = go.Scatter(
+            x=x,
+            y=np.full(len(x), below),
+            mode="markers",
+            marker={"symbol": "x", "size": 7, "color": CYCLE[i % len(CYCLE)][0]},
+            text=[f"{across} = {value:.6g}: none" for value in x],
+            hoverinfo="text",
+            name="none",
+            legendgroup="none",
+            showlegend=not marked,
+        )
+        figure.add_trace(trace)
+        marked = True
 
 
 def _curves(

@@ -153,11 +153,11 @@ def map_image(
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     subplot = axes.get_subplotspec()
     if subplot is None or subplot.is_last_row():
-        axes.set_xlabel(f"${key_symbol(swept.key(spec['x']))}$")
+        axes.set_xlabel(axis_name(swept, spec["x"]))
     if subplot is None or subplot.is_first_col():
-        axes.set_ylabel(f"${key_symbol(swept.key(spec['y']))}$")
+        axes.set_ylabel(axis_name(swept, spec["y"]))
     across, up = (each.ravel() for each in np.meshgrid(x, y, indexing="ij"))
-    return {spec["x"]: across, spec["y"]: up}
+    return {column(swept, spec["x"]): across, column(swept, spec["y"]): up}
 
 
 def map_sphere(
@@ -259,7 +259,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
     axes.set(
         xscale="log" if even else "linear",
         xlim=(x.min(), x.max()) if len(x) > 1 else None,
-        xlabel=f"${key_symbol(sweeps[0].key(spec['x']))}$",
+        xlabel=axis_name(sweeps[0], spec["x"]),
         # Two lines of words, rather than one that is longer than the panel is high.
         ylabel=textwrap.fill(map_label(sweeps[0], spec["variable"]), 40),
     )
@@ -289,13 +289,13 @@ def curve_of(
     label, name = names
     x, _ = swept.ticks(spec["x"])
     values = swept.values(spec["variable"], [spec["x"]], at)
-    shown = {spec["x"]: x, spec["variable"]: values}
+    shown = {column(swept, spec["x"]): x, spec["variable"]: values}
     axes.plot(x, values, **style, marker=".", ms=3, label=label)
     if (error := STORED_ERRORS.get(spec["variable"], "")) in swept.data:
         shown[error] = swept.values(error, [spec["x"]], at)
         axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])
     # What tells this curve from the others, as numbers, in each of its rows.
-    shown |= {name: np.full(len(x), swept.ticks(name)[0][i]) for name, i in at.items()}
+    shown |= {column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in at.items()}
     none = ~np.isfinite(values)
     bottom = axes.get_xaxis_transform()
     axes.plot(
@@ -324,20 +324,33 @@ def map_label(swept: Swept, variable: str) -> str:
     return f"{meaning}, here {part}" if part else meaning
 
 
+def axis_name(swept: Swept, name: str) -> str:
+    """What stands along an axis of a sweep: the symbol of its first key, and its unit."""
+    unit = swept.unit(name)
+    return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "")
+
+
+def column(swept: Swept, name: str) -> str:
+    """The name of an axis in tables and pages, with a unit that is not that of the result."""
+    return f"{name} [deg]" if swept.unit(name) == "deg" else name
+
+
 def position(swept: Swept, name: str, i: int) -> str:
     """A position on an axis: symbol = value."""
-    return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}$"
+    unit = {"deg": "°", "rad": " rad", "": ""}[swept.unit(name)]
+    return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
 
 
 def plain_name(swept: Swept, at: Mapping[str, int], label: str, several: int) -> str:
     """The name of a curve or panel in tables and pages: the label that it is given, or its sweep
     and the keys that tell it from the others."""
-    keys = [f"{name} = {swept.ticks(name)[0][i]:.4g}" for name, i in at.items()]
-    return label or ", ".join(([swept.case.name] if several > 1 or not at else []) + keys)
+    keys = [f"{name} = {swept.ticks(name)[0][i]:.4g} {swept.unit(name)}" for name, i in at.items()]
+    own = [swept.case.name] if several > 1 or not at else []
+    return label or ", ".join([*own, *map(str.rstrip, keys)])
 
 
 KEY_SYMBOLS = {
-    "initial.theta": r"\theta\,[\mathrm{rad}]",
+    "initial.theta": r"\theta",
     "resistance.diagonal": "I_{ii}",
     "resistance.off_diagonal": "I_{ij}",
     "epsilon": r"\varepsilon",

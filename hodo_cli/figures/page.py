@@ -18,6 +18,7 @@ from ..cases.claim_block import cases_of
 from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Results
 from ..results.staging import replacing
+from ..sweeps.swept import ANGLES, round_degrees
 from ..text import magnitude, seconds
 from .sheet import Rendered
 
@@ -445,15 +446,9 @@ def _plain(value: Any, key: str = "") -> str:
     if isinstance(value, list | tuple):
         return f"({', '.join(map(_plain, value))})"
     if key in ANGLES and isinstance(value, float):
-        # A round number of degrees was given so; the case holds it in radians.
-        degrees = math.degrees(value)
-        if abs(degrees - round(degrees, 6)) <= 4 * math.ulp(degrees):
-            return f"{round(degrees, 6):g} deg"
+        degrees = round_degrees(value)
+        return f"{value:.12g}" if degrees is None else f"{degrees:g} deg"
     return f"{value:.12g}" if isinstance(value, float) else str(value)
-
-
-ANGLES = ("theta",)
-"""The keys of cases that are angles."""
 
 
 def _cell(text: str, kind: str = "") -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..cases.config import Config, parse
+from ..cases.figure_block import BODY_AXES
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
@@ -226,8 +227,6 @@ class Motion:
             [np.interp(self.crossing_time, self.time, column) for column in values.T], axis=-1
         )
 
-
-BODY_AXES = ("x1", "x2", "x3")
 
 LATER = ("crossing_error", "crossing_G")
 """What early files of format 1 do not have; it is nan in a crossing."""

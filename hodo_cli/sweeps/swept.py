@@ -1,5 +1,6 @@
 """A stored sweep as figures read it: its axes, and any of its variables over some of them."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,17 @@ from ..results.motion import Array
 from ..results.provenance import typed
 from ..schema.kinds import nearest
 from .averages import average
+
+ANGLES = ("theta",)
+"""The keys of cases that are angles."""
+
+
+def round_degrees(angle: float) -> float | None:
+    """The degrees of an angle in radians if they are a round number, in which it was given then;
+    None if not. A case holds every angle in radians."""
+    degrees = math.degrees(angle)
+    whole = round(degrees, 6)
+    return whole if abs(degrees - whole) <= 4 * math.ulp(degrees) else None
 
 
 @dataclass(frozen=True)
@@ -68,15 +80,29 @@ class Swept:
         return average(self.data, list(self.axes), variable, keep, at)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
-        """The values (n,) along an axis, of the first of its keys, and whether they go in even
-        ratios.
+        """The values (n,) along an axis, of the first of its keys and in its `unit`, and whether
+        they go in even ratios.
 
         Raises HodoError if there is no such axis, or it is a sphere.
         """
         axis = self.axis(name)
         if axis.sphere is not None:
             raise HodoError(f"axis {name} is a sphere: it has no values along a line")
-        return axis.values(), "logspace" in axis.ranges[0][1]
+        values = axis.values()
+        if self.unit(name) == "deg":
+            # Without what the way to radians and back has added.
+            values = np.round(np.degrees(values), 9)
+        return values, "logspace" in axis.ranges[0][1]
+
+    def unit(self, name: str) -> str:
+        """The unit of the values along an axis: degrees where an angle was given so, radians of any
+        other angle, an empty string where the first key is no angle."""
+        ranges = self.axis(name).ranges
+        if not ranges or ranges[0][0][-1] not in ANGLES:
+            return ""
+        ((word, given),) = ranges[0][1].items()
+        ends = given if word == "values" else given[:2]
+        return "rad" if None in map(round_degrees, ends) else "deg"
 
     def key(self, name: str) -> str:
         """The first key that varies along an axis."""
