@@ -120,23 +120,31 @@ class Watch:
     def __post_init__(self) -> None:
         self.told = perf_counter()
         self.deadline = self.told + self.max_seconds
+        # The first step tells whether compiling has taken all the time.
+        self._look_at = 1.0
 
     def step(self, y: np.ndarray) -> bool:
         """Count a step that ended in `y`; False to stop."""
         self.steps += 1
+        if self.steps >= self._look_at and not self._goes_on():
+            return False
+        if self.band is None:
+            return True
+        # Of Python's own numbers: numpy's take ten times as long one by one.
+        return self.band[0] < math.hypot(*y.tolist()) < self.band[1]
+
+    def _goes_on(self) -> bool:
+        """Whether there are steps and seconds left. Not asked at each step: the time of day alone
+        takes about a tenth of a fast one."""
         if self.steps >= self.max_steps:
             lifts = "max_steps in the case allows more"
             return self.give_up(
                 Status.TIMEOUT, f"max_steps: stopped after {self.steps} steps; {lifts}"
             )
-        # Asking for the time takes about a tenth of a fast step. The first step tells whether
-        # compiling has taken it all.
-        if self.steps % 64 == 1 and not self._in_time():
+        if not self._in_time():
             spent = f"max_seconds: stopped after {self.max_seconds:g} s"
             return self.give_up(Status.TIMEOUT, spent)
-        if self.band is not None:
-            # Of Python's own numbers: numpy's take ten times as long one by one.
-            return self.band[0] < math.hypot(*map(float, y.tolist())) < self.band[1]
+        self._look_at = min(self.steps + 64, self.max_steps)
         return True
 
     def _in_time(self) -> bool:
