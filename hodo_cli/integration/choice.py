@@ -49,8 +49,10 @@ def best(case: Case, precision: str) -> tuple[str, str]:
             # Along the way, because damping may have slowed or the motion may only become fast
             # later.
             times = np.linspace(case.time.start, case.time.end, 17)[1:]
-            most = replace(case, max_steps=int(min(steps / RATIO, MOST_TRIED)), max_seconds=None)
-            trial = solve(most, "collocation", tol=ROUGH, times=times)
+            # What a motion may not take its trial need not try.
+            most = min(steps / RATIO, MOST_TRIED, case.max_steps or MOST_TRIED)
+            tried = replace(case, max_steps=int(most), max_seconds=None)
+            trial = solve(tried, "collocation", tol=ROUGH, times=times)
             if trial.whole and (steps := taylor_steps(case, trial.path)) > max(
                 MANY_STEPS, RATIO * trial.steps
             ):
