@@ -294,3 +294,32 @@ def test_the_page_of_all_figures_in_a_browser(
     assert turning == "test/lines.html"
     assert not browser.errors
     assert all(url.startswith(("file:", "data:")) for url in browser.requests)
+
+
+HEADS = """(table) => {
+    const [head, ...rows] = table.querySelectorAll("tr");
+    const box = table.closest(".scroll");
+    // Where the box does not scroll, the page does.
+    box.scrollTop = 20;
+    window.scrollTo(0, box.getBoundingClientRect().top + scrollY + 20 - box.scrollTop);
+    const top = Math.max(0, box.getBoundingClientRect().top);
+    const cells = [...head.children].map((cell) => cell.getBoundingClientRect());
+    return cells.every((cell) => cell.top >= top - 1 && cell.height > 0)
+        && rows[0].getBoundingClientRect().top < cells[0].bottom;
+}"""
+"""Whether the head of a table is in sight while its first row has moved up behind it."""
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (1000, True), (390, False)])
+def test_heads_of_tables_stay_in_sight(
+    browser: Browser, folder: Path, width: int, dark: bool
+) -> None:
+    """That of the index, which sorts, at any width; that of the cases where there are columns."""
+    browser.open(folder / "index.html", width=width, height=100, dark=dark)
+    browser.evaluate("document.querySelector('.index').style.maxHeight = '6rem'")
+    assert browser.evaluate(f"({HEADS})(document.querySelector('.index table'))")
+    box = "document.querySelector('.index')"
+    assert browser.evaluate(f"{box}.scrollWidth <= {box}.clientWidth")
+    if width > 390:
+        tables = "[...document.querySelectorAll('main section > .scroll table')]"
+        assert browser.evaluate(f"({HEADS})({tables}.at(-1))")

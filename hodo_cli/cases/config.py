@@ -12,7 +12,7 @@ from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, nearest, resol
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
-from .figure_block import FIGURE_KINDS, Drawn, check_drawn, check_figure
+from .figure_block import FIGURE_KINDS, Drawable, check_drawn, check_figure
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
 from .sweep_block import axes_of, storable
@@ -235,7 +235,7 @@ def _of_figures(
                 yield ("figures", name, *at), said
 
 
-def _drawn(case: Case) -> Drawn:
+def _drawn(case: Case) -> Drawable:
     """What figures may ask of a case."""
     labels = case.system.variables
     vectors = [name for name, label in labels.items() if "axis" in label.dims]
@@ -247,7 +247,7 @@ def _drawn(case: Case) -> Drawn:
     if "omega" in vectors:
         vectors.append("G")
     axes = {axis.name: axis for axis in axes_of(case.sweep or {})}
-    return Drawn(case.name, stored, vectors, (case.time.start, case.time.end), axes)
+    return Drawable(case.name, stored, vectors, (case.time.start, case.time.end), axes)
 
 
 def _figures(

@@ -245,7 +245,7 @@ def _of_groups(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Drawable:
     """What is known of a case before it is run, as far as figures ask for it: its name, the
     variables that may be stored of it, which of them are vectors, its first and last time, and the
     axes of its sweep; none for a single case."""
@@ -265,7 +265,7 @@ KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
 
 
 def check_drawn(
-    values: Mapping[str, Any], cases: Mapping[str, Drawn], steady: bool
+    values: Mapping[str, Any], cases: Mapping[str, Drawable], steady: bool
 ) -> Iterator[Mistake]:
     """What keeps a figure from drawing its cases, as far as it is known before they are run.
 
@@ -291,7 +291,7 @@ def check_drawn(
         yield from _of_spans(values, cases)
 
 
-def _unfit(kind: str | None, case: Drawn) -> str:
+def _unfit(kind: str | None, case: Drawable) -> str:
     """Why a kind of figure cannot draw a case; an empty string if it can."""
     if kind in SWEPT_KINDS:
         return "" if case.axes else f"case {case.name} is no sweep"
@@ -302,7 +302,7 @@ def _unfit(kind: str | None, case: Drawn) -> str:
     return ""
 
 
-def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawn]) -> Iterator[Mistake]:
+def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
     """Names of variables that motions cannot have."""
     valid = list(dict.fromkeys([*DERIVED, *(name for case in cases for name in case.stored)]))
     vectors = {name for case in cases for name in case.vectors}
@@ -335,7 +335,7 @@ def _of_inset(
             yield (*at, key), unknown(f"{key} {inset[key]!r}", inset[key], valid)
 
 
-def _of_spans(values: Mapping[str, Any], cases: Mapping[str, Drawn]) -> Iterator[Mistake]:
+def _of_spans(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
     """Spans in which a case that is drawn over them has no time."""
     given: list[tuple[KeyPath, tuple[float, float] | None, str]] = [
         (("span",), values.get("span"), name) for name in values.get("cases", ())
@@ -350,7 +350,7 @@ def _of_spans(values: Mapping[str, Any], cases: Mapping[str, Drawn]) -> Iterator
             yield at, f"holds no time of case {name}, which goes from {start:g} to {end:g}"
 
 
-def _of_swept(values: Mapping[str, Any], case: Drawn, steady: bool) -> Iterator[Mistake]:
+def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
     """Names and positions in a figure of sweeps that a sweep does not have."""
     variable = values.get("variable", case.stored[0])
     if variable.partition(".")[0] not in case.stored:
