@@ -7,7 +7,7 @@ ensemble is cut into parts, does not change it.
 
 import math
 from collections.abc import Sequence
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache, partial, reduce
 from typing import Any
 
 import heyoka as hy
@@ -15,7 +15,7 @@ import numpy as np
 
 from ..models.base import Event, Model
 from ..models.constants import Structure, count, namespace
-from .series import TINY, Series, motion, value
+from .series import TINY, Series, constant, motion, value
 from .taylor import OPTIMISED
 
 WIDTH = hy.recommended_simd_size()
@@ -24,57 +24,109 @@ linear-diag a step of a motion took 37 ns at 8, 62 at 4 and 55 at 16 with AVX-51
 at 8 and 121 at 2 with AVX2."""
 
 
+SERIES_ORDER = 20
+"""The order of every step: what heyoka takes at the rounding of a double. At 1e-12 it takes 15,
+which needs the fewest operations; with what else a step costs, 18 to 20 cost least there."""
+
+ROOT_ORDER = 16
+"""The order by whose coefficients the length of a step is chosen: its root is four square roots. A
+logarithm and an exponential took a third of a step."""
+
+BRANCHING = 0.1
+"""The longest step, in radii of convergence, of a motion that an event takes on. It goes towards a
+logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.13 one in six
+did."""
+
+EVENT_ORDER = 6
+"""The order up to which the series of an event is computed; its rest is bounded by the series of
+the state. At 20 the event took a third of a step, at 4 four times as many steps would be
+suspected."""
+
+BOUND_ROUNDING = 2.0**-40
+"""The part of a bound on the rest of an event's series that covers its rounding."""
+
+
 class Symbols(Series):
     """A power series whose coefficients are expressions of heyoka."""
 
     log = staticmethod(hy.log)
 
 
+class Majorant(Symbols):
+    """A series whose coefficients are at least as large as those of another are in size.
+
+    Raises NotImplementedError where a series is a divisor or has an exponent.
+    """
+
+    def __neg__(self) -> "Majorant":
+        return self
+
+    def __add__(self, other: Any) -> Series:
+        return super().__add__(size(other))
+
+    __radd__ = __sub__ = __rsub__ = __add__
+
+    def __mul__(self, other: Any) -> Series:
+        return super().__mul__(size(other))
+
+    __rmul__ = __mul__
+
+    def __rtruediv__(self, other: Any) -> Series:
+        raise NotImplementedError
+
+    __pow__ = __rpow__ = __rtruediv__
+
+    def __truediv__(self, other: Any) -> Series:
+        if isinstance(other, Series):
+            raise NotImplementedError
+        return super().__truediv__(other)
+
+
 class TaylorStep:
     """One step of a model, as a function of columns that are one motion each.
 
-    Rows of the input: the state, and the time left. Rows of the output: the state after the step,
-    the time left then, the length of the step, and for an event a lower bound on how far its
-    function stays from 0 within the step: where it is negative, there may be zeros.
+    Rows of the input: the state, the time left, what rounding has taken from it, and the steps
+    taken. Rows of the output: the same after the step, the length of the step, and for an event a
+    lower bound on how far its function stays from 0 within the step: where it is negative, there
+    may be zeros.
     """
 
     def __init__(
         self, model: type[Model], structure: Structure, event: Event | None, tol: float | None
     ) -> None:
         self.tol = 2.0**-52 if tol is None else max(tol, 2.0**-62)
-        # The order that reaches a tolerance at least cost: Jorba and Zou 2005, section 3.2.
-        self.order = math.ceil(1 - math.log(self.tol) / 2)
         start = hy.make_vars(*(f"y{i}" for i in range(len(model.state))))
-        left = hy.expression("left")
+        left, lost, steps = clock = hy.make_vars("left", "lost", "steps")
         # The first parameter is the time of the end, from which the time left is counted.
         end, *numbers = (hy.par[i] for i in range(count(structure) + 1))
         k = namespace(structure, numbers)
         time, state = motion(model.rhs, end - left, start, k, Symbols)
-        y = [self.coefficients(series) for series in state]
-        step = smaller(step_size(y), left)
+        y = [coefficients(series, SERIES_ORDER) for series in state]
+        part = math.exp((math.log(self.tol) - 0.7) / (SERIES_ORDER - 1))
+        if event is not None and event.passage:
+            part = min(part, BRANCHING)
+        step = smaller(part * radius(y), left)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.
-        rows = [*(value(c, step) for c in y), left - step, step]
-        self._inputs, self._event_series = [*start, left], list[Any]()
+        then = left - step
+        # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
+        lost = lost + ((left - then) - step)
+        steps = steps + hy.select(hy.gt(left, 0.0), hy.expression(1.0), hy.expression(0.0))
+        rows = [*(value(c, step) for c in y), then, lost, steps, step]
+        self._inputs, self._event_series = [*start, *clock], list[Any]()
         if event is not None:
-            self._event_series = self.coefficients(event.function(time, state, k))
-            rows.append(clearance(self._event_series, step))
+            self._event_series = coefficients(event.function(time, state, k), SERIES_ORDER)
+            rows.append(clearance(event, time, state, k, step))
         self.rows = len(rows)
         large = sum(map(len, model.rhs(end - left, start, k))) > OPTIMISED
         self._step = self._compiled(rows, 1 if large else 3)
 
-    def coefficients(self, series: Series) -> list[Any]:
-        """Those of a series up to the order of the step."""
-        return [series[i] for i in range(self.order + 1)]
-
     def _compiled(self, rows: list[Any], opt_level: int) -> Any:
-        # fast_math lets the compiler contract and reorder sums: a tenth faster, and the same for
-        # every motion.
-        return hy.cfunc(
-            rows, vars=self._inputs, batch_size=WIDTH, fast_math=True, opt_level=opt_level
-        )
+        # No fast_math: it would see that nothing is lost in exact arithmetic, and it adds up in an
+        # order of its own.
+        return hy.cfunc(rows, vars=self._inputs, batch_size=WIDTH, opt_level=opt_level)
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
-        """Step columns (m + 1, n) with the end's time and the constants k (c + 1, n) to `out`.
+        """Step columns (m + 3, n) with the end's time and the constants k (c + 1, n) to `out`.
 
         n must be a multiple of WIDTH: what remains would go through other machine code, of other
         rounding. One thread only: the chunks of a sweep are what runs in parallel.
@@ -94,35 +146,76 @@ class TaylorStep:
         return np.asarray(self._event(columns, pars=k, batch_parallel=False))
 
 
-def step_size(y: Sequence[Sequence[Any]]) -> Any:
-    """The step that keeps the error of a series below the tolerance: heyoka's rule.
+def coefficients(series: Series, order: int) -> list[Any]:
+    """Those of a series up to an order."""
+    return [series[i] for i in range(order + 1)]
 
-    With R_k = (max(1, |y|) / |y_k|)^(1/k) from the last two coefficients, by whose logarithms the
-    rule is written here with one root in place of two: R_n < R_{n-1} where (R_n^n/R_{n-1}^{n-1})^n
-    < R_n^n.
 
-    Source: A. Jorba and M. Zou, Experimental Mathematics 14 (2005) 99, section 3.2; F. Biscani and
-    D. Izzo, Monthly Notices of the RAS 504 (2021) 2614.
+def radius(y: Sequence[Sequence[Any]]) -> Any:
+    """The radius of convergence R of a state's series: (max(1, |y|) / |y_k|)^(1/k), k = ROOT_ORDER.
+
+    A series in even or odd powers has no such coefficient, and then the geometric mean of its
+    neighbours stands for it. A step h = R tol^(1/(n - 1)) of the order n, less the safety factor
+    exp(-0.7/(n - 1)), keeps the error below the tolerance: heyoka's rule, for any order.
+
+    Source: A. Jorba and M. Zou, Experimental Mathematics 14 (2005) 99, section 3.2, where n is
+    chosen such that tol^(1/(n - 1)) is 1/e^2; F. Biscani and D. Izzo, Monthly Notices of the RAS
+    504 (2021) 2614.
     """
-    n = len(y[0]) - 1
-    size, last, before = (reduce(larger, [absolute(c[i]) for c in y]) for i in (0, n, n - 1))
-    # A steady rotation has coefficients of 0, and a fast compiler may assume that nothing is
-    # infinite.
-    size, last, before = larger(size, hy.expression(1.0)), last + TINY, before + TINY
-    by_last = hy.lt(power(before / last, n) * last, size)
-    coefficient = hy.select(by_last, last, before)
-    root = hy.select(by_last, hy.expression(1 / n), hy.expression(1 / (n - 1)))
-    return hy.exp(root * hy.log(size / coefficient)) * math.exp(-2 - 0.7 / (n - 1))
+    norm, before, at, after = (
+        reduce(larger, [size(c[i]) for c in y])
+        for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
+    )
+    # A steady rotation has coefficients of 0.
+    coefficient = larger(at, hy.sqrt(before * after)) + TINY
+    power = larger(norm, hy.expression(1.0)) / coefficient
+    return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
 
 
-def clearance(D: Sequence[Any], step: Any) -> Any:
-    """A lower bound on |D(s)| for s from 0 to `step`; negative where it shows nothing.
+def clearance(event: Event, time: Series, state: Sequence[Series], k: Any, step: Any) -> Any:
+    """A lower bound on |D(s)| for s from 0 to `step`, D the event's function; negative where it
+    shows nothing.
 
-    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2.
+    |D| is at least |D_0| + min(0, s sign(D_0) D_1), less the sum of |D_k| s^k from k = 2. Beyond
+    EVENT_ORDER that sum is at most what the same function of majorants is, as a whole less its own
+    terms up to there.
     """
+    order = EVENT_ORDER
+    try:
+        rest = majorant_beyond(order, event, time, state, k, step)
+    except NotImplementedError:
+        order, rest = SERIES_ORDER, hy.expression(0.0)
+    D = coefficients(event.function(time, state, k), order)
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
-    rest = step * value([absolute(c) for c in D[2:]], step)
-    return absolute(D[0]) + step * (smaller(towards_0, hy.expression(0.0)) - rest)
+    rest = rest + step * step * value([size(c) for c in D[2:]], step)
+    return size(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - rest
+
+
+def majorant_beyond(
+    order: int, event: Event, time: Series, state: Sequence[Series], k: Any, step: Any
+) -> Any:
+    """A bound on the terms beyond an order of an event's function within a step.
+
+    Raises NotImplementedError where the function has no majorant.
+    """
+    inputs = [Majorant(partial(size_of, series)) for series in (time, *state)]
+    sums = [value(coefficients(series, SERIES_ORDER), step) for series in inputs]
+    whole = [Majorant(partial(constant, total)) for total in sums]
+    of_series, of_sums = (event.function(y[0], y[1:], k) for y in (inputs, whole))
+    # Both are rounded.
+    return (1 + BOUND_ROUNDING) * of_sums[0] - value(coefficients(of_series, order), step)
+
+
+def size_of(series: Series, k: int) -> Any:
+    """|c_k| of a series."""
+    return size(series[k])
+
+
+def size(x: Any) -> Any:
+    """|x| of an expression or a number; a series as it is."""
+    if isinstance(x, Series):
+        return x
+    return hy.select(hy.lt(x, 0.0), -x, x) if isinstance(x, hy.expression) else abs(x)
 
 
 def larger(a: Any, b: Any) -> Any:
@@ -133,18 +226,6 @@ def larger(a: Any, b: Any) -> Any:
 def smaller(a: Any, b: Any) -> Any:
     """The smaller of two expressions."""
     return hy.select(hy.lt(a, b), a, b)
-
-
-def absolute(x: Any) -> Any:
-    """|x| of an expression."""
-    return hy.select(hy.lt(x, 0.0), -x, x)
-
-
-def power(x: Any, n: int) -> Any:
-    """x^n by squaring: heyoka's own power goes through a logarithm."""
-    if n == 1:
-        return x
-    return power(x * x, n // 2) * (x if n % 2 else 1.0)
 
 
 @lru_cache(maxsize=16)

@@ -47,7 +47,8 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
     Source: Rachinskaya, eqs (7)-(8), solved for D.
     """
     l, m, s = order
-    return A[l] * (A[l] - A[m]) * omega[l] * omega[l], A[s] * (A[m] - A[s]) * omega[s] * omega[s]
+    outer, inner = omega[l] * omega[l], omega[s] * omega[s]
+    return A[l] * (A[l] - A[m]) * outer, A[s] * (A[m] - A[s]) * inner
 
 
 def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:

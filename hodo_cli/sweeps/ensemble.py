@@ -39,7 +39,7 @@ MOST_STEPS = int(4 * MANY_STEPS)
 HOPELESS = 100 * MANY_STEPS
 """Steps that a motion would need at the pace of its first ones, beyond which it is left at once."""
 
-PAUSE = 8
+PAUSE = 6
 """Steps from one look for motions that are at their end or have outgrown their units to the next:
 1 % of the steps are idle for it, and looking costs as much as a fifth of a step."""
 
@@ -168,13 +168,16 @@ class Outcome:
         return cls(np.full((m, n), np.nan), exponent, steps, settled, passages, first, last)
 
 
-NUMBER, SIZE, RATE, REST, STEPS = range(-5, 0)
-"""The last rows of a column's book: the number of its motion, its units, what rounding has taken
-from the time left, and the steps taken."""
+NUMBER, SIZE, RATE = range(-3, 0)
+"""The last rows of a column's book: the number of its motion, and its units."""
+
+CLOCK = 3
+"""Rows of a column after its state: the time left, what rounding has taken from it, and the steps
+taken."""
 
 
 class Suspects(NamedTuple):
-    """Steps (k,) in which an event's function may have zeros: the columns at their start (m + 1,
+    """Steps (k,) in which an event's function may have zeros: the columns at their start (m + 3,
     k), their length, and their book."""
 
     before: np.ndarray
@@ -186,9 +189,10 @@ class Suspects(NamedTuple):
 class Underway:
     """The motions of an ensemble that have not reached their end, in columns.
 
-    Rows of `now`: the state, in units of its own, and the time left. Rows of `book`: the time of
-    the end and the constants, in these units, and what stands last (NUMBER to STEPS). The columns
-    are a multiple of the engine's width; one without a motion has the number -1 and no time left.
+    Rows of `now`: the state, in units of its own, its CLOCK, and what else a step puts out. Rows of
+    `book`: the time of the end and the constants, in these units, and what stands last (NUMBER to
+    RATE). The columns are a multiple of the engine's width; one without a motion has the number -1
+    and no time left.
     """
 
     ensemble: Ensemble
@@ -202,9 +206,9 @@ class Underway:
         e, m = self.ensemble, self.m
         moving = np.flatnonzero((e.start != 0).any(axis=0))
         number = padded(moving)
-        self.now, self.next = np.empty((2, self.step.rows, len(number)))
+        self.now, self.next = np.zeros((2, self.step.rows, len(number)))
         self.now[:m], self.now[m] = e.start[:, number], e.lengths[number]
-        self.book = np.zeros((len(e.constants) + 6, len(number)))
+        self.book = np.zeros((len(e.constants) + 4, len(number)))
         self.book[0], self.book[1:NUMBER], self.book[NUMBER] = (
             e.span[1],
             e.constants[:, number],
@@ -224,13 +228,10 @@ class Underway:
 
     def advance(self) -> None:
         """One step of every motion."""
-        left = self.m
-        self.step(self.now[: left + 1], self.book[:NUMBER], self.next)
-        self.book[STEPS] += self.now[left] > 0
-        # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
-        self.book[REST] += (self.now[left] - self.next[left]) - self.next[left + 1]
-        if self.step.rows > left + 2:
-            self.watch(np.flatnonzero(self.next[left + 2] < 0))
+        length = self.m + CLOCK
+        self.step(self.now[:length], self.book[:NUMBER], self.next)
+        if self.step.rows > length + 1:
+            self.watch(np.flatnonzero(self.next[length + 1] < 0))
         self.now, self.next = self.next, self.now
 
     def watch(self, at: np.ndarray) -> None:
@@ -239,9 +240,9 @@ class Underway:
         if not at.size:
             return
         m, event = self.m, self.ensemble.event
-        before, after, book = self.now[: m + 1, at], self.next[: m + 2, at], self.book[:, at]
+        before, after, book = (a.take(at, axis=1) for a in (self.now, self.next, self.book))
         if event is None or not event.passage:
-            self.suspects.append(Suspects(before, after[m + 1], book))
+            self.suspects.append(Suspects(before[: m + CLOCK], after[m + CLOCK], book))
         # Only the sign at the ends is looked at here; where in the step it ended is found at the
         # end, for all at once.
         if event is not None and event.terminal:
@@ -249,7 +250,7 @@ class Underway:
             ends = (event.function(0.0, [*y[:m]], k) for y in (before, after))
             stopped = np.multiply(*ends) < 0
             if event.passage:
-                self.leave(after[: m + 1, stopped], book[:, stopped])
+                self.leave(after[:, stopped], book[:, stopped])
             self.next[m, at[stopped]] = 0
 
     def leave(self, after: np.ndarray, book: np.ndarray) -> None:
@@ -257,18 +258,19 @@ class Underway:
 
         Its formulas begin from any state behind its zero, so that this need not be found.
         """
-        time = self.ensemble.span[1] - (after[-1] + book[REST])
-        self.departures.append(Departures(book[NUMBER].astype(np.int64), time, after[:-1]))
+        m = self.m
+        time = self.ensemble.span[1] - (after[m] + after[m + 1])
+        self.departures.append(Departures(book[NUMBER].astype(np.int64), time, after[:m]))
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
         self.pauses += 1
-        left, book = self.now[self.m], self.book
-        going = (left > 0) & (book[STEPS] < MOST_STEPS)
+        (left, lost, steps), book = self.now[self.m : self.m + CLOCK], self.book
+        going = (left > 0) & (steps < MOST_STEPS)
         # What rounding took from the time left, back to it before it decides the last steps.
-        whole = left + book[REST]
-        book[REST] += left - whole
-        left[going] = whole[going]
+        whole = left + lost
+        lost += left - whole
+        np.copyto(left, whole, where=going)
         event = self.ensemble.event
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
         if self.pauses == 1 and not (event and event.passage):
@@ -286,15 +288,14 @@ class Underway:
     def drop(self, done: np.ndarray) -> None:
         """Enter the columns that are done in the outcome, and keep the others."""
         ended = np.flatnonzero(done & (self.book[NUMBER] >= 0))
-        number, size, _, _, steps = self.book[NUMBER:, ended].astype(np.int64)
+        number, size, _ = self.book[NUMBER:, ended].astype(np.int64)
         outcome = self.outcome
         outcome.state[:, number], outcome.exponent[number] = self.now[: self.m, ended], size
-        outcome.steps[number] = steps
-        outcome.settled[number] = self.now[self.m, ended] == 0
+        left, _, outcome.steps[number] = self.now[self.m : self.m + CLOCK, ended]
+        outcome.settled[number] = left == 0
         going = np.flatnonzero(~done)
         keep = padded(going)
-        # Contiguous, because compiled code reads the columns in registers.
-        self.now, self.book = (np.ascontiguousarray(a[:, keep]) for a in (self.now, self.book))
+        self.now, self.book = (a.take(keep, axis=1) for a in (self.now, self.book))
         self.next = np.empty_like(self.now)
         self.empty(len(going))
 
@@ -310,8 +311,7 @@ class Underway:
         units = Units.fit(e.model, k, y, size)
         # By powers of two throughout, so that new units change no digit.
         self.now[:m, at] = np.ldexp(self.now[:m, at], size - units.size)
-        self.now[m, at] = np.ldexp(self.now[m, at], units.rate - rate)
-        book[REST] = np.ldexp(book[REST], units.rate - rate)
+        self.now[m : m + 2, at] = np.ldexp(self.now[m : m + 2, at], units.rate - rate)
         scaled = units.constants(e.model, k)
         for name, row in e.scaled_rows.items():
             book[row + 1] = scaled[name]
@@ -435,18 +435,19 @@ def passages(
     before, book, m = steps.before, steps.book, len(e.start)
     series = columnwise(step.event_series, before, book[:NUMBER])
     noise = e.uncertainty(event, before[:m], namespace(e.structure, list(book[1:NUMBER])))
-    powers = series.T * steps.length[:, None] ** np.arange(step.order + 1)
+    order = len(series) - 1
+    powers = series.T * steps.length[:, None] ** np.arange(order + 1)
     # Row by row: one product of all would round as the number of rows happens to be.
-    bernstein = np.matmul(powers[:, None], to_bernstein(TAYLOR, step.order, series.dtype))[:, 0]
+    bernstein = np.matmul(powers[:, None], to_bernstein(TAYLOR, order, series.dtype))[:, 0]
     found = isolate(bernstein, noise)
     at = found.row[found.sure]
     place = found.x[found.sure] * steps.length[at]
-    slope = value(series[1:, at] * np.arange(1, step.order + 1)[:, None], place)
-    left = (before[m, at] - place) + book[REST, at]
+    slope = value(series[1:, at] * np.arange(1, order + 1)[:, None], place)
+    left = (before[m, at] - place) + before[m + 1, at]
     there = state_after(step, place, before[:, at], book[:NUMBER, at])
     size, rate = units_of(book[:, at])
     times, motion = e.span[1] - np.ldexp(left, -rate), book[NUMBER, at].astype(np.int64)
-    lost = (ROUNDING + PER_STEP * step.tol) * (book[STEPS, at] + 1) / e.doubt
+    lost = (ROUNDING + PER_STEP * step.tol) * (before[m + 2, at] + 2) / e.doubt
     errors = np.ldexp(lost * noise[at] / np.abs(slope), -rate) + np.spacing(times) / 2
     by_time = np.lexsort((times, motion))
     columns = motion, times, errors, np.sign(slope).astype(np.int64), there, size
@@ -459,15 +460,16 @@ def state_after(
 ) -> np.ndarray:
     """The states (m, k) a time `place` (k,) after columns: by a step that has no more time left."""
     columns, k = before.copy(), k.copy()
-    k[0] += place - before[-1]  # the end's time, so that the step begins when it did
-    columns[-1] = place
+    m = len(before) - CLOCK
+    k[0] += place - before[m]  # the end's time, so that the step begins when it did
+    columns[m] = place
 
     def to_there(columns: np.ndarray, k: np.ndarray) -> np.ndarray:
         out = np.empty((step.rows, columns.shape[1]))
         step(columns, k, out)
         return out
 
-    return columnwise(to_there, columns, k)[: len(before) - 1]
+    return columnwise(to_there, columns, k)[:m]
 
 
 def columnwise(
