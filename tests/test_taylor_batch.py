@@ -11,6 +11,7 @@ from test_sweep import computed, one
 from hodo_cli.engines.protocol import Status
 from hodo_cli.engines.series import Series, motion, value
 from hodo_cli.integration.integrate import integrate
+from hodo_cli.models.base import Event
 from hodo_cli.models.constants import flatten, namespace, structure
 from hodo_cli.sweeps import ensemble, members
 
@@ -166,3 +167,54 @@ def test_zeros_are_found_however_near_two_of_them_are() -> None:
         f"{text}, sweep: {{initial.r: {{values: [1.4, 1.403087, 1.403089, 1.4031, 1.404]}}}}"
     )
     assert computed(case)["crossings"].tolist() == [1, 1, 3, 3, 3]
+
+
+def signed(t: Any, y: Any, k: Any) -> Any:
+    """An event with every sign that a majorant must turn."""
+    return 2 - (3 - t) * y[0] * y[1] / (-4) - (-y[2] * y[2]) * (-1.5)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("which", ["separatrix", "signed"])
+def test_the_rest_of_an_events_series_is_bounded(which: str) -> None:
+    """By no less than its terms beyond the order, and by no more than a few times as much."""
+    from hodo_cli.engines import taylor_batch
+
+    case = one(FORMS["tensor"])
+    k = namespace(structure(case.system.constants), flatten(case.system.constants))
+    event = case.system.class_events[0] if which == "separatrix" else Event(which, signed)
+    step, order = 1.5, taylor_batch.EVENT_ORDER
+    for start in np.random.default_rng(4).standard_normal((50, 3)).tolist():
+        time, state = motion(type(case.system).rhs, 0.5, start, k)
+        series = event.function(time, state, k)
+        rest = sum(abs(series[i]) * step**i for i in range(order + 1, taylor_batch.SERIES_ORDER))
+        bound = taylor_batch.majorant_beyond(order, event, time, state, k, step)
+        assert rest <= bound
+        powers = [max(abs(s[i]) * step**i for s in state) for i in range(order + 1)]
+        assert bound < 100 * max(powers) ** 2
+
+
+@pytest.mark.heyoka
+def test_a_step_clears_no_event_that_it_meets() -> None:
+    """Its bound is below |D| wherever one looks within the step, and far from 0 it is nearly |D|:
+    also for an event that divides, which has no majorant."""
+    from hodo_cli.engines import taylor_batch
+
+    case = one(FORMS["tensor"])
+    form, k = structure(case.system.constants), flatten(case.system.constants)
+    (separatrix,) = case.system.class_events
+    tilt = Event("tilt", lambda t, y, k: separatrix.function(t, y, k) / (2 + y[0] * y[0]))
+    n = 400 * taylor_batch.WIDTH
+    columns = np.zeros((6, n))
+    columns[:3], columns[3] = np.random.default_rng(5).standard_normal((3, n)), 50
+    constants = np.repeat([[50.0], *([number] for number in k)], n, axis=1)
+    for event in (separatrix, tilt):
+        step = taylor_batch.build(type(case.system), form, event, 1e-12)
+        out = np.empty((step.rows, n))
+        step(columns, constants, out)
+        length, clear = out[-2:]
+        D = step.event_series(columns, constants)
+        within = np.abs(value(D[:, :, None], length[:, None] * np.linspace(0, 1, 200)))
+        assert (clear <= within.min(axis=1) * (1 + 1e-12)).all()
+        assert (clear > 0.9 * np.abs(D[0])).mean() > 0.8
+        assert (clear < 0).any()

@@ -14,12 +14,23 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import NamedTuple
 
+import h5py
+import heyoka as hy
+import numpy as np
+
+from hodo_cli.cases.config import parse
+from hodo_cli.engines import taylor_batch
+from hodo_cli.sweeps.members import member_inputs, starts
+
 ROUNDS = 3
 MEMBERS = 200_000
+FEW = 2_000
+COLUMNS = 8_000
+CHAINS, CHAIN = 10, 100
 GROWING = (1_000, 10_000, 100_000, 1_000_000)
 TOL = 1e-12
 
@@ -142,6 +153,8 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
     with tempfile.TemporaryDirectory() as name:
         beside(Path(name), members, rounds)
         print()
+        peak(Path(name), members)
+        print()
         forms(Path(name), max(members // 5, 20_000))
         print()
         grow(Path(name), growing)
@@ -150,29 +163,29 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
 def beside(folder: Path, members: int, rounds: int) -> None:
     """Print the table of sweeps beside plain loops."""
     (folder / "scipy_loop.py").write_text(SCIPY, encoding="utf-8")
-    commands: dict[str, Callable[[], Cost]] = {}
+    commands: dict[str, Callable[..., Cost]] = {}
     for model in ("linear-diag", "tensor"):
         commands |= {
-            f"{model}: `hodo run -j 1`, crossings, files": partial(sweep, folder, model, members),
-            f"{model}: `hodo run -j 2`, the same": partial(sweep, folder, model, members, 2),
-            f"{model}: plain loop, events": partial(plain, folder, model, members, "events"),
-            f"{model}: plain loop, no events": partial(plain, folder, model, members, "none"),
+            f"{model}: `hodo run -j 1`, crossings, files": partial(sweep, folder, model),
+            f"{model}: `hodo run -j 2`, the same": partial(sweep, folder, model, jobs=2),
+            f"{model}: plain loop, events": partial(plain, folder, model, events="events"),
+            f"{model}: plain loop, no events": partial(plain, folder, model, events="none"),
         }
     full = 2.0**-52
     commands |= {
         "linear-diag: `hodo run -j 1`, errors measured too": partial(
-            sweep, folder, "linear-diag", members, error="on"
+            sweep, folder, "linear-diag", error="on"
         ),
         "linear-diag: `hodo run -j 1`, tol 2.2e-16": partial(
-            sweep, folder, "linear-diag", members, tol=full
+            sweep, folder, "linear-diag", tol=full
         ),
     }
     for command in commands.values():
-        command()  # fills the compiler's cache
+        command(members=FEW)  # fills the compiler's cache
     costs: dict[str, list[Cost]] = {what: [] for what in commands}
     for _ in range(rounds):
         for what, command in commands.items():
-            costs[what].append(command())
+            costs[what].append(command(members=members))
     print(f"| {members:,} random starts | members/s | CPU time per member, us |\n|---|---|---|")
     for what, rounds_of_it in costs.items():
         row("{what} | {rate:,.0f} | {cpu:.1f}", what, middle(rounds_of_it), members)
@@ -188,6 +201,49 @@ def forms(folder: Path, members: int) -> None:
     for form in FORMS:
         sweep(folder, form, members)  # fills the compiler's cache
         row("{what} | {rate:,.0f} | {cpu:.1f}", form, sweep(folder, form, members), members)
+
+
+def peak(folder: Path, members: int) -> None:
+    """Print the table of floating-point operations, beside what one core can do.
+
+    Its peak is that of chains of x a + b, enough of them to hide each other's latency, compiled as
+    a step is. An operation of a step is a sum of two, a product, a root, a comparison or a choice.
+    """
+    x, a, b = hy.make_vars("x", "a", "b")
+    chains = [reduce(lambda y, _: y * a + b, range(CHAIN), x + float(i)) for i in range(CHAINS)]
+    fused = hy.cfunc(chains, vars=[x, a, b], batch_size=taylor_batch.WIDTH)
+    given, out = np.full((3, COLUMNS), 0.5), np.empty((CHAINS, COLUMNS))
+    best = 2 * CHAIN * CHAINS / seconds(lambda: fused(given, outputs=out))
+    print("| one core | operations | ns | of the peak |\n|---|---|---|---|")
+    print(f"| the peak, {best / 1e9:.0f} operations in a ns | | | 100 % |")
+    for model in ("linear-diag", "tensor"):
+        text = f"title: t\ncases:\n  a: {{{FORMS[model] % COLUMNS}}}\n"
+        case = parse(text, "sweep.yaml").cases["a"]
+        data, place, direction = member_inputs(case, np.arange(COLUMNS))
+        (event,) = data[0].events
+        step = taylor_batch.build(type(case.system), data[0].structure, event, TOL)
+        columns, after = np.zeros((6, COLUMNS)), np.empty((step.rows, COLUMNS))
+        columns[:3], columns[3] = starts(data, place, direction), 1000
+        k = np.array([[1000, *data[i].constants] for i in place]).T.copy()
+        alone = seconds(partial(step, columns, k, after))
+        cpu = sweep(folder, model, members).cpu
+        with h5py.File(folder / "runs" / "sweep.h5") as file:
+            whole = cpu / float(file["a"].attrs["steps"])
+        compiled = step._step
+        operations = len(compiled.dc) - compiled.nvars - compiled.nouts
+        for what, each in ((f"{model}: a step", alone), (f"{model}: `hodo run -j 1`", whole)):
+            part = operations / each / best
+            print(f"| {what} | {operations:,} | {each * 1e9:.0f} | {100 * part:.0f} % |")
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """Processor time of a call for each of COLUMNS: the median of many."""
+    found = []
+    for _ in range(200):
+        began = time.process_time()
+        call()
+        found.append(time.process_time() - began)
+    return statistics.median(found) / COLUMNS
 
 
 def grow(folder: Path, counts: list[int]) -> None:

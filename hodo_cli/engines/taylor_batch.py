@@ -34,12 +34,12 @@ logarithm and an exponential took a third of a step."""
 
 BRANCHING = 0.1
 """The longest step, in radii of convergence, of a motion that an event takes on. It goes towards a
-logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.13 one in six
+logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.135 two of five
 did."""
 
 EVENT_ORDER = 6
 """The order up to which the series of an event is computed; its rest is bounded by the series of
-the state. At 20 the event took a third of a step, at 4 four times as many steps would be
+the state. At 20 the event took a third of a step, at 4 five times as many steps would be
 suspected."""
 
 BOUND_ROUNDING = 2.0**-40

@@ -41,7 +41,7 @@ HOPELESS = 100 * MANY_STEPS
 
 PAUSE = 6
 """Steps from one look for motions that are at their end or have outgrown their units to the next:
-1 % of the steps are idle for it, and looking costs as much as a fifth of a step."""
+1.5 % of the steps are idle for it, and looking costs as much as a third of a step."""
 
 FULL = 0.93
 """The part of the columns that must be under way; with fewer, the others are dropped. Copying all

@@ -1,16 +1,17 @@
 """The members of a sweep: their data, and any one of them as a single case."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..cases.case import Case
-from ..cases.sweep_block import Axis, axes_of, put
+from ..cases.sweep_block import axes_of, put
 from ..models.base import Event, Model
 from ..models.constants import Structure, flatten, structure
+from ..schema.kinds import KeyPath
 from .columns import shape
 
 
@@ -29,12 +30,11 @@ class Inputs(NamedTuple):
     system: Model | None = None
 
 
-def inputs(case: Case, axes: list[Axis], index: list[int]) -> Inputs:
-    """The data of members with one combination of positions on the axes that are no spheres."""
+def inputs(case: Case, paths: Sequence[KeyPath], values: Sequence[float]) -> Inputs:
+    """The data of members with one combination of values at the paths that vary."""
     data = case.data
-    for axis, i in zip(axes, index, strict=True):
-        for j, (path, _) in enumerate(axis.ranges):
-            data = put(data, path, float(axis.values(j, np.array([i]))[0]))
+    for path, new in zip(paths, values, strict=True):
+        data = put(data, path, new)
     model = type(case.system)
     if any(model.check(data)):
         return Inputs(data)
@@ -61,8 +61,14 @@ def member_inputs(
     # Checking the data in Python takes longer than a member's integration, so equal data are
     # checked once.
     which, place = np.unique(flat, return_inverse=True)
-    positions = np.stack(np.unravel_index(which, sizes), axis=-1).tolist()
-    found = [inputs(case, [axis for axis, _ in plain], at if plain else []) for at in positions]
+    varying = [
+        (path, axis.values(j, at))
+        for (axis, _), at in zip(plain, np.unravel_index(which, sizes), strict=bool(plain))
+        for j, (path, _) in enumerate(axis.ranges)
+    ]
+    paths = [path for path, _ in varying]
+    values = np.array([each for _, each in varying]).reshape(len(paths), len(which))
+    found = [inputs(case, paths, each) for each in values.T.tolist()]
     sphere = next(
         ((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None
     )
