@@ -6,15 +6,15 @@ import shutil
 import stat
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5a, h5ds, h5o, h5r, h5s, h5t
+from h5py import h5a, h5d, h5ds, h5f, h5g, h5l, h5o, h5p, h5r, h5s, h5t
 
 from .. import HodoError
 from ..batch import memory
@@ -34,6 +34,7 @@ from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
 TEXT_IN_MEMORY = h5t.py_create(STRING)
+SCALAR = h5s.create(h5s.SCALAR)
 # netCDF-4's own mark of a dimension without a coordinate; its readers look for these very words.
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 # The bookkeeping of dimension scales, which says nothing about the data.
@@ -69,6 +70,9 @@ FEW_TEXTS = 16
 """Texts that are read at once: a compromise between time, and memory if each is the whole file."""
 
 Attribute = str | int | float | np.ndarray
+
+Place = h5f.FileID | h5g.GroupID | h5d.DatasetID
+"""What attributes stand at."""
 
 
 @dataclass(frozen=True)
@@ -176,10 +180,10 @@ class Run:
         if reason := self.damaged.get(name):
             raise HodoError(f"{self.path}: {name} is damaged ({reason})")
         try:
-            if "/" not in name and isinstance(self._file.get(name, getlink=True), h5py.HardLink):
-                group = self._file[name]
-                if isinstance(group, h5py.Group):
-                    yield group
+            if name and "/" not in name and _is_hard(self._file, name):
+                group = h5o.open(self._file.id, _encoded(name))
+                if isinstance(group, h5g.GroupID):
+                    yield h5py.Group(group)
                     return
         except DAMAGE as error:
             if reason := refusal(error):
@@ -273,11 +277,12 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     group, values in other files or made from other datasets, elements that are addresses, and a
     size that was never written would let a file from a stranger read this machine's files or fill
     its memory."""
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+    if not _is_hard(group, name):
         raise ValueError(f"{name} is a link")
-    item = group[name]
-    if not isinstance(item, h5py.Dataset):
+    opened = h5o.open(group.id, _encoded(name))
+    if not isinstance(opened, h5d.DatasetID):
         raise ValueError(f"{name} is no dataset")
+    item = h5py.Dataset(opened)
     if item.external or item.is_virtual:
         raise ValueError(f"the values of {name} are in other files")
     is_plain = _is_number(item.dtype) or h5py.check_string_dtype(item.dtype)
@@ -288,6 +293,12 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
         claimed, there = memory.in_bytes(item.nbytes), memory.in_bytes(stored)
         raise ValueError(f"{name} claims {claimed}, of which {there} are stored")
     return item
+
+
+def _is_hard(group: h5py.Group, name: str) -> bool:
+    """Whether a group has an item of this name itself, and not in another place or file."""
+    links, link = group.id.links, _encoded(name)
+    return bool(links.exists(link) and links.get_info(link).type == h5l.TYPE_HARD)
 
 
 def _texts(item: h5py.Dataset) -> np.ndarray:
@@ -418,22 +429,28 @@ def _first_line(error: BaseException) -> str:
 def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, Any]:
     """Attributes as plain values, in their order, or those of `only`, in its order. Raises
     ValueError if they are too many."""
-    if len(item.attrs) > MOST_ITEMS:
-        raise ValueError(f"it has {len(item.attrs)} attributes")
+    if (count := h5a.get_num_attrs(item.id)) > MOST_ITEMS:
+        raise ValueError(f"it has {count} attributes")
     # To ask for a few takes less time than to list all.
-    names = [name for name in only if name in item.attrs] if only else [*item.attrs]
+    names = [name for name in only if h5a.exists(item.id, _encoded(name))] if only else [*item.attrs]
     return {name: _attribute(item, name) for name in names if name not in HIDDEN}
 
 
 def _attribute(item: h5py.HLObject, name: str) -> Any:
     """The value of one attribute, as a plain one where it is one."""
-    stored = h5a.open(item.id, name.encode("utf-8", "surrogateescape"))
-    kind = stored.get_type()
-    # Most are such texts, and `attrs` takes twice as long for each.
-    if kind.get_class() == h5t.STRING and kind.is_variable_str() and stored.shape == ():
-        text = np.empty((), STRING)
+    stored = h5a.open(item.id, _encoded(name))
+    # Most are texts, and the others numbers: `attrs`, which asks for type and shape of each, takes
+    # four times as long.
+    text = np.empty((), STRING)
+    with suppress(OSError, TypeError):  # it is none
         stored.read(text, mtype=TEXT_IN_MEMORY)
-        return text.item().decode("utf-8", "surrogateescape")
+        if (read := text.item()) is not None:
+            return read.decode("utf-8", "surrogateescape")
+    kind = stored.get_type()
+    if isinstance(kind, h5t.TypeFloatID | h5t.TypeIntegerID) and stored.shape == ():
+        number = np.empty((), kind.dtype)
+        stored.read(number)
+        return number.item()
     value = item.attrs[name]
     # Other programs store an empty text so.
     value = "" if isinstance(value, h5py.Empty) else value
@@ -442,17 +459,28 @@ def _attribute(item: h5py.HLObject, name: str) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
+def _encoded(name: str) -> bytes:
+    """A name as HDF5 knows it, whatever bytes it is made of."""
+    return name.encode("utf-8", "surrogateescape")
+
+
 def _by_address(items: Mapping[str, h5py.HLObject]) -> dict[int, str]:
     """Names by the addresses of what they name; HDF5 itself takes milliseconds to find a name."""
-    return {h5o.get_info(item.id).addr: name for name, item in items.items()}
+    return {_address(item.id): name for name, item in items.items()}
 
 
 def _dims(dataset: h5py.Dataset, named: Mapping[int, str]) -> tuple[str, ...]:
     """The dimensions of a dataset by the names of their scales; none for a scale itself."""
-    scales = dataset.attrs.get("DIMENSION_LIST", ())
-    return tuple(
-        named[h5o.get_info(h5r.dereference(scale[0], dataset.id)).addr] for scale in scales
-    )
+    item = dataset.id
+    if not h5a.exists(item, b"DIMENSION_LIST"):
+        return ()
+    # The first scale of each: to read the list itself takes twice as long.
+    return tuple(named[h5ds.iterate(item, i, _address)] for i in range(dataset.ndim))
+
+
+def _address(item: h5d.DatasetID) -> int:
+    """Where something is in its file, which no two things share."""
+    return int(h5o.get_info(item).addr)
 
 
 class Output:
@@ -463,16 +491,16 @@ class Output:
         self._disk = disk
 
     def write(self, name: str, group: Group) -> None:
-        """Add a group, or replace it. The order of creation is tracked throughout: without it
-        netCDF-4 cannot append."""
+        """Add a group, or replace it."""
         self._disk.check()
         if name in self._file:
             del self._file[name]
-        target = self._file.create_group(name, track_order=True)
+        target = _new_group(self._file.id, name)
         told = {key: group.attributes[key] for key in TOLD_ATTRIBUTES if key in group.attributes}
         _set_attributes(target, {k: v for k, v in group.attributes.items() if k not in told})
         sizes: dict[str, int] = {}
-        items: dict[str, h5py.Dataset] = {}
+        items: dict[str, h5d.DatasetID] = {}
+        late_ones = group.late.names if group.late else ()
         for key, variable in group.variables.items():
             for dim, size in zip(variable.dims, variable.data.shape, strict=True):
                 if sizes.setdefault(dim, size) != size:
@@ -480,29 +508,29 @@ class Output:
                         f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}"
                     )
             dtype = _file_type(key, variable.data)
-            shape, data = (
-                variable.data.shape,
-                None if group.late and key in group.late.names else variable.data,
-            )
-            items[key] = target.create_dataset(key, shape, dtype, data, track_order=True)
+            items[key] = _new_dataset(target, key, dtype, variable.data.shape)
+            if key not in late_ones:
+                data = np.require(variable.data, dtype, "C")
+                items[key].write(h5s.ALL, h5s.ALL, data, _types(dtype)[1])
             _set_attributes(items[key], variable.attrs)
         for dim, size in sizes.items():
             if dim in items:
-                items[dim].make_scale(dim)
+                h5ds.set_scale(items[dim], dim.encode())
             else:
                 # A big-endian float that is never written, as netCDF-4 makes it: it takes no room
                 # in the file.
-                items[dim] = target.create_dataset(dim, (size,), ">f4", track_order=True)
-                items[dim].make_scale(f"{NO_VARIABLE.decode()}{size:10d}")
+                items[dim] = _new_dataset(target, dim, np.dtype(">f4"), (size,))
+                h5ds.set_scale(items[dim], NO_VARIABLE + b"%10d" % size)
         for key, variable in group.variables.items():
             # A scale is attached to others, never to itself.
             if key not in sizes:
                 _attach(items, key, variable.dims)
         # Last, so that memory holds one block at a time.
-        late = {key: Digest() for key in (group.late.names if group.late else ())}
+        late = {key: Digest() for key in late_ones}
         for key, where, block in group.late.blocks() if group.late else ():
-            items[key][where] = block
-            late[key].add(np.asarray(block, dtype=items[key].dtype))
+            item = h5py.Dataset(items[key])
+            item[where] = block
+            late[key].add(np.asarray(block, dtype=item.dtype))
         _set_attributes(target, {"checksum": _checksum_with(group, late), **told})
 
     def copy(self, run: Run, name: str) -> None:
@@ -514,20 +542,20 @@ class Output:
         with run._group(name) as old:
             before = _datasets(old)
             old.file.copy(old, self._file, name)
-            after = dict(self._file[name].items())
+            after = {key: item.id for key, item in self._file[name].items()}
             named = _by_address(before)
             for item in after.values():
                 for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
-                    if h5a.exists(item.id, link):
-                        h5a.delete(item.id, link)
+                    if h5a.exists(item, link):
+                        h5a.delete(item, link)
             for key, item in before.items():
                 _attach(after, key, _dims(item, named))
 
 
-def _attach(items: Mapping[str, h5py.Dataset], name: str, dims: tuple[str, ...]) -> None:
+def _attach(items: Mapping[str, h5d.DatasetID], name: str, dims: tuple[str, ...]) -> None:
     """Link a dataset to its dimensions."""
     for i, dim in enumerate(dims):
-        h5ds.attach_scale(items[name].id, items[dim].id, i)
+        h5ds.attach_scale(items[name], items[dim], i)
 
 
 @contextmanager
@@ -575,7 +603,7 @@ def _written(path: Path) -> Iterator[Disk]:
 
 def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:
     root = _as_stored({"format_version": FORMAT_VERSION, **attributes})
-    _set_attributes(file, {**root, "checksum": str(Checksum(root))})
+    _set_attributes(file.id, {**root, "checksum": str(Checksum(root))})
 
 
 def _is_number(dtype: np.dtype) -> bool:
@@ -604,12 +632,54 @@ def _as_stored(attributes: Mapping[str, Attribute]) -> dict[str, Attribute]:
     }
 
 
-def _set_attributes(item: h5py.HLObject, attributes: Mapping[str, Attribute]) -> None:
+def _set_attributes(item: Place, attributes: Mapping[str, Attribute]) -> None:
     """Set new attributes; text with variable length, which every reader gives back as text."""
     for name, value in _as_stored(attributes).items():
         data = np.asarray(value, dtype=STRING if isinstance(value, str) else None)
-        space = h5s.create_simple(data.shape) if data.shape else h5s.create(h5s.SCALAR)
-        # The low-level call takes three quarters of the time of `attrs`; a case has 20 attributes.
-        h5a.create(
-            item.id, name.encode(), h5t.py_create(_file_type(name, data), logical=True), space
-        ).write(data)
+        space = h5s.create_simple(data.shape) if data.shape else SCALAR
+        in_file, in_memory = _types(_file_type(name, data))
+        h5a.create(item, name.encode(), in_file, space).write(data, in_memory)
+
+
+@cache
+def _types(dtype: np.dtype) -> tuple[h5t.TypeID, h5t.TypeID]:
+    """A type as HDF5 names it in a file and in memory."""
+    return h5t.py_create(dtype, logical=True), h5t.py_create(dtype)
+
+
+def _creation(kind: h5p.PropClassID) -> h5p.PropOCID:
+    """How groups or datasets are created: the order of creation is tracked throughout, without
+    which netCDF-4 cannot append."""
+    properties = h5p.create(kind)
+    properties.set_obj_track_times(False)
+    properties.set_attr_creation_order(TRACKED)
+    return properties
+
+
+def _link(characters: int) -> h5p.PropLCID:
+    """How the name of a group or dataset is stored."""
+    properties = h5p.create(h5p.LINK_CREATE)
+    properties.set_char_encoding(characters)
+    return properties
+
+
+TRACKED = h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED
+GROUPS, DATASETS = _creation(h5p.GROUP_CREATE), _creation(h5p.DATASET_CREATE)
+GROUPS.set_link_creation_order(TRACKED)
+LINKS = {True: _link(h5t.CSET_ASCII), False: _link(h5t.CSET_UTF8)}
+"""By whether the name is ASCII."""
+
+# The calls that h5py has for everybody take twice the time of these: a case has five datasets and
+# forty attributes, which is half of what it costs to run a short one.
+
+
+def _new_group(parent: Place, name: str) -> h5g.GroupID:
+    return h5g.create(parent, name.encode(), LINKS[name.isascii()], GROUPS)
+
+
+def _new_dataset(
+    parent: Place, name: str, dtype: np.dtype, shape: tuple[int, ...]
+) -> h5d.DatasetID:
+    space = h5s.create_simple(shape) if shape else SCALAR
+    link = LINKS[name.isascii()]
+    return h5d.create(parent, name.encode(), _types(dtype)[0], space, DATASETS, link)
