@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from typing import Any, NamedTuple, Self, TypeVar
 
 import click
@@ -141,14 +142,18 @@ class Progress:
             self._echo(line)
 
     def done(self, name: str, problem: str = "") -> None:
-        """Count a task that is finished, well or with a problem."""
+        """Count a task that is finished, well or with a problem, and say so."""
+        self.counted(name, problem)()
+
+    def counted(self, name: str, problem: str = "") -> Callable[[], object]:
+        """Count a task that is finished; what is returned says so, when it is called."""
         self._done += 1
         self._running.pop(name, None)
         count = f"[{self._done}/{self._total}] {name}"
         if problem:
-            self._echo(f"{count}: {click.style(problem, fg='red') if self._colour else problem}")
-        elif self._logs and not self._live:
-            self.say(f"{count}: ok")
+            told = click.style(problem, fg="red") if self._colour else problem
+            return partial(self._echo, f"{count}: {told}")
+        return partial(self.say if self._logs and not self._live else str, f"{count}: ok")
 
     def each(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
         """Items by their names as tasks, each done when the next one is asked for."""

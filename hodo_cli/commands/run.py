@@ -84,19 +84,20 @@ class Plan:
             left = dict.fromkeys([*self.reasons, *(name for name in lost if name not in self.left)])
             writer.unfinished = self._stamps(self.config.cases.keys() - self.kept.keys())
             cases = [self.config.cases[name] for name in left]
-            failures: dict[str, dict[str, Any]] = {}
+            rows: dict[str, dict[str, Any]] = {}
             for case, outcome in outcomes(cases, pool, writer, self, progress):
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
                 is_ok = group.attributes["status"] == "ok"
+                rows[case.name] = {key: group.attributes[key] for key in SUMMARY}
                 if is_ok or not self._had_ended_well(case.name):
-                    writer.add(case.name, group)
+                    say = progress.counted(case.name, problem(group, outcome))
+                    writer.add(case.name, group, say)
                     del left[case.name]
                 else:
-                    failures[case.name] = {key: group.attributes[key] for key in SUMMARY}
+                    stays = "; its earlier result is kept"
+                    progress.done(case.name, problem(group, outcome) + stays)
                 if is_ok:
                     writer.unfinished -= self._stamps([case.name])
-                stays = "; its earlier result is kept" if case.name in failures else ""
-                progress.done(case.name, problem(group, outcome) + stays)
                 if fail_fast and not is_ok:
                     break
             # Cases that the batch has not reached keep the results that they had.
@@ -106,7 +107,7 @@ class Plan:
         if gone := [name for name in before if name not in labelled(self.path, before)]:
             said = f"the labels of {', '.join(gone)} are gone with the old results"
             progress.say(f"{said}: hodo classify {self.path}")
-        return self._rows(failures)
+        return self._rows(rows)
 
     def _announce(self, progress: Progress) -> None:
         """Say what will run, and what the data say against it."""
@@ -124,11 +125,11 @@ class Plan:
         made = root_attributes(config.title, config.references, config.text, history)
         return {**made, CONFIG_PATH: path_from(config, self.path)}
 
-    def _rows(self, failures: Mapping[str, dict[str, Any]]) -> list[dict[str, Any]]:
-        """What is stored of the cases asked for; of one whose good result stays, how it failed."""
+    def _rows(self, reached: Mapping[str, dict[str, Any]]) -> list[dict[str, Any]]:
+        """How the cases asked for have ended: now, or when they were stored."""
         with open_run(self.path) as result:
             return [
-                {"case": name, **(failures.get(name) or result.row(name, SUMMARY))}
+                {"case": name, **(reached.get(name) or result.row(name, SUMMARY))}
                 for name in self.asked
                 if name in result
             ]

@@ -10,11 +10,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5ds, h5f, h5g, h5l, h5o, h5p, h5r, h5s, h5t
+from h5py import h5a, h5d, h5ds, h5f, h5g, h5l, h5o, h5p, h5s, h5t
 
 from .. import HodoError
 from ..batch import memory
@@ -71,7 +71,7 @@ FEW_TEXTS = 16
 
 Attribute = str | int | float | np.ndarray
 
-Place = h5f.FileID | h5g.GroupID | h5d.DatasetID
+Place: TypeAlias = h5f.FileID | h5g.GroupID | h5d.DatasetID
 """What attributes stand at."""
 
 
@@ -432,7 +432,9 @@ def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, An
     if (count := h5a.get_num_attrs(item.id)) > MOST_ITEMS:
         raise ValueError(f"it has {count} attributes")
     # To ask for a few takes less time than to list all.
-    names = [name for name in only if h5a.exists(item.id, _encoded(name))] if only else [*item.attrs]
+    names = (
+        [name for name in only if h5a.exists(item.id, _encoded(name))] if only else [*item.attrs]
+    )
     return {name: _attribute(item, name) for name in names if name not in HIDDEN}
 
 
@@ -541,8 +543,9 @@ class Output:
         self._disk.check()
         with run._group(name) as old:
             before = _datasets(old)
-            old.file.copy(old, self._file, name)
-            after = {key: item.id for key, item in self._file[name].items()}
+            h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINKS[name.isascii()])
+            target = h5g.open(self._file.id, name.encode())
+            after = {key: h5d.open(target, _encoded(key)) for key in before}
             named = _by_address(before)
             for item in after.values():
                 for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):

@@ -1,20 +1,25 @@
 """Result files: how they are made of finished cases, resumed, and changed, so that nothing finished
 is ever lost.
 
-A run puts each finished case into a small file of its own, a *piece*, in its staging folder, and
-joins them at the end. (A single HDF5 file that grows is unreadable, all of it, after one in five of
-its writes; a kill there would cost every case.) A piece is whole or absent; the next run takes the
-pieces of a dead one over. A sweep comes in *parts*, small files too, of which its piece is made.
+A run puts finished cases into small files, *pieces*, in its staging folder, and joins them at the
+end. (A single HDF5 file that grows is unreadable, all of it, after one in five of its writes; a
+kill there would cost every case.) A piece is whole or absent; the next run takes the pieces of a
+dead one over. A sweep comes in *parts*, small files too, of which its piece is made.
+
+Short cases wait for others and share a piece, because a file costs as much as a case. They wait for
+HOLD seconds at most, and only what is in a piece is called finished.
 """
 
 import os
 import shutil
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
+from threading import RLock, Timer
 from typing import Any, Self
 
 from .. import HodoError
@@ -24,6 +29,16 @@ from .layout import RESUME
 from .staging import Staging, identity, refusals, staging_folders, synced
 
 KEPT = "; finished cases are kept"
+
+HOLD = 0.5
+"""Seconds for which a finished case waits for others at most, unless it took as long itself: this
+is what a kill may cost."""
+
+MOST_HELD = 64
+"""Cases in a piece: its own cost is then a hundredth of theirs."""
+
+MOST_BYTES = 4 << 20
+"""Bytes that wait at most. Larger pieces would save nothing, and take memory."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +224,7 @@ def resume_attributes(run: Run, name: str) -> dict[str, str]:
 
 
 def pieces(folder: Path) -> list[Path]:
-    """The finished cases in a staging folder, a file each."""
+    """The files with finished cases in a staging folder."""
     # By their numbers: a draft that a kill has left behind is not among them.
     return sorted(folder.glob("[0-9]*.h5"))
 
@@ -238,7 +253,13 @@ class Writer:
         self._new: dict[str, Finished] = {}
         self._kept: dict[str, Run] = {}
         self._texts: dict[str, str] = {}
+        self._taken: dict[Path, Path | None] = {}
         self._count = 0
+        self._held: dict[str, tuple[Group, Callable[[], object]]] = {}
+        self._held_bytes = 0
+        self._lock = RLock()
+        self._timer: Timer | None = None
+        self._failure: HodoError | None = None
         self._old: Run | None = None
         self._staging = Staging(self.path)
         self._open = ExitStack()
@@ -268,28 +289,66 @@ class Writer:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
             if kind is None:
+                self._store()
                 with refusals(self.path, KEPT):
                     self._finish()
-            elif not self._new and not (self._staging.folder and parts_in(self._staging.folder)):
+                return
+            with suppress(HodoError):  # the exception at hand is the one to be told
+                self._store()
+            if not self._new and not (self._staging.folder and parts_in(self._staging.folder)):
                 self._staging.remove()
 
-    def add(self, name: str, group: Group) -> None:
-        """Write a finished case; from now on it survives the death of this process.
+    def add(self, name: str, group: Group, then: Callable[[], object] = lambda: None) -> None:
+        """Take a finished case. As soon as it survives the death of this process, `then` is called,
+        in any thread; at the latest on leaving.
 
-        Raises HodoError if it cannot be written.
+        Raises HodoError if it, or what was added before, cannot be written.
         """
-        piece = self._next_piece()
-        self._put(piece, name, group)
-        self._new[name] = Finished(name, piece, group.attributes)
+        with self._lock:
+            self._held[name] = group, then
+            self._held_bytes += sum(each.data.nbytes for each in group.variables.values())
+            took = group.attributes.get("run_time", 0.0)
+            is_long = group.late is not None or (isinstance(took, float) and took > HOLD)
+            is_full = len(self._held) >= MOST_HELD or self._held_bytes > MOST_BYTES
+            if is_long or is_full or self._failure:
+                self._store()
+            elif len(self._held) == 1:
+                self._timer = Timer(HOLD, self._store_late)
+                self._timer.daemon = True
+                self._timer.start()
 
-    def _put(self, piece: Path, name: str, group: Group) -> None:
+    def _store_late(self) -> None:
+        """Write what waits, while the next case takes its time."""
+        try:
+            self._store()
+        except HodoError as error:
+            self._failure = error
+
+    def _store(self) -> None:
+        """Write what waits as one piece. Raises HodoError if it cannot be written."""
+        with self._lock:
+            if self._timer:
+                self._timer.cancel()
+            if self._failure:
+                raise self._failure
+            if not self._held:
+                return
+            piece = self._next_piece()
+            self._put(piece, {name: group for name, (group, _) in self._held.items()})
+            held, self._held, self._held_bytes = self._held, {}, 0
+            for name, (group, then) in held.items():
+                self._new[name] = Finished(name, piece, group.attributes)
+                then()
+
+    def _put(self, piece: Path, groups: Mapping[str, Group]) -> None:
         draft = piece.with_name("draft")
         with refusals(self.path, KEPT), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
             with create(draft, {}) as output:
-                output.write(name, group)
+                for name, group in groups.items():
+                    output.write(name, group)
             synced(draft)  # or a loss of power leaves the name with nothing under it
-            # The new name is on the disk with the next sync: one case may be lost, and half of the
+            # The new name is on the disk with the next sync: one piece may be lost, and half of the
             # time for syncing is saved.
             os.replace(draft, piece)
             failed.pop_all()
@@ -317,7 +376,7 @@ class Writer:
         """
         with refusals(self.path, KEPT):
             piece = self._staging / f"part-{stamp}-{number}.h5"
-        self._put(piece, "part", group)
+        self._put(piece, {"part": group})
 
     def keep_all_parts(self) -> None:
         """Leave the parts of dead runs where the next Writer finds them."""
@@ -343,11 +402,13 @@ class Writer:
             if self._old and case.name in self._old:
                 self._kept[case.name] = self._old
             return case.name in self._kept
-        piece = self._next_piece()
-        with refusals(self.path, KEPT):
-            if not _take(case.file, piece):
-                return False
-        self._new[case.name] = Finished(case.name, piece, case.attributes)
+        if case.file not in self._taken:
+            piece = self._next_piece()
+            with refusals(self.path, KEPT):
+                self._taken[case.file] = piece if _take(case.file, piece) else None
+        if (taken := self._taken[case.file]) is None:
+            return False
+        self._new[case.name] = Finished(case.name, taken, case.attributes)
         return True
 
     def _next_piece(self) -> Path:
@@ -410,12 +471,12 @@ class Writer:
 
     def _join(self, whole: Path, sources: Mapping[str, Run | Path], history: str) -> None:
         with create(whole, {**self._attributes, "history": history}) as output:
-            for name, source in sources.items():
-                if isinstance(source, Run):
-                    self._copy(output, source, name)
-                else:
-                    with open_run(source) as piece:
-                        self._copy(output, piece, name)
+            # Neighbours are in one piece, mostly.
+            for source, names in groupby(sources, sources.__getitem__):
+                opened = nullcontext(source) if isinstance(source, Run) else open_run(source)
+                with opened as run:
+                    for name in names:
+                        self._copy(output, run, name)
 
     def _copy(self, output: Output, run: Run, name: str) -> None:
         if name not in self._texts:
