@@ -171,6 +171,7 @@ def test_a_damaged_piece_is_run_anew(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), Writer(path, {}) as first:  # noqa: PT012
         for name in "ab":
             first.add(name, Group({"status": "ok"}, {"v": Variable(("t",), np.arange(999.0))}))
+            first.store()
         raise KeyboardInterrupt
     (folder,) = staging_folders(path)
     faults.zeroed(sorted(folder.iterdir())[1], random.Random(1), 4096)

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import parse
 from hodo_cli.integration.trajectory import Occurrence, Trajectory
 from hodo_cli.results import provenance
+from hodo_cli.results import writer as writing
 from hodo_cli.results.hdf5 import Group, Variable, open_run
 from hodo_cli.results.layout import case_group, units_of_case
 from hodo_cli.results.update import update
@@ -560,18 +562,85 @@ def test_two_runs_at_once(path: Path) -> None:
     assert left(path) == ["paper.h5"]
 
 
+def test_short_cases_share_pieces(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A death costs those that are in no piece yet, which nobody was told are finished."""
+    monkeypatch.setattr(writing, "HOLD", 1000)
+    many, told = 2 * writing.MOST_HELD + 3, path.parent / "told"
+
+    def run() -> None:
+        with Writer(path, ROOT_ATTRIBUTES) as writer, told.open("a") as report:
+            for i in range(many):
+                writer.add(f"c{i}", group(seed=i), partial(print, f"c{i}", file=report, flush=True))
+            assert len([*path.parent.glob(".*/[0-9]*.h5")]) == 2
+            os._exit(3)
+
+    path.parent.mkdir()
+    assert exit_status(in_child(run)) == 3
+    stored = [f"c{i}" for i in range(2 * writing.MOST_HELD)]
+    assert told.read_text().split() == stored
+    assert sorted(finished(path)) == sorted(stored)
+
+
+def test_a_case_waits_neither_for_a_long_one_nor_if_it_was_long(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writing, "HOLD", 1000)
+    told: list[str] = []
+    with Writer(path, ROOT_ATTRIBUTES) as writer:
+        writer.add("short", group(run_time=1.0), lambda: told.append("short"))
+        assert not told
+        writer.add("long", group(run_time=1001.0), lambda: told.append("long"))
+        assert told == ["short", "long"]
+        monkeypatch.setattr(writing, "HOLD", 0.01)
+        writer.add("before a long one", group(), lambda: told.append("before a long one"))
+        deadline = time.monotonic() + 60
+        while len(told) < 3 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert sorted(finished(path)) == sorted(told) == ["before a long one", "long", "short"]
+
+
+def test_parts_are_written_while_cases_are_stored(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writing, "HOLD", 1e-4)
+    many = 60
+    with Writer(path, ROOT_ATTRIBUTES) as writer:
+        for i in range(many):
+            writer.add(f"c{i}", group(seed=i))
+            writer.add_part("stamp", i, group(200, i))
+        assert writer.parts("stamp") == set(range(many))
+        for i in range(many):
+            with writer.part("stamp", i) as run:
+                assert_same(run.read("part"), group(200, i))
+    with open_run(path) as run:
+        assert run.cases() == [f"c{i}" for i in range(many)]
+
+
+def test_a_case_that_cannot_be_stored_takes_no_other_along(path: Path) -> None:
+    wrong = Group({}, {"x": Variable(("n",), np.zeros(2, dtype=bool))})
+    with pytest.raises(TypeError, match="netCDF"):  # noqa: PT012, SIM117
+        with Writer(path, ROOT_ATTRIBUTES) as writer:
+            for name, item in {"a": group(), "wrong": wrong, "b": group(seed=1)}.items():
+                writer.add(name, item)
+    assert sorted(finished(path)) == ["a", "b"]
+
+
 def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
     """Every case that was reported finished survives, and each next run takes the earlier ones'
     over."""
     log, names = tmp_path / "log", [f"c{i}" for i in range(15)]
 
     def run() -> None:
-        with Writer(path, ROOT_ATTRIBUTES, names) as writer, log.open("a") as report:
+        def say(name: str) -> None:
+            report.write(f"{name}\n")
+            report.flush()
+
+        with log.open("a") as report, Writer(path, ROOT_ATTRIBUTES, names) as writer:
             for i, name in enumerate(names):
                 if name not in writer.finished or not writer.keep(writer.finished[name][0]):
-                    writer.add(name, group(200, i))
-                    report.write(f"{name}\n")
-                    report.flush()
+                    writer.add(name, group(200, i), partial(say, name))
+                    if i % 4 == 3:
+                        writer.store()
 
     began = time.perf_counter()
     assert exit_status(in_child(run)) == 0
@@ -626,6 +695,7 @@ def test_killed_at_any_moment_while_changing(path: Path) -> None:
 def test_the_folder_of_a_living_run_is_left_alone(path: Path) -> None:
     with Writer(path, ROOT_ATTRIBUTES) as first:
         first.add("a", group())
+        first.store()
         with Writer(path, ROOT_ATTRIBUTES) as second:
             assert second.keep(second.finished["a"][0])
         first.add("b", group())

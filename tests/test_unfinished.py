@@ -46,6 +46,7 @@ def run_of(path: Path, groups: Mapping[str, Group], text: str = CONFIG) -> Itera
     with Writer(path, attributes, ["first", "second", "third"]) as writer:
         for name, group in groups.items():
             writer.add(name, group)
+        writer.store()
         yield writer
 
 

@@ -86,9 +86,10 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
         case.precision
     )
     if finer:
-        better, _ = best(case, finer)
-        if case.method == "auto" and method == "collocation" and finer == "extended":
-            better = method  # the series has failed, or is too slow
+        # What `auto` took for the motion it takes for long doubles too: without another trial, and
+        # not the series where that has failed.
+        known = case.method == "auto" and finer == "extended"
+        better = method if known else best(case, finer)[0]
         if better != "taylor" or engines.have_taylor():
             yield finer, better, None
     if method != "exact":

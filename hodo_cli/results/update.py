@@ -2,31 +2,82 @@
 
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .hdf5 import Group, Run, amend, create, open_run
-from .staging import Staging, check_writable, refusals
+from .hdf5 import Attribute, Group, Output, Run, amend, create, open_run
+from .staging import Staging, check_writable, identity, refusals
 from .writer import KEPT, longer, parts_in, pieces, publish_finished, resume_attributes
+
+
+class Draft:
+    """The new file of a result, written group by group while the changes are made, so that no case
+    has to be read twice."""
+
+    def __init__(self, run: Run, staging: Staging, attributes: Mapping[str, Attribute]) -> None:
+        self._run = run
+        self._staging = staging
+        self._attributes = attributes
+        self._left = dict.fromkeys(run.groups())
+        self._opened = ExitStack()
+        self._output: Output | None = None
+
+    def write(self, name: str, group: Group) -> None:
+        """Write a group as it is now, after those that stand before it in the result.
+
+        Raises HodoError if it cannot be written.
+        """
+        with refusals(self._run.path, KEPT):
+            if self._output is None:
+                check_writable(self._run.path)
+                new = create(self._staging / "whole.h5", self._attributes)
+                self._output = self._opened.enter_context(new)
+            self._copy_up_to(name)
+            self._output.write(name, group)
+
+    def finished(self) -> Path:
+        """The new file with all groups, in which at least one has been written."""
+        self._copy_up_to("")
+        self._opened.close()
+        return self._staging / "whole.h5"
+
+    def _copy_up_to(self, name: str) -> None:
+        assert self._output is not None
+        for before in [*self._left]:
+            del self._left[before]
+            if before == name:
+                break
+            self._output.copy(self._run, before)
+
+    def close(self) -> None:
+        """Give up what is not finished."""
+        with suppress(OSError):  # of a disk that is full, as has been said
+            self._opened.close()
 
 
 class Update:
     """Changes to a result; made by `update`."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, draft: Draft | None) -> None:
         self.run = run
         self.parts: dict[str, Group] = {}
+        self._draft = draft
 
     def write(self, name: str, part: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
-        made anew. `old` is what the result holds of it, if that was read already."""
+        made anew. `old` is what the result holds of it, if that was read already.
+
+        Raises HodoError if it cannot be written.
+        """
         if old is None and name in self.run and name not in self.run.damaged:
             old = self.run.read(name)
         if old is None or not _holds(old, part, whole=name.startswith("_")):
             self.parts[name] = part
+            if self._draft:
+                self._draft.write(name, _changed(name, old, part))
 
 
 @contextmanager
@@ -39,23 +90,43 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
     """
     path = Path(path)
     publish_finished(path)
-    with open_run(path) as run:
-        changes = Update(run)
+    seen = identity(path)
+    with open_run(path) as run, ExitStack() as stack:
+        staging = Staging(path)
+        stack.callback(staging.close)
+        stack.callback(staging.remove)
+        # HDF5 cannot copy what is damaged.
+        draft = None if run.damaged else Draft(run, staging, _with_history(run, history))
+        if draft:
+            stack.callback(draft.close)
+        changes = Update(run, draft)
         yield changes
-        with refusals(path, KEPT), ExitStack() as stack:
-            staging = Staging(path)
-            stack.callback(staging.close)
+        with refusals(path, KEPT):
             # Those with finished cases wait for the next run, which takes them over.
             for folder in staging.take_orphans():
                 if not pieces(folder) and not parts_in(folder):
                     shutil.rmtree(folder, ignore_errors=True)
             if changes.parts:
                 check_writable(path)
-                stack.callback(staging.remove)
-                # Opened again under the lock: another process may have replaced the result since.
-                with staging.publishing(), open_run(path) as now:
-                    _rewrite(staging / "whole.h5", now, changes, history)
-                    staging.publish(staging / "whole.h5")
+                whole = draft.finished() if draft else staging / "whole.h5"
+                with staging.publishing():
+                    if draft is None or identity(path) != seen:
+                        # Opened again: another process has replaced the result since.
+                        with open_run(path) as now:
+                            _rewrite(whole, now, changes, history)
+                    staging.publish(whole)
+
+
+def _with_history(run: Run, history: str) -> dict[str, Attribute]:
+    """The attributes of a result with a line more of history."""
+    return {**run.attributes, "history": longer(run, history)}
+
+
+def _changed(name: str, old: Group | None, part: Group) -> Group:
+    """A group with its change."""
+    if old is None or name.startswith("_"):
+        return part
+    return Group({**old.attributes, **part.attributes}, {**old.variables, **part.variables})
 
 
 def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
@@ -79,23 +150,16 @@ def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
         )
 
     parts = {name: part for name, part in changes.parts.items() if applies(name)}
-    attributes = {**now.attributes, "history": longer(now, history)}
+    attributes = _with_history(now, history)
     with amend(whole, now, attributes) if is_amended else create(whole, attributes) as output:
         for name in dict.fromkeys([*now.groups(), *parts]):
             if name not in parts:
                 # Damaged verdicts are left out: `hodo claims` gives them again.
                 if not is_amended and name not in now.damaged:
                     output.copy(now, name)
-            elif name.startswith("_"):
-                output.write(name, parts[name])
             else:
-                old, part = now.read(name), parts[name]
-                output.write(
-                    name,
-                    Group(
-                        {**old.attributes, **part.attributes}, {**old.variables, **part.variables}
-                    ),
-                )
+                old = None if name.startswith("_") else now.read(name)
+                output.write(name, _changed(name, old, parts[name]))
 
 
 def _holds(old: Group, part: Group, whole: bool) -> bool:

@@ -257,9 +257,9 @@ class Writer:
         self._count = 0
         self._held: dict[str, tuple[Group, Callable[[], object]]] = {}
         self._held_bytes = 0
+        # Of the staging folder, in which a timer writes too.
         self._lock = RLock()
         self._timer: Timer | None = None
-        self._failure: HodoError | None = None
         self._old: Run | None = None
         self._staging = Staging(self.path)
         self._open = ExitStack()
@@ -288,57 +288,67 @@ class Writer:
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
-            if kind is None:
-                self._store()
-                with refusals(self.path, KEPT):
-                    self._finish()
-                return
-            with suppress(HodoError):  # the exception at hand is the one to be told
-                self._store()
-            if not self._new and not (self._staging.folder and parts_in(self._staging.folder)):
-                self._staging.remove()
+            try:
+                # An exception at hand is the one to be told.
+                with nullcontext() if kind is None else suppress(Exception):
+                    self.store()
+                if kind is None:
+                    with refusals(self.path, KEPT):
+                        self._finish()
+            finally:
+                folder = self._staging.folder
+                if not self._new and not (folder and parts_in(folder)):
+                    self._staging.remove()
 
-    def add(self, name: str, group: Group, then: Callable[[], object] = lambda: None) -> None:
-        """Take a finished case. As soon as it survives the death of this process, `then` is called,
-        in any thread; at the latest on leaving.
+    def add(self, name: str, group: Group, then: Callable[[], object] = bool) -> None:
+        """Take a finished case. `then` is called, in any thread, as soon as the case survives the
+        death of this process: see `store`.
 
-        Raises HodoError if it, or what was added before, cannot be written.
+        Raises HodoError if it, or one that was added before, cannot be written.
         """
         with self._lock:
             self._held[name] = group, then
             self._held_bytes += sum(each.data.nbytes for each in group.variables.values())
             took = group.attributes.get("run_time", 0.0)
             is_long = group.late is not None or (isinstance(took, float) and took > HOLD)
-            is_full = len(self._held) >= MOST_HELD or self._held_bytes > MOST_BYTES
-            if is_long or is_full or self._failure:
-                self._store()
-            elif len(self._held) == 1:
+            if is_long or len(self._held) >= MOST_HELD or self._held_bytes > MOST_BYTES:
+                self.store()
+            elif self._timer is None or not self._timer.is_alive():
                 self._timer = Timer(HOLD, self._store_late)
                 self._timer.daemon = True
                 self._timer.start()
 
-    def _store_late(self) -> None:
-        """Write what waits, while the next case takes its time."""
-        try:
-            self._store()
-        except HodoError as error:
-            self._failure = error
-
-    def _store(self) -> None:
+    def store(self) -> None:
         """Write what waits as one piece. Raises HodoError if it cannot be written."""
         with self._lock:
             if self._timer:
                 self._timer.cancel()
-            if self._failure:
-                raise self._failure
-            if not self._held:
-                return
-            piece = self._next_piece()
-            self._put(piece, {name: group for name, (group, _) in self._held.items()})
-            held, self._held, self._held_bytes = self._held, {}, 0
-            for name, (group, then) in held.items():
-                self._new[name] = Finished(name, piece, group.attributes)
-                then()
+            try:
+                self._store(self._held)
+            except Exception:
+                # As much as the disk takes, and a case that cannot be stored takes no other along.
+                for name in [*self._held] if len(self._held) > 1 else []:
+                    with suppress(Exception):
+                        self._store({name: self._held[name]})
+                raise
+            finally:
+                self._held_bytes = 0
+
+    def _store_late(self) -> None:
+        """Write what waits while the next case takes its time. What is refused is tried again with
+        that case, and said then."""
+        with suppress(Exception):
+            self.store()
+
+    def _store(self, held: Mapping[str, tuple[Group, Callable[[], object]]]) -> None:
+        if not held:
+            return
+        piece = self._next_piece()
+        self._put(piece, {name: group for name, (group, _) in held.items()})
+        for name, (group, then) in [*held.items()]:
+            self._new[name] = Finished(name, piece, group.attributes)
+            del self._held[name]
+            then()
 
     def _put(self, piece: Path, groups: Mapping[str, Group]) -> None:
         draft = piece.with_name("draft")
@@ -374,9 +384,10 @@ class Writer:
 
         `stamp` tells what the part belongs to. Raises HodoError if it cannot be written.
         """
-        with refusals(self.path, KEPT):
-            piece = self._staging / f"part-{stamp}-{number}.h5"
-        self._put(piece, {"part": group})
+        with self._lock:
+            with refusals(self.path, KEPT):
+                piece = self._staging / f"part-{stamp}-{number}.h5"
+            self._put(piece, {"part": group})
 
     def keep_all_parts(self) -> None:
         """Leave the parts of dead runs where the next Writer finds them."""
@@ -412,7 +423,7 @@ class Writer:
         return True
 
     def _next_piece(self) -> Path:
-        with refusals(self.path, KEPT):
+        with self._lock, refusals(self.path, KEPT):
             if not self._count:
                 # Before any piece: until the result is made, they are shown in its place.
                 head = self._staging / HEAD
