@@ -28,7 +28,7 @@ from hodo_cli.cases.config import parse
 from hodo_cli.integration.trajectory import Occurrence, Trajectory
 from hodo_cli.results import provenance
 from hodo_cli.results import writer as writing
-from hodo_cli.results.hdf5 import Group, Variable, open_run
+from hodo_cli.results.hdf5 import Group, Run, Variable, open_run
 from hodo_cli.results.layout import case_group, units_of_case
 from hodo_cli.results.update import update
 from hodo_cli.results.writer import Finished, Writer, finished
@@ -803,6 +803,25 @@ def test_update_of_a_result_replaced_meanwhile(path: Path) -> None:
             False,
             False,
         ]
+
+
+def test_a_change_reads_no_case_again(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(path, {name: group(seed=i) for i, name in enumerate("abcd")})
+    read: list[str] = []
+    plain = Run.read
+    monkeypatch.setattr(Run, "read", lambda run, name: (read.append(name), plain(run, name))[1])
+    with update(path) as changes:
+        for name in "bc":
+            changes.write(name, labels(), changes.run.read(name))
+        changes.write("_claims", labels())
+    assert read == ["b", "c"]
+    with open_run(path) as run:
+        assert run.groups() == ["a", "b", "c", "d", "_claims"]
+        for i, name in enumerate("abcd"):
+            more = labels() if name in "bc" else Group({}, {})
+            variables = {**group(seed=i).variables, **more.variables}
+            whole = Group({**group(seed=i).attributes, **more.attributes}, variables)
+            assert_same(run.read(name), whole)
 
 
 def test_a_failed_update_leaves_the_file(path: Path) -> None:
