@@ -69,6 +69,9 @@ HDF5, which looks for each by its name, busy for minutes."""
 FEW_TEXTS = 16
 """Texts that are read at once: a compromise between time, and memory if each is the whole file."""
 
+Dimensions: TypeAlias = Mapping[str, tuple[str, ...]]
+"""The dimensions of each variable of a group."""
+
 Attribute = str | int | float | np.ndarray
 
 Place: TypeAlias = h5f.FileID | h5g.GroupID | h5d.DatasetID
@@ -485,6 +488,13 @@ def _address(item: h5d.DatasetID) -> int:
     return int(h5o.get_info(item).addr)
 
 
+def _dimensions(group: h5py.Group) -> Dimensions:
+    """The dimensions of what a group holds. Raises ValueError as `_dataset` does."""
+    items = _datasets(group)
+    named = _by_address(items)
+    return {key: _dims(item, named) for key, item in items.items()}
+
+
 class Output:
     """A file that is being written; made by `create`."""
 
@@ -535,24 +545,26 @@ class Output:
             late[key].add(np.asarray(block, dtype=item.dtype))
         _set_attributes(target, {"checksum": _checksum_with(group, late), **told})
 
-    def copy(self, run: Run, name: str) -> None:
-        """Copy a group as it is stored. Raises HodoError if it is damaged.
+    def copy(self, run: Run, name: str, known: Dimensions | None = None) -> None:
+        """Copy a group as it is stored; `known` are the dimensions of its variables, where this
+        process has written it. Raises HodoError if it is damaged.
 
         HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew.
         """
         self._disk.check()
         with run._group(name) as old:
-            before = _datasets(old)
+            dims = known or _dimensions(old)
             h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINKS[name.isascii()])
             target = h5g.open(self._file.id, name.encode())
-            after = {key: h5d.open(target, _encoded(key)) for key in before}
-            named = _by_address(before)
-            for item in after.values():
+            names = dict.fromkeys([*dims, *(dim for each in dims.values() for dim in each)])
+            items = {key: h5d.open(target, _encoded(key)) for key in names}
+            for item in items.values():
                 for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
                     if h5a.exists(item, link):
                         h5a.delete(item, link)
-            for key, item in before.items():
-                _attach(after, key, _dims(item, named))
+            for key, of in dims.items():
+                if of != (key,):  # a scale is attached to others, never to itself
+                    _attach(items, key, of)
 
 
 def _attach(items: Mapping[str, h5d.DatasetID], name: str, dims: tuple[str, ...]) -> None:

@@ -24,7 +24,7 @@ from typing import Any, Self
 
 from .. import HodoError
 from ..cases.config import parse
-from .hdf5 import Attribute, Group, Output, Run, create, open_run
+from .hdf5 import Attribute, Dimensions, Group, Output, Run, create, open_run
 from .layout import RESUME
 from .staging import Staging, identity, refusals, staging_folders, synced
 
@@ -44,12 +44,14 @@ MOST_BYTES = 4 << 20
 @dataclass(frozen=True)
 class Finished:
     """A finished case: its name, the file that holds it, the attributes that tell whether it is
-    still right, and what is wrong with what is stored of it."""
+    still right, what is wrong with what is stored of it, and its dimensions, if this process has
+    stored it."""
 
     name: str
     file: Path
     attributes: Mapping[str, Any]
     damage: str = ""
+    dims: Dimensions | None = None
 
 
 def finished(
@@ -346,7 +348,8 @@ class Writer:
         piece = self._next_piece()
         self._put(piece, {name: group for name, (group, _) in held.items()})
         for name, (group, then) in [*held.items()]:
-            self._new[name] = Finished(name, piece, group.attributes)
+            dims = {key: variable.dims for key, variable in group.variables.items()}
+            self._new[name] = Finished(name, piece, group.attributes, dims=dims)
             del self._held[name]
             then()
 
@@ -487,11 +490,12 @@ class Writer:
                 opened = nullcontext(source) if isinstance(source, Run) else open_run(source)
                 with opened as run:
                     for name in names:
-                        self._copy(output, run, name)
+                        dims = None if isinstance(source, Run) else self._new[name].dims
+                        self._copy(output, run, name, dims)
 
-    def _copy(self, output: Output, run: Run, name: str) -> None:
+    def _copy(self, output: Output, run: Run, name: str, dims: Dimensions | None) -> None:
         if name not in self._texts:
-            output.copy(run, name)
+            output.copy(run, name, dims)
             return
         group = run.read(name)
         output.write(name, Group({**group.attributes, "case": self._texts[name]}, group.variables))
