@@ -556,14 +556,14 @@ class Output:
             dims = known or _dimensions(old)
             h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINKS[name.isascii()])
             target = h5g.open(self._file.id, name.encode())
-            names = dict.fromkeys([*dims, *(dim for each in dims.values() for dim in each)])
-            items = {key: h5d.open(target, _encoded(key)) for key in names}
+            scales = dict.fromkeys(dim for each in dims.values() for dim in each)
+            items = {key: h5d.open(target, _encoded(key)) for key in {**dims, **scales}}
             for item in items.values():
                 for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
                     if h5a.exists(item, link):
                         h5a.delete(item, link)
             for key, of in dims.items():
-                if of != (key,):  # a scale is attached to others, never to itself
+                if key not in scales:  # a scale is attached to others, never to itself
                     _attach(items, key, of)
 
 
