@@ -151,6 +151,34 @@ def test_strings_that_HDF5_has_not(path: Path) -> None:
         assert run.summary("a")["message"] == "nul \ufffd and ?"
 
 
+def test_attributes_of_other_programs(path: Path) -> None:
+    """Plain ones as plain values, whatever their type in the file; and arrays."""
+    write(path, {"a": group()})
+    text = h5py.string_dtype()
+    stored = {
+        "list": (np.array(["z" * 100] * 50, dtype=text), ["z" * 100] * 50),
+        "list of one": (np.array(["q"], dtype=text), ["q"]),
+        "numbers": (np.arange(3.0), [0.0, 1.0, 2.0]),
+        "fixed": (np.bytes_(b"abc"), "abc"),
+        "ascii": (np.array("hi", dtype=h5py.string_dtype("ascii")), "hi"),
+        "nothing": (h5py.Empty(text), ""),
+        "empty": ("", ""),
+        "true": (True, True),
+        "byte": (np.int8(-3), -3),
+        "large": (np.uint64(2**63 + 1), 2**63 + 1),
+        "big-endian": (np.array(2.5, ">f8"), 2.5),
+        "half as long": (np.float32(1.5), 1.5),
+    }
+    with h5py.File(path, "r+") as file:
+        for name, (value, _) in stored.items():
+            file["a"].attrs[name] = value
+    with open_run(path) as run:
+        found = run.summary("a", stored)
+    assert {name: np.asarray(value).tolist() for name, value in found.items()} == {
+        name: plain for name, (_, plain) in stored.items()
+    }
+
+
 @pytest.mark.parametrize("dtype", [bool, np.float16, np.longdouble, complex])
 def test_types_that_netcdf_has_not(path: Path, dtype: type) -> None:
     wrong = Group({}, {"x": Variable(("n",), np.zeros(2, dtype=dtype))})

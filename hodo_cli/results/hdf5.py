@@ -444,18 +444,18 @@ def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, An
 def _attribute(item: h5py.HLObject, name: str) -> Any:
     """The value of one attribute, as a plain one where it is one."""
     stored = h5a.open(item.id, _encoded(name))
-    # Most are texts, and the others numbers: `attrs`, which asks for type and shape of each, takes
-    # four times as long.
-    text = np.empty((), STRING)
-    with suppress(OSError, TypeError):  # it is none
-        stored.read(text, mtype=TEXT_IN_MEMORY)
-        if (read := text.item()) is not None:
-            return read.decode("utf-8", "surrogateescape")
-    kind = stored.get_type()
-    if isinstance(kind, h5t.TypeFloatID | h5t.TypeIntegerID) and stored.shape == ():
-        number = np.empty((), kind.dtype)
-        stored.read(number)
-        return number.item()
+    # `attrs` takes four times as long for a text, and most are one. The shape comes first: HDF5
+    # writes as many values as there are, whatever room they are given.
+    if stored.shape == ():
+        text = np.empty((), STRING)
+        with suppress(OSError, TypeError):  # it is none
+            stored.read(text, mtype=TEXT_IN_MEMORY)
+            return text.item().decode("utf-8", "surrogateescape")
+        kind = stored.get_type()
+        if isinstance(kind, h5t.TypeFloatID | h5t.TypeIntegerID):
+            number = np.empty((), kind.dtype)
+            stored.read(number)
+            return number.item()
     value = item.attrs[name]
     # Other programs store an empty text so.
     value = "" if isinstance(value, h5py.Empty) else value
