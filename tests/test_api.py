@@ -107,6 +107,8 @@ def test_a_figure_is_drawn_of_datasets() -> None:
         api.plot(made, color="axis")
 
 
+# Without heyoka this tries nothing else, in ten times the time; so too the others marked below.
+@pytest.mark.heyoka
 def test_the_notebook_of_the_docs_runs(capsys: pytest.CaptureFixture[str]) -> None:
     runpy.run_path(str(ROOT / "docs" / "api.py"))
     said = capsys.readouterr().out
@@ -116,6 +118,7 @@ def test_the_notebook_of_the_docs_runs(capsys: pytest.CaptureFixture[str]) -> No
     assert said.endswith("damping: expected 3 numbers or one for all, got a list of 2\n")
 
 
+@pytest.mark.heyoka
 def test_curves_of_a_sweep_show_its_values_and_where_there_is_none() -> None:
     ranges = {"damping.2": {"linspace": [0.003, 0.007, 5]}, "damping.0": {"values": [0.005, 0.006]}}
     made = api.sweep({**FIG4, "sweep": ranges})
@@ -182,6 +185,7 @@ def test_ranges_of_an_angle_may_be_in_degrees() -> None:
         api.sweep({**FIG4, "sweep": {"damping.2": {"values": ["five"]}}})
 
 
+@pytest.mark.heyoka
 def test_trajectories_are_samples_whatever_else_is_stored() -> None:
     ranges = {"damping.2": {"values": [0.003, 0.004]}}
     given = {**FIG4, "sweep": ranges, "store": ["trajectory", "crossing_time"]}
@@ -212,6 +216,7 @@ def test_a_case_is_made_of_a_mapping() -> None:
         api.Case.of({**FIG4, "dampin": 1})
 
 
+@pytest.mark.heyoka
 def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
     """As they are in a case file, and before anything is drawn."""
     made = api.run({**FIG4, "time": {"end": 10, "samples": 11}}, classify=False)
@@ -237,6 +242,7 @@ def test_a_dataset_holds_plain_texts() -> None:
     assert all(type(text) is str for text in made.attrs.values() if isinstance(text, str))
 
 
+@pytest.mark.heyoka
 def test_processes_do_not_run_the_script_that_starts_them(tmp_path: Path) -> None:
     script = f"""
 import hodo_cli as hodo

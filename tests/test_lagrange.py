@@ -507,8 +507,8 @@ def random_top(rng: random.Random) -> dict[str, str]:
     }
 
 
-# Those of 0 and 3 take half a minute, and no other way than that of 1.
-SEEDS = [seed for seed in range(int(os.environ.get("HODO_FUZZ", "14"))) if seed not in (0, 3)]
+# Those left out take half a minute, or two without heyoka, and no other way than that of 1.
+SEEDS = [seed for seed in range(int(os.environ.get("HODO_FUZZ", "15"))) if seed not in (0, 3, 7)]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
