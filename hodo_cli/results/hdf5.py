@@ -74,7 +74,7 @@ Dimensions: TypeAlias = Mapping[str, tuple[str, ...]]
 
 Attribute = str | int | float | np.ndarray
 
-Place: TypeAlias = h5f.FileID | h5g.GroupID | h5d.DatasetID
+H5Object: TypeAlias = h5f.FileID | h5g.GroupID | h5d.DatasetID
 """What attributes stand at."""
 
 
@@ -647,7 +647,7 @@ def _as_stored(attributes: Mapping[str, Attribute]) -> dict[str, Attribute]:
     }
 
 
-def _set_attributes(item: Place, attributes: Mapping[str, Attribute]) -> None:
+def _set_attributes(item: H5Object, attributes: Mapping[str, Attribute]) -> None:
     """Set new attributes; text with variable length, which every reader gives back as text."""
     for name, value in _as_stored(attributes).items():
         data = np.asarray(value, dtype=STRING if isinstance(value, str) else None)
@@ -679,8 +679,8 @@ def _link(characters: int) -> h5p.PropLCID:
 
 
 TRACKED = h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED
-GROUPS, DATASETS = _creation(h5p.GROUP_CREATE), _creation(h5p.DATASET_CREATE)
-GROUPS.set_link_creation_order(TRACKED)
+GROUP_CREATION, DATASET_CREATION = _creation(h5p.GROUP_CREATE), _creation(h5p.DATASET_CREATE)
+GROUP_CREATION.set_link_creation_order(TRACKED)
 LINKS = {True: _link(h5t.CSET_ASCII), False: _link(h5t.CSET_UTF8)}
 """By whether the name is ASCII."""
 
@@ -688,13 +688,13 @@ LINKS = {True: _link(h5t.CSET_ASCII), False: _link(h5t.CSET_UTF8)}
 # forty attributes, which is half of what it costs to run a short one.
 
 
-def _new_group(parent: Place, name: str) -> h5g.GroupID:
-    return h5g.create(parent, name.encode(), LINKS[name.isascii()], GROUPS)
+def _new_group(parent: H5Object, name: str) -> h5g.GroupID:
+    return h5g.create(parent, name.encode(), LINKS[name.isascii()], GROUP_CREATION)
 
 
 def _new_dataset(
-    parent: Place, name: str, dtype: np.dtype, shape: tuple[int, ...]
+    parent: H5Object, name: str, dtype: np.dtype, shape: tuple[int, ...]
 ) -> h5d.DatasetID:
     space = h5s.create_simple(shape) if shape else SCALAR
     link = LINKS[name.isascii()]
-    return h5d.create(parent, name.encode(), _types(dtype)[0], space, DATASETS, link)
+    return h5d.create(parent, name.encode(), _types(dtype)[0], space, DATASET_CREATION, link)
