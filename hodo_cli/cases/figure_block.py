@@ -230,7 +230,8 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
     if values.get("kind") == "map":
         yield from _of_axes(values.get("x"), values.get("y"), values.get("panels"))
-    yield from _of_groups(values, len(several))
+    if several:
+        yield from _of_groups(values, len(several))
     if values.get("kind") == "curve" and (by := values.get("by")) and by == values.get("x"):
         yield ("by",), f"{by} is on the horizontal axis already"
 
@@ -366,7 +367,7 @@ def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterat
     if flat and all(axis.sphere is None for axis in case.axes.values()):
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
     if steady and (counted := case.axes.get(values.get(_axis_of_positions(values), ""))):
-        for i, position in enumerate(values["at"]):
+        for i, position in enumerate(values.get("at", ())):
             if position >= (n := len(counted)):
                 said = f"axis {counted.name} of sweep {case.name} has positions 0 to {n - 1}"
                 yield ("at", i), f"{said}, not {position}"

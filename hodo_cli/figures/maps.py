@@ -306,6 +306,7 @@ def curve_of(
         marker="x",
         ms=4,
         color=style["color"],
+        clip_on=False,  # whole at the ends of the axis too
     )
     sheet.record(swept.case.name, name, shown)
     return bool(none.any())
