@@ -897,3 +897,21 @@ def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
 def sweep_of(case: Case, folder: Path) -> Group:
     with Writer(folder / "a.h5", {}) as writer:
         return sweep.run_sweep(case, "mark", Pool(), writer, False, lambda line: None)
+
+
+@pytest.mark.heyoka
+def test_late_crossings_are_right_to_the_error_that_their_members_state() -> None:
+    """The times of these were off by three times that error where a step was as long as the
+    tolerance allows by the series' own last coefficients."""
+    medium = "[[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]]"
+    case = one(
+        f"model: tensor, {HEAD}, resistance: {medium}, {BALL}, tol: 1e-12, "
+        "sweep: {d: {sphere: {count: 100000, seed: 77}}}"
+    )
+    for number in (5912, 74140):
+        values = computed(case, number, number + 1)
+        _, alone = chunk._alone(case, number)
+        assert alone is not None
+        assert alone.classified is not None
+        off = abs(values["crossing_time"][0] - alone.classified.crossings.time[0])
+        assert off < values["crossing_error"][0]

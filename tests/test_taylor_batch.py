@@ -110,7 +110,7 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
     assert (out == out[:, :1]).all()
     left, lost, steps, length = out[m:, 0]
     _, own = ta.step()
-    rule = tol ** (1 / (ta.order - 1)) / math.exp(-2)
+    rule = tol ** (1 / (ta.order - 3)) / math.exp(-2)
     # The coefficients of different orders say different radii.
     assert 0.8 < length / own / rule < 1.25
     ta.time, ta.state[:] = 0.0, y0
