@@ -26,10 +26,10 @@ from .commands.resume import fingerprint
 from .commands.run import finish
 from .figures import draw
 from .results.dataset import Opened, dataset, group_of
-from .results.hdf5 import Group, open_run
 from .results.motion import UNSAVED, Results
-from .results.writer import Writer
 from .schema.kinds import Wrong, nearest, resolve
+from .storage.hdf5 import Group, open_run
+from .storage.writer import Writer
 
 __all__ = ["Case", "open", "plot", "run", "sweep"]
 

@@ -184,7 +184,7 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
 
     from .cases.config import load, parse
     from .commands.resume import CONFIGS
-    from .results.hdf5 import open_run
+    from .storage.hdf5 import open_run
 
     names: list[str] = []
     with suppress(HodoError), warnings.catch_warnings(action="ignore"):

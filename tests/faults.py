@@ -21,8 +21,8 @@ from click.testing import CliRunner, Result
 
 from hodo_cli import HodoError
 from hodo_cli.cli import main
-from hodo_cli.results import disk
-from hodo_cli.results.hdf5 import open_run
+from hodo_cli.storage import disk
+from hodo_cli.storage.hdf5 import open_run
 
 CONFIG = """\
 defaults:

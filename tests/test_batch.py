@@ -27,8 +27,8 @@ from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
 from hodo_cli.commands.run import IS_KEPT
-from hodo_cli.results.hdf5 import Group
-from hodo_cli.results.writer import Writer
+from hodo_cli.storage.hdf5 import Group
+from hodo_cli.storage.writer import Writer
 
 DEFAULTS = (
     "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"

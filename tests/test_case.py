@@ -25,7 +25,6 @@ from hodo_cli.cases.key_tables import key_tables
 from hodo_cli.cases.keys import COMMON, METHODS
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Model
-from hodo_cli.results.hdf5 import open_run
 from hodo_cli.results.motion import QUANTITIES
 from hodo_cli.schema import document
 from hodo_cli.schema.document import read
@@ -50,6 +49,7 @@ from hodo_cli.schema.kinds import (
 )
 from hodo_cli.schema.mistakes import MAX_MISTAKES, Mistakes
 from hodo_cli.schema.write import write
+from hodo_cli.storage.hdf5 import open_run
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 NAME_RULE = (

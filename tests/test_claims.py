@@ -38,8 +38,8 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
-from hodo_cli.results.hdf5 import Variable, open_run
 from hodo_cli.results.motion import QUANTITIES, Motion
+from hodo_cli.storage.hdf5 import Variable, open_run
 from hodo_cli.sweeps.members import member
 
 PAPERS = ("paper1", "paper2", "paper3")

@@ -18,7 +18,7 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load
 from hodo_cli.commands.compare import Line, Tolerance, compare, matching, scaled_difference
-from hodo_cli.results.hdf5 import Group, Variable, create, open_run
+from hodo_cli.storage.hdf5 import Group, Variable, create, open_run
 
 REFERENCE = ROOT / "runs" / "reference"
 CASES = ("fig1-1", "fig4", "fig12-all-entries")

@@ -22,12 +22,12 @@ from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases.config import parse
 from hodo_cli.commands.resume import fingerprint
-from hodo_cli.results import disk, writer
-from hodo_cli.results.disk import Disk
-from hodo_cli.results.hdf5 import Group, Variable, open_run
-from hodo_cli.results.staging import replacing, staging_folders
-from hodo_cli.results.update import update
-from hodo_cli.results.writer import Writer, finished
+from hodo_cli.storage import disk, writer
+from hodo_cli.storage.disk import Disk
+from hodo_cli.storage.hdf5 import Group, Variable, open_run
+from hodo_cli.storage.staging import replacing, staging_folders
+from hodo_cli.storage.update import update
+from hodo_cli.storage.writer import Writer, finished
 
 
 @pytest.fixture(scope="module")

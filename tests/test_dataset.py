@@ -17,8 +17,8 @@ from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
 from hodo_cli.results.dataset import Opened, dataset, group_of
-from hodo_cli.results.hdf5 import Variable, open_run
 from hodo_cli.results.motion import QUANTITIES, Motion, motion_of, open_results
+from hodo_cli.storage.hdf5 import Variable, open_run
 
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
 

@@ -13,7 +13,7 @@ import pytest
 from conftest import ROOT, Hodo
 from test_docs import snippets
 
-from hodo_cli.results import staging
+from hodo_cli.storage import staging
 
 
 def test_a_new_case_file_runs_and_is_never_replaced(hodo: Hodo, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ LAYERS = (
     "cases",
     "engines",
     "integration batch",
+    "storage",
     "results",
     "sweeps",
     "claims figures",

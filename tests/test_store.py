@@ -26,12 +26,12 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import parse
 from hodo_cli.integration.trajectory import Occurrence, Trajectory
-from hodo_cli.results import provenance
-from hodo_cli.results import writer as writing
-from hodo_cli.results.hdf5 import Group, Run, Variable, open_run
 from hodo_cli.results.layout import case_group, units_of_case
-from hodo_cli.results.update import update
-from hodo_cli.results.writer import Finished, Writer, finished
+from hodo_cli.storage import provenance
+from hodo_cli.storage import writer as writing
+from hodo_cli.storage.hdf5 import Group, Run, Variable, open_run
+from hodo_cli.storage.update import update
+from hodo_cli.storage.writer import Finished, Writer, finished
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
@@ -897,7 +897,7 @@ def test_a_library_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_imports() -> None:
-    code = "import json, sys, hodo_cli.results.writer\n"
+    code = "import json, sys, hodo_cli.storage.writer\n"
     code += "print(json.dumps([n for n, module in sys.modules.items() if module]))"
     loaded = set(alone(code))
     assert not loaded & {"netCDF4", "xarray", "heyoka", "scipy", "matplotlib"}

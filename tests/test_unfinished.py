@@ -11,9 +11,9 @@ from hodo_cli.commands.classify import classify_results
 from hodo_cli.commands.plot import draw_results
 from hodo_cli.commands.run import finish
 from hodo_cli.commands.show import stored_cases
-from hodo_cli.results.hdf5 import Group, open_run
 from hodo_cli.results.motion import open_results
-from hodo_cli.results.writer import (
+from hodo_cli.storage.hdf5 import Group, open_run
+from hodo_cli.storage.writer import (
     Writer,
     finished,
     latest,

@@ -19,7 +19,7 @@ from hodo_cli.cases.claim_block import (
     VERDICTS,
 )
 from hodo_cli.cases.config import Config, parse
-from hodo_cli.results.hdf5 import Run, open_run
+from hodo_cli.storage.hdf5 import Run, open_run
 from hodo_cli.tables import totals
 
 LONGEST = 400

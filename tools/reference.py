@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from hodo_cli.results.hdf5 import Group, Run, Variable, create, open_run
-from hodo_cli.results.provenance import stamp
+from hodo_cli.storage.hdf5 import Group, Run, Variable, create, open_run
+from hodo_cli.storage.provenance import stamp
 
 SAMPLES = 41
 """About how many samples of a motion are kept."""

@@ -16,9 +16,9 @@ from ..integration.solve import solve, stored
 from ..integration.trajectory import Occurrence
 from ..models import rigid_body
 from ..models.rigid_body import slope
-from ..results.hdf5 import Variable
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
+from ..storage.hdf5 import Variable
 
 
 def integrated_motion(case: Case, passed: Sequence[Crossing] | None = None) -> Motion:

@@ -26,9 +26,9 @@ from ..cases.claim_block import (
     readings,
 )
 from ..progress import portion
-from ..results.hdf5 import Run
 from ..results.motion import Array, Motion, motion_of
 from ..schema.kinds import unknown
+from ..storage.hdf5 import Run
 from ..sweeps.averages import distance_of_sweeps
 from . import averaging, paper1, paper2, paper3
 from .checks import MOTION_CHECKS, averages

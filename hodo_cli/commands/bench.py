@@ -20,9 +20,9 @@ from ..figures.costs import draw_bench
 from ..figures.sheet import save
 from ..integration.integrate import ASKED
 from ..progress import Progress
-from ..results.hdf5 import Group, Variable, create
-from ..results.provenance import root_attributes, stamp
-from ..results.staging import replacing
+from ..storage.hdf5 import Group, Variable, create
+from ..storage.provenance import root_attributes, stamp
+from ..storage.staging import replacing
 from ..text import magnitude, seconds, table
 from .trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
 

@@ -16,9 +16,9 @@ from ..claims.finding import Verdict
 from ..claims.variations import Motions
 from ..claims.verdicts import judge_claim, judge_erratum
 from ..progress import Progress
-from ..results.hdf5 import TOLD_ATTRIBUTES, Group, Run, Variable
-from ..results.provenance import stamp
-from ..results.update import update
+from ..storage.hdf5 import TOLD_ATTRIBUTES, Group, Run, Variable
+from ..storage.provenance import stamp
+from ..storage.update import update
 from .resume import content_mark, result_named, telling, told, warn_of_changes
 
 Rows = list[dict[str, Any]]

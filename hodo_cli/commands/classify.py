@@ -13,11 +13,11 @@ from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..progress import Progress
-from ..results.hdf5 import TOLD_ATTRIBUTES, Group, checksum_of
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
-from ..results.provenance import stamp, typed
-from ..results.update import update
+from ..storage.hdf5 import TOLD_ATTRIBUTES, Group, checksum_of
+from ..storage.provenance import stamp, typed
+from ..storage.update import update
 from .resume import content_mark, result_named, telling, told, warn_of_changes
 
 

@@ -16,10 +16,10 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..models import rigid_body
-from ..results.hdf5 import Group, Run, Variable, open_run
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
-from ..results.provenance import typed
+from ..storage.hdf5 import Group, Run, Variable, open_run
+from ..storage.provenance import typed
 from .resume import result_named, warn_of_changes
 
 # Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter

@@ -20,10 +20,10 @@ from ..batch.pool import Pool, pool
 from ..cases.config import Config, parse
 from ..cases.figure_block import FORMATS, SCRIPT
 from ..progress import Progress
-from ..results.hdf5 import Run
-from ..results.staging import replacing
-from ..results.writer import open_batch
 from ..schema.kinds import nearest
+from ..storage.hdf5 import Run
+from ..storage.staging import replacing
+from ..storage.writer import open_batch
 from .resume import CONFIGS, content_mark, result_named, warn_of_changes
 
 if TYPE_CHECKING:

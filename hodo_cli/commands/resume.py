@@ -16,9 +16,9 @@ from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
 from ..cases.config import Config, load, parse
-from ..results.hdf5 import TOLD_ATTRIBUTES, Attribute, Run
-from ..results.staging import staging_folders
-from ..results.writer import Finished
+from ..storage.hdf5 import TOLD_ATTRIBUTES, Attribute, Run
+from ..storage.staging import staging_folders
+from ..storage.writer import Finished
 
 FORCED = "--force"
 

@@ -23,11 +23,11 @@ from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress, task
-from ..results.hdf5 import Group, Run, open_run
 from ..results.layout import SUMMARY, case_group
-from ..results.provenance import root_attributes, stamp
-from ..results.staging import check_writable
-from ..results.writer import Finished, Writer, finished
+from ..storage.hdf5 import Group, Run, open_run
+from ..storage.provenance import root_attributes, stamp
+from ..storage.staging import check_writable
+from ..storage.writer import Finished, Writer, finished
 from .resume import CONFIG_PATH, FORCED, fingerprint, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from .. import HodoError
 from ..models.averaging.free_turn import Body
 from ..models.averaging.passage import share_that_crosses
-from ..results.hdf5 import Group
 from ..results.motion import Motion, Results
+from ..storage.hdf5 import Group
 from ..sweeps.swept import Swept
 from .artists import BLACK, COLUMN, GREEN, PAGE, RED, SEPARATRIX, SKY, case_handles, legend, styles
 from .sheet import STYLE, Sheet

@@ -21,7 +21,7 @@ from .. import HodoError
 from ..cases.figure_block import SCRIPT
 from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Results
-from ..results.staging import replacing
+from ..storage.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
 from .geometry import graticule, separatrix_circles, stretches
 from .maps import STORED_ERRORS

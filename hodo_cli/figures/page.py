@@ -17,7 +17,7 @@ from ..cases.case import Case
 from ..cases.claim_block import cases_of
 from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Results
-from ..results.staging import replacing
+from ..storage.staging import replacing
 from ..sweeps.swept import ANGLES, round_degrees
 from ..text import magnitude, seconds
 from .sheet import Rendered

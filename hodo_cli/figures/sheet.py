@@ -23,7 +23,7 @@ from matplotlib.ticker import ScalarFormatter
 from PIL.PngImagePlugin import PngInfo, putchunk
 
 from .. import HodoError
-from ..results.staging import replacing
+from ..storage.staging import replacing
 
 Look = dict[str, Any]
 

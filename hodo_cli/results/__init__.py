@@ -1,2 +1,2 @@
-"""Result files: their names, how they are written, resumed, changed, checked and read. The only
-importer of h5py; imports integration, batch and what lies below."""
+"""What is stored of a motion, and what follows from it: names and units, quantities, datasets.
+Imports storage, integration and what lies below."""

@@ -13,8 +13,8 @@ import xarray as xr
 
 from .. import HodoError
 from ..schema.kinds import unknown
-from .hdf5 import Group, Variable
-from .writer import open_batch
+from ..storage.hdf5 import Group, Variable
+from ..storage.writer import open_batch
 
 
 def dataset(group: Group) -> xr.Dataset:

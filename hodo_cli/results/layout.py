@@ -20,7 +20,7 @@ from ..integration.classify import Classification
 from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
-from .hdf5 import Attribute, Group, Variable
+from ..storage.hdf5 import Attribute, Group, Variable
 
 # Attributes
 
@@ -52,9 +52,6 @@ SUMMARY = typed_as(
     "model", "form", "method", "steps", "run_time", "error", "status", "message", "warnings"
 )
 """The attributes of a case that its line in a table shows."""
-
-RESUME = typed_as("hash", "status", "message", "case")
-"""The attributes that tell whether a stored case is still right."""
 
 RECORDED = typed_as("case", "method", "tol", "error")
 """The attributes that the classification of a stored case rests on."""

@@ -24,10 +24,10 @@ from ..cases.figure_block import BODY_AXES
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
-from .hdf5 import Group, Run
+from ..storage.hdf5 import Group, Run
+from ..storage.provenance import typed
+from ..storage.writer import open_batch
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, SHOWN
-from .provenance import typed
-from .writer import open_batch
 
 
 class Array(Protocol):

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..results.hdf5 import Variable
 from ..results.motion import Array
+from ..storage.hdf5 import Variable
 
 
 def distance_of_sweeps(

@@ -14,8 +14,8 @@ from ..batch.mark import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
 from ..progress import portion, reached
-from ..results.hdf5 import Group
-from ..results.writer import Writer
+from ..storage.hdf5 import Group
+from ..storage.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
 from .summary import PROBES, Part, lost_part, sampled_errors, summarized

@@ -10,10 +10,10 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..cases.sweep_block import Axis, axes_of
-from ..results.hdf5 import Group
 from ..results.motion import Array
-from ..results.provenance import typed
 from ..schema.kinds import nearest
+from ..storage.hdf5 import Group
+from ..storage.provenance import typed
 from .averages import average
 
 ANGLES = ("theta",)

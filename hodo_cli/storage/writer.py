@@ -25,10 +25,12 @@ from typing import Any, Self
 from .. import HodoError
 from ..cases.config import parse
 from .hdf5 import Attribute, Dimensions, Group, Output, Run, create, open_run
-from .layout import RESUME
 from .staging import Staging, identity, refusals, staging_folders, synced
 
 KEPT = "; finished cases are kept"
+
+RESUME = ("hash", "status", "message", "case")
+"""The attributes that tell whether a stored case is still right."""
 
 HOLD = 0.5
 """Seconds for which a finished case waits for others at most, unless it took as long itself: this
