@@ -28,7 +28,8 @@ from .figures import draw
 from .results.dataset import Opened, dataset, group_of
 from .results.motion import UNSAVED, Results
 from .schema.kinds import Wrong, nearest, resolve
-from .storage.hdf5 import Group, open_run
+from .storage.group import Group
+from .storage.hdf5 import open_run
 from .storage.writer import Writer
 
 __all__ = ["Case", "open", "plot", "run", "sweep"]

@@ -27,7 +27,7 @@ from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
 from hodo_cli.commands.run import IS_KEPT
-from hodo_cli.storage.hdf5 import Group
+from hodo_cli.storage.group import Group
 from hodo_cli.storage.writer import Writer
 
 DEFAULTS = (

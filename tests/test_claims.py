@@ -39,7 +39,8 @@ from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
 from hodo_cli.results.motion import QUANTITIES, Motion
-from hodo_cli.storage.hdf5 import Variable, open_run
+from hodo_cli.storage.group import Variable
+from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.sweeps.members import member
 
 PAPERS = ("paper1", "paper2", "paper3")

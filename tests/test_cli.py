@@ -15,7 +15,9 @@ from conftest import ROOT, Hodo
 from hodo_cli.cases.config import load
 from hodo_cli.commands.resume import content_mark, telling, told
 from hodo_cli.commands.run import result_name
-from hodo_cli.storage.hdf5 import Group, Variable, checksum_of, create, open_run
+from hodo_cli.storage.group import Group, Variable, checksum_of
+from hodo_cli.storage.hdf5 import open_run
+from hodo_cli.storage.output import create
 from hodo_cli.storage.provenance import root_attributes
 from hodo_cli.storage.writer import Writer
 

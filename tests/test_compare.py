@@ -18,7 +18,9 @@ from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load
 from hodo_cli.commands.compare import Line, Tolerance, compare, matching, scaled_difference
-from hodo_cli.storage.hdf5 import Group, Variable, create, open_run
+from hodo_cli.storage.group import Group, Variable
+from hodo_cli.storage.hdf5 import open_run
+from hodo_cli.storage.output import create
 
 REFERENCE = ROOT / "runs" / "reference"
 CASES = ("fig1-1", "fig4", "fig12-all-entries")

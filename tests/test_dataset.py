@@ -18,7 +18,8 @@ from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
 from hodo_cli.results.dataset import Opened, dataset, group_of
 from hodo_cli.results.motion import QUANTITIES, Motion, motion_of, open_results
-from hodo_cli.storage.hdf5 import Variable, open_run
+from hodo_cli.storage.group import Variable
+from hodo_cli.storage.hdf5 import open_run
 
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
 

@@ -308,13 +308,13 @@ def test_a_folder_that_cannot_be(folder: Path, hodo: Hodo) -> None:
 
 
 def test_a_package_that_is_missing(folder: Path) -> None:
-    script = "import sys; sys.modules['xarray'] = None\n"
+    script = "import sys; sys.modules['matplotlib'] = None\n"
     script += "from hodo_cli.cli import main\nmain(['plot', 'two.h5'])"
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert done.stderr == "this needs xarray, which is not installed: pip install xarray\n"
+    assert done.stderr == "this needs matplotlib, which is not installed: pip install matplotlib\n"
 
 
 def test_taylor_without_heyoka(folder: Path, hodo: Hodo) -> None:

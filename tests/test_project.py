@@ -19,7 +19,7 @@ PACKAGE = ROOT / "hodo_cli"
 IMPORTERS = {
     "dask": "batch/dask.py",
     "distributed": "batch/dask.py",
-    "h5py": "storage/hdf5.py",
+    "h5py": "storage/hdf5.py storage/output.py",
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/ api.py",
     "netCDF4": "",

@@ -35,7 +35,7 @@ from hodo_cli.integration.classify import classify, cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress, listening, reached, task
-from hodo_cli.storage.hdf5 import Group, Variable
+from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
 from hodo_cli.sweeps.swept import Swept

@@ -12,7 +12,8 @@ from hodo_cli.commands.plot import draw_results
 from hodo_cli.commands.run import finish
 from hodo_cli.commands.show import stored_cases
 from hodo_cli.results.motion import open_results
-from hodo_cli.storage.hdf5 import Group, open_run
+from hodo_cli.storage.group import Group
+from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import (
     Writer,
     finished,

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from hodo_cli.storage.hdf5 import Group, Run, Variable, create, open_run
+from hodo_cli.storage.group import Group, Variable
+from hodo_cli.storage.hdf5 import Run, open_run
+from hodo_cli.storage.output import create
 from hodo_cli.storage.provenance import stamp
 
 SAMPLES = 41

@@ -18,7 +18,7 @@ from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
-from ..storage.hdf5 import Variable
+from ..storage.group import Variable
 
 
 def integrated_motion(case: Case, passed: Sequence[Crossing] | None = None) -> Motion:

@@ -20,7 +20,8 @@ from ..figures.costs import draw_bench
 from ..figures.sheet import save
 from ..integration.integrate import ASKED
 from ..progress import Progress
-from ..storage.hdf5 import Group, Variable, create
+from ..storage.group import Group, Variable
+from ..storage.output import create
 from ..storage.provenance import root_attributes, stamp
 from ..storage.staging import replacing
 from ..text import magnitude, seconds, table

@@ -16,7 +16,8 @@ from ..claims.finding import Verdict
 from ..claims.variations import Motions
 from ..claims.verdicts import judge_claim, judge_erratum
 from ..progress import Progress
-from ..storage.hdf5 import TOLD_ATTRIBUTES, Group, Run, Variable
+from ..storage.group import TOLD_ATTRIBUTES, Group, Variable
+from ..storage.hdf5 import Run
 from ..storage.provenance import stamp
 from ..storage.update import update
 from .resume import content_mark, result_named, telling, told, warn_of_changes

@@ -15,7 +15,7 @@ from ..models import rigid_body
 from ..progress import Progress
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
-from ..storage.hdf5 import TOLD_ATTRIBUTES, Group, checksum_of
+from ..storage.group import TOLD_ATTRIBUTES, Group, checksum_of
 from ..storage.provenance import stamp, typed
 from ..storage.update import update
 from .resume import content_mark, result_named, telling, told, warn_of_changes

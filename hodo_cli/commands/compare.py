@@ -18,7 +18,8 @@ from ..cases.case import Case, parse_case
 from ..models import rigid_body
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
-from ..storage.hdf5 import Group, Run, Variable, open_run
+from ..storage.group import Group, Variable
+from ..storage.hdf5 import Run, open_run
 from ..storage.provenance import typed
 from .resume import result_named, warn_of_changes
 

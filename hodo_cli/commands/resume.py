@@ -16,7 +16,8 @@ from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
 from ..cases.config import Config, load, parse
-from ..storage.hdf5 import TOLD_ATTRIBUTES, Attribute, Run
+from ..storage.group import TOLD_ATTRIBUTES, Attribute
+from ..storage.hdf5 import Run
 from ..storage.staging import staging_folders
 from ..storage.writer import Finished
 

@@ -24,7 +24,8 @@ from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress, task
 from ..results.layout import SUMMARY, case_group
-from ..storage.hdf5 import Group, Run, open_run
+from ..storage.group import Group
+from ..storage.hdf5 import Run, open_run
 from ..storage.provenance import root_attributes, stamp
 from ..storage.staging import check_writable
 from ..storage.writer import Finished, Writer, finished

@@ -13,7 +13,7 @@ from .. import HodoError
 from ..models.averaging.free_turn import Body
 from ..models.averaging.passage import share_that_crosses
 from ..results.motion import Motion, Results
-from ..storage.hdf5 import Group
+from ..storage.group import Group
 from ..sweeps.swept import Swept
 from .artists import BLACK, COLUMN, GREEN, PAGE, RED, SEPARATRIX, SKY, case_handles, legend, styles
 from .sheet import STYLE, Sheet

@@ -13,7 +13,7 @@ import xarray as xr
 
 from .. import HodoError
 from ..schema.kinds import unknown
-from ..storage.hdf5 import Group, Variable
+from ..storage.group import Group, Variable
 from ..storage.writer import open_batch
 
 

@@ -20,7 +20,7 @@ from ..integration.classify import Classification
 from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
-from ..storage.hdf5 import Attribute, Group, Variable
+from ..storage.group import Attribute, Group, Variable
 
 # Attributes
 

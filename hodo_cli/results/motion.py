@@ -24,7 +24,8 @@ from ..cases.figure_block import BODY_AXES
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
-from ..storage.hdf5 import Group, Run
+from ..storage.group import Group
+from ..storage.hdf5 import Run
 from ..storage.provenance import typed
 from ..storage.writer import open_batch
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, SHOWN

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .hdf5 import Attribute, Group, Output, Run, amend, create, open_run
+from .group import Attribute, Group
+from .hdf5 import Run, open_run
+from .output import Output, amend, create
 from .staging import Staging, check_writable, identity, refusals
 from .writer import KEPT, longer, parts_in, pieces, publish_finished, resume_attributes
 

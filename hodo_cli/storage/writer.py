@@ -24,7 +24,9 @@ from typing import Any, Self
 
 from .. import HodoError
 from ..cases.config import parse
-from .hdf5 import Attribute, Dimensions, Group, Output, Run, create, open_run
+from .group import Attribute, Group
+from .hdf5 import Dimensions, Run, open_run
+from .output import Output, create
 from .staging import Staging, identity, refusals, staging_folders, synced
 
 KEPT = "; finished cases are kept"
@@ -105,16 +107,16 @@ class Batch(Run):
         return name in self._names
 
     @contextmanager
-    def _group(self, name: str) -> Iterator[Any]:
+    def open_group(self, name: str) -> Iterator[Any]:
         if self._result and name not in self._waiting:
-            with self._result._group(name) as group:
+            with self._result.open_group(name) as group:
                 yield group
         else:
             # One at a time: a batch may have more cases than a process may open files. The run may
             # have ended since, and then its result has the case.
             piece = self._waiting.get(name, self.path)
             file = piece if piece.exists() else self.path
-            with open_run(file) as run, run._group(name) as group:
+            with open_run(file) as run, run.open_group(name) as group:
                 yield group
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import HodoError
 from ..results.motion import Array
-from ..storage.hdf5 import Variable
+from ..storage.group import Variable
 
 
 def distance_of_sweeps(

@@ -21,7 +21,7 @@ from ..models import rigid_body
 from ..models.base import Event
 from ..models.constants import Structure, flatten
 from ..progress import portion
-from ..storage.hdf5 import Attribute, Group, Variable
+from ..storage.group import Attribute, Group, Variable
 from . import ensemble
 from .columns import (
     Classified,

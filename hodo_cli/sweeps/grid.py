@@ -10,7 +10,7 @@ from ..cases.case import Case
 from ..cases.sweep_block import axes_of
 from ..engines.protocol import Status
 from ..results.layout import TIME, Stored, case_attributes, principal_axes
-from ..storage.hdf5 import Group, Late, Variable
+from ..storage.group import Group, Late, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import kept, shape
 from .summary import Read, Summary

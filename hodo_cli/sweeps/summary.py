@@ -18,7 +18,7 @@ from ..integration.solve import solve, stored
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..progress import reached
-from ..storage.hdf5 import Group, Variable
+from ..storage.group import Group, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import columns
 from .members import member

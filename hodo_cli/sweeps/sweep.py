@@ -14,7 +14,7 @@ from ..batch.mark import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
 from ..progress import portion, reached
-from ..storage.hdf5 import Group
+from ..storage.group import Group
 from ..storage.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns

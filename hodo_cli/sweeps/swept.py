@@ -12,7 +12,7 @@ from ..cases.case import Case, parse_case
 from ..cases.sweep_block import Axis, axes_of
 from ..results.motion import Array
 from ..schema.kinds import nearest
-from ..storage.hdf5 import Group
+from ..storage.group import Group
 from ..storage.provenance import typed
 from .averages import average
 

@@ -1,0 +1,73 @@
+"""Groups of labelled arrays, and the checksum that a group is stored with."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .disk import Checksum, Digest, digest_of
+
+Attribute = str | int | float | np.ndarray
+
+TOLD_ATTRIBUTES = ("told_mark", "told")
+"""Attributes that stand behind the checksum: what a command has told of the data under it."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A labelled array: numbers that netCDF knows (not bool, half or long double), or strings."""
+
+    dims: tuple[str, ...]
+    data: np.ndarray
+    attrs: dict[str, Attribute] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Late:
+    """Variables too large for memory: their arrays carry only shape and dtype, and the values come
+    from `blocks()` as (name, where, block) when the group is written."""
+
+    names: frozenset[str]
+    blocks: Callable[[], Iterator[tuple[str, Any, np.ndarray]]]
+
+
+@dataclass(frozen=True)
+class Group:
+    """What a group holds. A variable that is named as its only dimension is that dimension's
+    coordinate."""
+
+    attributes: Mapping[str, Attribute]
+    variables: Mapping[str, Variable]
+    late: Late | None = None
+
+
+def as_stored(attributes: Mapping[str, Attribute]) -> dict[str, Attribute]:
+    """Attributes without what HDF5 cannot store: a text of a foreign program may hold half a
+    surrogate, or a zero, at which C readers would stop."""
+    return {
+        name: value.encode("utf-8", "replace").decode().replace("\0", "\ufffd")
+        if isinstance(value, str)
+        else value
+        for name, value in attributes.items()
+    }
+
+
+def is_number(dtype: np.dtype) -> bool:
+    """Whether netCDF has a type of number: no records, references or lists either."""
+    return dtype.kind in "iuf" and dtype.itemsize <= 8 and dtype != np.float16
+
+
+def checksum_of(group: Group) -> str:
+    """The checksum that a group is stored with."""
+    return checksum_with(group, {})
+
+
+def checksum_with(group: Group, digests: Mapping[str, Digest]) -> str:
+    """The checksum of a group, some of whose variables were digested as they were written."""
+    covered = {key: value for key, value in group.attributes.items() if key not in TOLD_ATTRIBUTES}
+    found = Checksum(as_stored(covered))
+    for key, variable in group.variables.items():
+        digest = str(digests[key]) if key in digests else digest_of(variable.data)
+        found.add(key, variable.dims, digest, as_stored(variable.attrs))
+    return str(found)

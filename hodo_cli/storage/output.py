@@ -1,0 +1,211 @@
+"""Files being written, group by group, as netCDF-4 readers want them."""
+
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import h5py
+import numpy as np
+from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
+
+from .disk import Checksum, Digest, Disk, seal
+from .group import TOLD_ATTRIBUTES, Attribute, Group, as_stored, checksum_with, is_number
+from .hdf5 import NO_VARIABLE, STRING, Dimensions, Run, dimensions_of, encoded
+from .provenance import FORMAT_VERSION
+
+SCALAR = h5s.create(h5s.SCALAR)
+
+H5Object: TypeAlias = h5f.FileID | h5g.GroupID | h5d.DatasetID
+"""What attributes stand at."""
+
+
+class Output:
+    """A file that is being written; made by `create`."""
+
+    def __init__(self, file: h5py.File, disk: Disk) -> None:
+        self._file = file
+        self._disk = disk
+
+    def write(self, name: str, group: Group) -> None:
+        """Add a group, or replace it."""
+        self._disk.check()
+        if name in self._file:
+            del self._file[name]
+        target = _new_group(self._file.id, name)
+        told = {key: group.attributes[key] for key in TOLD_ATTRIBUTES if key in group.attributes}
+        _set_attributes(target, {k: v for k, v in group.attributes.items() if k not in told})
+        sizes: dict[str, int] = {}
+        items: dict[str, h5d.DatasetID] = {}
+        late_ones = group.late.names if group.late else ()
+        for key, variable in group.variables.items():
+            for dim, size in zip(variable.dims, variable.data.shape, strict=True):
+                if sizes.setdefault(dim, size) != size:
+                    raise ValueError(
+                        f"{name}/{key}: {dim} has {size} values, elsewhere {sizes[dim]}"
+                    )
+            dtype = _file_type(key, variable.data)
+            items[key] = _new_dataset(target, key, dtype, variable.data.shape)
+            if key not in late_ones:
+                data = np.require(variable.data, dtype, "C")
+                items[key].write(h5s.ALL, h5s.ALL, data, _types(dtype)[1])
+            _set_attributes(items[key], variable.attrs)
+        for dim, size in sizes.items():
+            if dim in items:
+                h5ds.set_scale(items[dim], dim.encode())
+            else:
+                # A big-endian float that is never written, as netCDF-4 makes it: it takes no room
+                # in the file.
+                items[dim] = _new_dataset(target, dim, np.dtype(">f4"), (size,))
+                h5ds.set_scale(items[dim], NO_VARIABLE + b"%10d" % size)
+        for key, variable in group.variables.items():
+            # A scale is attached to others, never to itself.
+            if key not in sizes:
+                _attach(items, key, variable.dims)
+        # Last, so that memory holds one block at a time.
+        late = {key: Digest() for key in late_ones}
+        for key, where, block in group.late.blocks() if group.late else ():
+            item = h5py.Dataset(items[key])
+            item[where] = block
+            late[key].add(np.asarray(block, dtype=item.dtype))
+        _set_attributes(target, {"checksum": checksum_with(group, late), **told})
+
+    def copy(self, run: Run, name: str, known: Dimensions | None = None) -> None:
+        """Copy a group as it is stored; `known` are the dimensions of its variables, where this
+        process has written it. Raises HodoError if it is damaged.
+
+        HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew.
+        """
+        self._disk.check()
+        with run.open_group(name) as old:
+            dims = known or dimensions_of(old)
+            h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINKS[name.isascii()])
+            target = h5g.open(self._file.id, name.encode())
+            scales = dict.fromkeys(dim for each in dims.values() for dim in each)
+            items = {key: h5d.open(target, encoded(key)) for key in {**dims, **scales}}
+            for item in items.values():
+                for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
+                    if h5a.exists(item, link):
+                        h5a.delete(item, link)
+            for key, of in dims.items():
+                if key not in scales:  # a scale is attached to others, never to itself
+                    _attach(items, key, of)
+
+
+def _attach(items: Mapping[str, h5d.DatasetID], name: str, dims: tuple[str, ...]) -> None:
+    """Link a dataset to its dimensions."""
+    for i, dim in enumerate(dims):
+        h5ds.attach_scale(items[name], items[dim], i)
+
+
+@contextmanager
+def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
+    """A new file with these root attributes; the version of the format is one in any case.
+
+    Raises OSError if the operating system does not let it be written.
+    """
+    with _written(path) as disk:
+        with h5py.File(disk, "w", track_order=True) as file:
+            _set_root(file, attributes)
+            yield Output(file, disk)
+        disk.check()
+        seal(disk)
+
+
+@contextmanager
+def amend(path: Path, run: Run, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
+    """A copy of a file that holds damaged groups, which HDF5 cannot copy: their bytes are kept, and
+    the groups that are written replace theirs and come last. It gets no seal, so that the damage is
+    seen again.
+
+    Raises OSError if the operating system does not let it be written.
+    """
+    with _written(path) as disk:
+        with open(run.path, "rb") as file:
+            shutil.copyfileobj(file, disk)
+        disk.check()
+        with h5py.File(disk, "r+") as file:
+            for name in [*file.attrs]:
+                del file.attrs[name]
+            _set_root(file, attributes)
+            yield Output(file, disk)
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[Disk]:
+    """A new file; what the operating system refused in the meantime is raised at the end."""
+    with Disk(path) as disk:
+        try:
+            yield disk
+        finally:
+            disk.check()
+
+
+def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:
+    root = as_stored({"format_version": FORMAT_VERSION, **attributes})
+    _set_attributes(file.id, {**root, "checksum": str(Checksum(root))})
+
+
+def _file_type(name: str, data: np.ndarray) -> Any:
+    """The type of an array in the file. Old netCDF readers lose bool, and crash on half and long
+    double."""
+    if data.dtype.kind in "OU":
+        return STRING
+    if not is_number(data.dtype):
+        raise TypeError(f"{name}: netCDF has no type {data.dtype}")
+    return data.dtype
+
+
+def _set_attributes(item: H5Object, attributes: Mapping[str, Attribute]) -> None:
+    """Set new attributes; text with variable length, which every reader gives back as text."""
+    for name, value in as_stored(attributes).items():
+        data = np.asarray(value, dtype=STRING if isinstance(value, str) else None)
+        space = h5s.create_simple(data.shape) if data.shape else SCALAR
+        in_file, in_memory = _types(_file_type(name, data))
+        h5a.create(item, name.encode(), in_file, space).write(data, in_memory)
+
+
+@cache
+def _types(dtype: np.dtype) -> tuple[h5t.TypeID, h5t.TypeID]:
+    """A type as HDF5 names it in a file and in memory."""
+    return h5t.py_create(dtype, logical=True), h5t.py_create(dtype)
+
+
+def _creation(kind: h5p.PropClassID) -> h5p.PropOCID:
+    """How groups or datasets are created: the order of creation is tracked throughout, without
+    which netCDF-4 cannot append."""
+    properties = h5p.create(kind)
+    properties.set_obj_track_times(False)
+    properties.set_attr_creation_order(TRACKED)
+    return properties
+
+
+def _link(characters: int) -> h5p.PropLCID:
+    """How the name of a group or dataset is stored."""
+    properties = h5p.create(h5p.LINK_CREATE)
+    properties.set_char_encoding(characters)
+    return properties
+
+
+TRACKED = h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED
+GROUP_CREATION, DATASET_CREATION = _creation(h5p.GROUP_CREATE), _creation(h5p.DATASET_CREATE)
+GROUP_CREATION.set_link_creation_order(TRACKED)
+LINKS = {True: _link(h5t.CSET_ASCII), False: _link(h5t.CSET_UTF8)}
+"""By whether the name is ASCII."""
+
+# The calls that h5py has for everybody take twice the time of these: a case has five datasets and
+# forty attributes, which is half of what it costs to run a short one.
+
+
+def _new_group(parent: H5Object, name: str) -> h5g.GroupID:
+    return h5g.create(parent, name.encode(), LINKS[name.isascii()], GROUP_CREATION)
+
+
+def _new_dataset(
+    parent: H5Object, name: str, dtype: np.dtype, shape: tuple[int, ...]
+) -> h5d.DatasetID:
+    space = h5s.create_simple(shape) if shape else SCALAR
+    link = LINKS[name.isascii()]
+    return h5d.create(parent, name.encode(), _types(dtype)[0], space, DATASET_CREATION, link)
