@@ -57,11 +57,12 @@ class Hodo(click.Group):
         except click.UsageError as error:
             _refuse(ctx, misused(error))
         except ModuleNotFoundError as error:
+            package = (error.name or "").partition(".")[0]
             # A module of hodo itself that is missing is a bug, and keeps its traceback.
-            if (error.name or "").startswith(__package__):
+            if package == __package__:
                 raise
-            wanted = EXTRAS.get(error.name or "", error.name)
-            _refuse(ctx, f"this needs {error.name}, which is not installed: pip install {wanted}")
+            wanted = EXTRAS.get(package, package)
+            _refuse(ctx, f"this needs {package}, which is not installed: pip install {wanted}")
         except MemoryError:
             _refuse(ctx, "the memory is exhausted, or the limit on it (ulimit -v) too low")
         except OSError as error:
