@@ -831,6 +831,18 @@ def test_no_member_crosses_where_equal_coefficients_forbid_it(end: float, part: 
         assert set(found[at].tolist()) == {1 if part > 0 else 3}
 
 
+@pytest.mark.heyoka
+def test_members_that_begin_beside_an_axis_by_1e_70_are_followed_until_that_has_grown() -> None:
+    case = one(
+        "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [1e-3, 1e-3, 5e-3], "
+        "time: {end: 1500}, initial: {p: 1e-70, q: 1, r: 1.5e-70}, "
+        "sweep: {initial.p: {values: [1e-70, 1e-60, 0.1]}}"
+    )
+    assert_members_are_single_cases(case, [0, 1, 2])
+    # By DOP853 at 1e-12 of each component, which takes 1,200 steps.
+    assert computed(case)["omega"][0] == pytest.approx([0.1411, -0.0022, 0.0699], abs=1e-4)
+
+
 RANDOM = "initial: {p: 0, q: 0, G: 1}, sweep: {d: {sphere: {count: 60, seed: 3}}}"
 MANY = {
     "paper": f"{FIG4}, {RANDOM}",

@@ -54,9 +54,11 @@ class Collocation(Stepwise):
         """See `Stepwise.series`; the coefficients are at hand."""
         return np.asarray(solver.series)
 
-    def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> "Steps":
+    def solver(
+        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float
+    ) -> "Steps":
         """See `Stepwise.solver`."""
-        return Steps(self.model, k, y, start, end, self.tol)
+        return Steps(self.model, k, y, start, end, self.tol, longest)
 
 
 class Steps:
@@ -70,8 +72,9 @@ class Steps:
         start: Any,
         end: Any,
         tol: float,
+        longest: float,
     ) -> None:
-        self.model, self.k, self.tol = model, k, tol
+        self.model, self.k, self.tol, self.longest = model, k, tol, longest
         self.t = self.t_old = start
         self.y, self.end, self.status, self.nfev = y, end, "running", 0
         self.points, self.integrals, self.transform = tableau(y.dtype)
@@ -82,8 +85,9 @@ class Steps:
     def step(self) -> str | None:
         """Take one step, of a size that keeps its error within tolerance."""
         while True:
-            last = self.t + self.h >= self.end
-            h = self.end - self.t if last else self.h
+            h = min(self.h, self.y.dtype.type(self.longest))
+            last = self.t + h >= self.end
+            h = self.end - self.t if last else h
             if self.t + h <= self.t:
                 self.status = "failed"
                 return "the step has become too small"

@@ -108,6 +108,8 @@ class Watch:
     max_seconds: float = math.inf
     band: tuple[float, float] | None = None
     observer: Observer | None = None
+    longest: float = math.inf
+    """The longest step that an engine may take in the leg, in its units."""
     steps: int = 0
     evaluations: int = 0
     status: Status = Status.OK

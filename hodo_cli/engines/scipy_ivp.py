@@ -44,7 +44,9 @@ class Ivp(Stepwise):
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too
             return super().leg(k, y, grid, watch)
 
-    def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> Solver:
+    def solver(
+        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float
+    ) -> Solver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}
         solver: Solver = self.method(
@@ -55,6 +57,7 @@ class Ivp(Stepwise):
             end,
             rtol=self.tol,
             atol=self.tol,
+            max_step=longest,
             **options,
         )
         return solver

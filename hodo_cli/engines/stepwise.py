@@ -44,8 +44,10 @@ class Stepwise:
     def __init__(self, events: tuple[Event, ...]) -> None:
         self.events = events
 
-    def solver(self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any) -> Solver:
-        """A new integration from `y` at `start` to `end`."""
+    def solver(
+        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float
+    ) -> Solver:
+        """A new integration from `y` at `start` to `end`, in steps of at most `longest`."""
         raise NotImplementedError
 
     def series(self, solver: Any, dense: Callable[[Any], np.ndarray]) -> np.ndarray:
@@ -56,7 +58,7 @@ class Stepwise:
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
         """See `Engine.leg`."""
         constants = attributes(k, self.dtype)
-        solver = self.solver(constants, y, grid[0], grid[-1])
+        solver = self.solver(constants, y, grid[0], grid[-1], watch.longest)
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
         rows[0], done, going, hit = y, 1, len(grid) > 1, None
         watch.moment = lambda: solver.t

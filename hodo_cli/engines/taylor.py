@@ -1,7 +1,7 @@
 """Adaptive Taylor series through heyoka; the only module that imports it."""
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import heyoka as hy
@@ -104,11 +104,14 @@ class Taylor:
                 last = ta.time
             return watch.step(state)
 
-        outcome, _, _, steps, *_, rows = ta.propagate_grid(grid, callback=after_step)
+        through = partial(
+            ta.propagate_grid, grid, callback=after_step, max_delta_t=self.dtype(watch.longest)
+        )
+        outcome, _, _, steps, *_, rows = through()
         if self._stopped_by(outcome) is not None and ta.time == grid[0]:
             # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
             # from returning.
-            outcome, _, _, steps, *_, rows = ta.propagate_grid(grid, callback=after_step)
+            outcome, _, _, steps, *_, rows = through()
         watch.evaluations += steps * ta.order
         event, hit = self._stopped_by(outcome), None
         if event is not None:

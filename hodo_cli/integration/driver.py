@@ -13,7 +13,7 @@ from ..models.base import Constants, Event, Model, Passed
 from ..models.constants import attributes
 from ..progress import reached
 from .trajectory import Occurrence
-from .units import Calendar, Clock, Units
+from .units import Calendar, Clock, Units, longest_step, uneven, units_at_start
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -95,7 +95,7 @@ def propagate(
     says so.
     """
     model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
-    units = Units.fit(model, k, np.array(y0))
+    units = units_at_start(system)
     exact = system.finer_start if fp is np.longdouble else np.array(y0)
     y = np.ldexp(exact, -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
@@ -104,6 +104,7 @@ def propagate(
     at_start = int(np.searchsorted(times, start, side="right"))
     samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
     found: list[Occurrence] = []
+    is_uneven = uneven(np.array(y0))
     watch.band, watch.observer = norm_band(engine, system), witness
     watch.tell = lambda: reached((clock.true(watch.moment()) - start) / (float(times[-1]) - start))
     while samples.done < len(times) and watch.status is Status.OK:
@@ -114,7 +115,10 @@ def propagate(
             raise OverflowError
         if witness is not None:
             witness.begin(engine, clock, units)
-        leg = engine.leg(units.constants(model, k), y, grid, watch)
+        constants = units.constants(model, k)
+        if is_uneven:
+            watch.longest = longest_step(model, constants, float(grid[0]), y.astype(float))
+        leg = engine.leg(constants, y, grid, watch)
         if witness is not None:
             witness.flush()
         found += [Occurrence(events[hit.event].kind, clock.true(hit.time)) for hit in leg.hits]
@@ -131,6 +135,8 @@ def propagate(
             samples.add(np.broadcast_to(y, (max(leapt, 0), len(y))), units.size)
             continue
         clock.advance(leg.time)
+        if samples.done == len(times) and units.size < LARGEST // 2:
+            break  # no leg is to follow, and this one was far from the largest number
         new = Units.fit(model, k, leg.state.astype(float), units.size)
         if new.size < -LIMIT:
             samples.add(np.zeros((len(times) - samples.done, len(y0))), -LIMIT)

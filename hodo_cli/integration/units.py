@@ -1,14 +1,17 @@
 """Units that fit a motion at every moment, and the clock that runs in them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ..engines import extended
-from ..models.base import Model
+from ..models.base import Constants, Model
+from ..models.constants import attributes, jacobian
 
 SLOWEST = -1000
 """The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the
@@ -75,6 +78,41 @@ class Units:
             name: np.ldexp(k[name], (degree - 1) * self.size - self.rate)
             for name, degree in model.degree.items()
         }
+
+
+UNEVEN = 1e-9
+"""The part of the largest component of a start below which another one is lost to the control of
+the error, which is relative to the largest: a series then takes steps in which what is small may
+grow by many powers of e, and so does that of a higher precision."""
+
+RESOLVED = 1.5
+"""The step that follows what is small, in units of its fastest growth or turn: of order 20 and more
+a series is then right to the last digit of it."""
+
+
+def uneven(y: np.ndarray) -> Any:
+    """Whether states (m,) or (m, n) have a component that is small beside the largest, but not
+    0."""
+    size = np.abs(y)
+    return ((size > 0) & (size < UNEVEN * size.max(axis=0))).any(axis=0)
+
+
+def longest_step(model: type[Model], k: Constants, t: float, y: np.ndarray) -> float:
+    """The longest step that follows what is small in a state (m,): an infinitesimal change of it
+    grows or turns at the rates of the Jacobian's eigenvalues. What only decays needs no steps."""
+    slopes = jacobian(model, attributes(k), t, y)
+    if not np.isfinite(slopes).all():
+        return math.inf
+    rates = np.linalg.eigvals(slopes)
+    fastest = max(float(rates.real.max()), float(np.abs(rates.imag).max()))
+    return RESOLVED / fastest if fastest > 0 else math.inf
+
+
+@lru_cache(maxsize=64)
+def units_at_start(system: Model) -> Units:
+    """The units that fit a motion as it begins: its trial, the motion itself and its reference ask
+    for them."""
+    return Units.fit(type(system), system.constants, np.array(system.start))
 
 
 @dataclass

@@ -17,7 +17,7 @@ from ..engines.polynomial import TAYLOR, isolate, to_bernstein
 from ..engines.series import value
 from ..integration.choice import MANY_STEPS
 from ..integration.trajectory import Occurrence
-from ..integration.units import Units
+from ..integration.units import Units, uneven
 from ..models.base import Event, Model
 from ..models.constants import Structure, namespace
 
@@ -204,7 +204,8 @@ class Underway:
 
     def __post_init__(self) -> None:
         e, m = self.ensemble, self.m
-        moving = np.flatnonzero((e.start != 0).any(axis=0))
+        # Those of uneven starts are left to single cases, whose steps can be limited.
+        moving = np.flatnonzero((e.start != 0).any(axis=0) & ~uneven(e.start))
         number = padded(moving)
         self.now, self.next = np.zeros((2, self.step.rows, len(number)))
         self.now[:m], self.now[m] = e.start[:, number], e.lengths[number]
