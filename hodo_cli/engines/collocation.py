@@ -11,6 +11,7 @@ Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II (199
 and IV.8.
 """
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from types import SimpleNamespace
@@ -55,7 +56,7 @@ class Collocation(Stepwise):
         return np.asarray(solver.series)
 
     def solver(
-        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float
+        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
     ) -> "Steps":
         """See `Stepwise.solver`."""
         return Steps(self.model, k, y, start, end, self.tol, longest)
@@ -72,7 +73,7 @@ class Steps:
         start: Any,
         end: Any,
         tol: float,
-        longest: float,
+        longest: float = math.inf,
     ) -> None:
         self.model, self.k, self.tol, self.longest = model, k, tol, longest
         self.t = self.t_old = start

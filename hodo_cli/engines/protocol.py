@@ -95,6 +95,19 @@ class Engine(Protocol):
         ...
 
 
+UNEVEN = 1e-9
+"""The part of the largest component of a start below which another one is lost to the control of
+the error, which is relative to the largest: a series then takes steps in which what is small may
+grow by many powers of e, and so does that of a higher precision."""
+
+
+def uneven(y: np.ndarray) -> Any:
+    """Whether states (m,) or (m, n) have a component that is small beside the largest, but not
+    0."""
+    size = np.abs(y)
+    return ((size > 0) & (size < UNEVEN * size.max(axis=0))).any(axis=0)
+
+
 @dataclass
 class Watch:
     """Decides after each step whether to go on; `status` and `message` say why a motion was given
@@ -109,7 +122,8 @@ class Watch:
     band: tuple[float, float] | None = None
     observer: Observer | None = None
     longest: float = math.inf
-    """The longest step that an engine may take in the leg, in its units."""
+    """The longest step that an engine may take in the leg, in its units: the leg ends where what
+    needs such a limit has grown."""
     steps: int = 0
     evaluations: int = 0
     status: Status = Status.OK
@@ -129,6 +143,8 @@ class Watch:
         """Count a step that ended in `y`; False to stop."""
         self.steps += 1
         if self.steps >= self._look_at and not self._goes_on():
+            return False
+        if self.longest < math.inf and not uneven(y.astype(float)):
             return False
         if self.band is None:
             return True

@@ -1,5 +1,6 @@
 """SciPy's initial value solvers, by name; the only module that imports scipy.integrate."""
 
+import math
 import warnings
 from functools import partial
 from types import SimpleNamespace
@@ -45,7 +46,7 @@ class Ivp(Stepwise):
             return super().leg(k, y, grid, watch)
 
     def solver(
-        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float
+        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
     ) -> Solver:
         """See `Stepwise.solver`; the implicit methods are given the Jacobian."""
         options = {"jac": partial(jacobian, self.model, k)} if self.implicit else {}

@@ -1,6 +1,7 @@
 """The loop that engines share which advance one step at a time and have a formula for the state
 inside it."""
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from types import SimpleNamespace
@@ -45,7 +46,7 @@ class Stepwise:
         self.events = events
 
     def solver(
-        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float
+        self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float = math.inf
     ) -> Solver:
         """A new integration from `y` at `start` to `end`, in steps of at most `longest`."""
         raise NotImplementedError

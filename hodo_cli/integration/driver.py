@@ -8,12 +8,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..engines.protocol import Engine, Hit, Status, Watch
+from ..engines.protocol import Engine, Hit, Status, Watch, uneven
 from ..models.base import Constants, Event, Model, Passed
 from ..models.constants import attributes
 from ..progress import reached
 from .trajectory import Occurrence
-from .units import Calendar, Clock, Units, longest_step, uneven, units_at_start
+from .units import Calendar, Clock, Units, longest_step, units_at_start
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -116,8 +116,13 @@ def propagate(
         if witness is not None:
             witness.begin(engine, clock, units)
         constants = units.constants(model, k)
-        if is_uneven:
-            watch.longest = longest_step(model, constants, float(grid[0]), y.astype(float))
+        # What becomes small on the way stays so: it decays.
+        is_uneven = is_uneven and uneven(y.astype(float))
+        watch.longest = (
+            longest_step(model, constants, float(grid[0]), y.astype(float))
+            if is_uneven
+            else math.inf
+        )
         leg = engine.leg(constants, y, grid, watch)
         if witness is not None:
             witness.flush()

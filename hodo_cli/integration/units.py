@@ -80,21 +80,9 @@ class Units:
         }
 
 
-UNEVEN = 1e-9
-"""The part of the largest component of a start below which another one is lost to the control of
-the error, which is relative to the largest: a series then takes steps in which what is small may
-grow by many powers of e, and so does that of a higher precision."""
-
 RESOLVED = 1.5
 """The step that follows what is small, in units of its fastest growth or turn: of order 20 and more
 a series is then right to the last digit of it."""
-
-
-def uneven(y: np.ndarray) -> Any:
-    """Whether states (m,) or (m, n) have a component that is small beside the largest, but not
-    0."""
-    size = np.abs(y)
-    return ((size > 0) & (size < UNEVEN * size.max(axis=0))).any(axis=0)
 
 
 def longest_step(model: type[Model], k: Constants, t: float, y: np.ndarray) -> float:

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..engines.polynomial import TAYLOR, isolate, to_bernstein
+from ..engines.protocol import uneven
 from ..engines.series import value
 from ..integration.choice import MANY_STEPS
 from ..integration.trajectory import Occurrence
-from ..integration.units import Units, uneven
+from ..integration.units import Units
 from ..models.base import Event, Model
 from ..models.constants import Structure, namespace
 
