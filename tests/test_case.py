@@ -1001,6 +1001,18 @@ def test_names_in_figures_are_checked_when_the_file_is_read(figure: str, said: s
     assert int(column) >= len("figures: {f: {")
 
 
+@pytest.mark.parametrize("figure", ["curve, by: damping.0", "map, y: damping.0"])
+def test_no_positions_are_all_positions(figure: str) -> None:
+    """The default may be written down."""
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 1, initial: {p: 1, q: 1, r: 1}"
+    axes = "{damping.2: {values: [1, 2]}, damping.0: {values: [1, 2]}}"
+    text = (
+        f"cases: {{a: {{{body}, time: {{end: 1}}, sweep: {axes}}}}}\n"
+        f"figures: {{f: {{kind: {figure}, cases: a, variable: crossings, x: damping.2, at: []}}}}\n"
+    )
+    assert parse(text, "x.yaml").figures["f"]["at"] == ()
+
+
 def test_an_override_for_one_run_leaves_figures_right() -> None:
     """A trial over a shorter time, or of fewer members, draws what it can."""
     body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 1, initial: {p: 1, q: 1, r: 1}"

@@ -733,6 +733,12 @@ def test_a_figure_that_breaks_does_not_cost_the_others(
     assert second.files[0].is_file()
 
 
+def test_no_two_of_many_curves_look_the_same() -> None:
+    looks = [(look["color"], look["ls"]) for look in artists.styles(32)]
+    assert len(set(looks)) == 32
+    assert looks[:8] == list(artists.CYCLE)
+
+
 def test_every_curve_stands_out_on_paper() -> None:
     """The contrast of WCAG 2: (1 + 0.05) / (L + 0.05) on white, with L by the linear values."""
     colours = {*artists.COLOURS.values(), *artists.AXIS_COLOUR.values(), artists.GREY}
@@ -851,6 +857,18 @@ def test_processes_draw_the_same_files(hodo: Hodo, tmp_path: Path) -> None:
     one, two = (sorted((tmp_path / name).rglob("*.*")) for name in ("one", "two"))
     assert len(one) == 7
     assert [file.read_bytes() for file in one] == [file.read_bytes() for file in two]
+
+
+def test_a_bare_name_is_a_config_unless_it_is_a_figure(hodo: Hodo, tmp_path: Path) -> None:
+    text = KEPT.format(caption="a", r=1, end=1)
+    for name in ("c", "d", "of-a"):
+        (tmp_path / f"{name}.yaml").write_text(text)
+    (tmp_path / "broken.yaml").write_text("cases: 1")
+    assert hodo("run", "c.yaml", "d.yaml", "--quiet").returncode == 0
+    for first in ("c", "runs/c.h5"):
+        done = hodo("plot", first, "d", "of-a")
+        assert done.stdout.splitlines() == [f"runs/figures/{name}/of-a.png" for name in "cd"]
+        assert "unknown figure 'broken'" in hodo("plot", first, "broken").stderr
 
 
 def test_a_figure_that_failed_is_tried_again(hodo: Hodo, tmp_path: Path) -> None:

@@ -158,7 +158,7 @@ MAP = {
     "y": Key(Text(), "axis of the sweep on the vertical axis", default=None),
     "panels": Key(Text(), "axis of the sweep that the panels follow", default=None),
     "at": Key(
-        ListOf(Integer(least=0)),
+        ListOf(Integer(least=0), least=0),
         "positions on that axis, counted from zero (default: all)",
         default=(),
     ),
@@ -177,7 +177,7 @@ CURVE = {
     "x": Key(Text(), "axis of the sweep on the horizontal axis"),
     "by": Key(Text(), "axis of the sweep of which each entry is a curve", default=None),
     "at": Key(
-        ListOf(Integer(least=0)),
+        ListOf(Integer(least=0), least=0),
         "positions on `by`, counted from zero (default: all)",
         default=(),
     ),

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.mark import library_version
 from ..batch.pool import Pool, pool
-from ..cases.config import Config, parse
+from ..cases.config import Config, load, parse
 from ..cases.figure_block import FORMATS, SCRIPT
 from ..progress import Progress
 from ..schema.kinds import nearest
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..results.motion import Results
 
 SOURCES = (".h5", *CONFIGS)
-"""What the name of a result or of its config ends with; any other name is that of a figure."""
+"""What the name of a result or of its config ends with, unless that is a bare name."""
 
 RECORD = "drawn.json"
 """What a folder of figures keeps of how each of its files was made."""
@@ -96,9 +96,28 @@ def opened(name: Path) -> Iterator[tuple[Run, Config]]:
 
 def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
     """Which of the names are those of results or configs, the first in any case, and which those of
-    figures."""
+    figures; a figure of the first comes before a config of the same name.
+
+    Raises HodoError if the first is to be asked for its figures, and cannot be read.
+    """
     files = [name for i, name in enumerate(names) if not i or name.endswith(SOURCES)]
-    return [Path(name) for name in files], [name for name in names if name not in files]
+    if configs := [name for name in names if name not in files and _is_config(name)]:
+        path, config = result_named(Path(names[0]))
+        if config is None:
+            with open_batch(path) as run:
+                config = parse(run.text, str(path))
+        files += [name for name in configs if name not in config.figures]
+    return (
+        [Path(name) for name in names if name in files],
+        [name for name in names if name not in files],
+    )
+
+
+def _is_config(name: str) -> bool:
+    """Whether a name is that of a config that can be read."""
+    with suppress(HodoError):
+        return bool(load(name))
+    return False
 
 
 def draw_results(

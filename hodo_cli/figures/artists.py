@@ -129,7 +129,13 @@ def styles(n: int, given: Sequence[str] = ()) -> list[dict[str, Any]]:
 
     Raises HodoError for a colour or a line that there is not.
     """
-    looks = [dict(zip(("color", "ls"), CYCLE[i % len(CYCLE)], strict=True)) for i in range(n)]
+    lines = list(dict.fromkeys(line for _, line in CYCLE))
+    looks: list[dict[str, Any]] = []
+    for i in range(n):
+        again, (colour, line) = i // len(CYCLE), CYCLE[i % len(CYCLE)]
+        # Each round of the colours has other lines, or its curves would look like those before.
+        line = lines[(lines.index(line) + again) % len(lines)]
+        looks.append({"color": colour, "ls": line})
     return [*map(style, given), *looks[len(given) :]][:n]
 
 

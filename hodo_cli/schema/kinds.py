@@ -432,7 +432,7 @@ class ListOf(Kind):
         return is_list(value) or (self.alone and self.kind.takes(value))
 
     def __str__(self) -> str:
-        return self.title or f"a list of one or more: {self.kind}"
+        return self.title or f"a list{' of one or more' if self.least else ''}: {self.kind}"
 
 
 NAMES = ListOf(Text(), least=0, alone=True, title="a name or a list of names")
