@@ -139,6 +139,9 @@ def test_keys_of_a_model_that_is_not_there_are_no_mistakes_of_their_own(
             ":38: AttributeError: 'QuadraticDrag' object has no attribute",
         ),
         ("return (\n", "return (\n0,", ": rhs gives 4 rates for 3 variables of the state"),
+        ('"c": 2,', '"cc": 2,', ": `degree` names 'cc', but `constants` has: A1, A2, A3, g, c"),
+        ('"c": 2,', '"c": 1,', ": `degree` does not fit rhs: with the constants of other units"),
+        ("def rhs(t, y, k)", "def rates(t, y, k)", ": the model quadratic-drag states no rhs"),
     ],
 )
 def test_a_mistake_in_the_equations_is_one_line_before_the_run(

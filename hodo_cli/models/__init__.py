@@ -12,6 +12,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 from .. import HodoError
 from .base import Model
@@ -145,15 +146,32 @@ def mistake_in(system: Model) -> str:
         return ""
     path = str(own[0].__file__)
     try:
-        rates = system.rhs(0.0, [*system.start], attributes(system.constants))
-        found = len(rates)
+        said = _unfit(system)
     except ArithmeticError:
         return ""  # that is for the numbers of a case to answer, not for its equations
+    except NotImplementedError:
+        said = f"the model {system.name} states no rhs"
     except Exception as error:
         return _said_of(error, path)
-    if found == len(system.state):
-        return ""
-    return f"{path}: rhs gives {found} rates for {len(system.state)} variables of the state"
+    return f"{path}: {said}" if said else ""
+
+
+def _unfit(system: Model) -> str:
+    """How the rates of a motion at its start do not fit its state, or its `degree`."""
+    k: dict[str, Any] = {**system.constants}
+    if strange := [name for name in system.degree if name not in k]:
+        return f"`degree` names {strange[0]!r}, but `constants` has: {', '.join(k)}"
+    start = [*system.start]
+    rates = system.rhs(0.0, start, attributes(k))
+    if len(rates) != len(start):
+        return f"rhs gives {len(rates)} rates for {len(start)} variables of the state"
+    # The same motion in a unit of velocity that is four times as large.
+    other = k | {name: k[name] * 4.0 ** (degree - 1) for name, degree in system.degree.items()}
+    again = system.rhs(0.0, [value / 4 for value in start], attributes(other))
+    apart = max(abs(one - 4 * two) for one, two in zip(rates, again, strict=True))
+    if system.degree and apart > 1e-9 * max(map(abs, rates)):
+        return "`degree` does not fit rhs: with the constants of other units it gives other rates"
+    return ""
 
 
 def find(name: str, form: str) -> type[Model]:
