@@ -26,7 +26,7 @@ def _end(number: int, frame: object) -> NoReturn:
     destructor or a callback of HDF5, it is lost.
     """
     # Not click's echo: a signal may arrive while the stream is locked.
-    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; finished cases are kept\n")
+    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; what is finished is kept\n")
     os._exit(128 + number)
 
 
