@@ -138,7 +138,7 @@ class AveragedTurns(BodyFrame):
         elif not max(slow.pair) or slow.gap < 2 * EDGE:
             yield (
                 ("initial",),
-                "nothing turns at rest, or on or beside the separatrix; form full does not average",
+                "nothing turns at rest, nor on the separatrix or beside it: take form full",
             )
 
     @property
