@@ -859,6 +859,23 @@ def test_processes_draw_the_same_files(hodo: Hodo, tmp_path: Path) -> None:
     assert [file.read_bytes() for file in one] == [file.read_bytes() for file in two]
 
 
+def test_the_names_of_panels_are_within_the_figure(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(
+        "cases: {a: {model: linear-diag, inertia: [3, 2, 1], damping: [1, 1, 1], "
+        "initial: {p: 0, q: 0, G: 1}, time: {end: 0.1}, "
+        "sweep: {damping.2: {values: [1, 2]}, d: {sphere: {count: 9}}}}}\n"
+        "figures: {f: {kind: map, cases: a, variable: omega.x1, panels: damping.2}}\n"
+    )
+    assert hodo("run", "c.yaml", "--quiet").returncode == 0
+    with open_results(tmp_path / "runs/c.h5") as results:
+        for at in ((0,), (0, 1)):
+            drawing = figures.draw({**results.figure("f"), "at": at}, results).figure
+            FigureCanvasAgg(drawing).draw()
+            for panel in drawing.axes[: len(at)]:
+                assert panel.get_title()
+                assert panel.title.get_window_extent().y1 <= drawing.bbox.y1
+
+
 def test_a_bare_name_is_a_config_unless_it_is_a_figure(hodo: Hodo, tmp_path: Path) -> None:
     text = KEPT.format(caption="a", r=1, end=1)
     for name in ("c", "d", "of-a"):

@@ -75,6 +75,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             pad=0.02,
             shrink=0.7,
             aspect=45,
+            panchor=False,  # where `map_sphere` has it
         )
         # At its size a letter is a seventeenth of an inch wide.
         room = int(17 * sheet.figure.get_figwidth())
@@ -172,7 +173,9 @@ def map_sphere(
     directions = swept.axis(name).directions(np.arange(len(swept.axis(name))))
     axes.set_facecolor(GAP)
     axes.grid(False)
-    axes.set(xticks=[], yticks=[])
+    # At the top of its room: room left above the map would be taken for that of its title, which
+    # is cut off when the map grows.
+    axes.set(xticks=[], yticks=[], anchor="N")
     axes.spines["geo"].set(color=GREY, lw=0.6)
     axes.pcolormesh(*sphere_cells(directions, values), **look)
     for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
