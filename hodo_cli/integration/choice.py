@@ -13,6 +13,9 @@ from .driver import Sampled
 from .solve import solve
 from .units import Units
 
+AUTOMATIC = ("exact", "taylor", "collocation")
+"""The methods that `auto` takes: those that are right to the last digits."""
+
 MANY_STEPS = 1e4
 """Beyond this many Taylor steps, some 10 ms, collocation is the faster one."""
 

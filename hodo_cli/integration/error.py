@@ -10,7 +10,7 @@ from .. import engines
 from ..cases.case import Case
 from ..engines import extended
 from ..models.constants import attributes
-from .choice import MANY_STEPS, best
+from .choice import AUTOMATIC, MANY_STEPS, best
 from .driver import LIMIT, Sampled
 from .solve import Solution, sample_times, solve
 
@@ -88,7 +88,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
     if finer:
         # What `auto` took for the motion it takes for long doubles too: without another trial, and
         # not the series where that has failed.
-        known = case.method == "auto" and finer == "extended"
+        known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
         better = method if known else best(case, finer)[0]
         if better != "taylor" or engines.have_taylor():
             yield finer, better, None
