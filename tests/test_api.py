@@ -107,6 +107,17 @@ def test_a_figure_is_drawn_of_datasets() -> None:
         api.plot(made, color="axis")
 
 
+@pytest.mark.heyoka
+def test_a_map_of_a_label_names_what_its_colours_mean() -> None:
+    axes = {"initial.p": {"linspace": [0.1, 0.9, 5]}, "initial.r": {"linspace": [0.1, 0.9, 5]}}
+    case = {k: v for k, v in FIG4.items() if k != "initial"}
+    swept = api.sweep(case | {"initial": {"p": 0, "q": 0.5, "r": 0}, "error": "off", "sweep": axes})
+    figure = api.plot(swept, "map", variable="start_axis", x="initial.p", y="initial.r")
+    bar = figure.axes[-1]
+    assert [label.get_text() for label in bar.get_xticklabels()] == ["x1", "x3"]
+    assert bar.get_xticks().tolist() == [1, 3]
+
+
 # Without heyoka this tries nothing else, in ten times the time; so too the others marked below.
 @pytest.mark.heyoka
 def test_the_notebook_of_the_docs_runs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,6 +80,9 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         # At its size a letter is a seventeenth of an inch wide.
         room = int(17 * sheet.figure.get_figwidth())
         bar.set_label(textwrap.fill(map_label(sweeps[0], spec["variable"]), room))
+        labelled = meanings(sweeps[0], spec["variable"])
+        if told := {at: word for at, word in labelled.items() if at in every}:
+            bar.set_ticks([*told], labels=[*told.values()])
     if handles:
         legend(sheet, handles, 2)
 
@@ -326,6 +329,13 @@ def map_label(swept: Swept, variable: str) -> str:
     if part in str(swept.data[name].attrs.get("flag_meanings", "")).split():
         return f"{SHARE}{part} is the {meaning}"
     return f"{meaning}, here {part}" if part else meaning
+
+
+def meanings(swept: Swept, variable: str) -> dict[int, str]:
+    """What the values of a label mean; nothing for a variable that is none."""
+    attributes = swept.data[variable].attrs if variable in swept.data else {}
+    values = np.asarray(attributes.get("flag_values", ())).tolist()
+    return dict(zip(values, str(attributes.get("flag_meanings", "")).split(), strict=True))
 
 
 def axis_name(swept: Swept, name: str) -> str:
