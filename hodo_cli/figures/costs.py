@@ -44,13 +44,8 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
 def groups(
     spec: Mapping[str, Any], results: Results
 ) -> Iterator[tuple[str, np.ndarray, list[Motion]]]:
-    """Label, small parameters (n,) and motions of each group of a figure's cases.
-
-    Raises HodoError unless the groups and the parameters have as many entries as there are cases.
-    """
+    """Label, small parameters (n,) and motions of each group of a figure's cases."""
     motions = [results.motion(name) for name in spec["cases"]]
-    if not sum(spec["groups"]) == len(spec["small"]) == len(motions):
-        raise HodoError("`groups` wants sizes that add up to the cases, `small` a number for each")
     # A line is a run of cases, so that a figure reads them in the order in which it names them.
     ends = np.cumsum(spec["groups"])
     for i, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
