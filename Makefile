@@ -53,7 +53,7 @@ sweeps: $(READY)  ## Run the ensembles but for the million, and draw their maps 
 	$(BIN)/hodo classify $(SWEEPS:configs/%.yaml=runs/%.h5)
 	$(BIN)/hodo plot $(SWEEPS:configs/%.yaml=runs/%.h5)
 
-speed: $(READY)  ## Time sweeps beside plain loops (some 8 minutes); renews docs/sweeps.md
+speed: $(READY)  ## Time sweeps beside plain loops (some 10 minutes); renews docs/sweeps.md
 	($(BIN)/python tools/machine.py; $(BIN)/python tools/sweep_speed.py) \
 		| $(BIN)/python tools/tables.py docs/sweeps.md speed
 
