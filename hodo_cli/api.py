@@ -28,7 +28,6 @@ from .figures import draw
 from .results.dataset import Opened, dataset, group_of
 from .results.motion import UNSAVED, Results
 from .schema.kinds import Wrong, nearest, resolve
-from .storage.group import Group
 from .storage.hdf5 import open_run
 from .storage.writer import Writer
 
@@ -54,9 +53,7 @@ def run(case: Given, *, name: str = "case", classify: bool = True) -> xr.Dataset
     check_memory(made)
     group = finish(made)
     if classify and (labels := classified(made.name, group)[0]) is not None:
-        group = Group(
-            {**group.attributes, **labels.attributes}, {**group.variables, **labels.variables}
-        )
+        group = group.with_part(labels)
     return dataset(group)
 
 

@@ -52,8 +52,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
 def with_row(group: Group, part: Group, row: dict[str, Any]) -> Group:
     """What is added to a case, with its line in the table, to be told again while the case is as
     this part makes it."""
-    whole = Group({**group.attributes, **part.attributes}, {**group.variables, **part.variables})
-    kept = telling(content_mark([checksum_of(whole)]), row)
+    kept = telling(content_mark([checksum_of(group.with_part(part))]), row)
     return Group({**part.attributes, **kept}, part.variables)
 
 

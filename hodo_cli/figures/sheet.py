@@ -3,8 +3,6 @@
 import csv
 import io
 import re
-import struct
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -20,7 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 from matplotlib.ticker import ScalarFormatter
-from PIL.PngImagePlugin import PngInfo, putchunk
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from .. import HodoError
 from ..storage.staging import replacing
@@ -239,29 +238,9 @@ def save_png(figure: Figure, path: Path, metadata: Mapping[str, str | None]) -> 
     for name, text in metadata.items():
         if text is not None:
             notes.add_text(name, text)
-    write_png(np.asarray(canvas.buffer_rgba())[..., :3], figure.dpi, notes, path)
-
-
-def write_png(pixels: np.ndarray, dpi: float, notes: PngInfo, path: Path) -> None:
-    """Write an image of pixels (rows, columns, 3), unfiltered.
-
-    Pillow tries five filters on each row, which takes four times as long, and files of drawings,
-    with their even areas, become a quarter larger.
-    """
-    rows, columns, _ = pixels.shape
-    per_metre = round(dpi / 0.0254)
-    lines = np.zeros((rows, 1 + 3 * columns), dtype=np.uint8)  # each begins with its filter, none
-    for i in range(3):  # five times as fast as all three colours at once
-        lines[:, 1 + i :: 3] = pixels[..., i]
-    with path.open("wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n")
-        putchunk(file, b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0))
-        putchunk(file, b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1))
-        for kind, note, *_ in notes.chunks:
-            putchunk(file, kind, note)
-        # Level 6 saves a tenth of the bytes and takes twice as long.
-        putchunk(file, b"IDAT", zlib.compress(lines.data, 3))
-        putchunk(file, b"IEND")
+    # Nothing is transparent. Level 6, which is usual, costs a third more for 7 % fewer bytes.
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    image.save(path, "png", dpi=(figure.dpi,) * 2, pnginfo=notes, compress_level=3)
 
 
 class TickText(ScalarFormatter):

@@ -275,17 +275,17 @@ def crossings_of(
 def completed(labels: np.ndarray, kept: frozenset[int]) -> np.ndarray:
     """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
     goes on to enclose the axes `kept` once it does, and before that it enclosed the other one."""
-    place, there = np.arange(len(labels)), np.isin(labels, [*kept])
-    away = (labels > 0) & ~there
-    first = int(np.argmax(there)) if there.any() else len(labels)
-    last = int(np.max(place[away], initial=-1))
-    if not kept or last > first:  # its error is larger than stated
+    place, is_kept = np.arange(len(labels)), np.isin(labels, [*kept])
+    first, last = place[is_kept][:1], place[(labels > 0) & ~is_kept][-1:]
+    if not kept or (last > first).any():  # its error is larger than stated
         return labels
     # A start on D = 0 is on neither side, wherever it leads.
-    hidden = (labels == rigid_body.SEPARATRIX) & (place > 0)
-    after, before = hidden & (place > first), hidden & (place < last)
-    labels = np.where(after, labels[min(first, len(labels) - 1)], labels)
-    return np.where(before, labels[last], labels)
+    hidden, whole = (labels == rigid_body.SEPARATRIX) & (place > 0), labels.copy()
+    for known in first:
+        whole[hidden & (place > known)] = labels[known]
+    for known in last:
+        whole[hidden & (place < known)] = labels[known]
+    return whole
 
 
 def settled(found: Decided, theirs: Decided, name: str) -> tuple[list[Crossing], tuple[str, ...]]:

@@ -104,7 +104,7 @@ def propagate(
     at_start = int(np.searchsorted(times, start, side="right"))
     samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
     found: list[Occurrence] = []
-    is_uneven = uneven(np.array(y0))
+    is_uneven = True
     watch.band, watch.observer = norm_band(engine, system), witness
     watch.tell = lambda: reached((clock.true(watch.moment()) - start) / (float(times[-1]) - start))
     while samples.done < len(times) and watch.status is Status.OK:
@@ -116,7 +116,7 @@ def propagate(
         if witness is not None:
             witness.begin(engine, clock, units)
         constants = units.constants(model, k)
-        # What becomes small on the way stays so: it decays.
+        # Asked until it is not so: what becomes small on the way stays so, since it decays.
         is_uneven = is_uneven and uneven(y.astype(float))
         watch.longest = (
             longest_step(model, constants, float(grid[0]), y.astype(float))

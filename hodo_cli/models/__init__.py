@@ -76,12 +76,7 @@ def add_averaged(forms: dict[str, type[Model]]) -> None:
 def foreign_mark(name: str = "") -> str:
     """The hash of the sources of models that are not hodo's: of those with a name, or of all; empty
     if there are none."""
-    marks = [
-        mark
-        for _, module, mark in _foreign()
-        if not name or name in {item.name for item in _forms(module)}
-    ]
-    return " ".join(marks)
+    return " ".join(mark for _, _, mark in (_stating(name) if name else _foreign()))
 
 
 Foreign = tuple[str, ModuleType, str]
@@ -104,6 +99,11 @@ def _foreign() -> tuple[Foreign, ...]:
         if not any(_forms(module)):
             raise HodoError(f"{source}: there is no model in it (a class with `name` and `form`)")
     return tuple(found)
+
+
+def _stating(name: str) -> list[Foreign]:
+    """The modules that are not hodo's and state a model of this name."""
+    return [one for one in _foreign() if name in {form.name for form in _forms(one[1])}]
 
 
 def _load(path: str, name: str) -> Foreign:
@@ -141,10 +141,10 @@ def _said_of(error: Exception, path: str) -> str:
 def mistake_in(system: Model) -> str:
     """What is wrong with equations that are not hodo's, tried at the start of a motion; an empty
     string if nothing is."""
-    own = [module for _, module, _ in _foreign() if system.name in {f.name for f in _forms(module)}]
-    if not own:
+    stating = _stating(system.name)
+    if not stating:
         return ""
-    path = str(own[0].__file__)
+    path = str(stating[0][1].__file__)
     try:
         said = _unfit(system)
     except ArithmeticError:

@@ -41,6 +41,10 @@ class Group:
     variables: Mapping[str, Variable]
     late: Late | None = None
 
+    def with_part(self, part: "Group") -> "Group":
+        """This group with what a part adds to it or replaces."""
+        return Group({**self.attributes, **part.attributes}, {**self.variables, **part.variables})
+
 
 def as_stored(attributes: Mapping[str, Attribute]) -> dict[str, Attribute]:
     """Attributes without what HDF5 cannot store: a text of a foreign program may hold half a

@@ -126,9 +126,7 @@ def _with_history(run: Run, history: str) -> dict[str, Attribute]:
 
 def _changed(name: str, old: Group | None, part: Group) -> Group:
     """A group with its change."""
-    if old is None or name.startswith("_"):
-        return part
-    return Group({**old.attributes, **part.attributes}, {**old.variables, **part.variables})
+    return part if old is None or name.startswith("_") else old.with_part(part)
 
 
 def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
