@@ -19,14 +19,14 @@ from . import HodoError
 from .batch.memory import check_memory
 from .batch.pool import pool
 from .cases.case import Case
-from .cases.config import Config
-from .cases.figure_block import FIGURE_KINDS, check_figure
+from .cases.config import Config, drawable
+from .cases.figure_block import FIGURE_KINDS, check_drawn, check_figure
 from .commands.classify import classified
 from .commands.resume import fingerprint
 from .commands.run import finish
 from .figures import draw
 from .results.dataset import Opened, dataset, group_of
-from .results.motion import UNSAVED, Results
+from .results.motion import UNSAVED, Results, case_of
 from .schema.kinds import Wrong, nearest, resolve
 from .storage.hdf5 import open_run
 from .storage.writer import Writer
@@ -110,12 +110,16 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     # A sketch of quadrants draws bodies and takes no cases.
     given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
     spec, mistakes = resolve(FIGURE_KINDS[kind], given | _plain(keys))
-    mistakes += check_figure({"kind": kind, **spec})
+    spec = {"kind": kind, **spec}
+    mistakes += check_figure(spec)
+    if not mistakes:
+        known = {name: drawable(case_of(group.attributes, name)) for name, group in cases.items()}
+        mistakes += check_drawn(spec, known, steady=True)
     if mistakes:
         raise HodoError(str(Wrong(*mistakes)))
     # Figures read results of files; the datasets at hand stand in for one without a config.
     empty = Config("", "", "", "", {}, {}, ())
-    return draw({"kind": kind, **spec}, Results(UNSAVED, cases, empty)).figure
+    return draw(spec, Results(UNSAVED, cases, empty)).figure
 
 
 def _case(given: Given, name: str) -> Case:

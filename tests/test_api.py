@@ -148,14 +148,17 @@ def test_curves_of_a_sweep_show_its_values_and_where_there_is_none() -> None:
     over = {"variable": "crossing_time", "x": "damping.2", "y": "damping.0"}
     (words,) = api.plot(made, kind="map", **over).legends
     assert [text.get_text() for text in words.get_texts()] == ["none"]
+    mean = api.plot(made, kind="curve", variable="crossing_G", x="damping.2").axes[0]
+    assert mean.get_ylabel() == "|G| at it, mean over damping.0"
     several = api.plot([made, made], kind="curve", variable="end_axis.x1", x="damping.2")
     shares = (made.end_axis == 1).mean("damping.0").values
     for line in several.axes[0].lines[::2]:
         np.testing.assert_allclose(line.get_ydata(), shares)
     for wrong, message in (
-        ({"x": "damping.1"}, "has no axis 'damping.1'"),
-        ({"x": "damping.2", "by": "damping.0", "at": [2]}, "positions 0 to 1, not 2"),
-        ({"x": "damping.2", "variable": "nothing"}, "no variable 'nothing'"),
+        ({"x": "damping.1"}, "x: unknown axis 'damping.1' of sweep sweep; did you mean"),
+        ({"x": "damping.2", "by": "damping.0", "at": [2]}, "at.0: .* positions 0 to 1, not 2"),
+        ({"x": "damping.2", "variable": "nothing"}, "variable: unknown variable 'nothing'"),
+        ({"x": "damping.2", "variable": "end_axis"}, "variable: end_axis is a label, without a"),
     ):
         with pytest.raises(HodoError, match=message):
             api.plot(made, kind="curve", **{"variable": "crossing_time", **wrong})

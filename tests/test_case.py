@@ -964,6 +964,21 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
          "figures.f.y: G is a vector: name a component"),
         ("{kind: phase, cases: one, x: T.x1, y: G}",
          "figures.f.x: T is no vector, and has no component 'x1'"),
+        ("{kind: curve, cases: grid, variable: share, x: damping.2}",
+         "figures.f.variable: share is a vector: name a component, share.x1, share.x2, share.x3"),
+        ("{kind: curve, cases: grid, variable: crossings.x1, x: damping.2}",
+         "figures.f.variable: crossings is no vector, and has no component 'x1'"),
+        ("{kind: curve, cases: grid, variable: end_axis, x: damping.2}",
+         "figures.f.variable: end_axis is a label, without a mean: name the one whose share is "
+         "to be drawn, end_axis.x1, end_axis.x2, end_axis.x3"),
+        ("{kind: map, cases: grid, variable: end_axis.y, x: damping.2, y: damping.0}",
+         "figures.f.variable: end_axis is a label"),
+        ("{kind: map, cases: grid, variable: p, x: damping.2, y: damping.0}",
+         "figures.f.variable: unknown variable 'p'"),
+        ("{kind: map, cases: paths, variable: omega.x1, x: damping.2, y: damping.0}",
+         "figures.f.variable: unknown variable 'omega.x1'"),
+        ("{kind: series, cases: [one, late], variables: [T]}",
+         "figures.f.cases.1: the time of one is in '1', and that of late in 'min': one axis has"),
         ("{kind: hodograph, cases: [one, grid]}",
          "figures.f.cases.1: case grid is a sweep, which only map and curve draw"),
         ("{kind: hodograph, cases: top}",
@@ -984,6 +999,8 @@ def test_names_in_figures_are_checked_when_the_file_is_read(figure: str, said: s
     body = "model: linear-diag, inertia: [1, 0.8, 0.6], damping: 1, initial: {p: 1, q: 1, r: 1}"
     axes = "{damping.2: {values: [1, 2]}, damping.0: {values: [1, 2]}}"
     cases = f"one: {{{body}, time: {{end: 1}}}}, grid: {{{body}, time: {{end: 1}}, sweep: {axes}}}"
+    cases += f", late: {{{body}, time: {{end: 1, unit: min}}}}"
+    cases += f", paths: {{{body}, time: {{end: 1}}, sweep: {axes}, store: [trajectory]}}"
     free = body.replace("initial: {p: 1, q: 1, r: 1}", "initial: {p: 0, q: 0, G: 1}")
     axes = "{u: {zip: {damping.2: {values: [1, 2]}}}, d: {sphere: {count: 9}}}"
     cases += f", round: {{{free}, time: {{end: 1}}, sweep: {axes}}}"

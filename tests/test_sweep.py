@@ -35,6 +35,7 @@ from hodo_cli.integration.classify import classify, cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress, listening, reached, task
+from hodo_cli.results.layout import MEMBER_CLASSIFIED, MEMBER_PASSED
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
@@ -633,6 +634,11 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
     assert end == array.size
 
 
+def test_the_columns_that_say_which_axis_are_those_that_have_no_mean() -> None:
+    stored = MEMBER_CLASSIFIED | MEMBER_PASSED
+    assert {name for name, column in stored.items() if column.flags} == {*sweep_block.AXIS_LABELS}
+
+
 def test_averages_over_members() -> None:
     """Two axes of 2 and 3 positions; the member at (1, 2) does not count."""
     labels = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
@@ -660,6 +666,13 @@ def test_averages_over_members() -> None:
     for wrong, has in (("share", "share.x1, share.x2, share.x3"), ("end_axis.x2", "end_axis.x1")):
         with pytest.raises(HodoError, match=f"it has {has}"):
             average(wrong)
+    assert average("end_axis", "b", "a") == [
+        [1, 1],
+        [3, 1],
+        [3, pytest.approx(math.nan, nan_ok=True)],
+    ]
+    with pytest.raises(HodoError, match="end_axis is a label, without a mean: name a share"):
+        average("end_axis", "a")
     with pytest.raises(HodoError, match="no position 3 on an axis 'b'"):
         average("crossing_time", b=3)
 

@@ -228,26 +228,31 @@ def _of_figures(
     figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case], steady: bool
 ) -> Iterator[Mistake]:
     """What keeps figures from drawing their cases; not where a case is wrong itself."""
-    known = {name: _drawn(case) for name, case in cases.items()}
+    known = {name: drawable(case) for name, case in cases.items()}
     for name, values in figures.items():
         if all(case in cases for case in values.get("cases", ())):
             for at, said in check_drawn(values, known, steady):
                 yield ("figures", name, *at), said
 
 
-def _drawn(case: Case) -> Drawable:
+def drawable(case: Case) -> Drawable:
     """What figures may ask of a case."""
     labels = case.system.variables
     vectors = [name for name, label in labels.items() if "axis" in label.dims]
     if case.sweep:
-        stored = storable(type(case.system))
+        asked = [name for name in case.store if name != "trajectory"]
+        # Of the variables of a trajectory a member has no single value.
+        without = {"trajectory", *(labels if "trajectory" in case.store else ())}
+        stored = [each for each in asked or storable(type(case.system)) if each not in without]
+        vectors.append("share")
     else:
         # Labels are stored by `classify`, whatever the model.
         stored = list(dict.fromkeys([*(case.store or labels), "enclosed_axis", "time"]))
     if "omega" in vectors:
         vectors.append("G")
     axes = {axis.name: axis for axis in axes_of(case.sweep or {})}
-    return Drawable(case.name, stored, vectors, (case.time.start, case.time.end), axes)
+    times = case.time.start, case.time.end
+    return Drawable(case.name, stored, vectors, times, case.time.unit, axes)
 
 
 def _figures(

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..models import rigid_body
 from ..schema.kinds import (
     NAMES,
     Choice,
@@ -19,7 +20,7 @@ from ..schema.kinds import (
     Vector,
     unknown,
 )
-from .sweep_block import Axis
+from .sweep_block import AXIS_LABELS, Axis
 
 FORMATS = ("png", "svg", "pdf", "csv", "html")
 """The formats that a figure is written in."""
@@ -248,13 +249,14 @@ def _of_groups(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
 @dataclass(frozen=True)
 class Drawable:
     """What is known of a case before it is run, as far as figures ask for it: its name, the
-    variables that may be stored of it, which of them are vectors, its first and last time, and the
-    axes of its sweep; none for a single case."""
+    variables that may be stored of it, which of them are vectors, its first and last time and their
+    unit, and the axes of its sweep; none for a single case."""
 
     name: str
     stored: Sequence[str]
     vectors: Sequence[str]
     times: tuple[float, float]
+    unit: str
     axes: Mapping[str, Axis]
 
 
@@ -281,6 +283,10 @@ def check_drawn(
     if wrong:
         return
     drawn = [cases[name] for name in values.get("cases", ())]
+    for i, case in enumerate(drawn):
+        if case.unit != drawn[0].unit:
+            units = f"{drawn[0].unit!r}, and that of {case.name} in {case.unit!r}"
+            yield ("cases", i), f"the time of {drawn[0].name} is in {units}: one axis has one unit"
     if kind in SWEPT_KINDS:
         for case in drawn:
             yield from _of_swept(values, case, steady)
@@ -316,13 +322,17 @@ def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Itera
         given |= {("insets", i, "variables", j): v for j, v in enumerate(inset["variables"])}
     for at, name in given.items():
         base, dot, axis = name.partition(".")
-        components = [f"{base}.{x}" for x in BODY_AXES]
         if base not in valid:
             yield at, unknown(f"variable {name!r}", name, valid)
         elif base in vectors and (axis or base not in DERIVED) and axis not in BODY_AXES:
-            yield at, f"{base} is a vector: name a component, {', '.join(components)}"
+            yield at, f"{base} is a vector: name a component, {_parts(base)}"
         elif dot and base not in vectors:
             yield at, f"{base} is no vector, and has no component {axis!r}"
+
+
+def _parts(name: str) -> str:
+    """The parts of a vector, or the shares of a label."""
+    return ", ".join(f"{name}.{axis}" for axis in BODY_AXES)
 
 
 def _of_inset(
@@ -353,9 +363,8 @@ def _of_spans(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Itera
 
 def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
     """Names and positions in a figure of sweeps that a sweep does not have."""
-    variable = values.get("variable", case.stored[0])
-    if variable.partition(".")[0] not in case.stored:
-        yield ("variable",), unknown(f"variable {variable!r}", variable, case.stored)
+    if "variable" in values:
+        yield from _of_swept_variable(values, case)
     for key in ("x", "y", "by", "panels"):
         if (name := values.get(key)) is None:
             continue
@@ -371,6 +380,33 @@ def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterat
             if position >= (n := len(counted)):
                 said = f"axis {counted.name} of sweep {case.name} has positions 0 to {n - 1}"
                 yield ("at", i), f"{said}, not {position}"
+
+
+def _of_swept_variable(values: Mapping[str, Any], case: Drawable) -> Iterator[Mistake]:
+    """A variable that a sweep does not have, or that is no number by itself."""
+    name = values["variable"]
+    base, dot, part = name.partition(".")
+    if base not in case.stored:
+        yield ("variable",), unknown(f"variable {name!r}", name, case.stored)
+    elif base in case.vectors and part not in BODY_AXES:
+        yield ("variable",), f"{base} is a vector: name a component, {_parts(base)}"
+    elif base in AXIS_LABELS and (dot or averaged(values, case.axes)):
+        if part not in rigid_body.LABELS.values():
+            said = f"{base} is a label, without a mean: name the one whose share is to be drawn"
+            yield ("variable",), f"{said}, {_parts(base)}"
+    elif dot and base not in case.vectors:
+        yield ("variable",), f"{base} is no vector, and has no component {part!r}"
+
+
+def averaged(values: Mapping[str, Any], axes: Mapping[str, Axis]) -> list[str]:
+    """The axes of a sweep over which a figure averages: those that it does not draw."""
+    drawn = {values.get(key) for key in ("x", "y", "by", "panels")}
+    flat = values.get("kind") == "map" and values.get("x") is None
+    return [
+        name
+        for name, axis in axes.items()
+        if name not in drawn and not (flat and axis.sphere is not None)
+    ]
 
 
 def _axis_of_positions(values: Mapping[str, Any]) -> str:

@@ -69,6 +69,8 @@ REDUCED = (
 """What a member of a sweep is reduced to, besides its final state, where a hodograph encloses an
 axis."""
 
+AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis")
+"""What of that says which axis: its mean would mean nothing."""
 
 PASSED = (
     *("crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings"),

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from .. import HodoError
+from ..cases.figure_block import averaged
 from ..results.motion import Results
 from ..sweeps.swept import Swept
 from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
@@ -64,7 +65,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
     if set(np.unique(every[np.isfinite(every)])) <= {0.0, 1.0}:
         # Yes or no: a scale would show colours that no member has.
-        words = ((1, map_label(sweeps[0], spec["variable"]).removeprefix(SHARE)), (0, "otherwise"))
+        words = ((1, map_label(sweeps, spec).removeprefix(SHARE)), (0, "otherwise"))
         handles += [Patch(fc=hues()(scale(at)), label=word) for at, word in words]
     else:
         bar = sheet.figure.colorbar(
@@ -79,7 +80,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         )
         # At its size a letter is a seventeenth of an inch wide.
         room = int(17 * sheet.figure.get_figwidth())
-        bar.set_label(textwrap.fill(map_label(sweeps[0], spec["variable"]), room))
+        bar.set_label(textwrap.fill(map_label(sweeps, spec), room))
         labelled = meanings(sweeps[0], spec["variable"])
         if told := {at: word for at, word in labelled.items() if at in every}:
             bar.set_ticks([*told], labels=[*told.values()])
@@ -267,7 +268,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
         xlim=(x.min(), x.max()) if len(x) > 1 else None,
         xlabel=axis_name(sweeps[0], spec["x"]),
         # Two lines of words, rather than one that is longer than the panel is high.
-        ylabel=textwrap.fill(map_label(sweeps[0], spec["variable"]), 40),
+        ylabel=textwrap.fill(map_label(sweeps, spec), 40),
     )
     handles: list[Line2D] = []
     if len(curves) > 1 or spec["labels"]:
@@ -322,13 +323,16 @@ SHARE = "share of members: "
 """How the label of a share begins; where each member is drawn by itself, it says yes or no."""
 
 
-def map_label(swept: Swept, variable: str) -> str:
-    """What the colours of a map show."""
-    name, _, part = variable.partition(".")
-    meaning = str(swept.data[name].attrs.get("long_name", name))
-    if part in str(swept.data[name].attrs.get("flag_meanings", "")).split():
+def map_label(sweeps: Sequence[Swept], spec: Mapping[str, Any]) -> str:
+    """What the colours of a map show, or the height of a curve."""
+    name, _, part = spec["variable"].partition(".")
+    attributes = sweeps[0].data[name].attrs
+    meaning = str(attributes.get("long_name", name))
+    if part in str(attributes.get("flag_meanings", "")).split():
         return f"{SHARE}{part} is the {meaning}"
-    return f"{meaning}, here {part}" if part else meaning
+    shown = f"{meaning}, here {part}" if part else meaning
+    over = dict.fromkeys(axis for swept in sweeps for axis in averaged(spec, swept.axes))
+    return f"{shown}, mean over {', '.join(over)}" if over else shown
 
 
 def meanings(swept: Swept, variable: str) -> dict[int, str]:

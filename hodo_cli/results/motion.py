@@ -21,6 +21,7 @@ from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..cases.config import Config, parse
 from ..cases.figure_block import BODY_AXES
+from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
@@ -240,10 +241,15 @@ def motion_of(
 
     Raises HodoError, which begins with `owner`, if what is stored does not fit together.
     """
-    case = parse_case(typed(attrs, {"case": str}, owner)["case"])
+    case = case_of(attrs, owner)
     if problem := wrong_labels(data) if case.sweep else damage(data):
         raise HodoError(f"{owner} is damaged ({problem})")
     return Motion(case, data, attrs, case.name, path)
+
+
+def case_of(attrs: Mapping[str, Any], owner: str) -> Case:
+    """The case in the attributes of a stored one. Raises HodoError as `motion_of` does."""
+    return parse_case(typed(attrs, {"case": str}, owner)["case"])
 
 
 def damage(data: Mapping[Any, Array]) -> str:
@@ -276,7 +282,7 @@ def damage(data: Mapping[Any, Array]) -> str:
 def wrong_labels(data: Mapping[Any, Array]) -> str:
     """Which variable of a case or of a sweep holds numbers that are labels of no axis; an empty
     string if none does."""
-    for name in ("enclosed_axis", "crossing_from", "crossing_to", "start_axis", "end_axis"):
+    for name in ("enclosed_axis", *AXIS_LABELS):
         if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
             return f"its {name} holds labels that are none"
     return ""

@@ -72,6 +72,9 @@ def average(
     ]
     left = [axis for axis in axes if axis not in at]
     rest = tuple(i for i, axis in enumerate(left) if axis not in keep)
+    if rest and labels and not part:
+        shares = ", ".join(f"{name}.{each}" for each in labels)
+        raise HodoError(f"{name} is a label, without a mean: name a share, {shares}")
     counted = np.isfinite(data).sum(axis=rest)
     total = np.nansum(data, axis=rest)
     # Not nanmean, which warns on stderr where nothing is left to average.

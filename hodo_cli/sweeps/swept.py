@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import Case, parse_case
+from ..cases.case import Case
 from ..cases.sweep_block import Axis, axes_of
-from ..results.motion import Array
+from ..results.motion import Array, case_of
 from ..schema.kinds import nearest
 from ..storage.group import Group
-from ..storage.provenance import typed
 from .averages import average
 
 ANGLES = ("theta",)
@@ -44,7 +43,7 @@ class Swept:
         if name not in cases:
             raise HodoError(f"there is no case {name!r}{nearest(name, cases)}")
         group = cases[name]
-        case = parse_case(typed(group.attributes, {"case": str}, name)["case"])
+        case = case_of(group.attributes, name)
         if not case.sweep:
             raise HodoError(f"case {name} is no sweep")
         return cls(case, group.variables)
