@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from hodo_cli import HodoError
 from hodo_cli.cases.config import parse
 from hodo_cli.commands.classify import classify_results
 from hodo_cli.commands.plot import draw_results
@@ -155,6 +156,14 @@ def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
         assert writer.parts("stamp") == {0}
         writer.keep(writer.finished["first"][0])
         assert any(map(parts_in, path.parent.glob(".*")))
+
+
+def test_of_a_sweep_that_is_half_done_this_is_said(path: Path) -> None:
+    with suppress(KeyboardInterrupt), run_of(path, {}) as writer:
+        writer.add_part("stamp", 0, stored(1))
+        raise KeyboardInterrupt
+    with pytest.raises(HodoError, match="no case is there yet: a run has finished parts"):
+        stored_cases([path])
 
 
 def test_a_result_that_is_damaged_is_left_alone(path: Path) -> None:

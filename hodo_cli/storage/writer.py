@@ -129,6 +129,9 @@ def open_batch(path: Path | str) -> Iterator[Run]:
     """
     path = Path(path)
     if not (waiting := unpublished(path)):
+        if not os.path.lexists(path) and any(map(parts_in, staging_folders(path))):
+            said = "a run has finished parts of a sweep, which the same command completes"
+            raise HodoError(f"{path}: no case is there yet: {said}")
         with open_run(path) as run:
             yield run
         return
