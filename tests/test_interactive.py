@@ -21,6 +21,7 @@ if importlib.util.find_spec("plotly") is None:
 
 from hodo_cli.figures import page
 from hodo_cli.figures.interactive import interactive, write_interactive
+from hodo_cli.figures.maps import GAP
 from hodo_cli.figures.sheet import Rendered, save
 
 CONFIG = r"""
@@ -137,7 +138,8 @@ def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Result
     made = interactive(sheet, spec, results)
     curves = [trace for trace in made.data if trace.name != "none"]
     assert [trace.name for trace in curves] == ["damping.0 = 0.004", "damping.0 = 0.005"]
-    assert made.layout.yaxis.title.text == "crossing_time"
+    assert made.layout.xaxis.title.text == "λ3"
+    assert made.layout.yaxis.title.text == "time of the first passage through the<br>separatrix"
     for trace, shown in zip(curves, sheet.shown, strict=True):
         x, values, errors, other = shown.values.values()
         assert set(other) in ({0.004}, {0.005})
@@ -173,16 +175,30 @@ def test_maps_are_the_printed_ones(results: Results) -> None:
         printed = [shown.values["crossing_time"] for shown in sheet.shown]
         assert np.isfinite(np.concatenate([values.ravel() for values in printed])).any()
         clouds = [trace for trace in made.data if trace.type == "heatmap" or trace.text is not None]
-        assert len(clouds) == len(printed)
-        for trace, shown in zip(clouds, sheet.shown, strict=True):
-            values = shown.values["crossing_time"]
-            if name == "flat":
+        if name == "flat":
+            for trace, values in zip(clouds, printed, strict=True):
                 np.testing.assert_array_equal(np.asarray(trace.z, dtype=float), values)
-                continue
+            continue
+        for shown, values in zip(sheet.shown, printed, strict=True):
             there = np.isfinite(values)
-            np.testing.assert_array_equal(np.asarray(trace.marker.color)[there], values[there])
-            for letter, axis in zip("xyz", (1, 2, 3), strict=True):
-                np.testing.assert_array_equal(trace[letter], shown.values[f"G.x{axis}/|G|"])
+            coloured, grey = clouds.pop(0), clouds.pop(0)
+            np.testing.assert_array_equal(coloured.marker.color, values[there])
+            assert grey.marker.color == GAP
+            assert set(grey.text) == {"none"}
+            for trace, part in ((coloured, there), (grey, ~there)):
+                for letter, axis in zip("xyz", (1, 2, 3), strict=True):
+                    at = shown.values[f"G.x{axis}/|G|"][part]
+                    np.testing.assert_array_equal(trace[letter], at)
+        assert not clouds
+
+
+def test_scales_are_the_printed_ones(results: Results) -> None:
+    """T and G^2 fall by more than a decade; D/2T changes its sign."""
+    spec = results.figure("bounds")
+    made = interactive(figures.draw(spec, results), spec, results)
+    axes = [made.layout[f"yaxis{i}"] for i in ("", 2, 3)]
+    assert [axis.type for axis in axes] == ["log", "log", "linear"]
+    assert [axis.title.text for axis in axes] == ["T [–]", "G^2 [–]", "D/2T [–]"]
 
 
 def test_the_pointer_tells_time_invariants_and_axis(results: Results) -> None:

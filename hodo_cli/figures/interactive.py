@@ -14,6 +14,7 @@ from urllib.parse import quote
 
 import numpy as np
 import plotly.graph_objects as go
+from matplotlib.axes import Axes
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
@@ -24,7 +25,7 @@ from ..results.motion import Motion, Results
 from ..storage.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
 from .geometry import graticule, separatrix_circles, stretches
-from .maps import STORED_ERRORS
+from .maps import GAP, STORED_ERRORS
 from .sheet import Sheet, Shown, without_tex
 
 HOVER = ("G", "T", "D")
@@ -77,14 +78,14 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.F
         return turnable(sheet, spec, results)
     if spec["kind"] == "map":
         flat = spec["x"] is None or spec["y"] is None
-        return turnable_map(sheet, spec) if flat else images(sheet.shown, spec)
+        return turnable_map(sheet, spec) if flat else images(sheet, spec)
     if spec["kind"] in OF_SWEEPS:
-        figure = panels(sheet.shown, spec, {})
+        figure = panels(sheet, spec, {})
         if spec["kind"] == "curve":
             mark_gaps(figure, sheet.shown, spec["variable"])
         return figure
     motions = {motion.label: motion for motion in results.motions(spec)}
-    return panels(sheet.shown, spec, motions)
+    return panels(sheet, spec, motions)
 
 
 def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figure:
@@ -128,25 +129,23 @@ def turnable_map(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
     for i, shown in enumerate(sheet.shown):
         values = shown.values[spec["variable"]]
         points = np.stack([shown.values[f"G.x{axis}/|G|"] for axis in (1, 2, 3)], axis=-1)
-        marker = {
-            "size": 4,
-            # plotly has no colour for what is not a number.
-            "color": np.nan_to_num(values, nan=low),
-            "colorscale": _scale(),
-            "cmin": low,
-            "cmax": high,
-            "showscale": i == 0,
-        }
-        text = [f"{spec['variable']} = {v:.6g}" if np.isfinite(v) else "none" for v in values]
-        trace = _space(points, "", mode="markers", marker=marker, text=text, hoverinfo="text")
-        figure.add_trace(trace, row=i // columns + 1, col=i % columns + 1)
+        scale = {"colorscale": _scale(), "cmin": low, "cmax": high, "showscale": i == 0}
+        there = np.isfinite(values)
+        text = np.array([f"{spec['variable']} = {v:.6g}" for v in values])
+        text[~there] = "none"
+        # Apart, because plotly has no colour for what is not a number.
+        for part, look in ((there, {"color": values[there], **scale}), (~there, {"color": GAP})):
+            cloud = {"mode": "markers", "marker": {"size": 4, **look}, "text": text[part]}
+            trace = _space(points[part], "", hoverinfo="text", **cloud)
+            figure.add_trace(trace, row=i // columns + 1, col=i % columns + 1)
     figure.update_scenes(**_scene(ball=True))
     figure.update_layout(margin=MARGIN, showlegend=False)
     return figure
 
 
-def images(shown: Sequence[Shown], spec: Mapping[str, Any]) -> go.Figure:
+def images(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
     """A variable of a sweep over two axes, an image a panel, all of one scale."""
+    shown = sheet.shown
     columns = min(2, len(shown))
     rows = -(-len(shown) // columns)
     figure = make_subplots(
@@ -156,23 +155,35 @@ def images(shown: Sequence[Shown], spec: Mapping[str, Any]) -> go.Figure:
         (across, x), (up, y), (_, z) = each.values.items()
         place = {"row": i // columns + 1, "col": i % columns + 1}
         figure.add_trace(go.Heatmap(x=x, y=y, z=z, coloraxis="coloraxis"), **place)
-        figure.update_xaxes(title_text=across, **place)
-        figure.update_yaxes(title_text=up, **place)
+        label_axes(figure, place, (across, up), sheet.figure.axes[i])
     limits = dict(zip(("cmin", "cmax"), spec["range"] or (None, None), strict=True))
     figure.update_layout(margin=MARGIN, coloraxis={"colorscale": _scale(), **limits})
     return figure
 
 
-def panels(
-    shown: Sequence[Shown], spec: Mapping[str, Any], motions: Mapping[str, Motion]
-) -> go.Figure:
+def label_axes(
+    figure: go.Figure, place: Mapping[str, int], names: tuple[str, str], printed: Axes | None
+) -> None:
+    """Give a panel the scales of the printed one and its labels; names where it has none."""
+    axes = (printed.xaxis, printed.yaxis) if printed else (None, None)
+    updates = (figure.update_xaxes, figure.update_yaxes)
+    for update, name, axis in zip(updates, names, axes, strict=True):
+        label = without_tex((axis and axis.get_label_text()) or name).replace("\n", "<br>")
+        scale = axis.get_scale() if axis else "linear"
+        # Powers of ten, where plotly would write 10µ for 1e-5.
+        update(title_text=label, type=scale, exponentformat="power", **place)
+
+
+def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion]) -> go.Figure:
     """Plane panels, one for each of the printed figure, or for each variable over time."""
-    curves = [curve for each in shown for curve in _curves(each, spec)]
+    curves = [curve for each in sheet.shown for curve in _curves(each, spec)]
     names = list(dict.fromkeys(panel for panel, *_ in curves))
     columns = 1 if len(names) == 1 else 2
     rows = -(-len(names) // columns)
     figure = make_subplots(rows, columns, subplot_titles=[without_tex(name) for name in names])
     labels = list(dict.fromkeys(label for _, label, *_ in curves))
+    # The panels of a series are others: an inset is one of its own.
+    printed = {} if spec["kind"] == "series" else dict(zip(names, sheet.figure.axes, strict=False))
     for panel, label, x, y, values in curves:
         row, column = divmod(names.index(panel), columns)
         look = {"color": CYCLE[labels.index(label) % len(CYCLE)][0], "width": 2}
@@ -190,9 +201,9 @@ def panels(
             showlegend=panel == next(p for p, other, *_ in curves if other == label),
             **told,
         )
-        figure.add_trace(trace, row=row + 1, col=column + 1)
-        figure.update_xaxes(title_text=without_tex(x), row=row + 1, col=column + 1)
-        figure.update_yaxes(title_text=without_tex(y), row=row + 1, col=column + 1)
+        place = {"row": row + 1, "col": column + 1}
+        figure.add_trace(trace, **place)
+        label_axes(figure, place, (x, y), printed.get(panel))
         _mark_crossings(figure, motion, x, values, y, (row + 1, column + 1))
     figure.update_layout(margin=MARGIN, legend=KEY)
     return figure
