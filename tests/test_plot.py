@@ -410,17 +410,6 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
 
         said = refused(lambda: figures.draw({**series, "labels": (r"$\frac{$",)}, results))
         assert "is not TeX" in said
-        inset = {
-            "panel": "T",
-            "case": "fig12-all-entries",
-            "variables": ("T",),
-            "span": None,
-            "box": (0, 0, 1, 1),
-        }
-        said = refused(
-            lambda: figures.draw({**series, "variables": ("D/2T",), "insets": (inset,)}, results)
-        )
-        assert "none of the panels (D/2T)" in said
         said = refused(lambda: figures.draw({**series, "styles": ("blu dashed",)}, results))
         assert "unknown colour or line 'blu'; did you mean 'blue'" in said
 

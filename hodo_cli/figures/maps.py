@@ -68,24 +68,29 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         words = ((1, map_label(sweeps, spec).removeprefix(SHARE)), (0, "otherwise"))
         handles += [Patch(fc=hues()(scale(at)), label=word) for at, word in words]
     else:
-        bar = sheet.figure.colorbar(
-            ScalarMappable(scale, hues()),
-            ax=sheet.figure.axes,
-            location="bottom",
-            fraction=0.04,
-            pad=0.02,
-            shrink=0.7,
-            aspect=45,
-            panchor=False,  # where `map_sphere` has it
-        )
-        # At its size a letter is a seventeenth of an inch wide.
-        room = int(17 * sheet.figure.get_figwidth())
-        bar.set_label(textwrap.fill(map_label(sweeps, spec), room))
         labelled = meanings(sweeps[0], spec["variable"])
-        if told := {at: word for at, word in labelled.items() if at in every}:
-            bar.set_ticks([*told], labels=[*told.values()])
+        ticks = {at: word for at, word in labelled.items() if at in every}
+        colour_bar(sheet, scale, map_label(sweeps, spec), ticks)
     if handles:
         legend(sheet, handles, 2)
+
+
+def colour_bar(sheet: Sheet, scale: Normalize, label: str, ticks: Mapping[int, str]) -> None:
+    """The scale of all panels below them; `ticks` are words for its values, if it has any."""
+    bar = sheet.figure.colorbar(
+        ScalarMappable(scale, hues()),
+        ax=sheet.figure.axes,
+        location="bottom",
+        fraction=0.04,
+        pad=0.02,
+        shrink=0.7,
+        aspect=45,
+        panchor=False,  # where `map_sphere` has it
+    )
+    # At its size a letter is a seventeenth of an inch wide.
+    bar.set_label(textwrap.fill(label, int(17 * sheet.figure.get_figwidth())))
+    if ticks:
+        bar.set_ticks([*ticks], labels=[*ticks.values()])
 
 
 def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:

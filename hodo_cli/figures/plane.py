@@ -185,58 +185,54 @@ def sketch(axes: Axes, body: Sequence[float]) -> None:
 def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """Variables against time, a panel for each variable or for each case."""
     motions, variables = results.motions(spec), spec["variables"]
-    by_case = spec["panels"] == "case"
-    given = () if by_case else spec["styles"]
-    if by_case:
+    # In panels of variables the styles tell cases apart, in panels of cases variables.
+    if by_case := spec["panels"] == "case":
         groups = {motion.name: [(motion, name) for name in variables] for motion in motions}
-        names = [f"${symbol(name)}$" for name in variables]
+        keys, names, given = variables, [f"${symbol(name)}$" for name in variables], ()
     else:
         groups = {name: [(motion, name) for motion in motions] for name in variables}
-        names = [motion.label for motion in motions]
-    for small in spec["insets"]:
-        if small["panel"] not in groups:
-            raise HodoError(
-                f"the inset's panel {small['panel']!r} is none of the panels ({', '.join(groups)})"
-            )
-    for axes, (group, curves) in zip(
-        series_panels(sheet, spec, len(groups), time_label(spec, motions[0])),
-        groups.items(),
-        strict=True,
-    ):
-        for (motion, name), style in zip(curves, styles(len(curves), given), strict=True):
-            part = within_span(motion, spec["span"])
-            times, values = motion.time[part], motion[name][part]
-            sheet.record(group, motion.label, {"time": times, name: values})
-            axes.plot(times, values, **style)
-            if spec["passages"] == "yes":
-                passage_marks(axes, motion, name, style)
-            else:
-                event_marks(axes, motion, name, spec)
+        keys, names = [motion.name for motion in motions], [motion.label for motion in motions]
+        given = spec["styles"]
+    looks = styles(len(names), given)
+    panels = series_panels(sheet, spec, len(groups), time_label(spec, motions[0]))
+    for axes, (group, curves) in zip(panels, groups.items(), strict=True):
+        for (motion, name), style in zip(curves, looks, strict=True):
+            series_curve(sheet, axes, spec, group, motion, name, style)
         axes.margins(x=0.02, y=0.08)
         axes.set_xlim(*(spec["span"] or (curves[0][0].time[0], None)))
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
-        axes.set(
-            **(
-                {"title": curves[0][0].label, "ylabel": first_label(axes, names, curves)}
-                if by_case
-                else {"ylabel": axis_label(group, motions[0])}
-            )
-        )
-        # An inset's curves look as they do in the panel: by variable, or by case.
-        looks = styles(len(curves), given)
-        named = {
-            name if by_case else motion.name: look
-            for (motion, name), look in zip(curves, looks, strict=True)
-        }
+        if by_case:
+            axes.set(title=curves[0][0].label, ylabel=first_label(axes, names, curves))
+        else:
+            axes.set_ylabel(axis_label(group, motions[0]))
         for small in spec["insets"]:
             if small["panel"] == group:
-                labels = {motion.name: motion.label for motion in motions}
-                shown = results.motion(small["case"], labels.get(small["case"], ""))
-                inset(sheet, axes, small, shown, named)
+                motion = next(each for each in motions if each.name == small["case"])
+                inset(sheet, axes, small, motion, dict(zip(keys, looks, strict=True)))
     handles = case_handles(names, given) if len(names) > 1 else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
     legend(sheet, handles, columns_for(sheet, [str(handle.get_label()) for handle in handles]))
+
+
+def series_curve(
+    sheet: Sheet,
+    axes: Axes,
+    spec: Mapping[str, Any],
+    panel: str,
+    motion: Motion,
+    variable: str,
+    style: Mapping[str, Any],
+) -> None:
+    """A variable of a motion over its time or the span of the figure, with its marks."""
+    part = within_span(motion, spec["span"])
+    times, values = motion.time[part], motion[variable][part]
+    sheet.record(panel, motion.label, {"time": times, variable: values})
+    axes.plot(times, values, **style)
+    if spec["passages"] == "yes":
+        passage_marks(axes, motion, variable, style)
+    else:
+        event_marks(axes, motion, variable, spec)
 
 
 def columns_for(sheet: Sheet, labels: Sequence[str]) -> int:
