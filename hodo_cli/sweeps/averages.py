@@ -47,20 +47,7 @@ def average(
     so that its average is a share of members. Members whose status is not ok do not count. Raises
     HodoError if there is no such variable, axis or position.
     """
-    name, _, part = variable.partition(".")
-    if name not in variables or not set(axes) <= set(variables[name].dims):
-        there = [str(each) for each, column in variables.items() if set(axes) <= set(column.dims)]
-        raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(there)})")
-    dims, data, attributes = (getattr(variables[name], part) for part in ("dims", "data", "attrs"))
-    labels, known = str(attributes.get("flag_meanings", "")).split(), not part
-    if part in labels:
-        data, known = data == np.asarray(attributes["flag_values"])[labels.index(part)], True
-    elif part in ("x1", "x2", "x3") and dims == (*axes, "axis"):
-        data, dims, known = data[..., int(part[1]) - 1], dims[:-1], True
-    if dims != tuple(axes) or not known:
-        parts = labels or (["x1", "x2", "x3"] if dims == (*axes, "axis") else [])
-        has = ", ".join(f"{name}.{each}" for each in parts) or name
-        raise HodoError(f"the sweep has no {variable!r}: it has {has}")
+    data, label = numbers(variables, axes, variable)
     for axis, i in at.items():
         if axis not in axes or not i < data.shape[axes.index(axis)]:
             raise HodoError(
@@ -72,9 +59,9 @@ def average(
     ]
     left = [axis for axis in axes if axis not in at]
     rest = tuple(i for i, axis in enumerate(left) if axis not in keep)
-    if rest and labels and not part:
-        shares = ", ".join(f"{name}.{each}" for each in labels)
-        raise HodoError(f"{name} is a label, without a mean: name a share, {shares}")
+    if rest and label:
+        shares = ", ".join(f"{variable}.{word}" for word in label)
+        raise HodoError(f"{variable} is a label, without a mean: name a share, {shares}")
     counted = np.isfinite(data).sum(axis=rest)
     total = np.nansum(data, axis=rest)
     # Not nanmean, which warns on stderr where nothing is left to average.
@@ -83,3 +70,27 @@ def average(
     return np.asarray(
         np.transpose(means, np.argsort(np.argsort([left.index(axis) for axis in keep])))
     )
+
+
+def numbers(
+    variables: Mapping[Any, Array], axes: Sequence[str], variable: str
+) -> tuple[np.ndarray, list[str]]:
+    """A variable, component or share over all axes, and the words of a label: none of a number.
+
+    Raises HodoError as `average` does.
+    """
+    name, _, part = variable.partition(".")
+    if name not in variables or not set(axes) <= set(variables[name].dims):
+        there = [str(each) for each, column in variables.items() if set(axes) <= set(column.dims)]
+        raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(there)})")
+    dims, data, attributes = (getattr(variables[name], of) for of in ("dims", "data", "attrs"))
+    words = str(attributes.get("flag_meanings", "")).split()
+    components = ["x1", "x2", "x3"] if dims == (*axes, "axis") else []
+    if part in words:
+        return data == np.asarray(attributes["flag_values"])[words.index(part)], []
+    if part in components:
+        return data[..., components.index(part)], []
+    if part or dims != tuple(axes):
+        has = ", ".join(f"{name}.{each}" for each in words or components) or name
+        raise HodoError(f"the sweep has no {variable!r}: it has {has}")
+    return data, words

@@ -9,8 +9,9 @@ import numpy as np
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of
 from ..engines.protocol import Status
+from ..integration.solve import sample_times
 from ..results.layout import TIME, Stored, case_attributes, principal_axes
-from ..storage.group import Group, Late, Variable
+from ..storage.group import Attribute, Group, Late, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import kept, shape
 from .summary import Read, Summary
@@ -21,36 +22,7 @@ def group_of_columns(
     errors: Mapping[str, Any], problems: Mapping[str, int],
 ) -> Group:  # fmt: skip
     """The sweep as it is stored; its variables are filled in from the chunks when it is written."""
-    ok, failed, timeout, invalid, hidden = summary.status.tolist()
-    remarks = (
-        (invalid, "are no body or have no start"),
-        (hidden, "are undecided: their error is larger than their distance from the separatrix"),
-    )
-    total = tasks[-1].last
-    words = [f"{count} of {total} members: {message}" for message, count in problems.items()]
-    words += [
-        f"{n} of {total} members {what}"
-        for n, what in ((failed, "failed"), (timeout, "ran out of time"))
-        if n
-    ]
-    together = fits_ensemble(case)
-    attributes = case_attributes(
-        case,
-        mark,
-        method=", ".join(sorted(summary.methods)) or case.method,
-        method_reason=f"side by side, {summary.alone} of {total} members by themselves"
-        if together
-        else "each by itself",
-        members=total,
-        tol=case.tol or 2.0**-52,
-        steps=summary.steps,
-        run_time=summary.run_time,
-        error=math.nan,
-        error_kind="none",
-        status=ending(ok + hidden, failed, timeout),
-        message="; ".join(words) or ("" if ok + hidden else "no member is a body with a start"),
-        warnings="\n".join(f"{n} of {total} members {what}" for n, what in remarks if n),
-    )
+    attributes = sweep_attributes(case, mark, tasks[-1].last, summary, problems)
     sizes = shape(case)
     names = [axis.name for axis in axes_of(case.sweep or {})]
     variables = coordinates(case)
@@ -76,6 +48,41 @@ def group_of_columns(
     return Group({**attributes, **errors}, variables, Late(frozenset(kept(case)), fill))
 
 
+def sweep_attributes(
+    case: Case, mark: str, total: int, summary: Summary, problems: Mapping[str, int]
+) -> dict[str, Attribute]:
+    """The attributes of a sweep of so many members; what is known of its errors comes besides."""
+    ok, failed, timeout, invalid, hidden = summary.status.tolist()
+    remarks = (
+        (invalid, "are no body or have no start"),
+        (hidden, "are undecided: their error is larger than their distance from the separatrix"),
+    )
+    words = [f"{count} of {total} members: {message}" for message, count in problems.items()]
+    words += [
+        f"{n} of {total} members {what}"
+        for n, what in ((failed, "failed"), (timeout, "ran out of time"))
+        if n
+    ]
+    together = fits_ensemble(case)
+    return case_attributes(
+        case,
+        mark,
+        method=", ".join(sorted(summary.methods)) or case.method,
+        method_reason=f"side by side, {summary.alone} of {total} members by themselves"
+        if together
+        else "each by itself",
+        members=total,
+        tol=case.tol or 2.0**-52,
+        steps=summary.steps,
+        run_time=summary.run_time,
+        error=math.nan,
+        error_kind="none",
+        status=ending(ok + hidden, failed, timeout),
+        message="; ".join(words) or ("" if ok + hidden else "no member is a body with a start"),
+        warnings="\n".join(f"{n} of {total} members {what}" for n, what in remarks if n),
+    )
+
+
 def coordinates(case: Case) -> dict[str, Variable]:
     """The values along each axis; of a sphere, the directions."""
     found: dict[str, Variable] = {}
@@ -91,13 +98,7 @@ def coordinates(case: Case) -> dict[str, Variable]:
                 key = ".".join(map(str, path))
                 found[key] = Stored(key, (axis.name,)).holding(axis.values(i))
     if "trajectory" in case.store:
-        time = case.time
-        times = (
-            np.linspace(time.start, time.end, time.samples)
-            if time.samples > 1
-            else np.array([time.end])
-        )
-        found["time"] = TIME.holding(times)
+        found["time"] = TIME.holding(sample_times(case))
     return found
 
 
