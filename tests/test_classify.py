@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, engines
+from hodo_cli import HodoError, engines, tables
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.integration.classify import Classification, classify
 from hodo_cli.integration.crossings import Crossing, Marks, read_marks
@@ -337,3 +337,12 @@ def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
     np.testing.assert_allclose(found, exact.astype(float), rtol=0.1, atol=0)
     np.testing.assert_allclose(found[3], float(exact[3]), rtol=1e-14)
     assert rigid_body.margin(A, omega[1], order) == found[1]
+
+
+def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last() -> None:
+    crossings = [{"time": float(t), "from": "x1", "to": "x3", "error": 1e-14} for t in range(30)]
+    for n, expected in ((5, "0 1 2 3 4"), (6, "0 1 2 3 more 5"), (30, "0 1 2 3 more 29")):
+        told = tables.passages(crossings[:n])
+        shown = ["more" if "more" in each else each.split()[0] for each in told]
+        assert " ".join(shown) == expected
+    assert told[4] == "25 more (--json lists them)"
