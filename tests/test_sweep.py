@@ -33,6 +33,7 @@ from hodo_cli.figures.geometry import edges
 from hodo_cli.figures.maps import GRID, sphere_cells, unbroken
 from hodo_cli.integration.classify import classify, cross
 from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.solve import solve
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress, listening, reached, task
 from hodo_cli.results.layout import MEMBER_CLASSIFIED, MEMBER_PASSED
@@ -286,6 +287,42 @@ def test_chunks_and_neighbours_change_no_bit(body: str) -> None:
         assert np.array_equal(
             values, np.concatenate([part[name] for part in parts]), equal_nan=True
         ), name
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize(
+    ("body", "coefficients"),
+    [(FIG4, ["damping.0", "damping.1", "damping.2"]), (FIG12, ["resistance.diagonal"])],
+    ids=["linear-diag", "tensor"],
+)
+def test_samples_side_by_side_are_those_of_single_cases_and_neighbours_change_no_bit(
+    body: str, coefficients: list[str]
+) -> None:
+    """Half of the motions fall by e^-100 meanwhile, through several units."""
+    sizes = ", ".join(f"{key}: {{values: [0.004, {0.1 + 0.01 * i}]}}"
+                      for i, key in enumerate(coefficients))  # fmt: skip
+    case = one(f"{body}, {BALL}, "
+               f"sweep: {{size: {{zip: {{{sizes}}}}}, d: {{sphere: {{count: 40}}}}}}")  # fmt: skip
+    cases = list(members.members_as_cases(case, np.arange(80), 1234))
+    whole, some, unsampled = (
+        chunk.side_by_side(cases, sampled=True),
+        chunk.side_by_side(cases[7:45], sampled=True),
+        chunk.side_by_side(cases, sampled=False),
+    )
+    assert sum(each is not None for each in whole) > 70
+    assert min(each[0].exponent[-1] for each in whole if each) < -100
+    for single, found in zip(cases, whole, strict=True):
+        if found is not None:
+            path, known = found[0], solve(single, "taylor", "double", single.tol).path
+            ours = np.ldexp(path.state, (path.exponent - known.exponent)[:, None])
+            off = np.linalg.norm(ours - known.state, axis=1)
+            # Each is right to 5e-13, by the reference in long double.
+            assert (off <= 1e-12 * np.linalg.norm(known.state, axis=1)).all()
+    for a, b in zip(whole[7:45], some, strict=True):
+        assert (a and a[1]) == (b and b[1])
+        for one_of_a, one_of_b in zip(a[0] if a else (), b[0] if b else (), strict=True):
+            assert np.array_equal(one_of_a, one_of_b)
+    assert [each and each[1] for each in whole] == [each and each[1] for each in unsampled]
 
 
 @pytest.mark.heyoka

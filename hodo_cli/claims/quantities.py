@@ -12,37 +12,40 @@ from ..engines.protocol import EPS
 from ..integration.choice import choose
 from ..integration.classify import cross
 from ..integration.crossings import Crossing
+from ..integration.driver import Sampled
 from ..integration.solve import solve, stored
 from ..integration.trajectory import Occurrence
 from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
-from ..storage.group import Variable
 
 
-def integrated_motion(case: Case, passed: Sequence[Crossing] | None = None) -> Motion:
+def integrated_motion(case: Case) -> Motion:
     """A case integrated and, where that applies, classified; its error is not measured.
 
-    `passed` are its crossings where they are known. Raises HodoError if it stops before its end.
+    Raises HodoError if it stops before its end.
     """
     method, _ = choose(case)
-    marks: dict[str, Variable] = {}
-    if case.system.unclassifiable or passed is not None:
-        solution = solve(case, method, case.precision, case.tol)
+    if case.system.unclassifiable:
+        solution, passed = solve(case, method, case.precision, case.tol), None
     else:
         solution, passed = cross(case, method, case.precision, case.tol)
-    if passed is not None:
-        inertia = np.array(case.data["inertia"])
-        axes = rigid_body.enclosed_axis(inertia, extended(solution.path.state), 8 * EPS)
-        marks = label_variables(axes, passed)
     if not solution.whole:
         raise HodoError(f"a variation of case {case.name} {solution.status}: {solution.message}")
-    path = solution.path
+    return sampled_motion(case, solution.path, passed)
+
+
+def sampled_motion(case: Case, path: Sampled, passed: Sequence[Crossing] | None) -> Motion:
+    """A case by its samples, with labels where its crossings are known."""
     # A crossing is an event too, of which the labels tell more.
     events = [Occurrence(e.kind, e.time) for e in path.events if e.kind != "separatrix"]
-    samples = case_variables(case.system.variables, path.time, stored(case, path), events, {})
-    return Motion(case, samples | marks, label=case.name)
+    variables = case_variables(case.system.variables, path.time, stored(case, path), events, {})
+    if passed is not None:
+        inertia = np.array(case.data["inertia"])
+        axes = rigid_body.enclosed_axis(inertia, extended(path.state), 8 * EPS)
+        variables |= label_variables(axes, passed)
+    return Motion(case, variables, label=case.name)
 
 
 def quantity(m: Motion, name: str) -> np.ndarray:

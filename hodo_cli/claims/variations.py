@@ -14,10 +14,10 @@ from ..cases.sweep_block import Axis, axes_of, put
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..results.motion import Array, Motion
-from ..sweeps.chunk import crossings_together
+from ..sweeps.chunk import side_by_side
 from ..sweeps.members import members_as_cases
 from .finding import ROUNDING
-from .quantities import integrated_motion
+from .quantities import integrated_motion, sampled_motion
 
 
 def members(
@@ -77,41 +77,86 @@ def changed(case: Case, values: Mapping[str, Any]) -> Case:
 
 class Motions:
     """The motions of varied cases, each integrated once, however many claims share it, and not
-    before a claim asks for more than its crossings."""
+    before a claim asks for it."""
 
     def __init__(self) -> None:
         self._known: dict[Case, Motion] = {}
 
     def of(self, cases: Sequence[Case]) -> list[Motion]:
-        """The motions of cases, whose crossings are found side by side.
+        """The motions of cases, which are integrated side by side.
 
         What is asked of a motion raises HodoError if it stops before its end.
         """
         # A member's name is its number in one sweep; the same motion may have another elsewhere.
         unnamed = [replace(case, name="variation") for case in cases]
         new = [i for i, case in enumerate(unnamed) if case not in self._known]
-        passed = crossings_together([unnamed[i] for i in new])
-        for i, crossings in zip(new, passed, strict=True):
-            data = Unintegrated(cases[i], crossings)
-            self._known[unnamed[i]] = Motion(cases[i], data, label=cases[i].name, passed=crossings)
+        beside = Together([cases[i] for i in new])
+        for n, i in enumerate(new):
+            self._known[unnamed[i]] = Varied(cases[i], Variables(beside, n), label=cases[i].name)
         return [self._known[case] for case in unnamed]
 
 
-class Unintegrated(Mapping[str, Array]):
-    """The variables of a motion, which is integrated when they are first asked for."""
+class Together:
+    """Cases that go side by side when something is asked of one: through their samples, or without
+    them if it is only when they cross. A case in doubt is integrated by itself."""
 
-    def __init__(self, case: Case, passed: Sequence[Crossing] | None) -> None:
-        self._case, self._passed = case, passed
+    def __init__(self, cases: Sequence[Case]) -> None:
+        self._cases = cases
+
+    def variables(self, n: int) -> Mapping[str, Array]:
+        """Those of the n-th case. Raises HodoError if it stops before its end."""
+        in_doubt = "_crossings" in vars(self) and self._crossings[n] is None
+        found = None if in_doubt else self._motions[n]
+        return (found or integrated_motion(self._cases[n])).data
+
+    def crossings(self, n: int) -> tuple[Crossing, ...] | None:
+        """The crossings of the n-th case; None where its variables hold them."""
+        return None if "_motions" in vars(self) else self._crossings[n]
 
     @cached_property
-    def _variables(self) -> Mapping[str, Array]:
-        return integrated_motion(self._case, self._passed).data
+    def _motions(self) -> list[Motion | None]:
+        found = side_by_side(self._cases, sampled=True)
+        return [
+            one and sampled_motion(case, *one) for case, one in zip(self._cases, found, strict=True)
+        ]
+
+    @cached_property
+    def _crossings(self) -> list[tuple[Crossing, ...] | None]:
+        return [one and one[1] for one in side_by_side(self._cases, sampled=False)]
+
+
+class Variables(Mapping[str, Array]):
+    """The variables of one of some cases, which is integrated when they are first asked for."""
+
+    def __init__(self, beside: Together, n: int) -> None:
+        self._beside, self._n = beside, n
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...] | None:
+        """See `Together.crossings`."""
+        return self._beside.crossings(self._n)
+
+    @cached_property
+    def _known(self) -> Mapping[str, Array]:
+        return self._beside.variables(self._n)
 
     def __getitem__(self, name: str) -> Array:
-        return self._variables[name]
+        return self._known[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._variables)
+        return iter(self._known)
 
     def __len__(self) -> int:
-        return len(self._variables)
+        return len(self._known)
+
+
+class Varied(Motion):
+    """A motion whose crossings may be known before its variables are."""
+
+    data: Variables
+
+    @cached_property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """See `Motion.crossings`."""
+        known = self.data.crossings
+        return super().crossings if known is None else known

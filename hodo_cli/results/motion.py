@@ -52,15 +52,13 @@ class Array(Protocol):
 @dataclass(frozen=True)
 class Motion:
     """A case, its variables by name (an `xarray.Dataset`, or those of an `hdf5.Group`), the
-    attributes that are stored with them, what a figure calls it, the file that holds it, and its
-    crossings where they were found apart from the variables."""
+    attributes that are stored with them, what a figure calls it, and the file that holds it."""
 
     case: Case
     data: Mapping[Any, Array]
     attrs: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
     path: str = "RUN"
-    passed: tuple[Crossing, ...] | None = None
 
     @property
     def name(self) -> str:
@@ -194,8 +192,6 @@ class Motion:
     @cached_property
     def crossings(self) -> tuple[Crossing, ...]:
         """The separatrix crossings. Raises as `labels` does: none known is not none there."""
-        if self.passed is not None:
-            return self.passed
         if not len(self.labels):
             return ()
         fields = {

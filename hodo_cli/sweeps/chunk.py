@@ -15,7 +15,9 @@ from ..engines import have_taylor
 from ..engines.protocol import Status
 from ..integration.classify import classify
 from ..integration.crossings import Crossing
+from ..integration.driver import Sampled
 from ..integration.integrate import integrate
+from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.base import Event
@@ -102,31 +104,44 @@ def goes_beside(case: Case) -> bool:
     )
 
 
-def crossings_together(cases: Sequence[Case]) -> list[tuple[Crossing, ...] | None]:
-    """The separatrix crossings of single cases, found side by side where there are enough of one
-    kind; None for a case that is left to `classify`."""
-    found: list[tuple[Crossing, ...] | None] = [None] * len(cases)
+Followed = tuple[Sampled, tuple[Crossing, ...]]
+"""The samples of a motion and its separatrix crossings."""
+
+
+def side_by_side(cases: Sequence[Case], sampled: bool) -> list[Followed | None]:
+    """What becomes of single cases, side by side where there are enough of one kind; None for a
+    case that is left to `classify`. Without samples unless they are to be `sampled`."""
+    found: list[Followed | None] = [None] * len(cases)
+    for at, e in alike(cases):
+        times = sample_times(cases[at[0]]) if sampled else e.times
+        outcome, met = ensemble.advance_through(replace(e, times=times))
+        labels = _reduced(e, outcome, met).classified
+        assert labels is not None
+        well = np.flatnonzero(outcome.settled)
+        crossings: list[list[Crossing]] = [[] for _ in at]
+        columns = [column.tolist() for column in labels.crossings[1:]]
+        for n, *values in zip(well[labels.crossings.member], *columns, strict=True):
+            time, error, start, end, momentum = values
+            crossings[n].append(Crossing(time, start, end, momentum, error))
+        for n in well:
+            state, exponent = outcome.samples[:, n].T, outcome.sample_exponent[n]
+            found[at[n]] = Sampled(times, state, exponent, ()), tuple(crossings[n])
+    return found
+
+
+def alike(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
+    """The ensembles that single cases make, where there are enough of one kind, with the places
+    (n,) of their motions among the cases."""
     kinds: dict[Hashable, list[tuple[int, Inputs]]] = {}
     for i, case in enumerate(cases):
         if watches_separatrix(case):
             one = of_system(case.data, case.system)
-            span = case.time.start, case.time.end
-            kind = type(case.system), one.structure, one.events, span, case.tol
+            kind = type(case.system), one.structure, one.events, case.time, case.tol
             kinds.setdefault(kind, []).append((i, one))
-    for alike in (alike for alike in kinds.values() if len(alike) >= FEWEST):
-        at = np.array([i for i, _ in alike])
-        e = _ensemble(cases[at[0]], [one for _, one in alike], np.arange(len(at)), None)
-        outcome, met = ensemble.advance_through(e)
-        labels = _reduced(e, outcome, met).classified
-        assert labels is not None
-        of = at[outcome.settled]
-        for i in of:
-            found[i] = ()
-        columns = [column.tolist() for column in labels.crossings[1:]]
-        for i, *values in zip(of[labels.crossings.member], *columns, strict=True):
-            time, error, start, end, momentum = values
-            found[i] = (*(found[i] or ()), Crossing(time, start, end, momentum, error))
-    return found
+    for some in kinds.values():
+        if len(some) >= FEWEST:
+            at = np.array([i for i, _ in some])
+            yield at, _ensemble(cases[at[0]], [one for _, one in some], np.arange(len(at)), None)
 
 
 def watches_separatrix(case: Case) -> bool:

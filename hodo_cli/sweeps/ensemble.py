@@ -95,6 +95,7 @@ class Ensemble:
     span: tuple[float | np.ndarray, float]
     event: Event | None
     tol: float | None
+    times: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def doubt(self) -> float:
@@ -143,8 +144,9 @@ class Ensemble:
 
 @dataclass
 class Outcome:
-    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), and the
-    zeros of the event's function, with its sign at both ends.
+    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), samples (m,
+    n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with its
+    sign at both ends.
 
     A terminal event ends a motion; one with a passage is left to `advance_through`. Where `settled`
     is False nothing here counts.
@@ -157,16 +159,20 @@ class Outcome:
     passages: Passages
     first: np.ndarray
     last: np.ndarray
+    samples: np.ndarray
+    sample_exponent: np.ndarray
     departures: Sequence[Departures] = ()
 
     @classmethod
-    def blank(cls, m: int, n: int) -> "Outcome":
+    def blank(cls, m: int, n: int, s: int) -> "Outcome":
         """Nothing known of n motions."""
         exponent, steps, first, last = np.zeros((4, n), dtype=np.int64)
         none = np.empty(0, dtype=np.int64)
         passages = Passages(none, np.empty(0), np.empty(0), none, np.empty((m, 0)), none)
         settled = np.zeros(n, dtype=bool)
-        return cls(np.full((m, n), np.nan), exponent, steps, settled, passages, first, last)
+        state, samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
+        sample_exponent = np.zeros((n, s), dtype=np.int64)
+        return cls(state, exponent, steps, settled, passages, first, last, samples, sample_exponent)
 
 
 NUMBER, SIZE, RATE = range(-3, 0)
@@ -202,6 +208,7 @@ class Underway:
     pauses: int = 0
     suspects: list[Suspects] = field(default_factory=list)
     departures: list[Departures] = field(default_factory=list)
+    ways: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         e, m = self.ensemble, self.m
@@ -218,6 +225,8 @@ class Underway:
         )
         self.renew(np.arange(len(number)))
         self.empty(len(moving))
+        at_start = e.times <= np.reshape(e.span[0], (-1, 1))
+        np.copyto(self.outcome.samples, e.start[:, :, None], where=at_start)
 
     @property
     def m(self) -> int:
@@ -232,9 +241,30 @@ class Underway:
         """One step of every motion."""
         length = self.m + CLOCK
         self.step(self.now[:length], self.book[:NUMBER], self.next)
+        if self.ensemble.times.size:
+            self.ways.append(self.now[:length].copy())
         if self.step.rows > length + 1:
             self.watch(np.flatnonzero(self.next[length + 1] < 0))
         self.now, self.next = self.next, self.now
+
+    def sample(self) -> None:
+        """Enter the states at the sample times within the steps since the last pause."""
+        e, m = self.ensemble, self.m
+        number, size, rate = self.book[NUMBER:].astype(np.int64)
+        ways = np.stack([*self.ways, self.now[: m + CLOCK]], axis=1)  # (m + CLOCK, steps + 1, n)
+        self.ways.clear()
+        # What rounding has taken from its time a motion at its end has left out of its last step.
+        left = np.ldexp(np.where(ways[m] > 0, ways[m] + ways[m + 1], 0), -rate)
+        passed = np.searchsorted(e.times, e.span[1] - left, side="right")
+        new = np.diff(passed, axis=0).ravel()
+        step = np.repeat(np.arange(len(new)), new)
+        at = np.arange(len(step)) + (passed[:-1].ravel() - np.cumsum(new) + new)[step]
+        column = step % len(number)
+        before = ways[:, :-1].reshape(m + CLOCK, -1).take(step, axis=1)
+        place = before[m] + before[m + 1] - np.ldexp(e.span[1] - e.times[at], rate[column])
+        there = state_after(self.step, place, before, self.book[:NUMBER].take(column, axis=1))
+        self.outcome.samples[:, number[column], at] = there
+        self.outcome.sample_exponent[number[column], at] = size[column]
 
     def watch(self, at: np.ndarray) -> None:
         """Remember the steps just taken in the columns `at`, where the event's function may have
@@ -267,6 +297,8 @@ class Underway:
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
         self.pauses += 1
+        if self.ways:
+            self.sample()
         (left, lost, steps), book = self.now[self.m : self.m + CLOCK], self.book
         going = (left > 0) & (steps < MOST_STEPS)
         # What rounding took from the time left, back to it before it decides the last steps.
@@ -340,7 +372,8 @@ def advance(e: Ensemble) -> Outcome:
     from ..engines import taylor_batch  # heyoka may be missing
 
     step = taylor_batch.build(e.model, e.structure, e.event, e.tol)  # type: ignore[arg-type]
-    outcome = Outcome.blank(*e.start.shape)
+    m, n = e.start.shape
+    outcome = Outcome.blank(m, n, len(e.times))
     if e.start.any():
         underway = Underway(e, step, outcome)
         while underway.book.shape[1]:
@@ -460,18 +493,20 @@ def passages(
 def state_after(
     step: "TaylorStep", place: np.ndarray, before: np.ndarray, k: np.ndarray
 ) -> np.ndarray:
-    """The states (m, k) a time `place` (k,) after columns: by a step that has no more time left."""
-    columns, k = before.copy(), k.copy()
+    """The states (m, k) a time `place` (k,) after columns: by a step that has no more time left.
+
+    The arguments are overwritten.
+    """
     m = len(before) - CLOCK
     k[0] += place - before[m]  # the end's time, so that the step begins when it did
-    columns[m] = place
+    before[m] = place
 
     def to_there(columns: np.ndarray, k: np.ndarray) -> np.ndarray:
         out = np.empty((step.rows, columns.shape[1]))
         step(columns, k, out)
         return out
 
-    return columnwise(to_there, columns, k)[:m]
+    return columnwise(to_there, before, k)[:m]
 
 
 def columnwise(
@@ -480,7 +515,7 @@ def columnwise(
     """A compiled function of columns and constants, padded to the width that it wants."""
     n = columns.shape[1]
     some = padded(np.arange(n))
-    return function(*(np.ascontiguousarray(a[:, some]) for a in (columns, k)))[:, :n]
+    return function(*(a.take(some, axis=1) for a in (columns, k)))[:, :n]
 
 
 def first_of_each(passed: Passages) -> Passages:
