@@ -1,5 +1,6 @@
 """The members of a claim's `over:`, each as a motion."""
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -32,12 +33,13 @@ def members(
     shape = tuple(map(len, axes))
     numbers = np.arange(math.prod(shape))
     swept = [replace(case, sweep=dict(over)) for case in cases]
-    each = [members_as_cases(case, numbers, case.time.samples) for case in swept]
+    each = [[*members_as_cases(case, numbers, case.time.samples)] for case in swept]
+    for case in itertools.chain(*each):
+        for wrong in type(case.system).check(case.data):
+            raise HodoError(f"member {case.name}: {wrong}")
+    about = [starting_axes(of_case) for of_case in each if start]
     for i, varied in enumerate(zip(*each, strict=True)):
-        for case in varied:
-            for wrong in type(case.system).check(case.data):
-                raise HodoError(f"member {case.name}: {wrong}")
-        if start is None or all(starting_axis(case) == start for case in varied):
+        if all(axis[i] == start for axis in about):
             yield named(axes, np.unravel_index(i, shape)), [*varied]
 
 
@@ -53,10 +55,18 @@ def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
     return ", ".join(words)
 
 
-def starting_axis(case: Case) -> str:
-    """The axis that the hodograph of a body-frame case encloses at the start."""
-    A, omega = np.array(case.data["inertia"]), np.array(case.system.start)
-    return rigid_body.LABELS[int(rigid_body.enclosed_axis(A, omega, ROUNDING))]
+def starting_axes(cases: Sequence[Case]) -> list[str]:
+    """The axes that the hodographs of body-frame cases enclose at the start."""
+    found = [""] * len(cases)
+    bodies: dict[Any, list[int]] = {}
+    for i, case in enumerate(cases):
+        bodies.setdefault(case.data["inertia"], []).append(i)
+    for inertia, at in bodies.items():
+        omega = np.array([cases[i].system.start for i in at])
+        labels = rigid_body.enclosed_axis(np.array(inertia), omega, ROUNDING)
+        for i, label in zip(at, labels.tolist(), strict=True):
+            found[i] = rigid_body.LABELS[label]
+    return found
 
 
 def changed(case: Case, values: Mapping[str, Any]) -> Case:

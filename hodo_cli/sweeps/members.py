@@ -90,14 +90,12 @@ def starts(given: list[Inputs], place: np.ndarray, direction: np.ndarray | None)
 
 def velocities(given: list[Inputs], place: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
-    the data."""
-    A = np.array([one.data["inertia"] for one in given])
-    omega = [
-        one.system.velocity(one.data["inertia"], one.data["initial"])
-        for one in given
-        if one.system is not None
-    ]
-    G = np.linalg.norm(A * np.array(omega), axis=1)
+    the data; nan for data that describe no body or no start."""
+    A, omega = np.array([one.data["inertia"] for one in given]), np.full((len(given), 3), np.nan)
+    for row, one in zip(omega, given, strict=True):
+        if one.system is not None:
+            row[:] = one.system.velocity(one.data["inertia"], one.data["initial"])
+    G = np.linalg.norm(A * omega, axis=1)
     return np.asarray(G[place, None] * direction / A[place])
 
 
@@ -111,13 +109,15 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[
     given, place, direction = member_inputs(case, numbers)
     time = replace(case.time, samples=samples)
     common = replace(case, time=time, sweep=None, store=(), error="off")
+    omega = None if direction is None else velocities(given, place, direction)
     for i, number in enumerate(numbers):
         of = given[place[i]]
         data = of.data
-        if direction is not None and of.start is not None:
-            omega = velocities([of], np.zeros(1, dtype=int), direction[[i]])[0].tolist()
+        if omega is not None and of.start is not None:
             # The other ways to give the start (|G|, x and y) make way for the components.
-            start = dict.fromkeys(data["initial"]) | dict(zip("pqr", omega, strict=True))
+            start = dict.fromkeys(data["initial"]) | dict(
+                zip("pqr", omega[i].tolist(), strict=True)
+            )
             data = {**data, "initial": start}
         yield replace(common, name=f"{case.name}.{number}", data=data)
 
