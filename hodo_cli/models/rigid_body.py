@@ -135,7 +135,7 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     # In steady rotation about an axis of symmetry both terms are 0: G goes round nothing.
     known = np.isfinite(outer + inner) & (outer + inner > 0)
     if A[largest] > A[middle] > A[smallest]:
-        known = np.isfinite(outer + inner) & np.any(omega != 0, axis=-1)
+        known = np.isfinite(outer + inner) & (w != 0).any(axis=0)
         with np.errstate(invalid="ignore"):  # what is infinite is undetermined anyway
             near = np.abs(margin(A, omega, order)) <= band
         labels = np.where(near, SEPARATRIX, labels)

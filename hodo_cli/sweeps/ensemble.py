@@ -263,8 +263,11 @@ class Underway:
         before = ways[:, :-1].reshape(m + CLOCK, -1).take(step, axis=1)
         place = before[m] + before[m + 1] - np.ldexp(e.span[1] - e.times[at], rate[column])
         there = state_after(self.step, place, before, self.book[:NUMBER].take(column, axis=1))
-        self.outcome.samples[:, number[column], at] = there
-        self.outcome.sample_exponent[number[column], at] = size[column]
+        # Row by row, which is four times as fast as all rows at once.
+        entry = number[column] * len(e.times) + at
+        for samples, values in zip(self.outcome.samples, there, strict=True):
+            samples.reshape(-1)[entry] = values
+        self.outcome.sample_exponent.reshape(-1)[entry] = size[column]
 
     def watch(self, at: np.ndarray) -> None:
         """Remember the steps just taken in the columns `at`, where the event's function may have
@@ -363,7 +366,8 @@ def padded(numbers: np.ndarray) -> np.ndarray:
     """Numbers (n,), with copies of the last one up to a multiple of the engine's width."""
     from ..engines.taylor_batch import WIDTH  # heyoka may be missing
 
-    return np.asarray(np.pad(numbers, (0, -len(numbers) % WIDTH), mode="edge"))
+    n = len(numbers)
+    return numbers[np.minimum(np.arange(n + -n % WIDTH), n - 1)]
 
 
 @np.errstate(all="ignore")  # what overflows is not finite, hence unsettled
