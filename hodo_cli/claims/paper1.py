@@ -64,8 +64,8 @@ def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
     """A time at which a free motion passes q = 0, and omega (3,) there: Newton's method on q(t)."""
     A, start = m.inertia, m.omega[0]
     near = first(zeros(m.time, m.omega[:, 1])) if start[1] else float(m.time[0])
-    # Quadratic from a sample nearby, so five steps would do; sixty cost nothing.
-    for _ in range(60):
+    # Quadratic from a sample nearby, so that five steps would do.
+    for _ in range(10):
         p, q, r = free_motion(A, start, np.array([near - m.time[0]]))[0]
         # q' of Euler's equations for free motion.
         near -= q * A[1] / ((A[2] - A[0]) * p * r)

@@ -7,7 +7,7 @@ not alternate) is left unsettled, for these two to decide by themselves.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -259,10 +259,12 @@ class Underway:
         new = np.diff(passed, axis=0).ravel()
         step = np.repeat(np.arange(len(new)), new)
         at = np.arange(len(step)) + (passed[:-1].ravel() - np.cumsum(new) + new)[step]
+        step, at = padded(step), padded(at)
         column = step % len(number)
         before = ways[:, :-1].reshape(m + CLOCK, -1).take(step, axis=1)
         place = before[m] + before[m + 1] - np.ldexp(e.span[1] - e.times[at], rate[column])
-        there = state_after(self.step, place, before, self.book[:NUMBER].take(column, axis=1))
+        k = self.book[:NUMBER].take(column, axis=1)
+        there = states_after(self.step, *shortened(before, k, place))
         # Row by row, which is four times as fast as all rows at once.
         entry = number[column] * len(e.times) + at
         for samples, values in zip(self.outcome.samples, there, strict=True):
@@ -483,7 +485,8 @@ def passages(
     place = found.x[found.sure] * steps.length[at]
     slope = value(series[1:, at] * np.arange(1, order + 1)[:, None], place)
     left = (before[m, at] - place) + before[m + 1, at]
-    there = state_after(step, place, before[:, at], book[:NUMBER, at])
+    cut = shortened(before[:, at], book[:NUMBER, at], place)
+    there = columnwise(partial(states_after, step), *cut)
     size, rate = units_of(book[:, at])
     times, motion = e.span[1] - np.ldexp(left, -rate), book[NUMBER, at].astype(np.int64)
     lost = (ROUNDING + PER_STEP * step.tol) * (before[m + 2, at] + 2) / e.doubt
@@ -494,23 +497,21 @@ def passages(
     return Passages(*(a[..., by_time] for a in columns)), undecided
 
 
-def state_after(
-    step: "TaylorStep", place: np.ndarray, before: np.ndarray, k: np.ndarray
-) -> np.ndarray:
-    """The states (m, k) a time `place` (k,) after columns: by a step that has no more time left.
+def shortened(
+    columns: np.ndarray, k: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Columns and constants with no more time left than `place` (k,), in the arrays given."""
+    m = len(columns) - CLOCK
+    k[0] += place - columns[m]  # the end's time, so that the step begins when it did
+    columns[m] = place
+    return columns, k
 
-    The arguments are overwritten.
-    """
-    m = len(before) - CLOCK
-    k[0] += place - before[m]  # the end's time, so that the step begins when it did
-    before[m] = place
 
-    def to_there(columns: np.ndarray, k: np.ndarray) -> np.ndarray:
-        out = np.empty((step.rows, columns.shape[1]))
-        step(columns, k, out)
-        return out
-
-    return columnwise(to_there, before, k)[:m]
+def states_after(step: "TaylorStep", columns: np.ndarray, k: np.ndarray) -> np.ndarray:
+    """The states (m, k) a step after columns, whose number is a multiple of the engine's width."""
+    out = np.empty((step.rows, columns.shape[1]))
+    step(columns, k, out)
+    return out[: len(columns) - CLOCK]
 
 
 def columnwise(
