@@ -248,25 +248,22 @@ class Underway:
         self.now, self.next = self.next, self.now
 
     def sample(self) -> None:
-        """Enter the states at the sample times within the steps since the last pause."""
+        """Enter the states at the sample times within the steps since the last pause: a sample is a
+        step that has no more time left."""
         e, m = self.ensemble, self.m
         number, size, rate = self.book[NUMBER:].astype(np.int64)
         ways = np.stack([*self.ways, self.now[: m + CLOCK]], axis=1)  # (m + CLOCK, steps + 1, n)
         self.ways.clear()
-        # What rounding has taken from its time a motion at its end has left out of its last step.
-        left = np.ldexp(np.where(ways[m] > 0, ways[m] + ways[m + 1], 0), -rate)
-        passed = np.searchsorted(e.times, e.span[1] - left, side="right")
-        new = np.diff(passed, axis=0).ravel()
-        step = np.repeat(np.arange(len(new)), new)
-        at = np.arange(len(step)) + (passed[:-1].ravel() - np.cumsum(new) + new)[step]
-        step, at = padded(step), padded(at)
+        # A motion at its end has none left, though rounding has taken some of it.
+        left = np.where(ways[m] > 0, ways[m] + ways[m + 1], 0)
+        step, at = map(padded, times_within(e.times, e.span[1] - np.ldexp(left, -rate)))
         column = step % len(number)
         before = ways[:, :-1].reshape(m + CLOCK, -1).take(step, axis=1)
         place = before[m] + before[m + 1] - np.ldexp(e.span[1] - e.times[at], rate[column])
         k = self.book[:NUMBER].take(column, axis=1)
-        there = states_after(self.step, *shortened(before, k, place))
         # Row by row, which is four times as fast as all rows at once.
         entry = number[column] * len(e.times) + at
+        there = states_after(self.step, *shortened(before, k, place))
         for samples, values in zip(self.outcome.samples, there, strict=True):
             samples.reshape(-1)[entry] = values
         self.outcome.sample_exponent.reshape(-1)[entry] = size[column]
@@ -362,6 +359,16 @@ def units_of(book: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The size and the rate (k,) of the units of columns, from their book."""
     size, rate = book[[SIZE, RATE]].astype(np.int64)
     return size, rate
+
+
+def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The times (s,) that steps reach, which lie between edges (steps + 1, n): the step (k,), row
+    by row, and the place (k,) of the time."""
+    passed = np.searchsorted(times, edges, side="right")
+    new = np.diff(passed, axis=0).ravel()
+    step = np.repeat(np.arange(len(new)), new)
+    before = np.cumsum(new) - new
+    return step, passed[:-1].ravel()[step] + np.arange(len(step)) - before[step]
 
 
 def padded(numbers: np.ndarray) -> np.ndarray:
