@@ -112,7 +112,7 @@ def side_by_side(cases: Sequence[Case], sampled: bool) -> list[Followed | None]:
     """What becomes of single cases, side by side where there are enough of one kind; None for a
     case that is left to `classify`. Without samples unless they are to be `sampled`."""
     found: list[Followed | None] = [None] * len(cases)
-    for at, e in alike(cases):
+    for at, e in ensembles_of(cases):
         times = sample_times(cases[at[0]]) if sampled else e.times
         outcome, met = ensemble.advance_through(replace(e, times=times))
         labels = _reduced(e, outcome, met).classified
@@ -129,7 +129,7 @@ def side_by_side(cases: Sequence[Case], sampled: bool) -> list[Followed | None]:
     return found
 
 
-def alike(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
+def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
     """The ensembles that single cases make, where there are enough of one kind, with the places
     (n,) of their motions among the cases."""
     kinds: dict[Hashable, list[tuple[int, Inputs]]] = {}

@@ -455,8 +455,12 @@ def judge(
     A motion is settled if its zeros lead, by turns, from the sign at its start to that at its end,
     and none of these is in doubt.
     """
-    if suspects:
-        found, undecided = passages(e, event, suspects, step)
+    outcome.first, outcome.last = e.side(e.start), e.side(outcome.state)
+    # With a sign in doubt a motion is unsettled whatever zeros it has, and they take the longest.
+    certain = (outcome.first != 0) & (event.terminal | (outcome.last != 0))
+    steps = steps_of(suspects, certain)
+    if steps is not None:
+        found, undecided = passages(e, event, steps, step)
         if event.terminal:
             found = first_of_each(found)
             outcome.state[:, found.motion] = found.state
@@ -464,7 +468,6 @@ def judge(
         outcome.passages = found
         outcome.settled[undecided] = False
     passed = outcome.passages
-    outcome.first, outcome.last = e.side(e.start), e.side(outcome.state)
     if event.terminal:
         outcome.last[passed.motion] = passed.direction
     new = np.diff(passed.motion, prepend=-1) != 0
@@ -475,11 +478,19 @@ def judge(
     outcome.settled &= (reached == outcome.last) & (outcome.first != 0)
 
 
+def steps_of(suspects: list[Suspects], certain: np.ndarray) -> Suspects | None:
+    """All steps of those motions that are `certain` (n,); None if there are none."""
+    if not suspects:
+        return None
+    steps = Suspects(*(np.concatenate(parts, axis=-1) for parts in zip(*suspects, strict=True)))
+    wanted = np.flatnonzero(certain[steps.book[NUMBER].astype(np.int64)])
+    return Suspects(*(a.take(wanted, axis=-1) for a in steps)) if wanted.size else None
+
+
 def passages(
-    e: Ensemble, event: Event, suspects: list[Suspects], step: "TaylorStep"
+    e: Ensemble, event: Event, steps: Suspects, step: "TaylorStep"
 ) -> tuple[Passages, np.ndarray]:
     """The zeros in steps that may have some, and the motions that are undecided."""
-    steps = Suspects(*(np.concatenate(parts, axis=-1) for parts in zip(*suspects, strict=True)))
     before, book, m = steps.before, steps.book, len(e.start)
     series = columnwise(step.event_series, before, book[:NUMBER])
     noise = e.uncertainty(event, before[:m], namespace(e.structure, list(book[1:NUMBER])))
