@@ -326,6 +326,16 @@ def test_samples_side_by_side_are_those_of_single_cases_and_neighbours_change_no
 
 
 @pytest.mark.heyoka
+def test_the_last_sample_is_the_end_whatever_rounding_has_taken_from_the_time() -> None:
+    brief = FIG4.replace("end: 1000", "end: 3")
+    case = one(f"{brief}, {BALL}, sweep: {{d: {{sphere: {{count: 200}}}}}}")
+    found = chunk.side_by_side([*members.members_as_cases(case, np.arange(200), 11)], sampled=True)
+    paths = [each[0] for each in found if each]
+    ends = [np.ldexp(path.state[-1], path.exponent[-1]) for path in paths]
+    np.testing.assert_allclose(ends, computed(case)["omega"], rtol=0, atol=1e-15)
+
+
+@pytest.mark.heyoka
 @pytest.mark.parametrize("size", [1e-150, 1e-3, 1.0, 1e150])
 def test_members_are_right_relative_to_their_size(size: float) -> None:
     """Against the closed form; by the end the motion has fallen by up to e^-100, and |omega|^2 may
