@@ -115,6 +115,7 @@ class Together:
 
     def variables(self, n: int) -> Mapping[str, Array]:
         """Those of the n-th case. Raises HodoError if it stops before its end."""
+        # A property is in `vars` when it has been asked for.
         in_doubt = "_crossings" in vars(self) and self._crossings[n] is None
         found = None if in_doubt else self._motions[n]
         return (found or integrated_motion(self._cases[n])).data
