@@ -47,7 +47,7 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
                 row["end"],
                 ", ".join(f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()),
                 row.get("final", ""),
-                "; ".join([*passages(row["crossings"]), *row["warnings"]]),
+                "; ".join([*few_passages(row["crossings"]), *row["warnings"]]),
             )
             for row in rows
         ],
@@ -58,7 +58,7 @@ CROSSINGS_SHOWN = 5
 """The most crossings of a case in a table, where a line may have hundreds of them."""
 
 
-def passages(crossings: Sequence[Mapping[str, Any]]) -> list[str]:
+def few_passages(crossings: Sequence[Mapping[str, Any]]) -> list[str]:
     """The crossings of a case; of many, the first ones and the last."""
     told = [*map(passage, crossings)]
     if (more := len(told) - CROSSINGS_SHOWN) > 0:
