@@ -105,7 +105,8 @@ class Plan:
             for name in left:
                 if name in self.old:
                     writer.keep(self.old[name])
-        if gone := [name for name in before if name not in labelled(self.path, before)]:
+        still = labelled(self.path, before)
+        if gone := [name for name in before if name not in still]:
             said = f"the labels of {', '.join(gone)} are gone with the old results"
             progress.say(f"{said}: hodo classify {self.path}")
         return self._rows(rows)
