@@ -163,13 +163,15 @@ class Watcher:
             [np.zeros(n, dtype=fp), np.ones(n, dtype=fp)],
             [np.zeros(2 * n, dtype=bool)],
         )
-        for form in rigid_body.separatrix_forms(self.A.astype(fp), b.swapaxes(0, 1), self.order):
-            # A difference of two coefficients has the rounding of both.
-            for polynomial, bound in ((form, noise), (np.diff(form, axis=1), 2 * noise)):
-                found = isolate(polynomial, bound)
-                rows.append(found.row)
-                places.append(found.x)
-                vanish.append(np.full(len(found.x), polynomial is form))
+        forms = np.concatenate(
+            rigid_body.separatrix_forms(self.A.astype(fp), b.swapaxes(0, 1), self.order)
+        )
+        # A difference of two coefficients has the rounding of both.
+        for polynomials, bound in ((forms, noise), (np.diff(forms, axis=1), 2 * noise)):
+            found = isolate(polynomials, np.tile(bound, 2))
+            rows.append(found.row % n)
+            places.append(found.x)
+            vanish.append(np.full(len(found.x), polynomials is forms))
         row, x, vanishes = np.concatenate(rows), np.concatenate(places), np.concatenate(vanish)
         order = np.lexsort((x, row))
         self._mark(*with_middles(row[order], x[order], vanishes[order]), b, times)
