@@ -17,7 +17,7 @@ from .protocol import DRIVEN, Engine
 def extended(values: np.ndarray) -> np.ndarray:
     """Values of any precision as long doubles."""
     if values.dtype.type in (np.float64, np.longdouble):
-        return values.astype(np.longdouble)
+        return values.astype(np.longdouble, copy=False)
     from . import taylor
 
     return taylor.longdouble(values)

@@ -43,7 +43,9 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
     times = times[kept]
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
     rows = np.append(kept[kept < n - 1], n - 1) if n else kept[:0]
-    thin = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
+    thin = path
+    if len(rows) < n:
+        thin = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
     finer = replace(case, data={**case.data, **solution.case.system.finer})
     for precision, reference_method, tol in references(case, method, solution.tol):
         limited = patient(finer, method, solution, reference_method)
@@ -130,7 +132,7 @@ def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, f
         scaled = np.ldexp(a, shift) if system.degree and shift.any() else a
         off, size = subtracted(scaled, b), np.abs(b.astype(float))
         if "axis" in variable.dims:
-            off, scale = (np.sqrt(np.square(each).sum(axis=-1)) for each in (off, size))
+            off, scale = (np.sqrt(np.vecdot(each, each)) for each in (off, size))
             off[resting] = 0
         else:
             off, scale = np.abs(off), np.max(size, initial=0)
