@@ -8,10 +8,11 @@ import numpy as np
 from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines import exact
+from ..models.base import Model
 from ..models.constants import attributes, jacobian
 from .driver import Sampled
 from .solve import solve
-from .units import Units
+from .units import Units, units_at_start
 
 AUTOMATIC = ("exact", "taylor", "collocation")
 """The methods that `auto` takes: those that are right to the last digits."""
@@ -67,21 +68,27 @@ def best(case: Case, precision: str) -> tuple[str, str]:
 def taylor_steps(case: Case, path: Sampled | None = None) -> float:
     """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as
     on a path."""
-    system, model, rates = case.system, type(case.system), []
+    system, end = case.system, case.time.end
     if path is None:
-        path = Sampled(np.array([case.time.end]), np.array([system.start]), np.array([0]), ())
-    for t, state, exponent in zip(
-        path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
-    ):
-        units = Units.fit(model, system.constants, state, exponent)
-        k = attributes(units.constants(model, system.constants))
-        y = np.ldexp(state, exponent - units.size)
-        slopes, moving = jacobian(model, k, t, y), np.array(model.rhs(t, [*y], k), dtype=float) != 0
-        # A variable that keeps its value, such as a side, moves no other, however much hangs on it.
-        slopes[:, ~moving & ~slopes.any(axis=1)] = 0
-        rates.append(
-            float(np.ldexp(np.abs(slopes).sum(axis=1).max(), units.rate)) if state.any() else 0.0
-        )
+        rates = [rate(system, end, np.array(system.start), 0, units_at_start(system))]
+    else:
+        end, rates = float(path.time[-1]), []
+        for t, state, size in zip(
+            path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
+        ):
+            units = Units.fit(type(system), system.constants, state, size)
+            rates.append(rate(system, t, state, size, units))
     # A Taylor step at full precision covers some 8 units of the fastest rate: right to 25 % for a
     # stiff motion, for which it decides, and a third of the steps that others take.
-    return float(np.mean(rates) * (path.time[-1] - case.time.start)) / 8
+    return float(np.mean(rates) * (end - case.time.start)) / 8
+
+
+def rate(system: Model, t: float, state: np.ndarray, size: int, units: Units) -> float:
+    """The fastest rate in a state (m,), which is in units of 2**size, by the units that fit it."""
+    model, k = type(system), attributes(units.constants(type(system), system.constants))
+    y = np.ldexp(state, size - units.size)
+    slopes, moving = jacobian(model, k, t, y), np.array(model.rhs(t, [*y], k), dtype=float) != 0
+    # A variable that keeps its value, such as a side, moves no other, however much hangs on it.
+    slopes[:, ~moving & ~slopes.any(axis=1)] = 0
+    fastest = np.ldexp(np.abs(slopes).sum(axis=1).max(), units.rate)
+    return float(fastest) if state.any() else 0.0
