@@ -99,17 +99,23 @@ class Case:
         """
         return models.find(self.model, self.form).of(self.data)
 
+    @cached_property
+    def lines(self) -> Mapping[str, str]:
+        """The case as YAML, complete: its lines by their keys. They are its text and, but for the
+        remarks, its mark."""
+        entries = {"name": self.name, "model": self.model, "form": self.form}
+        entries |= _without_none(self.data)
+        common = {key: getattr(self, key) for key in COMMON} | {"time": asdict(self.time)}
+        entries |= {k: value for k, value in common.items() if value is not None and value != {}}
+        return {key: f"{key}: {write(value)}\n" for key, value in entries.items()}
+
 
 def dump(case: Case, remarks: bool = True) -> str:
     """The case as YAML, complete, one key a line; `parse_case` returns an equal case.
 
     Without `remarks`, what is left is what decides its numbers.
     """
-    entries = {"name": case.name, "model": case.model, "form": case.form} | _without_none(case.data)
-    common = {key: getattr(case, key) for key in COMMON if remarks or key not in REMARKS}
-    common["time"] = asdict(case.time)
-    entries |= {key: value for key, value in common.items() if value is not None and value != {}}
-    return "".join(f"{key}: {write(value)}\n" for key, value in entries.items())
+    return "".join(line for key, line in case.lines.items() if remarks or key not in REMARKS)
 
 
 def parse_case(text: str) -> Case:
