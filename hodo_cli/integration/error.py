@@ -46,9 +46,8 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
     thin = path
     if len(rows) < n:
         thin = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
-    finer = replace(case, data={**case.data, **solution.case.system.finer})
     for precision, reference_method, tol in references(case, method, solution.tol):
-        limited = patient(finer, method, solution, reference_method)
+        limited = patient(case, method, solution, reference_method)
         reference = solve(limited, reference_method, precision, tol, times, refine=False)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
@@ -63,11 +62,13 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
 
 
 def patient(case: Case, method: str, solution: Solution, reference: str) -> Case:
-    """A case as the reference of its motion takes it: it gives up where it takes very much longer,
-    as a series in long double does that a singularity stops."""
+    """A case as the reference of its motion takes it: with the data that the motion needed. It
+    gives up where it takes very much longer, as a series in long double does that a singularity
+    stops."""
     least, most = STEPS_ALLOWED[method == reference]
     limit = max(least, most * solution.steps)
-    return replace(case, max_steps=min(case.max_steps or limit, limit))
+    data = {**case.data, **solution.case.system.finer}
+    return replace(case, data=data, max_steps=min(case.max_steps or limit, limit))
 
 
 def thinned(n: int) -> np.ndarray:
