@@ -174,7 +174,8 @@ class Run:
         that no checksum covers. Raises HodoError as `summary` does.
         """
         with self.open_group(name) as group:
-            return str(group.attrs.get("checksum", "")) if self._intact else ""
+            known = self._intact and h5a.exists(group.id, b"checksum")
+            return str(_attribute(group, "checksum")) if known else ""
 
     def lacks_checksum(self, name: str) -> bool:
         """Whether damage to a group would not be noticed."""
@@ -230,8 +231,8 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     opened = h5o.open(group.id, encoded(name))
     if not isinstance(opened, h5d.DatasetID):
         raise ValueError(f"{name} is no dataset")
-    item = h5py.Dataset(opened)
-    if item.external or item.is_virtual:
+    made, item = opened.get_create_plist(), h5py.Dataset(opened)
+    if made.get_external_count() or made.get_layout() == h5d.VIRTUAL:
         raise ValueError(f"the values of {name} are in other files")
     is_plain = is_number(item.dtype) or h5py.check_string_dtype(item.dtype)
     if not is_plain or item.shape is None:
