@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,13 @@ from conftest import ROOT
 
 from hodo_cli import HodoError
 from hodo_cli.batch import mark, pool
-from hodo_cli.cases.config import parse
+from hodo_cli.cases.config import load, parse
+from hodo_cli.commands import run
+from hodo_cli.commands.classify import classify_results
 from hodo_cli.commands.resume import fingerprint
 from hodo_cli.commands.run import IS_KEPT
 from hodo_cli.integration import choice
+from hodo_cli.progress import Progress
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
@@ -170,3 +174,26 @@ def test_a_module_that_is_imported_after_an_edit_is_refused(copy: Copy) -> None:
     source.write_text(before)
     assert done.stdout == "[('scipy_ivp', None)]\n"
     assert "engines/collocation.py of hodo has changed during the run: run again" in done.stderr
+
+
+def test_the_labels_that_a_run_drops_are_looked_for_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = CONFIG.split("  swept")[0] + "  again: {method: collocation}\n"
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    asked: list[list[str]] = []
+
+    def labelled(path: Path, names: Iterable[str]) -> list[str]:
+        asked.append([*names])
+        return found(path, asked[-1])
+
+    found = run.labelled
+    monkeypatch.setattr(run, "labelled", labelled)
+    for _ in range(2):
+        (plan,) = run.plans([load(tmp_path / "a.yaml")], tmp_path, (), force=True)
+        with pool.pool(1) as workers, Progress(2, quiet=True) as progress:
+            plan.execute(workers, progress)
+        rows, _ = classify_results([tmp_path / "a.h5"])
+    assert len(rows) == 2
+    # Before and after each run, not for each case.
+    assert asked == [[], [], ["single", "again"], ["single", "again"]]
