@@ -261,7 +261,7 @@ def plan_of(
     Raises HodoError as `finished` does, or, without `force`, as `check_origin` does.
     """
     done = finished(path) if force else finished(path, partial(check_origin, config))
-    asked = tuple(
+    asked = dict.fromkeys(
         name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs)
     )
     reasons: dict[str, str] = {}
@@ -281,7 +281,7 @@ def plan_of(
     # A damaged one cannot be copied into the new file.
     left = {name: not prune and not item.damage for name, item in gone.items()}
     kept |= {name: gone[name] for name, stays in left.items() if stays}
-    return Plan(config, path, asked, reasons, kept, old, left)
+    return Plan(config, path, tuple(asked), reasons, kept, old, left)
 
 
 def outcomes(

@@ -1,6 +1,7 @@
 """Changes to a result file that is there."""
 
 import shutil
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -23,7 +24,7 @@ class Draft:
         self._run = run
         self._staging = staging
         self._attributes = attributes
-        self._left = dict.fromkeys(run.groups())
+        self._left = deque(run.groups())
         self._opened = ExitStack()
         self._output: Output | None = None
 
@@ -48,10 +49,7 @@ class Draft:
 
     def _copy_up_to(self, name: str) -> None:
         assert self._output is not None
-        for before in [*self._left]:
-            del self._left[before]
-            if before == name:
-                break
+        while self._left and (before := self._left.popleft()) != name:
             self._output.copy(self._run, before)
 
     def close(self) -> None:

@@ -192,10 +192,11 @@ def latest(waiting: Mapping[str, Path]) -> dict[str, Any]:
 
 def in_order(names: Iterable[str], text: str) -> list[str]:
     """Names of cases in the order in which a case file has them, then the others."""
+    given = dict.fromkeys(names)
     with suppress(HodoError):
         known = parse(text, "config").cases
-        names = [*(name for name in known if name in names), *names]
-    return list(dict.fromkeys(names))
+        given = dict.fromkeys([*(name for name in known if name in given), *given])
+    return list(given)
 
 
 def publish_finished(path: Path) -> None:
