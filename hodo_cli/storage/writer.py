@@ -96,6 +96,7 @@ class Batch(Run):
         self._waiting = waiting
         known = result.groups() if result else []
         self._names = in_order([*known, *waiting], self.text)
+        self._held = frozenset(self._names)
 
     def groups(self) -> list[str]:
         return self._names
@@ -104,7 +105,7 @@ class Batch(Run):
         return [name for name in self._names if not name.startswith("_")]
 
     def __contains__(self, name: str) -> bool:
-        return name in self._names
+        return name in self._held
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[Any]:
