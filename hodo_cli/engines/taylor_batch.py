@@ -42,6 +42,10 @@ EVENT_ORDER = 6
 the state. At 20 the event took a third of a step, at 4 five times as many steps would be
 suspected."""
 
+CHAINS = 4
+"""Parts of a polynomial that are summed side by side: in one chain a processor waits for each
+product, which took a third of a step."""
+
 BOUND_ROUNDING = 2.0**-40
 """The part of a bound on the rest of an event's series that covers its rounding."""
 
@@ -111,7 +115,7 @@ class TaylorStep:
         # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
         lost = lost + ((left - then) - step)
         steps = steps + hy.select(hy.gt(left, 0.0), hy.expression(1.0), hy.expression(0.0))
-        rows = [*(value(c, step) for c in y), then, lost, steps, step]
+        rows = [*(total_of_powers(c, step) for c in y), then, lost, steps, step]
         self._inputs, self._event_series = [*start, *clock], list[Any]()
         if event is not None:
             self._event_series = coefficients(event.function(time, state, k), SERIES_ORDER)
@@ -149,6 +153,13 @@ class TaylorStep:
 def coefficients(series: Series, order: int) -> list[Any]:
     """Those of a series up to an order."""
     return [series[i] for i in range(order + 1)]
+
+
+def total_of_powers(c: Sequence[Any], s: Any) -> Any:
+    """c[0] + c[1] s + ..., of more than CHAINS coefficients."""
+    chains = [value(c[1 + i :: CHAINS], (s * s) * (s * s)) for i in range(CHAINS)]
+    # The largest term comes last, so that all roundings but one are of what a step changes.
+    return c[0] + s * value(chains, s)
 
 
 def radius(y: Sequence[Sequence[Any]]) -> Any:
@@ -189,7 +200,7 @@ def clearance(event: Event, time: Series, state: Sequence[Series], k: Any, step:
         order, rest = SERIES_ORDER, hy.expression(0.0)
     D = coefficients(event.function(time, state, k), order)
     towards_0 = hy.select(hy.lt(D[0], 0.0), -D[1], D[1])
-    rest = rest + step * step * value([size(c) for c in D[2:]], step)
+    rest = rest + step * step * total_of_powers([size(c) for c in D[2:]], step)
     return size(D[0]) + step * smaller(towards_0, hy.expression(0.0)) - rest
 
 
@@ -201,11 +212,12 @@ def majorant_beyond(
     Raises NotImplementedError where the function has no majorant.
     """
     inputs = [Majorant(partial(size_of, series)) for series in (time, *state)]
-    sums = [value(coefficients(series, SERIES_ORDER), step) for series in inputs]
+    sums = [total_of_powers(coefficients(series, SERIES_ORDER), step) for series in inputs]
     whole = [Majorant(partial(constant, total)) for total in sums]
     of_series, of_sums = (event.function(y[0], y[1:], k) for y in (inputs, whole))
     # Both are rounded.
-    return (1 + BOUND_ROUNDING) * of_sums[0] - value(coefficients(of_series, order), step)
+    own = total_of_powers(coefficients(of_series, order), step)
+    return (1 + BOUND_ROUNDING) * of_sums[0] - own
 
 
 def size_of(series: Series, k: int) -> Any:
