@@ -248,6 +248,47 @@ def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -
     assert_members_are_single_cases(case, list(range(12)))
 
 
+BODY_MOVES = "initial: {p: 0.8, q: 0.5, r: 0.74}"
+FLUID = "model: cavity+constant, kappa: 0.6, torque: [0, 0, -0.1], time: {end: 1}, error: off"
+TOP = "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
+TOP += "time: {end: 1}, error: off"
+RELEASED, THROWN = "initial: {theta: 60 deg, r: 1.7}", "initial: {Gz: 1.7, H: 2, r: 1.7}"
+FULL = f"{TOP}, form: full, epsilon: 0.02"
+
+PREPARED = (
+    f"{FIG4}, {BODY_MOVES}, sweep: {{inertia.1: {{linspace: [0.3, 1.7, 999]}}}}",
+    f"{FIG12}, {BODY_MOVES}, sweep: {{resistance.diagonal: {{linspace: [0, 0.1, 999]}}}}",
+    f"{FLUID}, inertia: [8, 7, 4], {BODY_MOVES}, sweep: {{kappa: {{linspace: [0, 1, 999]}}}}",
+    f"{FLUID}, inertia: [8, 8, 4], form: averaged, initial: {{x: 1, y: 1}}, "
+    "sweep: {initial.y: {linspace: [0, 1, 999]}}",
+    f"{FULL}, {RELEASED}, sweep: {{initial.theta: {{linspace: [-3, 3, 999]}}}}",
+    f"{FULL}, {THROWN}, sweep: {{initial.Gz: {{linspace: [1, 2, 999]}}}}",
+    f"{TOP}, form: averaged, {RELEASED}, sweep: {{inertia.C: {{linspace: [0.1, 4, 999]}}}}",
+    f"{TOP}, form: averaged-u, {RELEASED}, sweep: {{initial.r: {{linspace: [-2, 2, 999]}}}}",
+    f"{TOP}, form: averaged-quadrature, {THROWN}, sweep: {{initial.H: {{linspace: [1, 3, 999]}}}}",
+)
+"""Sweeps that take models through their branches."""
+
+
+@pytest.mark.parametrize("text", PREPARED)
+def test_members_are_prepared_at_once_as_one_by_one(
+    text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case, every = one(text), np.arange(999)
+    each, _, _ = members.member_inputs(case, every)
+    calls, inputs = [], members.inputs
+    monkeypatch.setattr(members, "inputs", lambda *given: calls.append(1) or inputs(*given))
+    found = members.prepare(case, every)
+    at = np.concatenate([some.at for some in found])
+    assert sorted(at) == [i for i in every if each[i].start is not None]
+    for some in found:
+        for i, *numbers in zip(some.at, some.constants.T, some.start.T, strict=True):
+            assert (some.structure, some.events) == (each[i].structure, each[i].events)
+            assert [tuple(x.tolist()) for x in numbers] == [each[i].constants, each[i].start]
+    # Those that are refused go one by one, and the others in a part for each way they take.
+    assert len(calls) < 100 + len(every) - len(at)
+
+
 @pytest.mark.heyoka
 def test_the_papers_crossings_are_found() -> None:
     """The values of paper 1's figures to all digits known (tests/test_crossings.py has their

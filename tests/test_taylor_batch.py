@@ -146,12 +146,10 @@ def test_a_touch_is_left_to_the_single_case() -> None:
     sign. A start whose r stays above 0 is settled."""
     case = one(f"{CAVITY}, torque: [0, 0, -0.1], initial: {{p: 1e-3, q: 0, r: 0.1}}, "
                "time: {end: 60}, sweep: {initial.r: {values: [0.1, 0.5]}}")  # fmt: skip
-    alike, place, _ = members.member_inputs(case, np.arange(2))
-    start = members.starts(alike, place, None)
-    constants = np.array([each.constants for each in alike]).T
-    (event,) = alike[0].events
+    (some,) = members.prepare(case, np.arange(2))
+    (event,) = some.events
     e = ensemble.Ensemble(
-        type(case.system), alike[0].structure, constants, start, (0.0, 60.0), event, 1e-12
+        type(case.system), some.structure, some.constants, some.start, (0.0, 60.0), event, 1e-12
     )
     assert ensemble.advance(e).settled.tolist() == [False, True]
 

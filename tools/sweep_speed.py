@@ -24,7 +24,7 @@ import numpy as np
 
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import taylor_batch
-from hodo_cli.sweeps.members import member_inputs, starts
+from hodo_cli.sweeps.members import prepare
 
 ROUNDS = 3
 MEMBERS = 200_000
@@ -219,12 +219,12 @@ def peak(folder: Path, members: int) -> None:
     for model in ("linear-diag", "tensor"):
         text = f"title: t\ncases:\n  a: {{{FORMS[model] % COLUMNS}}}\n"
         case = parse(text, "sweep.yaml").cases["a"]
-        data, place, direction = member_inputs(case, np.arange(COLUMNS))
-        (event,) = data[0].events
-        step = taylor_batch.build(type(case.system), data[0].structure, event, TOL)
+        (some,) = prepare(case, np.arange(COLUMNS))
+        (event,) = some.events
+        step = taylor_batch.build(type(case.system), some.structure, event, TOL)
         columns, after = np.zeros((6, COLUMNS)), np.empty((step.rows, COLUMNS))
-        columns[:3], columns[3] = starts(data, place, direction), 1000
-        k = np.array([[1000, *data[i].constants] for i in place]).T.copy()
+        columns[:3], columns[3] = some.start, 1000
+        k = np.concatenate((np.full((1, COLUMNS), 1000.0), some.constants))
         alone = seconds(partial(step, columns, k, after))
         cpu = sweep(folder, model, members).cpu
         with h5py.File(folder / "runs" / "sweep.h5") as file:

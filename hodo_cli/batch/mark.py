@@ -12,8 +12,8 @@ from ..engines import have_taylor
 
 PACKAGE = Path(__file__).parents[1]
 
-SINGLE = ("models", "engines", "integration")
-"""The folders that decide the numbers of a single case."""
+SINGLE = ("models", "engines", "integration", "arithmetic.py")
+"""The sources that decide the numbers of a single case."""
 
 SWEPT = (*SINGLE, "sweeps", "cases/sweep_block.py")
 """What decides the numbers of a sweep: the members' motions, and how members are made and

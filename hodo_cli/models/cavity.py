@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ..arithmetic import isfinite, sqrt
 from ..schema.kinds import Key, Mistake, Number, Table, Vector
 from .base import Constants, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
@@ -85,7 +86,7 @@ def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None) 
         return given["kappa"]
     if set(given) in ({"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}):
         kappa = given["density"] * shape_factor(given) / given["viscosity"]
-        if math.isfinite(kappa):
+        if isfinite(kappa):
             return kappa
         raise ValueError("kappa = rho P0/nu is too large a number")
     named = f"not {', '.join(given)}" if given else "and none of them is given"
@@ -100,7 +101,7 @@ def velocity(inertia: Sequence[float], initial: Mapping[str, float | None]) -> t
         return complete(inertia, initial)
     if x is None or y is None or any(initial.get(name) is not None for name in "pqrG"):
         raise ValueError("give x and y alone, or p, q and r")
-    return math.sqrt(x), 0.0, math.sqrt(y)
+    return sqrt(x), 0.0, sqrt(y)
 
 
 @dataclass(frozen=True)

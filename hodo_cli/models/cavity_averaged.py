@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arithmetic import hypot
 from ..schema.kinds import Choice, Key, Mistake
 from .averaging.capture import AT_SEPARATRIX, FREE
 from .averaging.fluid import (
@@ -76,7 +77,7 @@ class Symmetric(Cavity):
     @property
     def start(self) -> tuple[float, ...]:
         p, q, r = super().start
-        return math.hypot(p, q), r
+        return hypot(p, q), r
 
     @property
     def finer_start(self) -> np.ndarray:

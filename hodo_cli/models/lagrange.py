@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..arithmetic import cos, isfinite, limited, sin, sqrt, unlimited
 from ..schema.kinds import (
     Angle,
     Choice,
@@ -212,7 +213,7 @@ def nutation_at_start(
     theta, r, Gz, H = (initial[name] for name in ("theta", "r", "Gz", "H"))
     if (theta is None) == (Gz is None) or (Gz is None) != (H is None):
         raise ValueError("give theta and r, or Gz, H and r")
-    A, C, mu = (np.float64(value) for value in (inertia["A"], inertia["C"], mu))
+    A, C, mu = (unlimited(value) for value in (inertia["A"], inertia["C"], mu))
     c, scale = C * r, 2 * A * mu
     excess = c * c / scale - 2
     if theta is not None:
@@ -221,27 +222,27 @@ def nutation_at_start(
     else:
         U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
         e = root_spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
-    state = [np.float64(value) for value in (U, Z, r, e)]
-    if not np.isfinite([*state, excess]).all():
+    state = [unlimited(value) for value in (U, Z, r, e)]
+    if not all(map(isfinite, [*state, excess])):
         raise ValueError("the initial data are out of range")
-    return Nutation(*map(float, (*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu)))))
+    return Nutation(*map(limited, (*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu)))))
 
 
-def released(theta: float, excess: float) -> tuple[float, float]:
+def released(theta: Any, excess: Any) -> tuple[Any, Any]:
     """x = 1 - cos theta and e = (u2 - u1)/2 of a top let go with p = q = 0, where u2 = cos theta.
 
     `excess` is C^2 r^2/(2 A mu) - 2. No digit is lost at theta = 0 or pi.
     """
-    x = 2 * math.sin(theta / 2) ** 2
+    x = 2 * sin(theta / 2) ** 2
     # The positive root of a quadratic, in the one of its two forms that adds what has the same
     # sign.
-    root = math.sqrt(excess * excess + 4 * (excess + 2) * x)
+    root = sqrt(excess * excess + 4 * (excess + 2) * x)
     ahead = (root + excess) / 2 if excess >= 0 else 2 * (excess + 2) * x / (root - excess)
     gap = x + ahead
-    return x, math.sin(theta) ** 2 / (2 * gap) if gap > 0 else -excess / 2
+    return x, sin(theta) ** 2 / (2 * gap) if gap > 0 else -excess / 2
 
 
-def root_spread(T1: float, T2: float, T3: float) -> float:
+def root_spread(T1: Any, T2: Any, T3: Any) -> Any:
     """e = (u2 - u1)/2 from the coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
 
     Raises ValueError if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What
@@ -258,7 +259,7 @@ def root_spread(T1: float, T2: float, T3: float) -> float:
     product = T3 / y if y > 1 else T2 + (T1 + y) * y
     X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
     d = X * X - product
-    e, slack = math.sqrt(max(d, 0.0)), math.sqrt(ROOT_ROUNDING)
+    e, slack = sqrt(max(d, 0.0)), math.sqrt(ROOT_ROUNDING)
     if d >= -ROOT_ROUNDING and -slack <= X - e and X + e <= 2 + slack:
         return e
     raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
@@ -605,13 +606,13 @@ class FullTop(Top):
     def start(self) -> tuple[float, ...]:
         theta, r = self.initial["theta"], self.nutation.r
         if theta is not None:
-            return 0.0, 0.0, r, 0.0, math.sin(theta), math.cos(theta)
+            return 0.0, 0.0, r, 0.0, sin(theta), cos(theta)
         A, C = self.inertia["A"], self.inertia["C"]
         # Rounding may put an upright top a little beyond the pole.
         x = min(max(self.nutation.X, 0.0), 2.0)
-        sine = math.sqrt(x * (2 - x))
+        sine = sqrt(x * (2 - x))
         q = (self.nutation.U + C * r * x) / (A * sine) if sine else 0.0
-        p = math.sqrt(max(2 * self.mu * (x - self.nutation.Z) / A - q * q, 0.0))
+        p = sqrt(max(2 * self.mu * (x - self.nutation.Z) / A - q * q, 0.0))
         return p, q, r, 0.0, sine, 1 - x
 
 

@@ -67,11 +67,11 @@ class Tensor(BodyFrame):
     @property
     def matrix(self) -> np.ndarray:
         """I as a 3x3 array."""
-        if isinstance(self.resistance, Mapping):
-            full = np.full((3, 3), self.resistance["off_diagonal"])
-            np.fill_diagonal(full, self.resistance["diagonal"])
-            return full
-        return np.array(self.resistance, dtype=float)
+        given = self.resistance
+        if isinstance(given, Mapping):
+            on, off = given["diagonal"], given["off_diagonal"]
+            return np.array([[on, off, off], [off, on, off], [off, off, on]])
+        return np.array(given)
 
     @cached_property
     def constants(self) -> Constants:

@@ -20,8 +20,7 @@ from ..integration.integrate import integrate
 from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
-from ..models.base import Event
-from ..models.constants import Structure, flatten
+from ..models.constants import flatten
 from ..progress import portion
 from ..storage.group import Attribute, Group, Variable
 from . import ensemble
@@ -35,7 +34,7 @@ from .columns import (
     shape,
 )
 from .ensemble import Ensemble, Outcome, Passages
-from .members import Inputs, member, member_inputs, of_system, starts
+from .members import Prepared, alike, member, of_system, prepare
 
 MOST_MEMBERS, LEAST_MEMBERS = 8192, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -132,16 +131,15 @@ def side_by_side(cases: Sequence[Case], sampled: bool) -> list[Followed | None]:
 def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
     """The ensembles that single cases make, where there are enough of one kind, with the places
     (n,) of their motions among the cases."""
-    kinds: dict[Hashable, list[tuple[int, Inputs]]] = {}
+    kinds: dict[Hashable, list[Prepared]] = {}
     for i, case in enumerate(cases):
         if watches_separatrix(case):
             one = of_system(case.data, case.system)
-            kind = type(case.system), one.structure, one.events, case.time, case.tol
-            kinds.setdefault(kind, []).append((i, one))
-    for some in kinds.values():
-        if len(some) >= FEWEST:
-            at = np.array([i for i, _ in some])
-            yield at, _ensemble(cases[at[0]], [one for _, one in some], np.arange(len(at)), None)
+            alone = Prepared.of(one, np.array([i]), one.start or ())
+            kinds.setdefault((type(case.system), case.time, case.tol), []).append(alone)
+    for some in (some for parts in kinds.values() for some in alike(parts)):
+        if len(some.at) >= FEWEST:
+            yield some.at, _ensemble(cases[some.at[0]], some)
 
 
 def watches_separatrix(case: Case) -> bool:
@@ -189,35 +187,28 @@ def compute(chunk: Chunk) -> Group:
 def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
     """Fill in the members that an ensemble settles; returns the places of the others."""
     case = chunk.case
-    given, place, direction = member_inputs(case, np.arange(chunk.first, chunk.last))
-    codes = [(Status.OK if each.start else Status.INVALID).code for each in given]
-    values["status"][:] = np.array(codes)[place]
-    left = values["status"] == Status.OK.code
-    kinds: dict[tuple[Structure, tuple[Event, ...]], list[int]] = {}
-    for i, each in enumerate(given):
+    status = values["status"]
+    status[:] = Status.INVALID.code
+    left = np.zeros(len(status), dtype=bool)
+    for some in prepare(case, np.arange(chunk.first, chunk.last)):
+        status[some.at], left[some.at] = Status.OK.code, True
         # One compiled step watches one event; of two or more, single cases keep the order.
-        if each.start is not None and len(each.events) <= 1:
-            # Only what differs in numbers alone can share a compiled step.
-            kinds.setdefault((each.structure, each.events), []).append(i)
-    for alike in kinds.values():
-        at = np.flatnonzero(np.isin(place, alike))
-        some, among = [given[i] for i in alike], np.searchsorted(alike, place[at])
-        e = _ensemble(case, some, among, None if direction is None else direction[at])
-        outcome, met = ensemble.advance_through(e)
-        enter(values, at[outcome.settled], _reduced(e, outcome, met), case.time)
-        left[at[outcome.settled]] = False
+        if len(some.events) <= 1:
+            e = _ensemble(case, some)
+            outcome, met = ensemble.advance_through(e)
+            settled = some.at[outcome.settled]
+            enter(values, settled, _reduced(e, outcome, met), case.time)
+            left[settled] = False
     return np.flatnonzero(left)
 
 
-def _ensemble(
-    case: Case, given: list[Inputs], among: np.ndarray, direction: np.ndarray | None
-) -> Ensemble:
-    """The motions that have each one of the given data, by their place (n,) among them."""
-    constants = np.array([each.constants for each in given]).T[:, among]
-    start = starts(given, among, direction)
-    event = next(iter(given[0].events), None)
+def _ensemble(case: Case, some: Prepared) -> Ensemble:
+    """Members that share a compiled step, as an ensemble."""
+    event = next(iter(some.events), None)
     span = case.time.start, case.time.end
-    return Ensemble(type(case.system), given[0].structure, constants, start, span, event, case.tol)
+    return Ensemble(
+        type(case.system), some.structure, some.constants, some.start, span, event, case.tol
+    )
 
 
 def _reduced(e: Ensemble, outcome: Outcome, met: list[list[Occurrence]]) -> Reduction:

@@ -1,12 +1,13 @@
 """The members of a sweep: their data, and any one of them as a single case."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..arithmetic import Column, Parted, of_members
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
 from ..models.base import Event, Model
@@ -14,24 +15,53 @@ from ..models.constants import Structure, flatten, structure
 from ..schema.kinds import KeyPath
 from .columns import shape
 
+FEW = 16
+"""Members below which each by itself takes less time to prepare than all at once."""
+
 
 class Inputs(NamedTuple):
-    """One combination of the values that vary otherwise than over a sphere: the data, and what they
-    amount to.
+    """One combination of the values that vary otherwise than over a sphere, or a column of many:
+    the data, and what they amount to.
 
     `start` is None, and so is all but the data, where they describe no body or no start.
     """
 
     data: Mapping[str, Any]
     structure: Structure = ()
-    constants: tuple[float, ...] = ()
-    start: tuple[float, ...] | None = None
+    constants: tuple[Any, ...] = ()
+    start: tuple[Any, ...] | None = None
     events: tuple[Event, ...] = ()
     system: Model | None = None
 
 
-def inputs(case: Case, paths: Sequence[KeyPath], values: Sequence[float]) -> Inputs:
-    """The data of members with one combination of values at the paths that vary."""
+class Prepared(NamedTuple):
+    """Members that can share a compiled step: their places (k,), what they have in common, and
+    their constants (c, k) and starts (m, k)."""
+
+    at: np.ndarray
+    structure: Structure
+    events: tuple[Event, ...]
+    constants: np.ndarray
+    start: np.ndarray
+
+    @classmethod
+    def of(cls, one: Inputs, at: np.ndarray, start: Iterable[Any]) -> "Prepared":
+        """The members `at` with these inputs, and with a start of their own."""
+        constants, begin = (rows(numbers, len(at)) for numbers in (one.constants, tuple(start)))
+        return cls(at, one.structure, one.events, constants, begin)
+
+
+def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
+    """Numbers, columns of them or arrays (n,) as the rows of an array."""
+    found = np.empty((len(numbers), n))
+    for i, number in enumerate(numbers):
+        found[i] = number if isinstance(number, np.ndarray) else of_members(number)
+    return found
+
+
+def inputs(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Inputs:
+    """The data of members with one combination of values, or columns of many, at the paths that
+    vary."""
     data = case.data
     for path, new in zip(paths, values, strict=True):
         data = put(data, path, new)
@@ -47,19 +77,18 @@ def of_system(data: Mapping[str, Any], system: Model) -> Inputs:
     return Inputs(data, structure(k), tuple(flatten(k)), system.start, events, system)
 
 
-def member_inputs(
+def combinations(
     case: Case, members: np.ndarray
-) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
-    """The combinations that occur among members (n,), the place of each member's, and its direction
-    (n, 3), if any."""
+) -> tuple[list[KeyPath], np.ndarray, np.ndarray, np.ndarray | None]:
+    """The paths that vary and the values there (p, k) of each combination that occurs among members
+    (n,), the place of each member's, and its direction (n, 3), if any."""
     assert case.sweep is not None
     axes = axes_of(case.sweep)
     index = np.unravel_index(members, shape(case))
     plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
     sizes = [len(axis) for axis, _ in plain] or [1]
     flat = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
-    # Checking the data in Python takes longer than a member's integration, so equal data are
-    # checked once.
+    # The members of a sphere have their data in common.
     which, place = np.unique(flat, return_inverse=True)
     varying = [
         (path, axis.values(j, at))
@@ -68,24 +97,83 @@ def member_inputs(
     ]
     paths = [path for path, _ in varying]
     values = np.array([each for _, each in varying]).reshape(len(paths), len(which))
-    found = [inputs(case, paths, each) for each in values.T.tolist()]
     sphere = next(
         ((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None
     )
-    return found, place, sphere[0].directions(sphere[1]) if sphere else None
+    return paths, values, place, sphere[0].directions(sphere[1]) if sphere else None
 
 
-def starts(given: list[Inputs], place: np.ndarray, direction: np.ndarray | None) -> np.ndarray:
-    """The states at the start (m, n), from the combination at each place (n,); with a direction (n,
-    3) of G, its |G| is that of the data."""
+def member_inputs(
+    case: Case, members: np.ndarray
+) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
+    """The combinations that occur among members (n,), each by itself, the place of each member's,
+    and its direction (n, 3), if any."""
+    paths, values, place, direction = combinations(case, members)
+    return [inputs(case, paths, each) for each in values.T.tolist()], place, direction
+
+
+def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
+    """Members (n,) as their motions begin; those without a body or a start are left out."""
+    paths, values, place, direction = combinations(case, members)
     if direction is None:
-        return np.array([one.start for one in given]).T[:, place]
+        return alike(in_parts(case, paths, values[:, place], np.arange(len(members))))
+    given = [inputs(case, paths, each) for each in values.T.tolist()]
     omega = velocities(given, place, direction)
-    start = np.empty((len(given[0].start or ()), len(place)))
-    for i, one in enumerate(given):
-        assert one.system is not None
-        start[:, place == i] = one.system.starts(omega[place == i])
-    return start
+    return alike(
+        Prepared.of(one, at, one.system.starts(omega[at]))
+        for one, at in ((one, np.flatnonzero(place == i)) for i, one in enumerate(given))
+        if one.system is not None
+    )
+
+
+def in_parts(
+    case: Case, paths: Sequence[KeyPath], values: np.ndarray, at: np.ndarray
+) -> Iterator[Prepared]:
+    """The members `at`, with values (p, n) at paths: as many at once as their model prepares
+    alike."""
+    try:
+        some = at_once(case, paths, values, at)
+    except Parted as parted:
+        for part in (parted.where, ~parted.where):
+            yield from in_parts(case, paths, values, at[part])
+        return
+    if some is not None:
+        yield some
+        return
+    for place, each in zip(at[:, None], values[:, at].T.tolist(), strict=True):
+        one = inputs(case, paths, each)
+        if one.start is not None:
+            yield Prepared.of(one, place, one.start)
+
+
+def at_once(
+    case: Case, paths: Sequence[KeyPath], values: np.ndarray, at: np.ndarray
+) -> Prepared | None:
+    """The same, for members whose model takes no two ways; None if they are to be prepared one by
+    one: they are few, refused, or their model takes plain numbers only."""
+    if len(at) < FEW:
+        return None
+    try:
+        with np.errstate(all="ignore"):  # columns refuse what is not finite
+            one = inputs(case, paths, [Column(row) for row in values[:, at]])
+        return None if one.start is None else Prepared.of(one, at, one.start)
+    except TypeError:
+        return None
+
+
+def alike(parts: Iterable[Prepared]) -> list[Prepared]:
+    """The same members, with those together that can share a compiled step."""
+    kinds: dict[Hashable, list[Prepared]] = {}
+    for part in parts:
+        kinds.setdefault((part.structure, part.events), []).append(part)
+    return [
+        Prepared(
+            np.concatenate([part.at for part in same]),
+            *same[0][1:3],
+            *(np.concatenate(each, axis=1) for each in zip(*(p[3:] for p in same), strict=True)),
+        )
+        for same in kinds.values()
+    ]
 
 
 def velocities(given: list[Inputs], place: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -1,0 +1,115 @@
+"""Columns pass for one number: same digits, same ways, and nothing that mixes members."""
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hodo_cli.arithmetic import (
+    Column,
+    Parted,
+    cos,
+    hypot,
+    isfinite,
+    limited,
+    power,
+    sin,
+    sqrt,
+    unlimited,
+)
+
+NUMBERS = st.lists(st.floats(0.1, 1e3), min_size=9, max_size=9)
+
+
+@given(x=NUMBERS, y=NUMBERS)
+@pytest.mark.parametrize(
+    "function",
+    [operator.add, operator.sub, operator.mul, operator.truediv, operator.pow, hypot, power],
+)
+def test_columns_have_the_digits_of_numbers(
+    function: Callable[[Any, Any], Any], x: list[float], y: list[float]
+) -> None:
+    x[0], y[0] = 0.3, 2.5  # so that no power is too large
+    x, y = ([min(each, 30.0) for each in values] for values in (x, y))
+    a, b = Column(np.array(x)), Column(np.array(y))
+    assert function(a, b).values.tolist() == list(map(function, x, y))
+    assert function(a, 3).values.tolist() == [function(each, 3) for each in x]
+    assert function(0.7, b).values.tolist() == [function(0.7, each) for each in y]
+    assert function(np.float64(0.7), b).values.tolist() == [function(0.7, each) for each in y]
+
+
+@given(x=NUMBERS)
+def test_functions_of_columns_are_those_of_numbers(x: list[float]) -> None:
+    a = Column(np.array(x))
+    for of, same in ((sqrt, math.sqrt), (sin, math.sin), (cos, math.cos)):
+        assert of(a).values.tolist() == list(map(same, x))
+        assert of(x[0]) == same(x[0])
+    assert (-a).values.tolist() == [-each for each in x]
+    assert abs(-a).values.tolist() == x
+    assert isfinite(a)
+    assert not isfinite(math.inf)
+    assert limited(unlimited(a)) is a
+    with np.errstate(divide="ignore"):
+        assert math.isinf(limited(1 / unlimited(0.0)))
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"),
+    [
+        (lambda x: x < 2, [True, False, False]),
+        (lambda x: x >= 2, [False, True, True]),
+        (lambda x: x == 3, [False, False, True]),
+        (lambda x: max(x, 1.5), [False, True, True]),
+        (lambda x: bool(x - 1), [False, True, True]),
+        (lambda x: sorted((x, 2.5)), [False, False, True]),
+    ],
+)
+def test_a_column_parts_where_its_members_go_two_ways(
+    way: Callable[[Any], Any], expected: list[bool]
+) -> None:
+    with pytest.raises(Parted) as parted:
+        way(Column(np.array([1.0, 2.0, 3.0])))
+    assert parted.value.where.tolist() in (expected, [not each for each in expected])
+
+
+WAYS = [lambda x: 1 / x, sqrt, lambda x: x**-1.5, lambda x: 10 ** (500 * x)]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@np.errstate(all="ignore")
+def test_a_column_parts_from_what_is_not_finite(way: Callable[[Any], Any]) -> None:
+    with pytest.raises(Parted):
+        way(Column(np.array([-1.0, 0.0, 1.0, 2.0])))
+    with pytest.raises(TypeError, match="finite"):
+        Column(np.array([1.0, 2.0])) * math.nan
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        lambda x: np.array([1.0, 2.0, 3.0]) * x,
+        lambda x: x * np.array([1.0, 2.0, 3.0]),
+        lambda x: np.longdouble(2) * x,
+        lambda x: [1] * x,
+        lambda x: x + "1",
+        lambda x: x < None,
+        float,
+        math.sin,
+        np.sin,
+        hash,
+        len,
+        list,
+        lambda x: f"{x:g}",
+        lambda x: np.isfinite(np.array([x, 1.0])),
+        lambda x: np.linalg.norm([x, 1.0]),
+        lambda x: np.array([x, 1.0], dtype=float),
+    ],
+)
+def test_what_would_mix_members_is_refused(way: Callable[[Any], Any]) -> None:
+    with pytest.raises(TypeError):
+        way(Column(np.array([1.0, 2.0, 3.0])))
