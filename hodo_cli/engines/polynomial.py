@@ -51,7 +51,7 @@ def to_bernstein(basis: str, degree: int, dtype: np.dtype[Any]) -> np.ndarray:
     rows = [
         [
             sum(
-                (Fraction(c * comb(j, k), comb(degree, k)) for k, c in enumerate(p[: j + 1])),
+                (Fraction(c * comb(j, k), comb(degree, k)) for k, c in enumerate(p[: j + 1]) if c),
                 Fraction(0),
             )
             for j in range(degree + 1)

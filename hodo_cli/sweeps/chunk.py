@@ -36,9 +36,9 @@ from .columns import (
 from .ensemble import Ensemble, Outcome, Passages
 from .members import Prepared, alike, member, of_system, prepare
 
-MOST_MEMBERS, LEAST_MEMBERS = 8192, 256
+MOST_MEMBERS, LEAST_MEMBERS = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
-spends on each call does not count."""
+spends on each call, and HDF5 on each file, does not count."""
 
 WORTH = 250
 """Members for each number among the constants, from which on it is worth seconds to compile the
@@ -211,7 +211,7 @@ def _ensemble(case: Case, some: Prepared) -> Ensemble:
     )
 
 
-def _reduced(e: Ensemble, outcome: Outcome, met: list[list[Occurrence]]) -> Reduction:
+def _reduced(e: Ensemble, outcome: Outcome, met: dict[int, list[Occurrence]]) -> Reduction:
     """The settled motions of an ensemble, with the events that have taken them on."""
     well = np.flatnonzero(outcome.settled)
     state, exponent = outcome.state[:, well], outcome.exponent[well]
@@ -221,7 +221,7 @@ def _reduced(e: Ensemble, outcome: Outcome, met: list[list[Occurrence]]) -> Redu
     if "enclosed_axis" in final:
         start = e.model.output(np.array([0.0]), e.start[:, well].T, e.named(well))
         axes = start["enclosed_axis"], final["enclosed_axis"]
-        events = event_columns([met[i] for i in well], *axes)
+        events = event_columns([met.get(i, []) for i in well.tolist()], *axes)
         return Reduction(final, outcome.steps[well], None, events)
     sure = outcome.settled[outcome.passages.motion]
     passed = Passages(*(column[..., sure] for column in outcome.passages))

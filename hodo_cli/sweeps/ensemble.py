@@ -403,12 +403,12 @@ def advance(e: Ensemble) -> Outcome:
     return outcome
 
 
-def advance_through(e: Ensemble) -> tuple[Outcome, list[list[Occurrence]]]:
+def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
     """All motions of an ensemble through their span and the events that take them on, with these
-    events of each."""
+    events of each that has met any."""
     outcome = advance(e)
-    met: list[list[Occurrence]] = [[] for _ in range(e.start.shape[1])]
-    part, numbers = outcome, np.arange(len(met))
+    met: dict[int, list[Occurrence]] = {}
+    part, numbers = outcome, np.arange(e.start.shape[1])
     while onward := [
         going
         for left in part.departures
@@ -426,7 +426,7 @@ def advance_through(e: Ensemble) -> tuple[Outcome, list[list[Occurrence]]]:
 
 
 def taken_on(
-    e: Ensemble, left: Departures, outcome: Outcome, met: list[list[Occurrence]]
+    e: Ensemble, left: Departures, outcome: Outcome, met: dict[int, list[Occurrence]]
 ) -> list[tuple[int, Any, Any]]:
     """Enter what an event does to the motions that have met it; returns those that go on, with the
     time and the state from which on."""
@@ -440,7 +440,7 @@ def taken_on(
         except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
             outcome.settled[i] = False
             continue
-        met[i].append(Occurrence(e.event.kind, way.time, way.details))
+        met.setdefault(int(i), []).append(Occurrence(e.event.kind, way.time, way.details))
         outcome.state[:, i] = way.state
         if way.onward is not None and way.onward < e.span[1]:
             onward.append((int(i), way.onward, way.state))
