@@ -90,10 +90,10 @@ class Series:
 
     __rmul__ = __mul__
 
-    def _square(self, k: int) -> Any:
-        # Half the products of a general one.
+    def _square(self, k: int, first: int = 0) -> Any:
+        # Half the products of a general one, here without those of coefficients before `first`.
         middle = [self[k // 2] * self[k // 2]] if k % 2 == 0 else []
-        pairs = [self[i] * self[k - i] for i in reversed(range((k + 1) // 2))]
+        pairs = [self[i] * self[k - i] for i in reversed(range(first, (k + 1) // 2))]
         return total([2.0 * total(pairs), *middle] if pairs else middle)
 
     def __truediv__(self, other: Any) -> "Series":
@@ -114,7 +114,21 @@ class Series:
         quotient: Series = self._new(partial(constant, other)) / self
         return quotient
 
+    def _root(self) -> "Series":
+        def rule(k: int) -> Any:
+            if k == 0:
+                return self[0] ** 0.5
+            # From root^2 = y: a third of the operations of another power.
+            rest = self[k] - root._square(k, 1) if k > 1 else self[k]
+            return rest * (0.5 / root[0])
+
+        root = self._new(rule)
+        return root
+
     def __pow__(self, exponent: Any) -> "Series":
+        if isinstance(exponent, float) and exponent == 0.5:
+            return self._root()
+
         def rule(k: int) -> Any:
             if k == 0:
                 return self[0] ** exponent
