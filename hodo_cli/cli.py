@@ -311,7 +311,7 @@ def _run(
     Finished cases that have not changed are kept, and so are those that have left the config.
     With --set, the result is runs/NAME,CASE.KEY=VALUE.h5.
     """
-    from . import tables
+    from . import tables, text
     from .cases.config import load
     from .commands import run
 
@@ -321,7 +321,7 @@ def _run(
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return
     rows = run.execute(plans, jobs, scheduler, quiet, fail_fast)
-    click.echo(json.dumps(rows) if as_json else tables.case_table(rows))
+    click.echo(text.as_json(rows) if as_json else tables.case_table(rows))
     if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
         said = f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}"
         click.echo(said, err=True)
@@ -337,13 +337,13 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
     The labels of every sample and the crossings are added to RUNS: results (*.h5), or the configs
     of results in runs/.
     """
-    from . import tables
+    from . import tables, text
     from .commands import classify
 
     rows, problems = classify.classify_results(runs)
     for problem in problems:
         click.echo(problem, err=True)
-    click.echo(json.dumps(rows) if as_json else tables.table_of_crossings(rows))
+    click.echo(text.as_json(rows) if as_json else tables.table_of_crossings(rows))
     if problems:
         sys.exit(1)
 
@@ -478,13 +478,13 @@ def _show(runs: tuple[Path, ...], as_json: bool) -> None:
     These are results (*.h5), or the configs of results in runs/. Of each case: how it was
     integrated, how it ended, its error and run time.
     """
-    from . import tables
+    from . import tables, text
     from .commands import show
 
     rows, problems = show.stored_cases(runs)
     for problem in problems:
         click.echo(problem, err=True)
-    click.echo(json.dumps(rows) if as_json else tables.case_table(rows))
+    click.echo(text.as_json(rows) if as_json else tables.case_table(rows))
     if problems:
         sys.exit(1)
 

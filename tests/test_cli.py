@@ -77,6 +77,17 @@ def test_show_says_what_a_case_assumes(hodo: Hodo, config: Path) -> None:
     assert [row["assumes"] for row in rows] == ["r0: by reading", ""]
 
 
+def test_json_has_no_numbers_that_are_not_finite(hodo: Hodo, config: Path) -> None:
+    def refused(constant: str) -> None:
+        raise AssertionError(constant)
+
+    ran = hodo("run", config, "--set", "*.error=off", "--json")
+    shown = hodo("show", "runs/two,_.error=off.h5", "--json")
+    for done in (ran, shown):
+        rows = json.loads(done.stdout, parse_constant=refused)
+        assert [row["error"] for row in rows] == [None, None]
+
+
 def test_finished_cases_are_kept(hodo: Hodo, config: Path, tmp_path: Path) -> None:
     hodo("run", config)
     hodo("classify", "runs/two.h5")

@@ -17,7 +17,14 @@ from conftest import ROOT, Hodo
 from hodo_cli import HodoError
 from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load
-from hodo_cli.commands.compare import Line, Tolerance, compare, matching, scaled_difference
+from hodo_cli.commands.compare import (
+    Line,
+    Tolerance,
+    compare,
+    matching,
+    scaled_difference,
+    settings,
+)
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.output import create
@@ -474,3 +481,13 @@ def test_a_variable_without_a_tolerance_has_the_default_one() -> None:
 
 def test_equal_values_are_called_equal(tmp_path: Path) -> None:
     assert {line.place for line in compared(tmp_path, len)} == {"equal"}
+
+
+def test_settings_are_what_a_case_file_says() -> None:
+    """Not what a case has computed from it meanwhile."""
+    case = load(ROOT / "configs" / "paper1.yaml").cases["fig4"]
+    before = settings(case)
+    assert case.lines
+    assert case.system
+    assert settings(case) == before
+    assert before["time.end"] == 1000

@@ -20,6 +20,7 @@ if importlib.util.find_spec("plotly") is None:
     pytest.skip("needs plotly", allow_module_level=True)
 
 from hodo_cli.figures import page
+from hodo_cli.figures.artists import COLOURS
 from hodo_cli.figures.interactive import interactive, write_interactive
 from hodo_cli.figures.maps import GAP
 from hodo_cli.figures.sheet import Rendered, save
@@ -58,12 +59,13 @@ figures:
   late: {kind: phase, cases: fig4, x: p, y: time}
   plane: {kind: phase, cases: fig4, x: p, y: q}
   corner: {kind: quadrants, cases: fig4}
-  bounds: {kind: invariants, cases: fig4}
+  bounds: {kind: invariants, cases: fig4, styles: [green dotted]}
+  own: {kind: hodograph, cases: fig4, colour: case, styles: [orange]}
 """
 
 ALL = [
     *("lines", "flat", "round", "space", "ball", "time", "clock", "late", "plane", "corner"),
-    "bounds",
+    *("bounds", "own"),
 ]
 
 
@@ -199,6 +201,20 @@ def test_scales_are_the_printed_ones(results: Results) -> None:
     axes = [made.layout[f"yaxis{i}"] for i in ("", 2, 3)]
     assert [axis.type for axis in axes] == ["log", "log", "linear"]
     assert [axis.title.text for axis in axes] == ["T [–]", "G^2 [–]", "D/2T [–]"]
+
+
+def test_styles_are_the_printed_ones(results: Results) -> None:
+    spec = results.figure("bounds")
+    sheet = figures.draw(spec, results)
+    made = interactive(sheet, spec, results)
+    lines = {(trace.line.color, trace.line.dash) for trace in made.data if trace.mode == "lines"}
+    assert lines == {(COLOURS["green"], "dot")}
+    printed = [axes.lines[0] for axes in sheet.figure.axes]
+    assert {line.get_color() for line in printed} == {COLOURS["green"]}
+    spec = results.figure("own")
+    space = interactive(figures.draw(spec, results), spec, results)
+    (curve,) = [trace for trace in space.data if trace.customdata is not None]
+    assert curve.line.color == COLOURS["orange"]
 
 
 def test_the_pointer_tells_time_invariants_and_axis(results: Results) -> None:

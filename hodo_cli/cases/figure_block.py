@@ -61,14 +61,9 @@ VIEW = Key(
     "degree",
     (24.0, 35.0),
 )
-MOST_FIGURES = {
-    "cases": DRAWN_CASES,
-    "labels": LEGEND,
-    "styles": STYLES,
-    "title": TITLE,
-    "caption": CAPTION,
-    "time": TIME_SYMBOL,
-}
+OF_CASES = {"cases": DRAWN_CASES, "labels": LEGEND, "title": TITLE, "caption": CAPTION}
+STYLED = OF_CASES | {"styles": STYLES}
+TIMED = STYLED | {"time": TIME_SYMBOL}
 
 COLOUR = "what the colour of the curve shows"
 ZOOM = "adds a panel that shows the neighbourhood of the origin up to this size"
@@ -194,18 +189,18 @@ GROUPS = {
 ERROR_ORDER = GROUPS | {"against": Key(NAMES, "the case that each of the cases is compared with")}
 
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
-    "hodograph": MOST_FIGURES | HODOGRAPH,
-    "sphere": MOST_FIGURES | SPHERE,
-    "quadrants": MOST_FIGURES | QUADRANTS,
+    "hodograph": TIMED | HODOGRAPH,
+    "sphere": TIMED | SPHERE,
+    "quadrants": OF_CASES | {"time": TIME_SYMBOL} | QUADRANTS,
     "quadrant-sketch": SKETCH,
-    "series": MOST_FIGURES | SERIES,
-    "phase": MOST_FIGURES | PHASE,
-    "invariants": MOST_FIGURES,
+    "series": TIMED | SERIES,
+    "phase": TIMED | PHASE,
+    "invariants": TIMED,
     "map": MAP,
     "curve": CURVE,
-    "order": MOST_FIGURES | ERROR_ORDER,
-    "cost": MOST_FIGURES | GROUPS,
-    "share": MOST_FIGURES,
+    "order": STYLED | ERROR_ORDER,
+    "cost": STYLED | GROUPS,
+    "share": TIMED,
 }
 
 

@@ -11,7 +11,7 @@ from ..engines import extended
 from ..engines.protocol import EPS
 from ..integration.choice import choose
 from ..integration.classify import cross
-from ..integration.crossings import Crossing
+from ..integration.crossings import CERTAIN, Crossing
 from ..integration.driver import Sampled
 from ..integration.solve import solve, stored
 from ..integration.trajectory import Occurrence
@@ -43,7 +43,7 @@ def sampled_motion(case: Case, path: Sampled, passed: Sequence[Crossing] | None)
     variables = case_variables(case.system.variables, path.time, stored(case, path), events, {})
     if passed is not None:
         inertia = np.array(case.data["inertia"])
-        axes = rigid_body.enclosed_axis(inertia, extended(path.state), 8 * EPS)
+        axes = rigid_body.enclosed_axis(inertia, extended(path.state), CERTAIN * EPS)
         variables |= label_variables(axes, passed)
     return Motion(case, variables, label=case.name)
 

@@ -7,7 +7,7 @@ and `atol`.
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -276,7 +276,7 @@ def settings(case: Case) -> dict[str, Any]:
         else:
             yield at, value
 
-    common = {key: value for key, value in vars(case).items() if key not in ("data", "system")}
+    common = {of.name: getattr(case, of.name) for of in fields(case) if of.name != "data"}
     return dict(flat("", {**case.data, **common, "time": asdict(case.time)}))
 
 

@@ -16,10 +16,8 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .. import HodoError
 from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
-from ..schema.kinds import unknown
 from .geometry import stretches, windings
 from .sheet import Look, Sheet
 
@@ -125,10 +123,7 @@ LINES = dict(zip(LINE_NAMES, ("-", (0, (5, 1.5)), (0, (1, 1))), strict=True))
 
 
 def styles(n: int, given: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """n colours with line styles: those given, such as "blue dashed", then those of the cycle.
-
-    Raises HodoError for a colour or a line that there is not.
-    """
+    """n colours with line styles: those given, such as "blue dashed", then those of the cycle."""
     lines = list(dict.fromkeys(line for _, line in CYCLE))
     looks: list[dict[str, Any]] = []
     for i in range(n):
@@ -142,9 +137,6 @@ def styles(n: int, given: Sequence[str] = ()) -> list[dict[str, Any]]:
 def style(text: str) -> dict[str, Any]:
     """The colour and line that a text such as "blue dashed" names; solid if it names no line."""
     colour, _, line = text.partition(" ")
-    for word, known in ((colour, COLOURS), (line or "solid", LINES)):
-        if word not in known:
-            raise HodoError(unknown(f"colour or line {word!r}", word, known))
     return {"color": COLOURS[colour], "ls": LINES[line or "solid"]}
 
 
@@ -186,6 +178,10 @@ def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> Non
     )
 
 
+CROSSINGS_NAMED = 12
+"""The most times of crossings in a legend, which grows by a line with every five."""
+
+
 def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> list[Line2D]:
     """Legend entries of start, end and crossings; the time of the end where all end together, those
     of crossings where there is one motion only."""
@@ -193,6 +189,8 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
     of_time = "" if unit == "1" else f" {unit}"
     # With its last zeros, which tell how exact a printed number is.
     crossings = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
+    if (more := len(crossings) - CROSSINGS_NAMED) > 0:
+        crossings[CROSSINGS_NAMED - 1 : -1] = [f"{more} more"]
     end, crossing = "end", "$D = 0$"
     if len({float(motion.time[-1]) for motion in motions}) == 1:
         end += f", ${time} = {motions[0].time[-1]:.6g}${of_time}"

@@ -33,12 +33,12 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
         # The order of an error is the slope of its logarithm.
         slope, start = np.polyfit(np.log(small), np.log(errors), 1)
         names.append(f"{label}, order {slope:.2f}")
-        style = styles(len(names))[-1]
+        style = styles(len(names), spec["styles"])[-1]
         axes.loglog(small, errors, marker="o", ms=3, color=style["color"], ls="")
         axes.loglog(small, np.exp(start) * small**slope, **style)
         sheet.record("error", label, {"small": small, "error": errors})
     axes.set(xlabel=f"${spec['parameter']}$", ylabel="largest relative error of $T$ and $G^2$")
-    legend(sheet, case_handles(names), 1)
+    legend(sheet, case_handles(names, spec["styles"]), 1)
 
 
 def groups(
@@ -71,14 +71,14 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     names = []
     for label, small, motions in groups(spec, results):
         names.append(label)
-        style = styles(len(names))[-1]
+        style = styles(len(names), spec["styles"])[-1]
         taken = {what: np.array([m.attrs[what] for m in motions]) for what in ("steps", "run_time")}
         for axes, values in zip((steps, seconds), taken.values(), strict=True):
             axes.loglog(small, values, marker="o", ms=3, **style)
         sheet.record("cost", label, {"small": small, **taken})
     for axes, what in ((steps, "steps"), (seconds, "run time [s]")):
         axes.set(xlabel=f"${spec['parameter']}$", ylabel=what)
-    legend(sheet, case_handles(names), len(names))
+    legend(sheet, case_handles(names, spec["styles"]), len(names))
 
 
 def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
@@ -100,7 +100,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     for i, times in enumerate(found):
         lam = damping_of(swept, other, i)
         names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
-        style = styles(len(names))[-1]
+        style = styles(len(names), spec["styles"])[-1]
         turning = Body.of(body.tolist())
         foreseen = share_that_crosses(turning, [lam[axis] for axis in turning.order], line)
         # A start that never crosses has no time, and no comparison with nan holds.
@@ -113,7 +113,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     axes.margins(x=0)
     foreseen_as = Line2D([], [], color=BLACK, label="averaged, in closed form")
     counted_as = Line2D([], [], mec=BLACK, **MONTE_CARLO, label="counted, full motions")
-    legend(sheet, [*case_handles(names), foreseen_as, counted_as], 2)
+    legend(sheet, [*case_handles(names, spec["styles"]), foreseen_as, counted_as], 2)
 
 
 def damping_of(swept: Swept, axis: str, i: int) -> list[float]:

@@ -23,7 +23,7 @@ from ..cases.figure_block import SCRIPT
 from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Results
 from ..storage.staging import replacing
-from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues
+from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues, styles
 from .geometry import graticule, separatrix_circles, stretches
 from .maps import GAP, STORED_ERRORS
 from .sheet import Sheet, Shown, without_tex
@@ -36,11 +36,16 @@ MARGIN = {"l": 60, "r": 20, "t": 90, "b": 50}
 KEY = {"itemsizing": "constant", "orientation": "h", "x": 0, "y": 1.04, "yanchor": "bottom"}
 """Where the legend stands: above, because beside it would leave a telephone half of its width."""
 
+DASHES = dict(
+    zip([line for _, line in CYCLE[:4]], ("solid", "dash", "dashdot", "dot"), strict=True)
+)
+"""The lines of printed curves, by plotly's names."""
+
 OF_SWEEPS = ("curve", "share")
 """Kinds that show sweeps, which have no samples for the pointer to tell of."""
 
 STILL = ("quadrant-sketch",)
-"""Kinds that show nothing to turn or to zoom."""
+"""Kinds that show nothing to turn or to zoom, and have no page of their own."""
 
 
 def write_interactive(
@@ -48,10 +53,8 @@ def write_interactive(
 ) -> None:
     """Write the page of one figure, whose printed form is `sheet`, and the script that it needs.
 
-    Raises HodoError if the kind has nothing to turn or zoom, or a file cannot be written.
+    Raises HodoError if a file cannot be written.
     """
-    if spec["kind"] in STILL:
-        raise HodoError(f"a figure of kind {spec['kind']} has nothing to turn or to zoom")
     figure = interactive(sheet, spec, results)
     script = path.parent.parent / SCRIPT
     # Once for all figures: it has 5 MB, and nothing is fetched from elsewhere when a page opens.
@@ -77,8 +80,7 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.F
     if spec["kind"] in ("hodograph", "sphere"):
         return turnable(sheet, spec, results)
     if spec["kind"] == "map":
-        flat = spec["x"] is None or spec["y"] is None
-        return turnable_map(sheet, spec) if flat else images(sheet, spec)
+        return turnable_map(sheet, spec) if spec["x"] is None else images(sheet, spec)
     if spec["kind"] in OF_SWEEPS:
         figure = panels(sheet, spec, {})
         if spec["kind"] == "curve":
@@ -102,7 +104,8 @@ def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figu
     for place, (shown, motion) in enumerate(zip(sheet.shown, motions, strict=True)):
         points = np.stack([v for key, v in shown.values.items() if key != "time"], axis=-1)
         colour = spec["colour"] if motion.classified or spec["colour"] != "axis" else "case"
-        for name, where, look in _parts(motion, colour, place, len(motions)):
+        own = styles(len(motions), spec["styles"])[place]["color"]
+        for name, where, look in _parts(motion, colour, own, place, len(motions)):
             # A gap and no shorter curve, so that a point keeps the number under which its hover
             # text is found.
             part = np.where(where[:, None], points, np.nan)
@@ -182,11 +185,16 @@ def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion])
     rows = -(-len(names) // columns)
     figure = make_subplots(rows, columns, subplot_titles=[without_tex(name) for name in names])
     labels = list(dict.fromkeys(label for _, label, *_ in curves))
+    # In panels of cases, colours tell variables apart.
+    given = () if spec.get("panels") == "case" else spec.get("styles", ())
+    looks = [
+        {"color": look["color"], "dash": DASHES[look["ls"]]} for look in styles(len(labels), given)
+    ]
     # The panels of a series are others: an inset is one of its own.
     printed = {} if spec["kind"] == "series" else dict(zip(names, sheet.figure.axes, strict=False))
     for panel, label, x, y, values in curves:
         row, column = divmod(names.index(panel), columns)
-        look = {"color": CYCLE[labels.index(label) % len(CYCLE)][0], "width": 2}
+        look = {**looks[labels.index(label)], "width": 2}
         motion = motions.get(label)
         told = hover(motion) if motion and len(motion.time) == len(values[x]) else {}
         if (error := STORED_ERRORS.get(y, "")) in values:
@@ -224,7 +232,7 @@ def mark_gaps(figure: go.Figure, shown: Sequence[Shown], variable: str) -> None:
             x=x,
             y=np.full(len(x), below),
             mode="markers",
-            marker={"symbol": "x", "size": 7, "color": CYCLE[i % len(CYCLE)][0]},
+            marker={"symbol": "x", "size": 7, "color": styles(i + 1)[i]["color"]},
             text=[f"{across} = {value:.6g}: none" for value in x],
             hoverinfo="text",
             name="none",
@@ -278,7 +286,7 @@ def hover(motion: Motion) -> dict[str, Any]:
 
 
 def _parts(
-    motion: Motion, colour: str, place: int, several: int
+    motion: Motion, colour: str, own: str, place: int, several: int
 ) -> list[tuple[str, np.ndarray, dict[str, Any]]]:
     """A curve in the parts that differ in colour: name, samples (n,), and look of each."""
     n = len(motion.time)
@@ -291,7 +299,7 @@ def _parts(
         }
         return [(motion.label, np.ones(n, dtype=bool), scale)]
     if colour == "case":
-        look = {"color": CYCLE[place % len(CYCLE)][0], "width": 4}
+        look = {"color": own, "width": 4}
         return [(motion.label, np.ones(n, dtype=bool), look)]
     parts = []
     for label in np.unique(motion.labels):

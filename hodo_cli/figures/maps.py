@@ -39,7 +39,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """A variable of sweeps over two axes, or over the directions of the start, a panel for each
     position asked for."""
     sweeps = [Swept.of(name, results.cases) for name in spec["cases"]]
-    flat = spec["x"] is None or spec["y"] is None
+    flat = spec["x"] is None
     rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
     cells = [cell for row in rows for cell in row]
     values = [map_values(swept, spec, at) for swept, at in cells]
@@ -135,7 +135,7 @@ def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> 
 
     Raises HodoError if there is nothing but gaps.
     """
-    if spec["x"] is None or spec["y"] is None:
+    if spec["x"] is None:
         keep = [swept.sphere()]
         if not keep[0]:
             raise HodoError(f"sweep {swept.case.name} has no sphere: name the axes x and y")

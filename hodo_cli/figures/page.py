@@ -243,13 +243,16 @@ KINDS_IN_WORDS = {
     "invariants": "Energy, squared momentum and D/2T over time, within their bounds",
     "map": "Map of a sweep",
     "curve": "Curves of a sweep",
+    "order": "Distance of averaging from full motions against the small parameter",
+    "cost": "Steps and run time against the small parameter",
+    "share": "Share of starts that have crossed the separatrix, over time",
 }
 """What each kind of figure shows, for a reader who cannot see it."""
 
 
 def described(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
     """What a picture shows, in words: its kind, variables, cases and crossings."""
-    parts = [KINDS_IN_WORDS.get(spec["kind"], spec["kind"])]
+    parts = [KINDS_IN_WORDS[spec["kind"]]]
     if names := spec.get("variables") or spec.get("variable"):
         parts.append(names if isinstance(names, str) else ", ".join(names))
     if spec["kind"] == "phase":

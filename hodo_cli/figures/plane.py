@@ -397,7 +397,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     motions = results.motions(spec)
     sheet.figure.set_size_inches(COLUMN, 1.75 * COLUMN)
     energy, square, ratio = sheet.figure.subplots(3, sharex=True)
-    for motion, style in zip(motions, styles(len(motions)), strict=True):
+    for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         shown = motion.columns("T", "G2", "D/2T")
         sheet.record("invariants", motion.label, {"time": motion.time, **shown, "D": motion["D"]})
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
@@ -432,7 +432,8 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
             **({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high or 1.0)})
         )
     ratio.set_xlabel(time_label(spec, motions[0]))
-    handles = case_handles([motion.label for motion in motions]) if len(motions) > 1 else []
+    labels = [motion.label for motion in motions]
+    handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
     bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
     legend(sheet, [*handles, bound, *mark_handles(motions, spec["time"])[2:]], 2)
 
