@@ -20,7 +20,8 @@ from hodo_cli.cases.case import Case, Time
 from hodo_cli.integration.classify import Classification, classify
 from hodo_cli.integration.integrate import integrate
 
-COUNT = int(os.environ.get("HODO_FUZZ", "12"))
+EVERY_RUN = 12
+COUNT = int(os.environ.get("HODO_FUZZ", EVERY_RUN))
 LOOSE = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
 
 
@@ -143,7 +144,8 @@ def test_crossings_and_labels_are_right_or_undecided(
     times, found = judged(draw, rng.choice([2, 7, 101]))
     axes = [(c.start, c.end) for c in found.crossings]
     right = axes == [(c.before, c.after) for c in expected]
-    assert right or found.hidden
+    # Those of every run are decided; further ones may be undecided, which must be said.
+    assert right or (found.hidden and seed >= EVERY_RUN)
     if right:
         for ours, theirs in zip(found.crossings, expected, strict=True):
             # The error is the distance from a reference that has an error of its own.
@@ -309,8 +311,11 @@ def test_no_stated_error_is_smaller_than_the_true_one(
     try:
         motion = integrate(case)
     except HodoError:  # no method of SciPy starts at any tolerance
+        assert seed >= EVERY_RUN
         return
     if motion.status != "ok":
+        # The equations as printed may end in infinity.
+        assert seed >= EVERY_RUN or case.form == "averaged-as-printed"
         return
     true = [stored(y) for y in series.states(system, start, motion.time.tolist(), bits)]
     for name in true[0]:

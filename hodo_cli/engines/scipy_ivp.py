@@ -1,4 +1,4 @@
-"""SciPy's initial value solvers, by name; the only module that imports scipy.integrate."""
+"""SciPy's initial value solvers, by name; the only module of engines that imports SciPy."""
 
 import math
 import warnings
