@@ -180,7 +180,7 @@ def trial(
     times = [solution.run_time]
     while len(times) < repeats and solution.run_time < REPEATED:
         times.append(solve(case, taken, case.precision, tol).run_time)
-    path = compared(solution.path)
+    path = solution.path.at(thinned(len(solution.path.time)))
     error = worst(errors_against(case, path, sure.path)) if solution.whole else math.nan
     changes = drifts(case, path)
     return Trial(
@@ -199,12 +199,6 @@ def trial(
     )
 
 
-def compared(path: Sampled) -> Sampled:
-    """The samples of a motion at which its error is measured."""
-    rows = thinned(len(path.time))
-    return Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
-
-
 def verdict(case: Case, method: str, solution: Solution, error: float, floor: float) -> str:
     """What a result is worth; SILENT if it is wrong and does not say so."""
     if not solution.whole:
@@ -215,7 +209,8 @@ def verdict(case: Case, method: str, solution: Solution, error: float, floor: fl
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
     errors, _ = measured_error(case, method, solution)
-    said = any(remarks(case, solution, stored(case, compared(solution.path)), errors))
+    path = solution.path.at(thinned(len(solution.path.time)))
+    said = any(remarks(case, solution, stored(case, path), errors))
     return "inaccurate, said so" if said else "SILENT"
 
 

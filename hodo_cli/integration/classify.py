@@ -159,17 +159,19 @@ def against_reference(
         if not crossings_of(case, motion, assumed, kept=frozenset()).undecided:
             return assumed, None
     end = math.inf if solution.whole else float(path.time[-1])
-    for precision, other, tol in references(case, method, solution.tol):
-        limited = patient(case, method, solution, other)
-        reference = watched(limited, other, precision, tol, until=end)
+    for by in references(case, method, solution.tol):
+        limited = patient(case, method, solution, by.method)
+        reference = watched(limited, by.method, by.precision, by.tol, until=end)
         if (solution.whole and not reference.solution.whole) or (
-            tol is not None and reference.solution.tol == solution.tol
+            by.tol is not None and reference.solution.tol == solution.tol
         ):
             continue
         errors = distances(path, reference.solution.path)
-        theirs = own_errors(case, motion, reference, precision) if tol is None else errors
+        theirs = errors
+        if by.tol is None:
+            theirs = own_errors(case, motion, reference, by.precision)
         theirs[:1] = errors[:1] = start_error(case)
-        name = f"{other} in {precision} precision"
+        name = f"{by.method} in {by.precision} precision"
         return errors, (crossings_of(case, reference, theirs), name)
     return assumed_errors(case, path, expected), None
 
@@ -334,8 +336,7 @@ def cross(
     motion = watched(case, method, precision, tol, CERTAIN * EPS)
     path, rows = motion.solution.path, motion.sampled
     found = crossings_of(case, motion, np.full(len(path.time), EPS))
-    samples = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
-    return replace(motion.solution, path=samples), found.crossings
+    return replace(motion.solution, path=path.at(rows)), found.crossings
 
 
 def relative_distance(a: np.ndarray, b: np.ndarray) -> float:

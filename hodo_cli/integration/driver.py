@@ -35,6 +35,10 @@ class Sampled(NamedTuple):
     exponent: np.ndarray
     events: tuple[Occurrence, ...]
 
+    def at(self, rows: np.ndarray | slice) -> "Sampled":
+        """Some of the samples, with all events."""
+        return Sampled(self.time[rows], self.state[rows], self.exponent[rows], self.events)
+
 
 @dataclass
 class Samples:
@@ -54,8 +58,8 @@ class Samples:
 
     def path(self, events: Iterable[Occurrence]) -> Sampled:
         """What is known."""
-        known = slice(self.done)
-        return Sampled(self.times[known], self.state[known], self.exponent[known], tuple(events))
+        every = Sampled(self.times, self.state, self.exponent, tuple(events))
+        return every.at(slice(self.done))
 
     def ended(self, events: Iterable[Occurrence], state: np.ndarray, size: int) -> Sampled:
         """What is known, and as the last sample the state (m,) at the last of the events."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..engines import extended
 from ..models.constants import attributes
 from .choice import AUTOMATIC, MANY_STEPS, best
 from .driver import LIMIT, Sampled
-from .solve import Solution, sample_times, solve
+from .solve import Solution, refined, sample_times, solve
 
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
@@ -43,21 +43,17 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
     times = times[kept]
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
     rows = np.append(kept[kept < n - 1], n - 1) if n else kept[:0]
-    thin = path
-    if len(rows) < n:
-        thin = Sampled(path.time[rows], path.state[rows], path.exponent[rows], path.events)
-    for precision, reference_method, tol in references(case, method, solution.tol):
-        limited = patient(case, method, solution, reference_method)
-        reference = solve(limited, reference_method, precision, tol, times, refine=False)
+    thin = path.at(rows) if len(rows) < n else path
+    for by in references(case, method, solution.tol):
+        limited = patient(case, method, solution, by.method)
+        reference = solve(limited, by.method, by.precision, by.tol, times, refine=False)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
-        if tol is not None and reference.tol == solution.tol:
+        if by.tol is not None and reference.tol == solution.tol:
             continue
         # A reference that stops early still judges a motion that stopped as well.
         if reference.whole or not solution.whole:
-            kind = "exact" if reference_method == "exact" else precision
-            kind = "refined" if tol is not None else kind
-            return errors_against(case, thin, reference.path), kind
+            return errors_against(case, thin, reference.path), by.kind
     return {}, "none"
 
 
@@ -66,9 +62,7 @@ def patient(case: Case, method: str, solution: Solution, reference: str) -> Case
     gives up where it takes very much longer, as a series in long double does that a singularity
     stops."""
     least, most = STEPS_ALLOWED[method == reference]
-    limit = max(least, most * solution.steps)
-    data = {**case.data, **solution.case.system.finer}
-    return replace(case, data=data, max_steps=min(case.max_steps or limit, limit))
+    return refined(case, solution.case.system, max(least, most * solution.steps))
 
 
 def thinned(n: int) -> np.ndarray:
@@ -77,9 +71,24 @@ def thinned(n: int) -> np.ndarray:
     return np.append(positions, n - 1) if n and positions[-1] != n - 1 else positions
 
 
-def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, float | None]]:
-    """Precision, method and tolerance of the computations that an error can be measured against,
-    best first.
+class Reference(NamedTuple):
+    """How a computation is made that an error is measured against; without `tol` as exactly as its
+    precision allows."""
+
+    precision: str
+    method: str
+    tol: float | None = None
+
+    @property
+    def kind(self) -> str:
+        """What files call it."""
+        if self.tol is not None:
+            return "refined"
+        return "exact" if self.method == "exact" else self.precision
+
+
+def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
+    """The computations that an error can be measured against, best first.
 
     1. What `auto` takes, in the next precision.
     2. The same method at a hundredth of the tolerance, if that is not available or fails.
@@ -94,10 +103,10 @@ def references(case: Case, method: str, tol: float) -> Iterator[tuple[str, str, 
         known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
         better = method if known else best(case, finer)[0]
         if better != "taylor" or engines.have_taylor():
-            yield finer, better, None
+            yield Reference(finer, better)
     if method != "exact":
-        yield case.precision, method, tol / 100
-        yield case.precision, method, tol * 100
+        yield Reference(case.precision, method, tol / 100)
+        yield Reference(case.precision, method, tol * 100)
 
 
 def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, float]:

@@ -107,17 +107,18 @@ def solve(
         if resolved or not solution.whole:
             break
         # As many steps as before, unless it is a singularity that ever finer data show the clearer.
-        limit = max(100, 4 * solution.steps)
-        finer = replace(
-            case,
-            data={**case.data, **solution.case.system.finer},
-            max_steps=min(case.max_steps or limit, limit),
-        )
+        finer = refined(case, solution.case.system, max(100, 4 * solution.steps))
         better, resolved = attempted(finer, method, precision, tol, times, witness)
         if not better.whole:
             break
         solution = better
     return solution
+
+
+def refined(case: Case, system: Model, limit: int) -> Case:
+    """A case with the finer data of a system of its own, and so many steps at most."""
+    data = {**case.data, **system.finer}
+    return replace(case, data=data, max_steps=min(case.max_steps or limit, limit))
 
 
 def attempted(

@@ -64,20 +64,20 @@ def _probe(
     # nan where there is no crossing, and then the comparison is false.
     between = [crossing] if crossing < case.time.end else []
     times = np.array([case.time.start, *between, case.time.end])
-    for precision, method, closer in references(one, own, tol):
-        reference = solve(finer, method, precision, closer, times)
+    for by in references(one, own, tol):
+        reference = solve(finer, by.method, by.precision, by.tol, times)
         if reference.whole:
             path = reference.path
             error = _final_error(one, final, path)
             off = _newton(one, path.state[1], int(path.exponent[1])) if between else math.nan
-            return error, off, precision if closer is None else "refined"
+            return error, off, by.kind
     return math.nan, math.nan, "none"
 
 
 def _final_error(case: Case, final: Mapping[str, np.ndarray], path: Sampled) -> float:
     """The largest error of what is stored of a member at its end; of a vector relative to its
     length there, of a number to its largest value at start and end, since it may vanish."""
-    last = Sampled(path.time[-1:], path.state[-1:], path.exponent[-1:], ())
+    last = path.at(slice(-1, None))
     if not case.system.unclassifiable:  # what is stored is the state, which is compared as it is
         mine = Sampled(last.time, final["omega"][None], np.zeros(1, dtype=np.int64), ())
         return errors_against(case, mine, last)["omega"]
