@@ -3,12 +3,14 @@ way through D = 0."""
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import mpmath
 import numpy as np
 import pytest
 
 from hodo_cli.models.averaging.free_turn import (
+    LANDEN,
     Body,
     Slow,
     free_motion_by_phase,
@@ -17,13 +19,18 @@ from hodo_cli.models.averaging.free_turn import (
 )
 from hodo_cli.models.averaging.means import fluid_loss, fluid_weights, shape_rate, turn_means
 from hodo_cli.models.averaging.passage import (
+    FRACTIONS,
+    WEIGHTS,
+    Foreseen,
     crossing_time,
+    farthest_that_crosses,
     on_side,
-    predicted_passage,
+    outcome,
     resting_shape,
     shape_distance,
     share_beyond,
     share_that_crosses,
+    way_to_separatrix,
 )
 from hodo_cli.models.averaging.quadrature import damped_part, mean_rates, nodes_for, periodic_part
 from hodo_cli.models.cavity import fluid_torque
@@ -33,6 +40,47 @@ Triple = tuple[float, float, float]
 BODY = Body.of((1.0, 0.8, 0.6))
 FIG4, LAM4 = (0.8, 0.5, 0.74), (0.005, 0.004, 0.003)
 FIG12, LAM12 = (0.5, 0.25, 1.40435829552939), (0.005, 0.00625, 0.025 / 3)
+
+
+class Foretold(NamedTuple):
+    """A passage as averaging sees it, and what is foreseen of the true one.
+
+    `time` is t*, from the start; E, O and `n` are taken there, with `phase` phi.
+    """
+
+    time: float
+    E: float
+    O: float
+    n: float
+    phase: float
+    foreseen: Foreseen
+
+
+def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Foretold | None:
+    """The passage of a motion that starts with these mean elements, or None if it never crosses;
+    lam as sorted."""
+    u = float(shape_distance(slow.gap))
+    if not u < farthest_that_crosses(lam, slow.side):
+        return None
+    way = way_to_separatrix(lam, slow.side, u)
+    E, O = (
+        float(value) * math.exp(-float(fall))
+        for value, fall in zip(slow.pair, way[1:], strict=True)
+    )
+    phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
+    n, time = float(turn_frequency(body, E, slow.side)), float(way.time)
+    foreseen = outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
+    return Foretold(time, E, O, n, phase, foreseen)
+
+
+def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float) -> float:
+    """By how much the phase grows from u to the separatrix: the integral of phi' = n <dn> along the
+    motion."""
+    at = u * FRACTIONS
+    mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
+    fallen = way_to_separatrix(lam, slow.side, u).E - way_to_separatrix(lam, slow.side, at).E
+    turning = turn_frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
+    return float((u * WEIGHTS * turning / np.abs(shape_rate(on_side(lam, slow.side), mean))).sum())
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ import mpmath
 import numpy as np
 import pytest
 import series
+from conftest import exact_motion
 from hypothesis import example, given
 from hypothesis import strategies as st
 from mpmath import mpf
@@ -401,7 +402,7 @@ def test_a_case_begins_at_its_own_start_of_time():
     expected = closed_form.damped_motion(
         np.array([1, 0.6, 0.8]), omega0, 0.1, np.array([0.0, 10.0])
     )
-    assert np.array_equal(exact.exact_motion(one, np.array([3.0, 13.0])), expected)
+    assert np.array_equal(exact_motion(one, np.array([3.0, 13.0])), expected)
     assert expected[0] == pytest.approx(omega0, rel=1e-15)
     state, exponent = exact.exact_scaled(one, np.array([3.0, 13.0]))
     assert np.array_equal(np.ldexp(state, exponent[:, None]), expected)

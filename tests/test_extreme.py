@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import exact_motion
 
 from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
 from hodo_cli.commands.trials import PATIENCE, trial, truth
-from hodo_cli.engines import exact
 from hodo_cli.engines.collocation import STAGES, Steps, tableau
 from hodo_cli.integration.choice import choose
 from hodo_cli.integration.error import COMPARED, EXTENDED, extended, thinned
@@ -128,7 +128,7 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
     theirs = extended(series.state)
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
     assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17
-    assert np.array_equal(exact.exact_motion(case, sample_times(case)).dtype, np.float64)
+    assert np.array_equal(exact_motion(case, sample_times(case)).dtype, np.float64)
 
 
 class Decay(Model):

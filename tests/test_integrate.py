@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import exact_motion
 
 from hodo_cli import HodoError, engines
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.engines import exact
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.choice import choose, taylor_steps
 from hodo_cli.integration.integrate import integrate, remarks
@@ -51,7 +51,7 @@ def test_a_motion_that_decays_by_44_orders_stays_right_to_every_digit() -> None:
     case = diagonal((0.1, 0.1, 0.1))
     omega = integrate(case).variables["omega"]
     assert np.linalg.norm(omega[-1]) < 1e-43
-    assert distance(omega, exact.exact_motion(case, sample_times(case))) < 1e-12
+    assert distance(omega, exact_motion(case, sample_times(case))) < 1e-12
 
 
 @taylor
@@ -90,7 +90,7 @@ def test_the_state_survives_below_the_smallest_double() -> None:
 def test_the_measured_error_is_the_true_one(method: str) -> None:
     case = diagonal((0.05, 0.05, 0.05), method=method, time=Time(end=60.0, samples=61))
     trajectory = integrate(case)
-    true = distance(trajectory.variables["omega"], exact.exact_motion(case, sample_times(case)))
+    true = distance(trajectory.variables["omega"], exact_motion(case, sample_times(case)))
     # Within a factor of two where the error stands well above the rounding of the closed form
     # itself.
     assert trajectory.error == pytest.approx(true, rel=1, abs=2e-14)

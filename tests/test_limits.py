@@ -57,7 +57,10 @@ cases:
             assert ran.stderr.index(said[0]) < ran.stderr.index("[1/1]")
 
 
-@pytest.mark.parametrize("method", protocol.DRIVEN)
+DRIVEN = ("taylor", "collocation", *protocol.IVP)
+
+
+@pytest.mark.parametrize("method", DRIVEN)
 def test_every_method_has_a_last_step(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if method == "taylor" and not engines.have_taylor():
         pytest.skip("needs heyoka")
@@ -87,7 +90,7 @@ class Outflow:
         return (-(y[0] ** 0.5),)
 
 
-@pytest.mark.parametrize("method", [name for name in protocol.DRIVEN if name != "taylor"])
+@pytest.mark.parametrize("method", [name for name in DRIVEN if name != "taylor"])
 def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> None:
     # A root of a negative number is complex to Python, and a solver would go on with a part of it.
     engine = engines.engine_for(method, Outflow(), (), 1e-6, "double")  # type: ignore[arg-type]

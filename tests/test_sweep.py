@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import pytest
 import series
-from conftest import ROOT, Hodo
+from conftest import ROOT, Hodo, exact_motion
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,7 +27,6 @@ from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
 from hodo_cli.commands.classify import tabulated
-from hodo_cli.engines import exact
 from hodo_cli.engines.protocol import Status
 from hodo_cli.figures.geometry import edges
 from hodo_cli.figures.maps import GRID, sphere_cells, unbroken
@@ -388,7 +387,7 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
     values = computed(case)
     for number in range(3):
         member = members.member(case, number)
-        (omega,) = exact.exact_motion(member, np.array([case.time.end]))
+        (omega,) = exact_motion(member, np.array([case.time.end]))
         off = np.abs(values["omega"][number] - omega).max() / np.abs(omega).max()
         assert (
             off < 1e-12

@@ -36,7 +36,7 @@ from .finding import PAPER_CHECKS, PAPER_TRENDS, PLOTTING_ACCURACY, Finding, Ver
 from .variations import Motions, members
 
 PAPERS = (averaging, paper1, paper2, paper3)
-"""The modules whose import fills `paper.PAPER_CHECKS` and `paper.PAPER_TRENDS`."""
+"""The modules whose import fills `PAPER_CHECKS` and `PAPER_TRENDS`."""
 
 
 def judge_claim(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:

@@ -1,6 +1,6 @@
 """`hodo plot`: figures from result files. A figure that would be drawn as it is already is kept.
 
-What draws is imported late: matplotlib and xarray take longer to load than it takes to see that
+What draws is imported late: matplotlib takes longer to load than it takes to see that
 nothing is to be drawn.
 """
 

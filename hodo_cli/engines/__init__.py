@@ -1,5 +1,5 @@
-"""Methods of integration behind one protocol, one heavy library each. Imports cases, models and
-schema; knows neither files nor what a motion is wanted for.
+"""Methods of integration behind one protocol, one heavy library each. Imports cases and
+models; knows neither files nor what a motion is wanted for.
 
 An engine is loaded when it is first asked for, and heyoka with it.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from .. import HodoError
 from ..models.base import Event, Model
 from ..models.constants import structure
-from .protocol import DRIVEN, Engine
+from .protocol import Engine
 
 
 def extended(values: np.ndarray) -> np.ndarray:
@@ -41,12 +41,9 @@ def engine_for(
     """The engine of a method, bound to the equations of a model; for taylor this compiles, once per
     process for all systems of one structure.
 
-    Raises HodoError if there is no such method, it needs what is not installed, or cannot work in
-    that precision.
+    Raises HodoError if it needs what is not installed, or cannot work in that precision.
     """
     model = type(system)
-    if method not in DRIVEN:
-        raise HodoError(f"there is no method {method!r}")
     if method == "taylor":
         if not have_taylor():
             # Only heyoka's arithmetic is quadruple: no other method would do.
@@ -60,12 +57,12 @@ def engine_for(
 
         form = structure(system.constants)
         return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
-    if method == "collocation" and precision != "quadruple":
+    if method == "collocation":
+        if precision == "quadruple":
+            raise HodoError("method collocation works in double and extended precision only")
         from .collocation import Collocation
 
         return Collocation(model, events, tol, precision)
-    if method == "collocation":
-        raise HodoError("method collocation works in double and extended precision only")
     if precision != "double":
         raise HodoError(f"method {method} works in double precision only, not {precision}")
     from .scipy_ivp import Ivp

@@ -13,15 +13,9 @@ def applies(case: Case) -> bool:
     return full and len(set(case.data["damping"])) == 1
 
 
-def exact_motion(case: Case, times: np.ndarray) -> np.ndarray:
-    """The angular velocity (n, 3) at `times` (n,) of a case to which this `applies`."""
-    state, exponent = exact_scaled(case, times)
-    return np.asarray(np.ldexp(state, exponent[:, np.newaxis]))
-
-
 def exact_scaled(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`exact_motion` as a state (n, 3) of size about 1 and an exponent (n,), as a
-    Trajectory has them; in the precision of `times`."""
+    """The angular velocity at `times` (n,) of a case to which this `applies`, as a state (n, 3) of
+    size about 1 and an exponent (n,); in the precision of `times`."""
     body = case.system
     assert isinstance(body, LinearDiag)
     A, omega0 = np.array(body.inertia), np.array(body.start)

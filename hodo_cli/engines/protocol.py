@@ -12,7 +12,7 @@ import numpy as np
 from ..models.base import Constants
 
 IVP = ("DOP853", "RK45", "LSODA", "Radau", "BDF")
-DRIVEN = ("taylor", "collocation", *IVP)
+
 PRECISION = {"double": 2.0**-52, "extended": float(np.finfo(np.longdouble).eps)}
 PRECISION["quadruple"] = 2.0**-112
 """The distance from 1 to the next number in each precision."""

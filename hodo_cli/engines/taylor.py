@@ -16,7 +16,6 @@ from .protocol import NORM_BAND, PRECISION, Hit, Leg, Status, Watch
 hy.set_logger_level_error()
 
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
-# numpy has no finfo for the 113 bits of a real128.
 
 UNROLLED = 150
 """The largest system that is unrolled, in nodes of its expressions: beyond, unrolling takes longer

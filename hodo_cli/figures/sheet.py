@@ -1,4 +1,4 @@
-"""A figure under construction, the kinds of figures, and how one is saved."""
+"""A figure under construction, and how one is saved."""
 
 import csv
 import io

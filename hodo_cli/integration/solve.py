@@ -1,4 +1,4 @@
-"""Case -> Solution: the choice of method, and the motion of a case by it."""
+"""Case -> Solution: the motion of a case by one method."""
 
 import math
 from dataclasses import dataclass, replace

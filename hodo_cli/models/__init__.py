@@ -1,5 +1,5 @@
 """The mechanics. A model is one file, found by scanning this folder: to add one, add a file, or
-name one of your own. Imports schema and text only; knows no solver, result or plot."""
+name one of your own. Imports schema and arithmetic only; knows no solver, result or plot."""
 
 import hashlib
 import os

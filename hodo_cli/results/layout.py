@@ -3,8 +3,7 @@
 A case is a group. What the integration stores of it is named by its model (`variables` there); what
 else it may hold, its labels, crossings, events, the columns of a sweep and the attributes, is named
 below. Named elsewhere, by who writes them: the quantiles of a sweep's errors (`sweeps.summary`),
-verdicts (`commands.claims`), checksums (`integrity`), and the attributes of the file
-(`provenance`).
+verdicts (`commands.claims`), checksums and the attributes of the file (`storage`).
 """
 
 import math

@@ -33,7 +33,7 @@ from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, SHOWN
 
 
 class Array(Protocol):
-    """A labelled array: xarray's, or `hdf5.Variable` where loading xarray would cost more than the
+    """A labelled array: xarray's, or a `Variable` where loading xarray would cost more than the
     work."""
 
     @property
@@ -51,7 +51,7 @@ class Array(Protocol):
 
 @dataclass(frozen=True)
 class Motion:
-    """A case, its variables by name (an `xarray.Dataset`, or those of an `hdf5.Group`), the
+    """A case, its variables by name (an `xarray.Dataset`, or those of a `Group`), the
     attributes that are stored with them, what a figure calls it, and the file that holds it."""
 
     case: Case

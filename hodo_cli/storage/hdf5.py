@@ -31,7 +31,6 @@ STRING = h5py.string_dtype()
 TEXT_IN_MEMORY = h5t.py_create(STRING)
 # netCDF-4's own mark of a dimension without a coordinate; its readers look for these very words.
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
-# The bookkeeping of dimension scales, which says nothing about the data.
 HIDDEN = (
     "CLASS",
     "NAME",

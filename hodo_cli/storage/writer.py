@@ -1,5 +1,5 @@
-"""Result files: how they are made of finished cases, resumed, and changed, so that nothing finished
-is ever lost.
+"""Result files: how they are made of finished cases and resumed, so that nothing finished is ever
+lost.
 
 A run puts finished cases into small files, *pieces*, in its staging folder, and joins them at the
 end. (A single HDF5 file that grows is unreadable, all of it, after one in five of its writes; a

@@ -78,12 +78,13 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
 class Damped(AveragedTurns):
     """Linear resistance, averaged over the turns of the hodograph about the enclosed axis e.
 
-    (ln E)' = -2 [l_m + (l_e - l_m) <dn^2>],  (ln O)' = -2 [l_m + (l_o - l_m) <cn^2>],  phi' = n
-    <dn>
+    (ln E)' = -2 [l_m + (l_e - l_m) <dn^2>]
+    (ln O)' = -2 [l_m + (l_o - l_m) <cn^2>]
+    phi' = n <dn>
 
-    k^2 = w_o O/(w_e E), with w_e, w_o = a - b, b - c or the reverse. The state is ln E, ln O, scale
-    * phi and the side: it has its digits however far the motion has decayed, at both axes and at
-    the separatrix.
+    k^2 = w_o O/(w_e E), with w_e, w_o = a - b, b - c or the reverse. The state is ln E, ln O,
+    scale * phi and the side: it has its digits however far the motion has decayed, at both axes and
+    at the separatrix.
 
     Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5, in
     other variables.

@@ -4,8 +4,8 @@ State: g = s sqrt(E), f = sqrt(O), both in units of the start, the phase, the si
 would be singular where a torque reverses the spin of a symmetric body, which g passes as any other
 value. With L = -h'/O, h = 2T,
 
-    g' = t L f^2/(2 g) + sqrt((a - c)/A_e) M_e <dn>        f' = t' L f/2        t, t' = c, -a or -a,
-    c
+    g' = t L f^2/(2 g) + sqrt((a - c)/A_e) M_e <dn>
+    f' = t' L f/2,    t, t' = c, -a or -a, c
 """
 
 import math

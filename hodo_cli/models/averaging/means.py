@@ -91,8 +91,8 @@ def fluid_loss(weights: Sequence[Any], m: Any, mean: Means, E: Any, O: Any) -> A
     """-h'/O of the fluid's torque, h = 2T, with `weights` = those of E cn^2 dn^2, E sn^2 dn^2 and O
     sn^2 cn^2.
 
-    O is a factor of h': a steady rotation about the enclosed axis loses nothing. G is kept: X' = -c
-    h', Y' = a h'.
+    O is a factor of h': a steady rotation about the enclosed axis loses nothing. G is kept:
+    X' = -c h', Y' = a h'.
     """
     cd, sd, sc = weights
     # <sn^2 cn^2> and <sn^2 dn^2>, by sn^2 + cn^2 = 1 and dn^2 = 1 - m sn^2.
@@ -106,8 +106,8 @@ def fluid_weights(
     """The weights of `fluid_loss` on one side, for moments a >= b >= c; zeros on a side that is not
     there.
 
-    -h' = (2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2> + (b-c)^2 (b+c-a)
-    <q^2 r^2>]
+    -h' = (2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
+                         + (b-c)^2 (b+c-a) <q^2 r^2>]
 
     Source: the power N.omega of Chernousko's torque, an identity in p, q, r.
     """

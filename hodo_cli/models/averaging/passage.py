@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .free_turn import LANDEN, SMALLEST_GAP, Body, Slow, turn_frequency
+from .free_turn import LANDEN, SMALLEST_GAP, Body
 from .means import linear_rates, shape_rate, turn_means
 
 HALF, REACH = 100, 4.4
@@ -156,37 +156,6 @@ class Foreseen(NamedTuple):
         return {name: float(value) for name, value in self._asdict().items()}
 
 
-class Passage(NamedTuple):
-    """A passage as averaging sees it, and what is foreseen of the true one.
-
-    `time` is t*, from the start; E, O and `n` are taken there, with `phase` phi.
-    """
-
-    time: float
-    E: float
-    O: float
-    n: float
-    phase: float
-    foreseen: Foreseen
-
-
-def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Passage | None:
-    """The passage of a motion that starts with these mean elements, or None if it never crosses;
-    lam as sorted."""
-    u = float(shape_distance(slow.gap))
-    if not u < farthest_that_crosses(lam, slow.side):
-        return None
-    way = way_to_separatrix(lam, slow.side, u)
-    E, O = (
-        float(value) * math.exp(-float(fall))
-        for value, fall in zip(slow.pair, way[1:], strict=True)
-    )
-    phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
-    n, time = float(turn_frequency(body, E, slow.side)), float(way.time)
-    foreseen = outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
-    return Passage(time, E, O, n, phase, foreseen)
-
-
 def outcome(pull: float, n: float, phase: float, time: float, small: float) -> Foreseen:
     """What is foreseen of a passage at `time` t* with frequency n and phase there.
 
@@ -208,16 +177,6 @@ def outcome(pull: float, n: float, phase: float, time: float, small: float) -> F
     sense = (-1) ** half_turns if min(place, 1 - place) > small / n else 0
     lag = -math.log(2 * math.sin(math.pi * place)) / n
     return Foreseen(place, sense, time + shift / n, scatter, lag)
-
-
-def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float) -> float:
-    """By how much the phase grows from u to the separatrix: the integral of phi' = n <dn> along the
-    motion."""
-    at = u * FRACTIONS
-    mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
-    fallen = way_to_separatrix(lam, slow.side, u).E - way_to_separatrix(lam, slow.side, at).E
-    turning = turn_frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
-    return float((u * WEIGHTS * turning / np.abs(shape_rate(on_side(lam, slow.side), mean))).sum())
 
 
 def crossing_table(lam: Sequence[float], side: int) -> tuple[np.ndarray, np.ndarray]:
