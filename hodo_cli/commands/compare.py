@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, parse_case
+from ..engines.protocol import EPS
 from ..models import rigid_body
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
@@ -288,7 +289,7 @@ def same_magnitude(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether two measured errors are alike; below the rounding of a double all are."""
     if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
         return False
-    low, high = (np.maximum(np.abs(x), 2.0**-52) for x in (a, b))
+    low, high = (np.maximum(np.abs(x), EPS) for x in (a, b))
     with np.errstate(invalid="ignore"):
         apart = (low > MAGNITUDE * high) | (high > MAGNITUDE * low)
     return not apart.any()

@@ -11,14 +11,14 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import jacobian
-from .protocol import Leg, Watch
+from .protocol import EPS, Leg, Watch
 from .stepwise import Solver, Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
 DEGREES = {"DOP853": 7, "RK45": 4, "LSODA": 12, "Radau": 3, "BDF": 5}
 """The degrees of their dense output; of LSODA and BDF, which change their order, the largest."""
 
-LEAST_TOL = 100 * 2.0**-52
+LEAST_TOL = 100 * EPS
 """The smallest relative tolerance that SciPy's solvers accept."""
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..models.base import Event, Model
 from ..models.constants import Structure, count, namespace
+from .protocol import EPS
 from .series import TINY, Series, constant, motion, value
 from .taylor import OPTIMISED
 
@@ -98,7 +99,7 @@ class TaylorStep:
     def __init__(
         self, model: type[Model], structure: Structure, event: Event | None, tol: float | None
     ) -> None:
-        self.tol = 2.0**-52 if tol is None else max(tol, 2.0**-62)
+        self.tol = EPS if tol is None else max(tol, 2.0**-62)
         start = hy.make_vars(*(f"y{i}" for i in range(len(model.state))))
         left, lost, steps = clock = hy.make_vars("left", "lost", "steps")
         # The first parameter is the time of the end, from which the time left is counted.

@@ -29,8 +29,11 @@ BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK = (
 """The palette of Okabe and Ito, legible to the colour-blind; its orange and sky are darker here, so
 that every curve has a contrast of at least 3 to 1 on white."""
 
-GREY = "#666666"
-AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: "#8A8A8A"}
+YELLOW = "#F0E442"
+"""The palette's own, too pale for a curve: it fills marks."""
+
+GREY, PALE_GREY = "#666666", "#8A8A8A"
+AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: PALE_GREY}
 
 # Neighbours differ in colour and in line, so that they are told apart in grey print too.
 CYCLE = (
@@ -56,7 +59,7 @@ TIME_COLOURS = 64
 
 START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
 END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "mew": 0.6}
-CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": "#F0E442", "mec": BLACK, "mew": 0.6}
+CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": YELLOW, "mec": BLACK, "mew": 0.6}
 SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3, 2))}
 HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 
@@ -117,7 +120,7 @@ def time_label(spec: Mapping[str, Any], motion: Motion) -> str:
 
 
 COLOURS = dict(
-    zip(COLOUR_NAMES, (BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK, "#8A8A8A"), strict=True)
+    zip(COLOUR_NAMES, (BLUE, ORANGE, GREEN, SKY, RED, PURPLE, BLACK, PALE_GREY), strict=True)
 )
 LINES = dict(zip(LINE_NAMES, ("-", (0, (5, 1.5)), (0, (1, 1))), strict=True))
 

@@ -15,7 +15,20 @@ from ..models.averaging.passage import share_that_crosses
 from ..results.motion import Motion, Results
 from ..storage.group import Group
 from ..sweeps.swept import Swept
-from .artists import BLACK, COLUMN, GREEN, PAGE, RED, SEPARATRIX, SKY, case_handles, legend, styles
+from .artists import (
+    BLACK,
+    COLUMN,
+    GREEN,
+    GREY,
+    PAGE,
+    RED,
+    SEPARATRIX,
+    SKY,
+    YELLOW,
+    case_handles,
+    legend,
+    styles,
+)
 from .sheet import STYLE, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
@@ -129,7 +142,7 @@ def damping_of(swept: Swept, axis: str, i: int) -> list[float]:
 LEAST_ERROR = 1e-17
 """Errors below this, zero too, stand at the bottom of a panel."""
 
-VERDICT_COLOUR = (GREEN, SKY, "#F0E442", "#BBBBBB", "#666666", RED)
+VERDICT_COLOUR = (GREEN, SKY, YELLOW, "#BBBBBB", GREY, RED)
 
 
 def draw_bench(trials: Group, verdicts: Sequence[str]) -> Sheet:

@@ -23,7 +23,7 @@ from ..cases.figure_block import SCRIPT
 from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Results
 from ..storage.staging import replacing
-from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, hues, styles
+from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, YELLOW, hues, styles
 from .geometry import graticule, separatrix_circles, stretches
 from .maps import GAP, STORED_ERRORS
 from .sheet import Sheet, Shown, without_tex
@@ -324,7 +324,7 @@ def _space(points: np.ndarray, name: str, mode: str = "lines", **look: Any) -> g
 
 def _marks(points: np.ndarray, times: np.ndarray, symbol: str) -> go.Scatter3d:
     """The crossings (m, 3) with their times."""
-    look = {"size": 5, "symbol": "diamond", "color": "#F0E442", "line": {"color": "#000000"}}
+    look = {"size": 5, "symbol": "diamond", "color": YELLOW, "line": {"color": "#000000"}}
     letter = without_tex(f"${symbol}$")
     text = [f"crossing of D = 0 at {letter} = {time:.12g}" for time in times]
     return _space(points, "D = 0", mode="markers", marker=look, text=text, hoverinfo="text")
@@ -343,7 +343,7 @@ def _mark_crossings(
         return
     at = motion.at_crossings(np.stack([values[x], values[y]], axis=-1))
     text = [f"crossing of D = 0 at {time:.12g}" for time in motion.crossing_time]
-    marker = {"symbol": "diamond", "size": 9, "color": "#F0E442", "line": {"width": 1}}
+    marker = {"symbol": "diamond", "size": 9, "color": YELLOW, "line": {"width": 1}}
     trace = go.Scatter(
         x=at[:, 0],
         y=at[:, 1],

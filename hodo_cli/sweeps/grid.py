@@ -8,7 +8,7 @@ import numpy as np
 
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of
-from ..engines.protocol import Status
+from ..engines.protocol import EPS, Status
 from ..integration.solve import sample_times
 from ..results.layout import TIME, Stored, case_attributes, principal_axes
 from ..storage.group import Attribute, Group, Late, Variable
@@ -72,7 +72,7 @@ def sweep_attributes(
         if together
         else "each by itself",
         members=total,
-        tol=case.tol or 2.0**-52,
+        tol=case.tol or EPS,
         steps=summary.steps,
         run_time=summary.run_time,
         error=math.nan,

@@ -28,7 +28,15 @@ from .forms import (
     turning_constants,
     with_part,
 )
-from .free_turn import LANDEN, Body, Slow, free_motion_by_phase, slow_elements, turn_frequency
+from .free_turn import (
+    LANDEN,
+    Body,
+    Slow,
+    free_motion_by_phase,
+    parity_of,
+    slow_elements,
+    turn_frequency,
+)
 from .means import turn_means
 from .passage import outcome, time_in_band
 from .quadrature import NODES, Torque, mean_rates, nodes_for, periodic_part
@@ -57,11 +65,9 @@ Rhs = Callable[[Any, Sequence[Any], Any], Sequence[Any]]
 
 def turning_body(k: Any) -> Body:
     """The body with its axes sorted, from the constants of a form; for symbols too."""
-    order = tuple(map(int, k.turning_axes))
+    l, m, s = map(int, k.turning_axes)
     A = k.A1, k.A2, k.A3
-    even = order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-    l, m, s = order
-    return Body(A[l], A[m], A[s], (l, m, s), 1 if even else -1)
+    return Body(A[l], A[m], A[s], (l, m, s), parity_of((l, m, s)))
 
 
 def quarter_turn(gap: Any, halvings: int) -> list[tuple[Any, Any, Any]]:

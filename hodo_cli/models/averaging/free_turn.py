@@ -39,6 +39,11 @@ SMALLEST_GAP = 1e-300
 """The smallest 1 - m: at 0 the period is infinite, and Landen's transformation divides by 0."""
 
 
+def parity_of(order: tuple[int, int, int]) -> int:
+    """1 where sorted axes make a right-handed system, -1 where a left-handed one."""
+    return 1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+
+
 class Body(NamedTuple):
     """Principal moments in falling order, the axes (from 0) that they belong to, and whether that
     order is even."""
@@ -58,7 +63,7 @@ class Body(NamedTuple):
             raise ValueError(
                 "with three equal moments of inertia nothing turns: nothing to average over"
             )
-        return cls(a, b, c, order, 1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1)
+        return cls(a, b, c, order, parity_of(order))
 
     def weight(self, side: Any) -> tuple[Any, Any]:
         """(w_e, w_o) with m = w_o O/(w_e E): a - b and b - c on side +1, exchanged on side -1; side
