@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time, dump, parse_case
-from hodo_cli.cases.claim_block import CLAIM
+from hodo_cli.cases.claim_block import CHECK, CLAIM
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.figure_block import DERIVED, FIGURE_KINDS
 from hodo_cli.cases.json_schema import schema
@@ -576,7 +576,13 @@ def test_mistakes_of_overrides_follow_those_of_the_file() -> None:
 
 
 ONE_OF_TWO = Either(Matrix(1), Table({"d": Key(Number(), "")}))
-LAW = Variant("law", {"exp": {"k": Key(Number(), "")}, "f": {}})
+LAW = Variant("law", {"exp": {"k": Key(Number(), "")}, "f": {}}, "which law")
+
+
+def test_a_schema_says_what_the_key_means_that_names_the_others() -> None:
+    for kind, tag, doc in ((LAW, "law", "which law"), (CHECK, "kind", "how it is checked")):
+        for table in kind.schema()["oneOf"]:
+            assert table["properties"][tag]["description"] == doc
 
 
 def refused(kind: Any, value: Any) -> tuple[Mistake, ...]:

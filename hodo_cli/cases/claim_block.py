@@ -164,7 +164,7 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
 }
 """What each kind of check takes."""
 
-CHECK = Variant("kind", CHECK_KINDS)
+CHECK = Variant("kind", CHECK_KINDS, "how it is checked")
 ID = Key(Text(), "name")
 WHERE = Key(Text(), "section, figure or equation of the text")
 REMARK = Key(Text(), "remark", default="")

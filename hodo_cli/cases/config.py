@@ -8,11 +8,11 @@ from typing import Any
 
 from .. import HodoError
 from ..schema.document import MAX_BYTES, Block
-from ..schema.kinds import Choice, Key, Misnamed, Mistake, Wrong, nearest, resolve, shown, unknown
+from ..schema.kinds import Misnamed, Mistake, Wrong, nearest, resolve, shown, unknown
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
-from .figure_block import FIGURE_KINDS, Drawable, check_drawn, check_figure
+from .figure_block import FIGURE, Drawable, check_drawn, check_figure
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
 from .sweep_block import axes_of, storable
@@ -263,13 +263,7 @@ def _figures(
     entries, mistakes = _entries("figures", given)
     figures = {}
     for name, block in entries.items():
-        kind = block.get("kind")
-        keys = {"kind": Key(Choice(*FIGURE_KINDS), "what is drawn")}
-        if isinstance(kind, str) and kind in FIGURE_KINDS:
-            figures[name], wrong = resolve(keys | FIGURE_KINDS[kind], block)
-        else:
-            # Which other keys are right is not known without the kind.
-            figures[name], wrong = resolve(keys, {key: kind for key in block if key == "kind"})
+        figures[name], wrong = FIGURE.resolve(block)
         wrong += check_figure(figures[name])
         mistakes += [(("figures", name, *at), said) for at, said in wrong]
         if figures[name].get("cases") == ():

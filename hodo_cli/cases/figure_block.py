@@ -17,6 +17,7 @@ from ..schema.kinds import (
     Number,
     Table,
     Text,
+    Variant,
     Vector,
     unknown,
 )
@@ -202,6 +203,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "cost": STYLED | GROUPS,
     "share": TIMED,
 }
+FIGURE = Variant("kind", FIGURE_KINDS, "what is drawn")
 
 
 def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:

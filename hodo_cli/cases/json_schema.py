@@ -5,9 +5,8 @@ from typing import Any
 
 from .. import models
 from ..models.base import Model
-from ..schema.kinds import Choice, Key, Table
 from .case import NAME
-from .figure_block import FIGURE_KINDS
+from .figure_block import FIGURE
 from .keys import COMMON, SECTIONS
 
 
@@ -44,17 +43,13 @@ def schema() -> dict[str, Any]:
         for form, found in forms.items():
             this = {"properties": {"form": {"const": form}}, "required": ["form"]}
             rules.append({"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [found])})
-    figures = [
-        Table({"kind": Key(Choice(kind), "what is drawn")} | taken).schema()
-        for kind, taken in FIGURE_KINDS.items()
-    ]
     sections = {name: key.schema() for name, key in SECTIONS.items()}
     names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}}
     sections["cases"] |= names | {
         "additionalProperties": {"$ref": "#/$defs/case"},
         "minProperties": 1,
     }
-    sections["figures"] |= names | {"additionalProperties": {"oneOf": figures}}
+    sections["figures"] |= names | {"additionalProperties": FIGURE.schema()}
     sections["defaults"] |= {"properties": head | common}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

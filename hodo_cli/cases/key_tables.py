@@ -77,7 +77,7 @@ def _figures() -> Groups:
         for name, key in every.items()
         if sum(keys.get(name) == key for keys in others) > len(others) / 2
     }
-    yield "Most figures", _table({"kind": Key(Choice(*kinds_of_figure), "what is drawn")} | shared)
+    yield "Most figures", _table(figure_block.FIGURE.head(*kinds_of_figure) | shared)
     for name, keys in kinds_of_figure.items():
         if own := {key: value for key, value in keys.items() if shared.get(key) != value}:
             yield f"Figure `{name}`", _table(own)

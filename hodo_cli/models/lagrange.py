@@ -49,6 +49,7 @@ LAW = Either(
                 "exponent": Key(Number(), "the law is value (1 + rate tau)^exponent"),
             },
         },
+        "which law",
     ),
 )
 """A function of tau: a constant, the coefficients of 1, tau, tau^2, ..., or a law of LAWS with its

@@ -109,12 +109,16 @@ def gather(parts: Iterable[Placed]) -> tuple[dict[Any, Any], list[Mistake]]:
     return values, mistakes
 
 
+def faultless(values: dict[Any, Any], mistakes: Iterable[Mistake]) -> dict[Any, Any]:
+    """The values, where there is no mistake. Raises Wrong."""
+    if found := [*mistakes]:
+        raise Wrong(*found)
+    return values
+
+
 def gathered(parts: Iterable[Placed]) -> dict[Any, Any]:
     """`gather` where all parts are right. Raises Wrong."""
-    values, mistakes = gather(parts)
-    if mistakes:
-        raise Wrong(*mistakes)
-    return values
+    return faultless(*gather(parts))
 
 
 def resolve(
@@ -465,10 +469,7 @@ class Table(Mapped):
     keys: Mapping[str, Key]
 
     def check(self, value: Any) -> dict[str, Any]:
-        values, mistakes = resolve(self.keys, super().check(value))
-        if mistakes:
-            raise Wrong(*mistakes)
-        return values
+        return faultless(*resolve(self.keys, super().check(value)))
 
     def schema(self) -> dict[str, Any]:
         required = [name for name, key in self.keys.items() if key.default is REQUIRED]
@@ -484,25 +485,30 @@ class Table(Mapped):
 
 @dataclass(frozen=True)
 class Variant(Mapped):
-    """A mapping in which one key, `tag`, names the set of the other keys."""
+    """A mapping in which one key, `tag`, names the set of the other keys; `doc` is its meaning."""
 
     tag: str
     tables: Mapping[str, Mapping[str, Key]]
+    doc: str
 
     def check(self, value: Any) -> dict[str, Any]:
-        name = super().check(value).get(self.tag)
-        head = {self.tag: Key(Choice(*self.tables), "")}
+        return faultless(*self.resolve(super().check(value)))
+
+    def resolve(self, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
+        """The values with defaults filled in, and all mistakes, as those of fixed keys."""
+        name = value.get(self.tag)
         if isinstance(name, str) and name in self.tables:
-            return Table({**head, **self.tables[name]}).check(value)
+            return resolve({**self.head(*self.tables), **self.tables[name]}, value)
         # Which other keys are right is not known without the name.
-        return Table(head).check({key: name for key in value if key == self.tag})
+        return resolve(self.head(*self.tables), {key: name for key in value if key == self.tag})
+
+    def head(self, *names: str) -> dict[str, Key]:
+        """The key that names the others, where it may be one of these names."""
+        return {self.tag: Key(Choice(*names), self.doc)}
 
     def schema(self) -> dict[str, Any]:
-        tables = [
-            Table({self.tag: Key(Choice(name), "which law"), **keys}).schema()
-            for name, keys in self.tables.items()
-        ]
-        return {"oneOf": tables}
+        tables = ({**self.head(name), **keys} for name, keys in self.tables.items())
+        return {"oneOf": [Table(keys).schema() for keys in tables]}
 
     def __str__(self) -> str:
         return f"a mapping with {self.tag}: {Choice(*self.tables)}"
