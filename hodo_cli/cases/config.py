@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,11 @@ class Config:
             said = unknown(f"figure {name!r}", name, self.figures)
             raise HodoError(f"{self.path}: {said}")
         return self.figures[name]
+
+    def matching(self, globs: Sequence[str]) -> list[str]:
+        """The names of the cases that match one of some globs; all if none is given."""
+        some = globs or ["*"]
+        return [name for name in self.cases if any(fnmatchcase(name, glob) for glob in some)]
 
 
 HERE = Path(__file__).parent

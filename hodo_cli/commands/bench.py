@@ -4,7 +4,6 @@ tolerance."""
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -104,10 +103,7 @@ def benchmark(config: Config, globs: Sequence[str], out: Path, jobs: int, quiet:
 
 def chosen(config: Config, globs: Sequence[str]) -> list[Case]:
     """The cases whose names match; all if no glob is given. Raises HodoError if none does."""
-    names = [
-        name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs)
-    ]
-    if not names:
+    if not (names := config.matching(globs)):
         raise no_case(globs, config.cases)
     return [config.cases[name] for name in names]
 

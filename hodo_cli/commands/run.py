@@ -6,7 +6,6 @@ import re
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -261,9 +260,7 @@ def plan_of(
     Raises HodoError as `finished` does, or, without `force`, as `check_origin` does.
     """
     done = finished(path) if force else finished(path, partial(check_origin, config))
-    asked = dict.fromkeys(
-        name for name in config.cases if not globs or any(fnmatchcase(name, glob) for glob in globs)
-    )
+    asked = dict.fromkeys(config.matching(globs))
     reasons: dict[str, str] = {}
     kept: dict[str, Finished] = {}
     for name, case in config.cases.items():
