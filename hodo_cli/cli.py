@@ -183,8 +183,7 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     completes a name that is that of no file."""
     from click.shell_completion import CompletionItem
 
-    from .cases.config import load, parse
-    from .commands.resume import CONFIGS
+    from .cases.config import CONFIGS, load, parse
     from .storage.hdf5 import open_run
 
     names: list[str] = []

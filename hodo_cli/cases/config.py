@@ -48,18 +48,27 @@ class Config:
 
 HERE = Path(__file__).parent
 
+CONFIGS = (".yaml", ".yml")
+"""What the name of a case file ends with."""
+
 BROUGHT = (HERE.parent if (HERE.parent / "configs").exists() else HERE.parents[1]) / "configs"
 """The folder of the case files that come with hodo: within an installed package, beside it in a
 clone. There need be none: a copy of the package alone runs too."""
 
 
+def is_bare(name: str | Path) -> bool:
+    """Whether a name has neither folder nor suffix, and is that of no file: it may be NAME of
+    NAME.yaml."""
+    path = Path(name)
+    return path.name == str(name) and not path.suffix and not path.exists()
+
+
 def _found(path: str) -> tuple[Path, str]:
-    """The file that a name stands for, and what messages call it. A bare name without a suffix may
-    be that of NAME.yaml in the working folder, or else of a case file that comes with hodo."""
-    bare = path and Path(path).name == path and not Path(path).suffix and not Path(path).exists()
-    if bare and Path(f"{path}.yaml").exists():
+    """The file that a name stands for, and what messages call it. A bare name may be
+    that of NAME.yaml in the working folder, or else of a case file that comes with hodo."""
+    if is_bare(path) and Path(f"{path}.yaml").exists():
         return Path(f"{path}.yaml"), f"{path}.yaml"
-    if bare and (brought := BROUGHT / f"{path}.yaml").exists():
+    if is_bare(path) and (brought := BROUGHT / f"{path}.yaml").exists():
         return brought, path
     return Path(path), path
 
@@ -69,7 +78,7 @@ def write_new(path: Path) -> Path:
 
     Raises HodoError if there is one already, or it cannot be written.
     """
-    path = path if path.suffix in (".yaml", ".yml") else path.with_name(f"{path.name}.yaml")
+    path = path if path.suffix in CONFIGS else path.with_name(f"{path.name}.yaml")
     text = (HERE / "new.yaml").read_text(encoding="utf-8")
     try:
         # "x" refuses a file that is there, in one step with making it.

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.mark import library_version
 from ..batch.pool import Pool, pool
-from ..cases.config import Config, load, parse
+from ..cases.config import CONFIGS, Config, load, parse
 from ..cases.figure_block import FORMATS, SCRIPT
 from ..progress import Progress
 from ..schema.kinds import nearest
 from ..storage.hdf5 import Run
 from ..storage.staging import replacing
 from ..storage.writer import open_batch
-from .resume import CONFIGS, content_mark, result_named, warn_of_changes
+from .resume import content_mark, result_named, warn_of_changes
 
 if TYPE_CHECKING:
     from ..results.motion import Results

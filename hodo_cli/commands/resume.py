@@ -15,7 +15,7 @@ from typing import Any
 from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
-from ..cases.config import Config, load, parse
+from ..cases.config import CONFIGS, Config, is_bare, load, parse
 from ..storage.group import TOLD_ATTRIBUTES, Attribute
 from ..storage.hdf5 import Run
 from ..storage.staging import staging_folders
@@ -25,9 +25,6 @@ FORCED = "--force"
 
 CONFIG_PATH = "config_path"
 """The attribute of a result that tells its config from another of the same name."""
-
-CONFIGS = (".yaml", ".yml")
-"""What the name of a config ends with."""
 
 MARK, TOLD = TOLD_ATTRIBUTES
 """The attributes of a group: what it was told of, as a hash, and what was told, as JSON."""
@@ -75,12 +72,10 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
 def result_named(name: Path) -> tuple[Path, Config | None]:
     """The result that a name stands for and, if it is the name of a config, that config.
 
-    A config's result is in the folder `runs`. A name without a suffix or folder is a config's, as
-    in `load`, unless there is a file of this name. Raises HodoError if the config cannot be read,
-    or has no result.
+    A config's result is in the folder `runs`. A bare name is a config's, as in `load`. Raises
+    HodoError if the config cannot be read, or has no result.
     """
-    bare = not name.suffix and name.name == str(name) and not name.exists()
-    if not (bare or name.suffix in CONFIGS):
+    if not (is_bare(name) or name.suffix in CONFIGS):
         return name, None
     config = load(name)
     path = Path("runs") / f"{Path(config.path).stem}.h5"

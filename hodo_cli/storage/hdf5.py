@@ -15,6 +15,7 @@ from h5py import h5a, h5d, h5ds, h5g, h5l, h5o, h5t
 
 from .. import HodoError
 from ..batch import memory
+from ..cases.config import CONFIGS
 from .disk import (
     PATIENCE_OF_READER,
     SLOW_DISK,
@@ -361,7 +362,7 @@ def _why_closed(path: Path, error: Exception) -> str:
     if os.path.isdir(path):
         return "a folder, not a file"
     if "signature not found" in text:
-        if path.suffix in (".yaml", ".yml"):
+        if path.suffix in CONFIGS:
             return "a case file, where a result is expected: hodo run makes one of it"
         return "not an HDF5 file"
     if "truncated file" in text:
