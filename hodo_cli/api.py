@@ -27,7 +27,7 @@ from .commands.run import finish
 from .figures import draw
 from .results.dataset import Opened, dataset, group_of
 from .results.motion import UNSAVED, Results, case_of
-from .schema.kinds import Wrong, nearest, resolve
+from .schema.kinds import Wrong, resolve, unknown
 from .storage.hdf5 import open_run
 from .storage.writer import Writer
 
@@ -103,9 +103,7 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     if not several:
         raise HodoError("expected a dataset or several, got none")
     if kind not in FIGURE_KINDS:
-        raise HodoError(
-            f"unknown kind {kind!r}{nearest(kind, FIGURE_KINDS)} (valid: {', '.join(FIGURE_KINDS)})"
-        )
+        raise HodoError(unknown(f"kind {kind!r}", kind, FIGURE_KINDS))
     cases = {case: group_of(each) for case, each in _named(several).items()}
     # A sketch of quadrants draws bodies and takes no cases.
     given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}

@@ -20,7 +20,7 @@ from ..batch.pool import Pool, pool
 from ..cases.config import CONFIGS, Config, load, parse
 from ..cases.figure_block import FORMATS, SCRIPT
 from ..progress import Progress
-from ..schema.kinds import nearest
+from ..schema.kinds import unknown
 from ..storage.hdf5 import Run
 from ..storage.staging import replacing
 from ..storage.writer import open_batch
@@ -135,9 +135,7 @@ def draw_results(
     unknown figure or format before anything is drawn, or if a file cannot be read.
     """
     for wrong in (name for name in formats if name not in FORMATS):
-        raise HodoError(
-            f"unknown format {wrong!r}{nearest(wrong, FORMATS)} (valid: {', '.join(FORMATS)})"
-        )
+        raise HodoError(unknown(f"format {wrong!r}", wrong, FORMATS))
     folders: list[Folder] = []
     for path in paths:
         with opened(path) as (run, config):
