@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..results.motion import Motion
-from .finding import Finding, beyond, check, if_true, listed
+from ..results.motion import Motion, forms_apart
+from .finding import Finding, beyond, check, if_true, in_pairs, listed
 
 NEAR_CROSSING = 0.05
 """The part of the time of a crossing, on either side of it, in which the order of the error is not
@@ -19,11 +19,6 @@ ORDER_WITHIN = 0.15
 """By how much a fitted order may fall short: what samples miss of the largest error."""
 
 
-def pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
-    """Averaged and full motion, pair by pair."""
-    return list(zip(motions[::2], motions[1::2], strict=True))
-
-
 def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
     """The largest relative distance of T and G^2, but for that part of a crossing's time about
     it."""
@@ -31,15 +26,13 @@ def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
     # Not `crossing_time`: it is empty where nothing has been classified.
     for when in [crossing.time for crossing in full.crossings] if margin else ():
         seen &= np.abs(full.time - when) > margin * when
-    energy = np.abs(averaged["T"] / full["T"] - 1)[seen]
-    square = np.abs((averaged["G"] / full["G"]) ** 2 - 1)[seen]
-    return float(max(energy.max(), square.max()))
+    return float(forms_apart(averaged, full)[seen].max())
 
 
 def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.0) -> Finding:
     """The order of the distance in the size of the resistance, against one expected at least."""
-    small = [max(full.case.data["damping"]) for _, full in pairs(motions)]
-    errors = [distance(averaged, full, margin) for averaged, full in pairs(motions)]
+    small = [max(full.case.data["damping"]) for _, full in in_pairs(motions)]
+    errors = [distance(averaged, full, margin) for averaged, full in in_pairs(motions)]
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
     words = f"order {slope:.3f}, from distances {listed(errors)}"
@@ -73,7 +66,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     """The error of the predicted crossing, in radians n |t - predicted|, falls from pair to pair,
     and is below that of the averaged one."""
     missed, averaged_missed = [], []
-    for averaged, full in pairs(motions):
+    for averaged, full in in_pairs(motions):
         n, when = averaged.stored("event_frequency")[0], full.crossings[0].time
         missed.append(float(n * abs(averaged.stored("event_predicted")[0] - when)))
         averaged_missed.append(float(n * abs(averaged.crossing_time[0] - when)))
@@ -88,7 +81,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
 def predicted_sense(motions: Sequence[Motion]) -> Finding:
     """The sense of rotation about the new axis is that predicted."""
     right = 0
-    for averaged, full in pairs(motions):
+    for averaged, full in in_pairs(motions):
         seen = np.sign(full.omega[-1, full.labels[-1] - 1])
         right += bool(seen == averaged.stored("event_sense")[0])
     count = len(motions) // 2

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from .. import HodoError
 from ..models.averaging.free_turn import Body
 from ..models.averaging.passage import share_that_crosses
-from ..results.motion import Motion, Results
+from ..results.motion import Motion, Results, forms_apart
 from ..storage.group import Group
 from ..sweeps.swept import Swept
 from .artists import (
@@ -42,7 +42,7 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
     sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
     axes, names = sheet.figure.subplots(), []
     for label, small, motions in groups(spec, results):
-        errors = np.array([forms_apart(m, against.pop(0)) for m in motions])
+        errors = np.array([forms_apart(m, against.pop(0)).max() for m in motions])
         # The order of an error is the slope of its logarithm.
         slope, start = np.polyfit(np.log(small), np.log(errors), 1)
         names.append(f"{label}, order {slope:.2f}")
@@ -64,17 +64,6 @@ def groups(
     for i, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
         label = spec["labels"][i] if i < len(spec["labels"]) else motions[begin].name
         yield label, np.array(spec["small"][begin:end]), motions[begin:end]
-
-
-def forms_apart(motion: Motion, other: Motion) -> float:
-    """The largest relative distance of T and of G^2 between two motions at the same times."""
-    if not np.array_equal(motion.time, other.time):
-        raise HodoError(f"cases {motion.name} and {other.name} are not stored at the same times")
-    # G enters squared, as T does: then both have the same order and much the same size.
-    return max(
-        float(np.abs(motion["T"] / other["T"] - 1).max()),
-        float(np.abs((motion["G"] / other["G"]) ** 2 - 1).max()),
-    )
 
 
 def cost(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:

@@ -226,6 +226,16 @@ class Motion:
         )
 
 
+def forms_apart(motion: Motion, other: Motion) -> np.ndarray:
+    """The relative distance (n,) of two forms of a motion at each time: of T or of G^2, whichever
+    is larger. Raises HodoError if they are stored at other times."""
+    if not np.array_equal(motion.time, other.time):
+        raise HodoError(f"cases {motion.name} and {other.name} are not stored at the same times")
+    # G enters squared, as T does: then both have the same order and much the same size.
+    ratios = motion["T"] / other["T"], (motion["G"] / other["G"]) ** 2
+    return np.asarray(np.max(np.abs(np.subtract(ratios, 1)), axis=0))
+
+
 LATER = ("crossing_error", "crossing_G")
 """What early files of format 1 do not have; it is nan in a crossing."""
 
