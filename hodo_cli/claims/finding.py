@@ -33,6 +33,18 @@ class Finding:
     number: float
     words: str
 
+    @property
+    def holds(self) -> bool:
+        """Whether the statement holds, to plotting accuracy at least."""
+        return self.deviation <= PLOTTING_ACCURACY
+
+    @property
+    def degree(self) -> str:
+        """The verdict that it makes by itself."""
+        if self.deviation == 0:
+            return REPRODUCED
+        return PLOTTING if self.holds else CONTRADICTED
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -46,13 +58,6 @@ class Verdict:
     number: float
     evidence: str
     readings: Mapping[str, "Verdict"] = field(default_factory=dict)
-
-
-def degree(deviation: float) -> str:
-    """The verdict on a single deviation."""
-    if deviation == 0:
-        return REPRODUCED
-    return PLOTTING if deviation <= PLOTTING_ACCURACY else CONTRADICTED
 
 
 def beyond(violation: float, allowed: float) -> float:

@@ -32,7 +32,7 @@ from ..storage.hdf5 import Run
 from ..sweeps.averages import distance_of_sweeps
 from . import averaging, paper1, paper2, paper3
 from .checks import MOTION_CHECKS, averages
-from .finding import PAPER_CHECKS, PAPER_TRENDS, PLOTTING_ACCURACY, Finding, Verdict, degree
+from .finding import PAPER_CHECKS, PAPER_TRENDS, Finding, Verdict
 from .variations import Motions, members
 
 PAPERS = (averaging, paper1, paper2, paper3)
@@ -80,8 +80,13 @@ def judge_erratum(erratum: Mapping[str, Any], run: Run) -> Verdict:
         finding = decide(erratum["check"], [stored_motion(run, name) for name in erratum["cases"]])
     except HodoError as error:
         raise _told_of(f"erratum {erratum['id']}", run, error) from error
-    verdict = CONFIRMED if finding.deviation <= PLOTTING_ACCURACY else NOT_CONFIRMED
+    verdict = CONFIRMED if finding.holds else NOT_CONFIRMED
     return Verdict(erratum, verdict, finding.number, finding.words)
+
+
+def alone(claim: Mapping[str, Any], finding: Finding) -> Verdict:
+    """The verdict on a claim that one finding decides."""
+    return Verdict(claim, finding.degree, finding.number, finding.words)
 
 
 def unusable(cases: Sequence[str], run: Run) -> str:
@@ -101,8 +106,7 @@ def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict
         return Verdict(claim, NOT_TESTED, math.nan, missing)
     try:
         if claim["check"]["kind"] == "average":
-            finding = of_sweep(claim, run)
-            return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
+            return alone(claim, of_sweep(claim, run))
         return measure(claim, [stored_motion(run, name) for name in claim["cases"]], known)
     except HodoError as error:
         raise _told_of(f"claim {claim['id']}", run, error) from error
@@ -144,8 +148,7 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     Raises HodoError as `judge_claim` does.
     """
     if not claim["over"]:
-        finding = decide(claim["check"], motions)
-        return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
+        return alone(claim, decide(claim["check"], motions))
     varied = dict(members([each.case for each in motions], claim["over"], claim["start"]))
     if not varied:
         raise HodoError(f"no member starts about {claim['start']}")
@@ -154,8 +157,7 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     found = dict(zip(varied, [flat[i : i + n] for i in range(0, len(flat), n)], strict=True))
     # A trend speaks of all members at once, so no single one of them can decide it.
     if (name := claim["check"].get("name")) in PAPER_TRENDS:
-        finding = PAPER_TRENDS[name]([*found.values()])
-        return Verdict(claim, degree(finding.deviation), finding.number, finding.words)
+        return alone(claim, PAPER_TRENDS[name]([*found.values()]))
     findings = {}
     for i, (name, some) in enumerate(found.items()):
         with portion(i / len(found), (i + 1) / len(found)):
@@ -176,22 +178,18 @@ def decide(check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
 def gridded(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
     """The verdict over a grid of what the text does not print."""
     worst = max(found, key=lambda member: found[member].deviation)
-    deviation, holds = (
-        found[worst].deviation,
-        sum(f.deviation <= PLOTTING_ACCURACY for f in found.values()),
-    )
+    deviation, holds = found[worst].deviation, sum(f.holds for f in found.values())
     part = 0 < holds < len(found)
     size = f"{deviation:.2g} of the range " if deviation < math.inf else ""
     violation = f"; largest violation {size}at {worst} ({found[worst].words})" if deviation else ""
     words = f"holds on {holds} of {len(found)} members{spread(found)}{violation}"
-    return Verdict(
-        claim, UNDERDETERMINED if part else degree(deviation), found[worst].number, words
-    )
+    verdict = UNDERDETERMINED if part else found[worst].degree
+    return Verdict(claim, verdict, found[worst].number, words)
 
 
 def sampled(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
     """The verdict over a sample of what the statement speaks of."""
-    holds = sum(f.deviation <= PLOTTING_ACCURACY for f in found.values())
+    holds = sum(f.holds for f in found.values())
     share = holds / len(found)
     percent = f"{100 * share:.3g} %"
     words = f"holds for {holds} of {len(found)} members of a sample ({percent}){spread(found)}"
