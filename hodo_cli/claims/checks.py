@@ -174,7 +174,7 @@ def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> 
     }
     wrong += senses.get(check["sense"], [])
     scale = max(map(abs, found)) or 1.0
-    words = f"{name} = {', '.join(f'{x:.4g}' for x in found)}"
+    words = f"{name} = {listed(found, 4)}"
     if check["along"]:
         words = ", ".join(
             f"varies by {x:.3g} along {along}"

@@ -72,9 +72,9 @@ def if_true(holds: bool) -> float:
     return 0.0 if holds else math.inf
 
 
-def listed(values: Iterable[float]) -> str:
-    """Numbers to six digits."""
-    return ", ".join(f"{value:.6g}" for value in values)
+def listed(values: Iterable[float], digits: int = 6) -> str:
+    """Numbers to so many digits."""
+    return ", ".join(f"{value:.{digits}g}" for value in values)
 
 
 Pair = tuple[np.ndarray, np.ndarray]

@@ -56,7 +56,7 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     power = math.log(apart[-2] / apart[-1]) / math.log(SMALLER[-2] / SMALLER[-1])
     ends = [x_at_end_of_spin(m) for m in given]
     words = (
-        f"x off by {', '.join(f'{x:.3g}' for x in apart)} at factors {listed(SMALLER)}; "
+        f"x off by {listed(apart, 3)} at factors {listed(SMALLER)}; "
         f"with a torque of the figures' size x = {listed(ends)}, without {limit:.6g}"
     )
     # Within a tenth of 1/2, and falling throughout.
@@ -103,7 +103,7 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
         # Between the two smallest factors, nearest to the limit in which the paper averages.
         powers.append(math.log(changes[-2] / changes[-1]) / math.log(SMALLER[-2] / SMALLER[-1]))
         p = np.ptp(quantity(turns[-1], "p"))
-        words.append(f"{', '.join(f'{x:.3g}' for x in changes)} (p by {p:.3g})")
+        words.append(f"{listed(changes, 3)} (p by {p:.3g})")
     power = min(powers)
     found = f"x or y changes by {'; '.join(words)} at factors {listed(SMALLER)}: power {power:.3g}"
     # x and y are 1 at the start; the second order still bends the power at these factors.

@@ -153,7 +153,7 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
     times = [number(m, "rebound_u3") for m in motions]
     words = (
         f"R changes its sign at {listed(times)}; with the signs at the start (2.5) is off by "
-        f"{max(before):.1g} until then, and by {', '.join(f'{x:.1g}' for x in after)} after it"
+        f"{max(before):.1g} until then, and by {listed(after, 1)} after it"
     )
     right = max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf
     return Finding(if_true(right), min(times), words)
@@ -175,7 +175,7 @@ def r_by_2_5(motions: Sequence[Motion]) -> Finding:
         integral = sum(c * times ** (n + 1) / (n + 1) for n, c in enumerate(m.case.data["b"]))
         exact = quantity(m, "r")[0] * np.exp(-integral / m.inertia[2])
         worst.append(float(np.abs(r - exact).max()))
-    words = f"r differs by {', '.join(f'{x:.1g}' for x in worst)}"
+    words = f"r differs by {listed(worst, 1)}"
     return Finding(beyond(max(worst), HALF_THE_DIGITS), max(worst), words)
 
 
@@ -246,7 +246,7 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
         for name in ("Gz", "H"):
             errors = [float(np.abs(quantity(m, name) - quantity(limit, name)).max()) for m in near]
             powers.append(float((np.diff(np.log(errors)) / np.diff(np.log(epsilons))).min()))
-            words.append(f"{name} {', '.join(f'{error:.3g}' for error in errors)}")
+            words.append(f"{name} {listed(errors, 3)}")
     least = min(powers)
     # The second order still bends the power at these epsilons.
     return Finding(if_true(least >= 0.9), least, f"power {least:.3g}: {'; '.join(words)}")
