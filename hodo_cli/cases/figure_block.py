@@ -29,6 +29,9 @@ FORMATS = ("png", "svg", "pdf", "csv", "html")
 SCRIPT = "plotly.js"
 """What all figures in HTML share, in the folder above theirs."""
 
+PIECE = "page.json"
+"""What a folder of figures tells the page of: its section, and its entries in the index."""
+
 DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
 LEGEND = Key(
     NAMES, "names of the cases in the legend, in their order (default: their own)", default=()

@@ -16,6 +16,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, parse_case
 from ..engines.protocol import EPS
+from ..integration.choice import AUTOMATIC
 from ..models import rigid_body
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
@@ -259,7 +260,7 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:
             yield Line(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
     # A sweep names how its members were integrated, so its method says nothing about the case.
     method, asked = str(a.attributes.get("method", "")), ours["method"]
-    taken = ("exact", "taylor", "collocation") if asked == "auto" else (asked,)
+    taken = AUTOMATIC if asked == "auto" else (asked,)
     if method not in taken and "members" not in a.attributes:
         yield Line(name, "method", math.inf, f"{method}, where the case asks for {asked}")
 

@@ -18,7 +18,7 @@ from .. import HodoError
 from ..batch.mark import library_version
 from ..batch.pool import Pool, pool
 from ..cases.config import CONFIGS, Config, load, parse
-from ..cases.figure_block import FORMATS, SCRIPT
+from ..cases.figure_block import FORMATS, PIECE, SCRIPT
 from ..progress import Progress
 from ..schema.kinds import unknown
 from ..storage.hdf5 import Run
@@ -40,9 +40,6 @@ PAGE_FILE = "index.html"
 
 NOTED = {"mark", "sha256", "cases", "said"}
 """What a record has of each file."""
-
-PIECES = "*/page.json"
-"""What the folders of results tell the page of them."""
 
 ABSENT = "absent"
 """Stands for the checksum of a case that a figure has asked for and the result does not hold."""
@@ -276,7 +273,7 @@ def page_mark(out: Path, folders: Sequence[Folder]) -> str:
         for folder in folders
         for each in folder.figures
     ]
-    pieces = [file.read_bytes() for file in sorted(out.glob(PIECES))]
+    pieces = [file.read_bytes() for file in sorted(out.glob(f"*/{PIECE}"))]
     checksums = [each for folder in folders for each in folder.checksums.values()]
     return content_mark(checksums, repr((shown, figures, pieces)))
 

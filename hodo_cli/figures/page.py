@@ -15,15 +15,13 @@ from urllib.parse import quote
 
 from ..cases.case import Case
 from ..cases.claim_block import cases_of
+from ..cases.figure_block import PIECE
 from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Results
 from ..storage.staging import replacing
 from ..sweeps.swept import ANGLES, round_degrees
 from ..text import magnitude, seconds
 from .sheet import Rendered
-
-PIECE = "page.json"
-"""What a folder of figures tells the page of: its section, and its entries in the index."""
 
 PICTURES = (".png", ".svg")
 

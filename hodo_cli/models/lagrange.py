@@ -642,7 +642,7 @@ class AveragedQuadrature(AveragedTop):
     keys = Top.keys | {
         "perturbation": PERTURBATION,
         "nodes": Key(
-            Integer(least=2, most=1000),
+            Integer(least=2, most=MOST_NODES),
             "nodes of the quadrature over half a nutation; doubled until they meet the tolerance",
             default=32,
         ),
