@@ -148,13 +148,18 @@ class Axis:
     sphere."""
 
     name: str
-    ranges: tuple[tuple[tuple[str | int, ...], Mapping[str, Any]], ...]
+    ranges: tuple[tuple[KeyPath, Mapping[str, Any]], ...]
     sphere: Mapping[str, int] | None = None
 
     def __len__(self) -> int:
         if self.sphere is not None:
             return self.sphere["count"]
         return _length(self.ranges[0][1])
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys that vary along it, such as damping.2; none for a sphere."""
+        return [".".join(map(str, path)) for path, _ in self.ranges]
 
     def values(self, of: int = 0, index: np.ndarray | None = None) -> np.ndarray:
         """The values of one of its keys at positions (n,), or all of them; none for a sphere."""
@@ -221,11 +226,12 @@ def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
             found.append(Axis(name, (), value))
         else:
             ranges = value if word == "zip" else {name: entry}
-            found.append(Axis(name, tuple((_path(key), each) for key, each in ranges.items())))
+            found.append(Axis(name, tuple((path_of(key), each) for key, each in ranges.items())))
     return found
 
 
-def _path(key: str) -> tuple[str | int, ...]:
+def path_of(key: str) -> KeyPath:
+    """Where the value of a key such as damping.2 stands; positions count from zero."""
     return tuple(int(part) if part.isdecimal() else part for part in key.split("."))
 
 
@@ -250,13 +256,12 @@ def check_axes(
         if len(lengths := {_length(given) for _, given in axis.ranges}) > 1:
             counts = " and ".join(map(str, sorted(lengths)))
             yield (*place, "zip"), f"ranges of {counts} values cannot be zipped"
-        for path, given in axis.ranges:
-            key = ".".join(map(str, path))
+        for key, (path, given) in zip(axis.keys, axis.ranges, strict=True):
             at = (*place, "zip", key) if zipped else place
             if path in swept:
                 yield at, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            for inner, said in _check_range(given, path, Table(model.keys), data):
+            for inner, said in _check_range(given, key, Table(model.keys), data):
                 yield (*at, *inner), said
     if math.prod(map(len, axes)) > MOST:
         yield ("sweep",), f"more than {MOST:.0e} members"
@@ -272,17 +277,15 @@ def _check_spheres(axes: Iterable[Axis], oriented: bool) -> Iterator[Mistake]:
             yield ("sweep", axis.name, "sphere"), "one axis may be a sphere"
 
 
-def _check_range(
-    given: Mapping[str, Any], path: KeyPath, kind: Kind, data: Any
-) -> Iterator[Mistake]:
+def _check_range(given: Mapping[str, Any], key: str, kind: Kind, data: Any) -> Iterator[Mistake]:
     """A key that is not there or takes no number, or the values of a range that it does not
     take."""
-    inner = kind
+    inner, path = kind, path_of(key)
     for i, part in enumerate(path):
         found, data = _within(inner, part, data)
         if found is None:
             known = list(kind.keys) if i == 0 and isinstance(kind, Table) else []
-            yield (), unknown(f"key {'.'.join(map(str, path))!r}", str(path[0]), known)
+            yield (), unknown(f"key {key!r}", str(path[0]), known)
             return
         inner = found
     if not isinstance(inner, Number | Integer | Angle | Vector) or not inner.takes(0.0):

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, Time, dump, parse_case
-from ..cases.sweep_block import Axis, axes_of, put
+from ..cases.sweep_block import Axis, axes_of, path_of, put
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..results.motion import Array, Motion
@@ -48,8 +48,7 @@ def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
     words = []
     for axis, i in zip(axes, index, strict=True):
         values = [
-            f"{'.'.join(map(str, path))} = {axis.values(j, np.array([i]))[0]:g}"
-            for j, (path, _) in enumerate(axis.ranges)
+            f"{key} = {axis.values(j, np.array([i]))[0]:g}" for j, key in enumerate(axis.keys)
         ]
         words += values or [f"{axis.name} {i}"]
     return ", ".join(words)
@@ -76,10 +75,8 @@ def changed(case: Case, values: Mapping[str, Any]) -> Case:
     Raises HodoError for a value that it cannot have.
     """
     data: Any = {**case.data, "time": asdict(case.time)}
-    for path, value in values.items():
-        data = put(
-            data, [int(part) if part.isdecimal() else part for part in path.split(".")], value
-        )
+    for key, value in values.items():
+        data = put(data, path_of(key), value)
     time = Time(**data.pop("time"))
     # Through the text, so that a changed value meets every check that a case file meets.
     return parse_case(dump(replace(case, data=data, time=time)))

@@ -91,11 +91,10 @@ def coordinates(case: Case) -> dict[str, Variable]:
         if axis.sphere is not None:
             directions = Stored("direction of G at the start", (axis.name, "axis"))
             found[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
-        elif len(axis.ranges) == 1 and axis.name == ".".join(map(str, axis.ranges[0][0])):
+        elif axis.keys == [axis.name]:
             found[axis.name] = Stored(axis.name, (axis.name,)).holding(axis.values(0))
         else:
-            for i, (path, _) in enumerate(axis.ranges):
-                key = ".".join(map(str, path))
+            for i, key in enumerate(axis.keys):
                 found[key] = Stored(key, (axis.name,)).holding(axis.values(i))
     if "trajectory" in case.store:
         found["time"] = TIME.holding(sample_times(case))

@@ -105,5 +105,4 @@ class Swept:
 
     def key(self, name: str) -> str:
         """The first key that varies along an axis."""
-        axis = self.axis(name)
-        return ".".join(map(str, axis.ranges[0][0])) if axis.ranges else name
+        return next(iter(self.axis(name).keys), name)
