@@ -221,9 +221,12 @@ def _formats(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     return [name for name in FORMATS if name.startswith(incomplete)]
 
 
-RUNS = click.argument(
-    "runs", nargs=-1, required=True, type=click.Path(path_type=Path), shell_complete=_configs
-)
+def _files(name: str, **how: Any) -> Callable[[Command], Command]:
+    """An argument that takes the names of results or configs."""
+    return click.argument(name, type=click.Path(path_type=Path), shell_complete=_configs, **how)
+
+
+RUNS = _files("runs", nargs=-1, required=True)
 JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON value instead of a table."
 )
@@ -235,6 +238,11 @@ GLOBS = click.option(
     shell_complete=_cases,
     help="Take only cases whose name matches (repeatable).",
 )
+
+
+def _jobs(doc: str) -> Callable[[Command], Command]:
+    """The option for the number of processes."""
+    return click.option("-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help=doc)
 
 
 def _folder(default: str) -> Callable[[Command], Command]:
@@ -258,9 +266,7 @@ def _init(name: Path) -> None:
 
 
 @main.command("run")
-@click.argument(
-    "configs", nargs=-1, required=True, type=click.Path(path_type=Path), shell_complete=_configs
-)
+@_files("configs", nargs=-1, required=True)
 @GLOBS
 @click.option(
     "--set",
@@ -278,9 +284,7 @@ def _init(name: Path) -> None:
 @click.option(
     "--prune", is_flag=True, help="Drop stored cases that are not in the config any more."
 )
-@click.option(
-    "-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Run in N processes."
-)
+@_jobs("Run in N processes.")
 @click.option(
     "--scheduler",
     metavar="dask|tcp://HOST:PORT",
@@ -327,6 +331,19 @@ def _run(
         sys.exit(1)
 
 
+def _report(
+    rows: list[Any], problems: list[str], table: Callable[[list[Any]], str], as_json: bool
+) -> None:
+    """Print problems, then rows as a table or as JSON; exit status 1 if there is a problem."""
+    from . import text
+
+    for problem in problems:
+        click.echo(problem, err=True)
+    click.echo(text.as_json(rows) if as_json else table(rows))
+    if problems:
+        sys.exit(1)
+
+
 @main.command("classify")
 @RUNS
 @JSON
@@ -336,15 +353,10 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
     The labels of every sample and the crossings are added to RUNS: results (*.h5), or the configs
     of results in runs/.
     """
-    from . import tables, text
+    from . import tables
     from .commands import classify
 
-    rows, problems = classify.classify_results(runs)
-    for problem in problems:
-        click.echo(problem, err=True)
-    click.echo(text.as_json(rows) if as_json else tables.table_of_crossings(rows))
-    if problems:
-        sys.exit(1)
+    _report(*classify.classify_results(runs), tables.table_of_crossings, as_json)
 
 
 @main.command("claims")
@@ -385,9 +397,7 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
 )
 @_folder("runs/figures")
 @click.option("--force", is_flag=True, help="Draw anew what has not changed too.")
-@click.option(
-    "-j", "--jobs", type=click.IntRange(1), default=1, metavar="N", help="Draw in N processes."
-)
+@_jobs("Draw in N processes.")
 def _plot(
     runs: tuple[str, ...], formats: tuple[str, ...], out: Path, force: bool, jobs: int
 ) -> None:
@@ -409,8 +419,8 @@ def _plot(
 
 
 @main.command("compare")
-@click.argument("a", type=click.Path(path_type=Path), shell_complete=_configs)
-@click.argument("b", type=click.Path(path_type=Path), shell_complete=_configs)
+@_files("a")
+@_files("b")
 @click.option(
     "--rtol", type=float, help="Relative tolerance (default: the reference's own, else 1e-9)."
 )
@@ -437,17 +447,10 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
 
 
 @main.command("bench")
-@click.argument("config", type=click.Path(path_type=Path), shell_complete=_configs)
+@_files("config")
 @GLOBS
 @_folder("runs")
-@click.option(
-    "-j",
-    "--jobs",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    help="Try N cases at once.",
-)
+@_jobs("Try N cases at once.")
 @click.option("--markdown", is_flag=True, help="Print the table in Markdown.")
 @click.option("--quiet", is_flag=True, help="No progress on stderr.")
 def _bench(
@@ -477,15 +480,10 @@ def _show(runs: tuple[Path, ...], as_json: bool) -> None:
     These are results (*.h5), or the configs of results in runs/. Of each case: how it was
     integrated, how it ended, its error and run time.
     """
-    from . import tables, text
+    from . import tables
     from .commands import show
 
-    rows, problems = show.stored_cases(runs)
-    for problem in problems:
-        click.echo(problem, err=True)
-    click.echo(text.as_json(rows) if as_json else tables.case_table(rows))
-    if problems:
-        sys.exit(1)
+    _report(*show.stored_cases(runs), tables.case_table, as_json)
 
 
 @main.command("schema")
