@@ -294,18 +294,18 @@ def _check_claim(
     # What is wrong in itself has been noted, and is left out; nothing follows from its absence.
     if not {"readings", "cases", "check"} <= claim.keys():
         return
-    given = claim.get("readings") or {}
+    given = claim["readings"]
     if claim.get("erratum") and len(given) != 2:
         yield ("readings",), "expected two readings: the text as printed, and corrected"
-    if given and claim.get("cases"):
+    if given and claim["cases"]:
         yield ("cases",), "each reading has its own cases, so leave these out"
     for name, reading in (given or {"": {}}).items():
         place: KeyPath = ("readings", name) if name else ()
-        named = (reading if name else claim).get("cases", ())
+        named = (reading if name else claim)["cases"]
         if not named:
-            yield (*place, "cases") if "cases" in claim else (), "names no case"
+            yield (*place, "cases"), "names no case"
         yield from _within(place, _check_cases(named, cases))
-        check = reading.get("check") or claim.get("check") or {}
+        check = reading.get("check") or claim["check"] or {}
         if not check:
             yield place, "has no check"
         values = _check_values(check.get("values", {}), len(named))
