@@ -307,7 +307,7 @@ def outcomes(
 def finish(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method is not available here."""
     with task(case.name):
-        return case_group(integrate(case), case.system.variables, fingerprint(case))
+        return case_group(integrate(case), fingerprint(case))
 
 
 def failure(case: Case, error: Exception) -> Group:
@@ -330,7 +330,7 @@ def failure(case: Case, error: Exception) -> Group:
         status=Status.FAILED,
         message=str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}",
     )
-    return case_group(empty, model.variables, fingerprint(case))
+    return case_group(empty, fingerprint(case))
 
 
 def problem(group: Group, outcome: Group | Exception) -> str:

@@ -19,6 +19,7 @@ from ..integration.classify import Classification
 from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
+from ..models.base import Label
 from ..storage.group import Attribute, Group, Variable
 
 # Attributes
@@ -107,6 +108,7 @@ AXIS_FLAGS = flags(rigid_body.LABELS)
 PRINCIPAL_AXES = Stored("principal axis of inertia", ("axis",), "O")
 
 TIME = Stored("time", ("time",))
+PLAIN_TIME = Label(TIME.dims, TIME.long_name)
 
 ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXIS_FLAGS)
 
@@ -190,7 +192,7 @@ UNASKED = ("share", "separation", "steps")
 
 
 def case_variables(
-    labels: Mapping[str, tuple[tuple[str, ...], str, str]],
+    labels: Mapping[str, Label],
     time: np.ndarray,
     values: Mapping[str, np.ndarray],
     events: Sequence[Occurrence],
@@ -198,22 +200,22 @@ def case_variables(
 ) -> dict[str, Variable]:
     """The variables of a motion: what the model stores over the times (n,), and the events.
 
-    `labels` are the dimensions, long name and units of each of the model's variables; one of `time`
-    replaces the plain one. `errors` are the measured errors of some of them.
+    `labels` are those of the model's variables; one of `time` replaces the plain one. `errors` are
+    the measured errors of some of them.
     """
-    time_as = Stored(labels["time"][1], units=labels["time"][2]) if "time" in labels else TIME
-    stored = {"time": time_as._replace(dims=("time",)).holding(time)}
+    of_time = labels.get("time", PLAIN_TIME)
+    stored = {"time": Stored(of_time.long_name, TIME.dims, units=of_time.units).holding(time)}
     for name, data in values.items():
-        dims, long_name, units = labels[name]
+        label = labels[name]
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
         meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
-        told = {"long_name": long_name, "units": units, **error, **meanings}
-        stored[name] = Variable(dims, data, told)
+        told = {"long_name": label.long_name, "units": label.units, **error, **meanings}
+        stored[name] = Variable(label.dims, data, told)
     stored |= principal_axes(stored.values())
     if events:
         stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
-        stored["event_time"].attrs["units"] = time_as.units
+        stored["event_time"].attrs["units"] = of_time.units
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
         stored |= columns_of(
             CROSSING_COLUMNS, passages_as_crossings(events, errors.get("event_time", math.nan))
@@ -279,20 +281,17 @@ def units_of_case(units: str, time: str) -> str:
     return "1" if time == "1" else units.replace("time", time)
 
 
-def case_group(
-    trajectory: Trajectory, labels: Mapping[str, tuple[tuple[str, ...], str, str]], mark: str
-) -> Group:
-    """A case as it is stored, with `mark` for its hash; `labels` as for `case_variables`."""
-    unit = trajectory.case.time.unit
+def case_group(trajectory: Trajectory, mark: str) -> Group:
+    """A case as it is stored, with `mark` for its hash."""
+    case, unit = trajectory.case, trajectory.case.time.unit
     labels = {
-        name: (dims, meaning, units_of_case(units, unit))
-        for name, (dims, meaning, units) in labels.items()
+        name: label._replace(units=units_of_case(label.units, unit))
+        for name, label in case.system.variables.items()
     }
     if unit != "1":
-        meaning = labels["time"][1] if "time" in labels else TIME.long_name
-        labels["time"] = (("time",), meaning, unit)
+        labels["time"] = labels.get("time", PLAIN_TIME)._replace(units=unit)
     attributes = case_attributes(
-        trajectory.case,
+        case,
         mark,
         method=trajectory.method,
         method_reason=trajectory.method_reason,
