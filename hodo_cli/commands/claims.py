@@ -45,13 +45,13 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
                 if "_claims" in changes.run:
                     rows = told(changes.run.summary("_claims", TOLD_ATTRIBUTES), mark)
             if rows is None:
-                verdicts, errata = judged(config or parse(text, str(path)), changes.run)
-                rows = [[claim_row(verdict) for verdict in each] for each in (verdicts, errata)]
-                if verdicts:
-                    group = claim_group(verdicts, STATEMENT_COLUMNS)
+                found = judged(config or parse(text, str(path)), changes.run)
+                rows = [[claim_row(verdict) for verdict in each] for each in found]
+                if rows[0]:
+                    group = claim_group(rows[0], STATEMENT_COLUMNS)
                     changes.write("_claims", Group(telling(mark, rows), group.variables))
-                if errata:
-                    changes.write("_errata", claim_group(errata, ERRATUM_COLUMNS))
+                if rows[1]:
+                    changes.write("_errata", claim_group(rows[1], ERRATUM_COLUMNS))
             if not any(rows):
                 warnings.warn(f"{path} has no claims: or errata:", stacklevel=2)
             statements += [{"run": str(path), **row} for row in rows[0]]
@@ -103,10 +103,9 @@ def as_expected(row: Mapping[str, Any]) -> bool:
     return row["verdict"] in (CONFIRMED, BY_READING)
 
 
-def claim_group(verdicts: Sequence[Verdict], columns: Sequence[str]) -> Group:
-    """Verdicts as they are stored: texts and `number` over the dimension `claim`, whose coordinate
-    is the id."""
-    rows = [claim_row(verdict) for verdict in verdicts]
+def claim_group(rows: Rows, columns: Sequence[str]) -> Group:
+    """The rows of verdicts as they are stored: texts and `number` over the dimension `claim`, whose
+    coordinate is the id."""
     texts = {
         name: Variable(
             ("claim",), np.array([row[key] for row in rows], dtype=object), {"long_name": name}
