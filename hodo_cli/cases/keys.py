@@ -18,7 +18,7 @@ from ..schema.kinds import (
     Table,
     Text,
     expected,
-    nearest,
+    near,
 )
 from . import claim_block
 from .sweep_block import SWEEP
@@ -128,7 +128,7 @@ class ModelName(Choice):
     """The name of a model."""
 
     def check(self, value: Any) -> str:
-        if isinstance(value, str) and value not in self.names and not nearest(value, self.names):
+        if isinstance(value, str) and value not in self.names and near(value, self.names) is None:
             raise expected(self, value, " (from a file of your own: hodo --models FILE.py ...)")
         return super().check(value)
 

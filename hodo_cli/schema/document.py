@@ -121,24 +121,26 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
             reader.take(event)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        said = ", ".join(part for part in (error.context, error.problem) if part)
-        # The end of a text may be a line beyond its last.
-        lines = text.split("\n")[mark.line : mark.line + 1] if mark else []
-        before = [line[: mark.column + 1] for line in lines if mark]
-        if error.context in OPENED and error.context_mark:
-            # An override is one line, and stands within a document of its own.
-            where = "" if override else f" of line {error.context_mark.line + 1}"
-            said = f"{OPENED[error.context]}{where} is not closed, or lacks a comma"
-        if error.problem == "mapping values are not allowed in this context":
-            said = "a second ': ' on one line: indent a new key, or put the text in quotes"
-        if any("\t" in line for line in before):
-            said = "a tab; indent with spaces"
-        raise mistakes.fatal(
-            reader.place(mark) if mark else Place(1, 1, override), f"not YAML: {said}"
-        ) from None
+        place = reader.place(mark) if mark else Place(1, 1, override)
+        raise mistakes.fatal(place, f"not YAML: {_told(error, mark, text, override)}") from None
     except yaml.YAMLError as error:
         raise mistakes.fatal(Place(1, 1, override), f"not YAML: {error}") from None
     return reader.root
+
+
+def _told(error: yaml.MarkedYAMLError, mark: yaml.Mark | None, text: str, override: str) -> str:
+    """What PyYAML finds wrong; the usual mistakes in plainer words than its own."""
+    # The end of a text may be a line beyond its last.
+    lines = text.split("\n")[mark.line : mark.line + 1] if mark else []
+    if mark and any("\t" in line[: mark.column + 1] for line in lines):
+        return "a tab; indent with spaces"
+    if error.problem == "mapping values are not allowed in this context":
+        return "a second ': ' on one line: indent a new key, or put the text in quotes"
+    if error.context in OPENED and error.context_mark:
+        # An override is one line, and stands within a document of its own.
+        where = "" if override else f" of line {error.context_mark.line + 1}"
+        return f"{OPENED[error.context]}{where} is not closed, or lacks a comma"
+    return ", ".join(part for part in (error.context, error.problem) if part)
 
 
 class _Open:
@@ -148,6 +150,11 @@ class _Open:
         self.node, self.place, self.anchor, self.count = node, place, anchor, count
         self.key: str | None = None
         self.key_place = place
+
+    @property
+    def wants_key(self) -> bool:
+        """Whether it is a mapping in which a key comes next."""
+        return self.key is None and isinstance(self.node, Block)
 
 
 class _Reader:
@@ -167,6 +174,11 @@ class _Reader:
     def path(self) -> KeyPath:
         parts = ((o.key or "") if isinstance(o.node, Block) else len(o.node) for o in self.open)
         return tuple(part for part in parts if part != "")
+
+    @property
+    def top(self) -> _Open | None:
+        """The innermost mapping or list that is being read."""
+        return self.open[-1] if self.open else None
 
     def fail(self, place: Place, message: str) -> NoReturn:
         raise self.mistakes.fatal(place, message, self.path())
@@ -196,8 +208,8 @@ class _Reader:
 
     def take_scalar(self, event: Any) -> None:
         place = self.place(event.start_mark)
-        top = self.open[-1] if self.open else None
-        if top and isinstance(top.node, Block) and top.key is None:
+        top = self.top
+        if top and top.wants_key:
             self.take_key(top, event, place)
             return
         self.refuse_tag(event, place)
@@ -232,8 +244,8 @@ class _Reader:
 
     def start(self, event: Any) -> None:
         place = self.place(event.start_mark)
-        top = self.open[-1] if self.open else None
-        if top and isinstance(top.node, Block) and top.key is None:
+        top = self.top
+        if top and top.wants_key:
             self.fail(place, "a key is plain text, not a list or mapping")
         if len(self.open) >= MAX_DEPTH:
             raise self.mistakes.fatal(place, f"nested deeper than {MAX_DEPTH} levels")
@@ -256,8 +268,7 @@ class _Reader:
 
     def take_alias(self, event: Any) -> None:
         place = self.place(event.start_mark)
-        top = self.open[-1] if self.open else None
-        if top and isinstance(top.node, Block) and top.key is None:
+        if self.top and self.top.wants_key:
             self.fail(place, "a key is plain text, not an alias")
         anchored = self.anchors.get(event.anchor)
         if anchored is None:
@@ -279,11 +290,9 @@ class _Reader:
         self.count += 1
         if self.count > MAX_VALUES:
             self.fail(place, f"more than {MAX_VALUES} values")
-        if not self.open:
+        if not (top := self.top):
             self.root = value
-            return
-        top = self.open[-1]
-        if isinstance(top.node, Items):
+        elif isinstance(top.node, Items):
             top.node.append(value)
             top.node.places.append(place)
         elif top.key is not None:

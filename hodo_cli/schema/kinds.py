@@ -134,9 +134,9 @@ def resolve(
     ]
     absent = {name: key.default for name, key in keys.items() if name not in given}
     # One that is misspelt is not missing as well.
-    meant = {nearest(name, keys) for name in given if name not in keys}
+    meant = {near(name, keys) for name in given if name not in keys}
     missing = [name for name, default in absent.items() if default is REQUIRED]
-    if missing := [name for name in missing if f"; did you mean {name!r}?" not in meant]:
+    if missing := [name for name in missing if name not in meant]:
         mistakes.append(((), f"missing {', '.join(map(repr, missing))}"))
     values |= {name: default for name, default in absent.items() if default is not REQUIRED}
     # In the order in which the keys are declared, which is that in a stored case.
@@ -158,7 +158,13 @@ have a thousand names that are none of another thousand."""
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """'; did you mean ...?', or nothing when no name is near: in a long list, one letter off."""
+    """'; did you mean ...?', or nothing when no name is near."""
+    found = near(name, valid)
+    return "" if found is None else f"; did you mean {found!r}?"
+
+
+def near(name: str, valid: Iterable[str]) -> str | None:
+    """The name that is nearest, or None if none is near: in a long list, one letter off."""
     folded = {option.casefold(): option for option in valid}
     name = name[:200].casefold()
     if len(folded) <= LONGEST_SEARCHED:
@@ -166,7 +172,7 @@ def nearest(name: str, valid: Iterable[str]) -> str:
     else:
         shorter = _one_letter_less(tuple(folded))
         close = [shorter[part] for part in _shortened(name) if part in shorter]
-    return f"; did you mean {folded[close[0]]!r}?" if close else ""
+    return folded[close[0]] if close else None
 
 
 @lru_cache(maxsize=8)
