@@ -156,7 +156,7 @@ def note(
     """Add what is wrong within `root`, which stands at `place` and is called `label`."""
     for at, sentence in found:
         where, inherited = locate(root, at, place)
-        mistakes.add(where, ("defaults", *at) if inherited else (*label, *at), sentence)
+        mistakes.add(where, sentence, ("defaults", *at) if inherited else (*label, *at))
 
 
 def checked_case(name: str, block: Block) -> Case:

@@ -18,14 +18,14 @@ def apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> N
     target, equals, value = text.partition("=")
     parts = target.strip().split(".")
     if not equals or not 2 <= len(parts) <= 50:
-        mistakes.add(place, (), "an override reads CASE.KEY=VALUE")
+        mistakes.add(place, "an override reads CASE.KEY=VALUE")
         return
     # Names of cases may contain points: the longest one that exists is meant.
     splits = ((".".join(parts[:n]), parts[n:]) for n in range(len(parts) - 1, 0, -1))
     named = ((names, path) for case, path in splits if (names := _matching(case, blocks)))
     names, path = next(named, ([], []))
     if not names:
-        mistakes.add(place, (), kinds.unknown(f"case {parts[0]!r}", parts[0], blocks))
+        mistakes.add(place, kinds.unknown(f"case {parts[0]!r}", parts[0], blocks))
     try:
         new = read(value, mistakes, text)
     except HodoError:
@@ -36,7 +36,7 @@ def apply_override(text: str, blocks: dict[str, Block], mistakes: Mistakes) -> N
                 blocks[name], Table(keys_in(blocks[name])[1]), path, new, place
             )
         except ValueError as error:
-            mistakes.add(place, ("cases", name, *path), str(error.args[0]))
+            mistakes.add(place, str(error.args[0]), ("cases", name, *path))
 
 
 def _matching(pattern: str, blocks: Mapping[str, Block]) -> list[str]:

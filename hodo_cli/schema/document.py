@@ -214,7 +214,7 @@ class _Reader:
             return
         self.refuse_tag(event, place)
         if _UNPRINTABLE.search(event.value):
-            self.mistakes.add(place, self.path(), "control characters are not allowed in text")
+            self.mistakes.add(place, "control characters are not allowed in text", self.path())
         unquoted = event.implicit[0]
         value = resolve_scalar(event.value) if unquoted else event.value
         if event.anchor:
@@ -238,9 +238,8 @@ class _Reader:
         first = top.node.key_places.get(key) if isinstance(top.node, Block) else None
         top.key, top.key_place = key, place
         if first:
-            self.mistakes.add(
-                place, self.path(), f"duplicate key; the first is in line {first.line}"
-            )
+            said = f"duplicate key; the first is in line {first.line}"
+            self.mistakes.add(place, said, self.path())
 
     def start(self, event: Any) -> None:
         place = self.place(event.start_mark)

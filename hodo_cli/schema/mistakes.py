@@ -32,7 +32,7 @@ class Mistakes:
         # inherits it. The flag sorts overrides behind the file's own mistakes.
         self.found: dict[tuple[bool, Place, str], None] = {}
 
-    def add(self, place: Place, path: KeyPath, message: str) -> None:
+    def add(self, place: Place, message: str, path: KeyPath = ()) -> None:
         """Note a mistake; raises them all when there are too many to go on."""
         where = ".".join(str(part) for part in path)
         self.found[bool(place.override), place, f"{where}: {message}" if where else message] = None
@@ -42,7 +42,7 @@ class Mistakes:
     def fatal(self, place: Place, message: str, path: KeyPath = ()) -> HodoError:
         """The error to raise for a mistake after which reading cannot go on, with all mistakes so
         far."""
-        self.add(place, path, message)
+        self.add(place, message, path)
         return self.error()
 
     def error(self, end: str = "") -> HodoError:
