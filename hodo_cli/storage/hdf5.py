@@ -89,7 +89,7 @@ class Run:
     def cases(self) -> list[str]:
         """The names of the cases, in the order of the case file: the groups that do not begin with
         `_`."""
-        return [name for name in self._file if not name.startswith("_")]
+        return [name for name in self.groups() if not name.startswith("_")]
 
     def __contains__(self, name: str) -> bool:
         return name in self._file

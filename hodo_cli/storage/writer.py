@@ -101,9 +101,6 @@ class Batch(Run):
     def groups(self) -> list[str]:
         return self._names
 
-    def cases(self) -> list[str]:
-        return [name for name in self._names if not name.startswith("_")]
-
     def __contains__(self, name: str) -> bool:
         return name in self._held
 
