@@ -18,6 +18,7 @@ from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import (
     Writer,
     finished,
+    in_order,
     latest,
     open_batch,
     parts_in,
@@ -65,6 +66,20 @@ def stored(seed: int, status: str = "ok") -> Group:
 def hashes(path: Path) -> dict[str, str]:
     with open_batch(path) as run:
         return {name: run.summary(name)["hash"] for name in run.cases()}
+
+
+@pytest.mark.parametrize(
+    ("text", "order"),
+    [
+        ("cases: {b: {model: of another machine}, gone: {}, a: {}}", "bac"),
+        *(
+            (text, "acb")
+            for text in ("", "- cases", "a: 1", "cases: 5", "cases: [[b]]", "cases: {")
+        ),
+    ],
+)
+def test_cases_come_in_the_order_of_their_file(text: str, order: str) -> None:
+    assert in_order("acb", text) == [*order]
 
 
 def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:

@@ -23,7 +23,8 @@ from threading import RLock, Timer
 from typing import Any, Self
 
 from .. import HodoError
-from ..cases.config import parse
+from ..schema.document import read
+from ..schema.mistakes import Mistakes
 from .group import Attribute, Group
 from .hdf5 import Dimensions, Run, open_run
 from .output import Output, create
@@ -191,8 +192,10 @@ def latest(waiting: Mapping[str, Path]) -> dict[str, Any]:
 def in_order(names: Iterable[str], text: str) -> list[str]:
     """Names of cases in the order in which a case file has them, then the others."""
     given = dict.fromkeys(names)
-    with suppress(HodoError):
-        known = parse(text, "config").cases
+    # Read and not checked, which would take twice as long, and fail where a model of the user's own
+    # is missing. Another program may have written anything there.
+    with suppress(HodoError, LookupError, TypeError):
+        known = read(text, Mistakes("config"))["cases"]
         given = dict.fromkeys([*(name for name in known if name in given), *given])
     return list(given)
 
