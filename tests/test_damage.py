@@ -24,11 +24,12 @@ from hodo_cli.cases.config import parse
 from hodo_cli.commands.resume import fingerprint
 from hodo_cli.storage import disk, writer
 from hodo_cli.storage.disk import Disk
+from hodo_cli.storage.finished import finished
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.staging import replacing, staging_folders
 from hodo_cli.storage.update import update
-from hodo_cli.storage.writer import Writer, finished
+from hodo_cli.storage.writer import Writer
 
 
 @pytest.fixture(scope="module")

@@ -30,10 +30,11 @@ from hodo_cli.integration.trajectory import Occurrence, Trajectory
 from hodo_cli.results.layout import case_group, units_of_case
 from hodo_cli.storage import provenance
 from hodo_cli.storage import writer as writing
+from hodo_cli.storage.finished import Finished, finished
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import Run, open_run
 from hodo_cli.storage.update import update
-from hodo_cli.storage.writer import Finished, Writer, finished
+from hodo_cli.storage.writer import Writer
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"

@@ -13,17 +13,10 @@ from hodo_cli.commands.plot import draw_results
 from hodo_cli.commands.run import finish
 from hodo_cli.commands.show import stored_cases
 from hodo_cli.results.motion import open_results
+from hodo_cli.storage.finished import finished, in_order, latest, open_batch, parts_in
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
-from hodo_cli.storage.writer import (
-    Writer,
-    finished,
-    in_order,
-    latest,
-    open_batch,
-    parts_in,
-    publish_finished,
-)
+from hodo_cli.storage.writer import Writer, publish_finished
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}

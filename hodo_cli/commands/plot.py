@@ -21,9 +21,9 @@ from ..cases.config import CONFIGS, Config, load, parse
 from ..cases.figure_block import FORMATS, PIECE, SCRIPT
 from ..progress import Progress
 from ..schema.kinds import unknown
+from ..storage.finished import open_batch
 from ..storage.hdf5 import Run
 from ..storage.staging import replacing
-from ..storage.writer import open_batch
 from .resume import content_mark, result_named, warn_of_changes
 
 if TYPE_CHECKING:

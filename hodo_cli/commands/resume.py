@@ -16,10 +16,10 @@ from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
 from ..cases.config import CONFIGS, Config, is_bare, load, parse
+from ..storage.finished import Finished
 from ..storage.group import TOLD_ATTRIBUTES, Attribute
 from ..storage.hdf5 import Run
 from ..storage.staging import staging_folders
-from ..storage.writer import Finished
 
 FORCED = "--force"
 

@@ -23,11 +23,12 @@ from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress, task
 from ..results.layout import SUMMARY, case_group
+from ..storage.finished import Finished, finished
 from ..storage.group import Group
 from ..storage.hdf5 import Run, open_run
 from ..storage.provenance import root_attributes, stamp
 from ..storage.staging import check_writable
-from ..storage.writer import Finished, Writer, finished
+from ..storage.writer import Writer
 from .resume import CONFIG_PATH, FORCED, fingerprint, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"

@@ -13,8 +13,8 @@ import xarray as xr
 
 from .. import HodoError
 from ..schema.kinds import unknown
+from ..storage.finished import open_batch
 from ..storage.group import Group, Variable
-from ..storage.writer import open_batch
 
 
 def dataset(group: Group) -> xr.Dataset:

@@ -25,10 +25,10 @@ from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.lagrange import first_integrals
+from ..storage.finished import open_batch
 from ..storage.group import Group
 from ..storage.hdf5 import Run
 from ..storage.provenance import typed
-from ..storage.writer import open_batch
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, SHOWN
 
 

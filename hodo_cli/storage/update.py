@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from .finished import parts_in, pieces, resume_attributes
 from .group import Attribute, Group
 from .hdf5 import Run, open_run
 from .output import Output, amend, create
 from .staging import Staging, check_writable, identity, refusals
-from .writer import KEPT, longer, parts_in, pieces, publish_finished, resume_attributes
+from .writer import KEPT, longer, publish_finished
 
 
 class Draft:

@@ -1,0 +1,196 @@
+"""What is finished: the cases of a result, and those of runs that have not ended, which wait in the
+pieces of their staging folders. A Batch shows both as one result."""
+
+import os
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import HodoError
+from ..schema.document import read
+from ..schema.mistakes import Mistakes
+from .hdf5 import Dimensions, Run, open_run
+from .staging import identity, staging_folders
+
+RESUME = ("hash", "status", "message", "case")
+"""The attributes that tell whether a stored case is still right."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished case: its name, the file that holds it, the attributes that tell whether it is
+    still right, what is wrong with what is stored of it, and its dimensions, if this process has
+    stored it."""
+
+    name: str
+    file: Path
+    attributes: Mapping[str, Any]
+    damage: str = ""
+    dims: Dimensions | None = None
+
+
+def finished(
+    path: Path | str, check: Callable[[Run], None] = lambda run: None
+) -> dict[str, list[Finished]]:
+    """The finished cases of a result, and of runs that have not ended, by name; those of the result
+    itself first.
+
+    Raises HodoError if the result exists but cannot be read, as `open_run` does, or if `check`
+    refuses it.
+    """
+    path = Path(path)
+    found: dict[str, list[Finished]] = {}
+    if os.path.lexists(path):
+        with open_run(path) as run:
+            check(run)
+            _collect(run, found)
+    for piece in (piece for folder in staging_folders(path) for piece in pieces(folder)):
+        # Gone by now, or torn by a loss of power: then the case is run anew.
+        with suppress(HodoError), open_run(piece) as run:
+            if not run.damaged:
+                _collect(run, found)
+    return found
+
+
+class Batch(Run):
+    """A result together with the cases that runs have finished which have not ended; made by
+    `open_batch`.
+
+    `waiting` are the pieces of these cases; `result` is None where they are all there is.
+    """
+
+    def __init__(self, path: Path, result: Run | None, waiting: Mapping[str, Path]) -> None:
+        self.path = path
+        self.damaged = result.damaged if result else {}
+        self.attributes = latest(waiting)
+        self._result = result
+        self._waiting = waiting
+        known = result.groups() if result else []
+        self._names = in_order([*known, *waiting], self.text)
+        self._held = frozenset(self._names)
+
+    def groups(self) -> list[str]:
+        return self._names
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._held
+
+    @contextmanager
+    def open_group(self, name: str) -> Iterator[Any]:
+        if self._result and name not in self._waiting:
+            with self._result.open_group(name) as group:
+                yield group
+        else:
+            # One at a time: a batch may have more cases than a process may open files. The run may
+            # have ended since, and then its result has the case.
+            piece = self._waiting.get(name, self.path)
+            file = piece if piece.exists() else self.path
+            with open_run(file) as run, run.open_group(name) as group:
+                yield group
+
+
+@contextmanager
+def open_batch(path: Path | str) -> Iterator[Run]:
+    """A result, open for reading, with the cases of runs that have not ended: those that it lacks,
+    or holds from before a change. A warning names them.
+
+    Raises HodoError as `open_run` does, if there is no such case either.
+    """
+    path = Path(path)
+    if not (waiting := unpublished(path)):
+        if not os.path.lexists(path) and any(map(parts_in, staging_folders(path))):
+            said = "a run has finished parts of a sweep, which the same command completes"
+            raise HodoError(f"{path}: no case is there yet: {said}")
+        with open_run(path) as run:
+            yield run
+        return
+    with ExitStack() as stack:
+        result = stack.enter_context(open_run(path)) if os.path.lexists(path) else None
+        batch = Batch(path, result, waiting)
+        names = [name for name in batch.cases() if name in waiting]
+        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        said = f"{path}: {len(names)} finished in a run that has not ended: {some}"
+        warnings.warn(said, stacklevel=3)
+        yield batch
+
+
+def unpublished(path: Path) -> dict[str, Path]:
+    """The pieces of runs that have not ended, by name: of the cases that the result lacks, or holds
+    from before a change."""
+    found: dict[str, Path] = {}
+    if not any(map(pieces, staging_folders(path))):
+        return found
+    for name, items in finished(path).items():
+        stored = items[0] if items[0].file == path else None
+        waiting = [item for item in items if item is not stored]
+        if waiting:
+            newest = max(waiting, key=lambda item: _changed(item.file))
+            if stored is None or _replaces(newest, stored):
+                found[name] = newest.file
+    return found
+
+
+def _changed(file: Path) -> int:
+    """When a file was last changed, in nanoseconds; 0 if it is gone."""
+    return (identity(file) or (0, 0))[1]
+
+
+def _replaces(newer: Finished, stored: Finished) -> bool:
+    """Whether a case is another one than is stored, and not one that has failed instead."""
+    hashes, states = ([each.attributes.get(key) for each in (newer, stored)] for key in SAME)
+    return hashes[0] != hashes[1] and (states[0] == "ok" or states[1] != "ok")
+
+
+SAME = ("hash", "status")
+"""The attributes that tell a case that has changed, or failed, from the one before."""
+
+
+HEAD = "head.h5"
+"""The file of a staging folder that holds the attributes of the result to be. Its text is the whole
+case file: in each of 10,000 pieces it would be some 10 GB."""
+
+
+def latest(waiting: Mapping[str, Path]) -> dict[str, Any]:
+    """The attributes of the result that the latest of some pieces will be part of."""
+    piece = max(waiting.values(), key=_changed)
+    head = piece.with_name(HEAD)
+    # Earlier versions have put them into each piece.
+    with open_run(head if head.exists() else piece) as run:
+        return run.attributes
+
+
+def in_order(names: Iterable[str], text: str) -> list[str]:
+    """Names of cases in the order in which a case file has them, then the others."""
+    given = dict.fromkeys(names)
+    # Read and not checked, which would take twice as long, and fail where a model of the user's own
+    # is missing. Another program may have written anything there.
+    with suppress(HodoError, LookupError, TypeError):
+        known = read(text, Mistakes("config"))["cases"]
+        given = dict.fromkeys([*(name for name in known if name in given), *given])
+    return list(given)
+
+
+def _collect(run: Run, found: dict[str, list[Finished]]) -> None:
+    for name in run.cases():
+        damage = run.damaged.get(name, "")
+        attributes = {} if damage else resume_attributes(run, name)
+        found.setdefault(name, []).append(Finished(name, run.path, attributes, damage))
+
+
+def resume_attributes(run: Run, name: str) -> dict[str, str]:
+    """The attributes of a case that tell whether it is still right."""
+    return {key: str(value) for key, value in run.summary(name, RESUME).items()}
+
+
+def pieces(folder: Path) -> list[Path]:
+    """The files with finished cases in a staging folder."""
+    # By their numbers: a draft that a kill has left behind is not among them.
+    return sorted(folder.glob("[0-9]*.h5"))
+
+
+def parts_in(folder: Path) -> list[Path]:
+    """The finished chunks of sweeps in a staging folder, a file each."""
+    return sorted(folder.glob("part-*.h5"))
