@@ -38,7 +38,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
 from hodo_cli.results import layout
-from hodo_cli.results.motion import QUANTITIES, Motion
+from hodo_cli.results.motion import QUANTITIES, Motion, forms_apart
 from hodo_cli.storage.group import Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.sweeps.members import member
@@ -60,6 +60,15 @@ def motion(
         variables |= layout.label_variables(np.array(labels), found)
     occurrences = [Occurrence(kind, time) for kind, time in events]
     return Motion(TOP, variables | layout.columns_of(layout.EVENT_COLUMNS, occurrences))
+
+
+def test_two_forms_of_a_motion_are_compared_at_the_same_times() -> None:
+    one = motion(kinetic_energy=[1, 3], momentum=[2, 1])
+    other = motion(kinetic_energy=[1, 2], momentum=[1, 1])
+    # Of G^2, (2/1)^2 - 1; of T, 3/2 - 1.
+    assert forms_apart(one, other).tolist() == [3, 0.5]
+    with pytest.raises(HodoError, match="not stored at the same times"):
+        forms_apart(one, motion(kinetic_energy=[1, 1, 1], momentum=[1, 1, 1]))
 
 
 def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
