@@ -101,10 +101,11 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
     )
     assert ta.order == taylor_batch.SERIES_ORDER
     ta.pars[:] = flatten(k)[: len(ta.pars)]
-    step = taylor_batch.build(model, form, None, tol)  # type: ignore[arg-type]
+    step = taylor_batch.build(model, form, None)  # type: ignore[arg-type]
     end, m = 50.0, len(y0)
     inputs = np.tile([[*y0, end, 1e-3, 7.0]], (taylor_batch.WIDTH, 1)).T.copy()
-    constants = np.tile([[end, *flatten(k)]], (taylor_batch.WIDTH, 1)).T.copy()
+    parameters = [end, *flatten(k), taylor_batch.stride(tol, None)]
+    constants = np.tile([parameters], (taylor_batch.WIDTH, 1)).T.copy()
     out = np.empty((step.rows, taylor_batch.WIDTH))
     step(inputs, constants, out)
     assert (out == out[:, :1]).all()
@@ -205,9 +206,10 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
     n = 400 * taylor_batch.WIDTH
     columns = np.zeros((6, n))
     columns[:3], columns[3] = np.random.default_rng(5).standard_normal((3, n)), 50
-    constants = np.repeat([[50.0], *([number] for number in k)], n, axis=1)
+    stride = taylor_batch.stride(1e-12, None)
+    constants = np.repeat([[number] for number in (50.0, *k, stride)], n, axis=1)
     for event in (separatrix, tilt):
-        step = taylor_batch.build(type(case.system), form, event, 1e-12)
+        step = taylor_batch.build(type(case.system), form, event)
         out = np.empty((step.rows, n))
         step(columns, constants, out)
         length, clear = out[-2:]

@@ -221,10 +221,11 @@ def peak(folder: Path, members: int) -> None:
         case = parse(text, "sweep.yaml").cases["a"]
         (some,) = prepare(case, np.arange(COLUMNS))
         (event,) = some.events
-        step = taylor_batch.build(type(case.system), some.structure, event, TOL)
+        step = taylor_batch.build(type(case.system), some.structure, event)
         columns, after = np.zeros((6, COLUMNS)), np.empty((step.rows, COLUMNS))
         columns[:3], columns[3] = some.start, 1000
-        k = np.concatenate((np.full((1, COLUMNS), 1000.0), some.constants))
+        ends = np.full((2, COLUMNS), [[1000.0], [taylor_batch.stride(TOL, event)]])
+        k = np.concatenate((ends[:1], some.constants, ends[1:]))
         alone = seconds(partial(step, columns, k, after))
         cpu = sweep(folder, model, members).cpu
         with h5py.File(folder / "runs" / "sweep.h5") as file:

@@ -15,7 +15,6 @@ import numpy as np
 
 from ..models.base import Event, Model
 from ..models.constants import Structure, count, namespace
-from .protocol import EPS
 from .series import TINY, Series, constant, motion, value
 from .taylor import OPTIMISED
 
@@ -96,21 +95,16 @@ class TaylorStep:
     may be zeros.
     """
 
-    def __init__(
-        self, model: type[Model], structure: Structure, event: Event | None, tol: float | None
-    ) -> None:
-        self.tol = EPS if tol is None else max(tol, 2.0**-62)
+    def __init__(self, model: type[Model], structure: Structure, event: Event | None) -> None:
         start = hy.make_vars(*(f"y{i}" for i in range(len(model.state))))
         left, lost, steps = clock = hy.make_vars("left", "lost", "steps")
-        # The first parameter is the time of the end, from which the time left is counted.
-        end, *numbers = (hy.par[i] for i in range(count(structure) + 1))
+        # The first parameter is the time of the end, from which the time left is counted; the last
+        # one is the `stride`, so that the code serves every tolerance.
+        end, *numbers, most = (hy.par[i] for i in range(count(structure) + 2))
         k = namespace(structure, numbers)
         time, state = motion(model.rhs, end - left, start, k, Symbols)
         y = [coefficients(series, SERIES_ORDER) for series in state]
-        part = math.exp((math.log(self.tol) - 0.7) / (SERIES_ORDER - 3))
-        if event is not None and event.passage:
-            part = min(part, BRANCHING)
-        step = smaller(part * radius(y), left)
+        step = smaller(most * radius(y), left)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.
         then = left - step
         # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
@@ -131,12 +125,12 @@ class TaylorStep:
         return hy.cfunc(rows, vars=self._inputs, batch_size=WIDTH, opt_level=opt_level)
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
-        """Step columns (m + 3, n) with the end's time and the constants k (c + 1, n) to `out`.
+        """Step columns (m + 3, n) to `out`, with the parameters k (c + 2, n): the end's time, the
+        constants, and the `stride`.
 
         n must be a multiple of WIDTH: what remains would go through other machine code, of other
         rounding. One thread only: the chunks of a sweep are what runs in parallel.
         """
-        k = k[: self._step.nparams]  # the last constants may not occur in the equations
         self._step(columns, pars=k, outputs=out, batch_parallel=False)
 
     @cached_property
@@ -147,8 +141,14 @@ class TaylorStep:
     def event_series(self, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
         """The coefficients (order + 1, n) of the event's function in powers of the time from the
         columns' own, for arguments as of a step."""
-        k = k[: self._event.nparams]
+        k = k[: self._event.nparams]  # the last ones do not occur in it
         return np.asarray(self._event(columns, pars=k, batch_parallel=False))
+
+
+def stride(tol: float, event: Event | None) -> float:
+    """The longest step that a tolerance allows, in radii of convergence (`radius`)."""
+    part = math.exp((math.log(max(tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
+    return min(part, BRANCHING) if event is not None and event.passage else part
 
 
 def coefficients(series: Series, order: int) -> list[Any]:
@@ -244,8 +244,6 @@ def smaller(a: Any, b: Any) -> Any:
 
 
 @lru_cache(maxsize=16)
-def build(
-    model: type[Model], structure: Structure, event: Event | None, tol: float | None
-) -> TaylorStep:
-    """The compiled step for one model, its structure, event and tolerance."""
-    return TaylorStep(model, structure, event, tol)
+def build(model: type[Model], structure: Structure, event: Event | None) -> TaylorStep:
+    """The compiled step for one model, its structure and event."""
+    return TaylorStep(model, structure, event)

@@ -69,6 +69,9 @@ class Model:
     A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
     `one_by_one` if its equations are too large to be compiled for many motions at once.
 
+    A model `keeps_axis` if it has `kept_axes` whatever the data: no motion crosses the separatrix
+    twice, and errors do not grow beside it.
+
     `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
     """
 
@@ -80,6 +83,7 @@ class Model:
     degree: ClassVar[dict[str, int]] = {}
     oriented: ClassVar[bool] = False
     one_by_one: ClassVar[bool] = False
+    keeps_axis: ClassVar[bool] = False
     unclassifiable: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )

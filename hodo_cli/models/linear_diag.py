@@ -47,6 +47,7 @@ class LinearDiag(BodyFrame):
         "initial": INITIAL,
     }
     degree = {"g": 2, "lam1": 1, "lam2": 1, "lam3": 1}
+    keeps_axis = True
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:

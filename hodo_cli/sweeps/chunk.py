@@ -12,7 +12,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..engines import have_taylor
-from ..engines.protocol import Status
+from ..engines.protocol import EPS, Status
 from ..integration.classify import classify
 from ..integration.crossings import Crossing
 from ..integration.driver import Sampled
@@ -196,6 +196,8 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
         if len(some.events) <= 1:
             e = _ensemble(case, some)
             outcome, met = ensemble.advance_through(e)
+            if not (e.model.unclassifiable or e.model.keeps_axis):
+                ensemble.measure_crossings(e, outcome)
             settled = some.at[outcome.settled]
             enter(values, settled, _reduced(e, outcome, met), case.time)
             left[settled] = False
@@ -205,10 +207,8 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
 def _ensemble(case: Case, some: Prepared) -> Ensemble:
     """Members that share a compiled step, as an ensemble."""
     event = next(iter(some.events), None)
-    span = case.time.start, case.time.end
-    return Ensemble(
-        type(case.system), some.structure, some.constants, some.start, span, event, case.tol
-    )
+    span, tol = (case.time.start, case.time.end), case.tol or EPS
+    return Ensemble(type(case.system), some.structure, some.constants, some.start, span, event, tol)
 
 
 def _reduced(e: Ensemble, outcome: Outcome, met: dict[int, list[Occurrence]]) -> Reduction:
