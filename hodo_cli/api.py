@@ -70,6 +70,8 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
     made = _case(case, name)
     if not made.sweep:
         raise HodoError("sweep: missing: use hodo.run for a single case")
+    if not isinstance(jobs, int) or jobs < 1:
+        raise HodoError(f"jobs: expected a whole number >= 1, got {jobs!r:.80}")
     check_memory(made, jobs)
     # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory at once.
     with TemporaryDirectory(prefix="hodo-") as folder:
@@ -144,7 +146,7 @@ def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
 def _plain(value: Any) -> Any:
     """Arrays of numpy and tuples as lists, its numbers as Python's: what a YAML file can say."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return [_plain(item) for item in value] if isinstance(value, builtins.list | tuple) else value

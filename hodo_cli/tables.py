@@ -30,8 +30,10 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def remark(row: Mapping[str, Any]) -> str:
-    """How a case ended, unless well, and its warnings, on one line."""
-    ended = [] if row["status"] == "ok" else [f"{row['status']}: {row['message']}"]
+    """How a case ended, unless well and at its time, and its warnings, on one line."""
+    ended = [row["message"]] if row["message"] else []
+    if row["status"] != "ok":
+        ended = [f"{row['status']}: {row['message']}"]
     return "; ".join([*ended, *row["warnings"].splitlines()])
 
 

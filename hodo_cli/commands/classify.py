@@ -68,9 +68,11 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         return None, tabulated(case, group)
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration
         motion = motion_of(group.variables, group.attributes, name)
-        return None, row_of(name, Classification(motion.labels, motion.crossings))
+        found = Classification(motion.labels, motion.crossings, early_end(group))
+        return None, row_of(name, found)
     if remark := inapplicable(case, group):
-        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": [remark]}
+        said = [remark, *early_end(group)]
+        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": said}
     # Classifying may take five times the memory of integrating: labels and crossings are found in
     # long double.
     check_memory(case)
@@ -83,6 +85,12 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         # The last label of a motion that was broken off is not the one that it ends with.
         row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
     return label_group(found), row
+
+
+def early_end(group: Group) -> tuple[str, ...]:
+    """What ended a stored motion that is ok before its time, if anything did."""
+    is_ok = group.attributes.get("status") == Status.OK
+    return tuple(filter(None, [str(group.attributes.get("message", ""))])) if is_ok else ()
 
 
 def row_of(name: str, found: Classification) -> dict[str, Any]:

@@ -98,7 +98,8 @@ def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figu
     if ball:
         for line in graticule():
             figure.add_trace(_space(line, "", line={"color": "#C8C8C8", "width": 1}))
-        for i, circle in enumerate(separatrix_circles(motions[0].inertia)):
+        is_one_body = all(np.array_equal(m.inertia, motions[0].inertia) for m in motions)
+        for i, circle in enumerate(separatrix_circles(motions[0].inertia) if is_one_body else ()):
             name = "" if i else "D = 0"
             figure.add_trace(_space(circle, name, line={"color": "#777777", "width": 3}))
     for place, (shown, motion) in enumerate(zip(sheet.shown, motions, strict=True)):

@@ -63,14 +63,15 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label="none"))
     if spec["level"] is not None and not flat:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
-    if set(np.unique(every[np.isfinite(every)])) <= {0.0, 1.0}:
+    meaning = map_label(sweeps, spec)
+    if meaning.startswith(SHARE) and set(np.unique(every[np.isfinite(every)])) <= {0.0, 1.0}:
         # Yes or no: a scale would show colours that no member has.
-        words = ((1, map_label(sweeps, spec).removeprefix(SHARE)), (0, "otherwise"))
+        words = ((1, meaning.removeprefix(SHARE)), (0, "otherwise"))
         handles += [Patch(fc=hues()(scale(at)), label=word) for at, word in words]
     else:
         labelled = meanings(sweeps[0], spec["variable"])
         ticks = {at: word for at, word in labelled.items() if at in every}
-        colour_bar(sheet, scale, map_label(sweeps, spec), ticks)
+        colour_bar(sheet, scale, meaning, ticks)
     if handles:
         legend(sheet, handles, 2)
 
@@ -393,4 +394,8 @@ def key_symbol(key: str) -> str:
         return f"{VECTOR_SYMBOLS[head]}_{int(last) + 1}"
     if key in KEY_SYMBOLS:
         return KEY_SYMBOLS[key]
+    if last.isdecimal():  # of a matrix, whose places count from one, or of a polynomial
+        name, *places = head.split(".")
+        row = "".join(str(int(place) + 1) for place in places)
+        return f"I_{{{row}{int(last) + 1}}}" if row else f"{name}_{last}"
     return last if re.fullmatch(r"[A-Za-z]\w?", last) else rf"\mathrm{{{last}}}".replace("_", r"\_")

@@ -6,7 +6,8 @@ import math
 import os
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from string import Template
@@ -42,8 +43,7 @@ def write_page(path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]]) -
     for results, rendered in runs:
         with replacing(path.parent / results.path.stem / PIECE) as draft:
             draft.write_text(json.dumps(_piece(results, rendered, path.parent)), encoding="utf-8")
-    files = sorted(path.parent.glob(f"*/{PIECE}"))
-    pieces = [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    pieces = [*_pieces(path.parent)]
     entries = [entry for piece in pieces for entry in piece["entries"]]
     page = template("page.html").substitute(
         style=template("page.css").template,
@@ -74,6 +74,15 @@ def index_totals(entries: Iterable[Entry]) -> str:
         count = verdicts.total()
         parts.append(f"{count} {kind if count == 1 else plural}{f' ({named})' if named else ''}")
     return "; ".join(parts)
+
+
+def _pieces(folder: Path) -> Iterator[dict[str, Any]]:
+    """What the folders of results tell the page; one that is damaged is drawn anew some time."""
+    for file in sorted(folder.glob(f"*/{PIECE}")):
+        with suppress(ValueError):
+            piece = json.loads(file.read_text(encoding="utf-8"))
+            if isinstance(piece, dict) and piece.keys() >= {"section", "entries", "link"}:
+                yield piece
 
 
 def _piece(results: Results, rendered: Sequence[Rendered], base: Path) -> dict[str, Any]:

@@ -56,9 +56,19 @@ def squares(motion: Motion) -> np.ndarray:
     return np.asarray(motion.omega[:, [largest, smallest]] ** 2 * [1, K])
 
 
+def of_one_body(motions: list[Motion]) -> list[Motion]:
+    """Motions for a figure whose regions are those of a body. Raises HodoError if they have
+    several."""
+    for motion in motions[1:]:
+        if not np.array_equal(motion.inertia, motions[0].inertia):
+            names = f"{motions[0].name} and {motion.name}"
+            raise HodoError(f"{names} are motions of two bodies, each of which has its own regions")
+    return motions
+
+
 def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
-    motions, zoom = results.motions(spec), spec["zoom"]
+    motions, zoom = of_one_body(results.motions(spec)), spec["zoom"]
     points = {motion.name: squares(motion) for motion in motions}
     for motion in motions:
         p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
@@ -199,7 +209,6 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
         for (motion, name), style in zip(curves, looks, strict=True):
             series_curve(sheet, axes, spec, group, motion, name, style)
         axes.margins(x=0.02, y=0.08)
-        axes.set_xlim(*(spec["span"] or (curves[0][0].time[0], None)))
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         if by_case:
@@ -210,6 +219,8 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
             if small["panel"] == group:
                 motion = next(each for each in motions if each.name == small["case"])
                 inset(sheet, axes, small, motion, dict(zip(keys, looks, strict=True)))
+    # Panels share their time: its end is known when all are drawn.
+    panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
     handles = case_handles(names, given) if len(names) > 1 else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
     legend(sheet, handles, columns_for(sheet, [str(handle.get_label()) for handle in handles]))
@@ -394,7 +405,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
 def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping,
     those of G^2."""
-    motions = results.motions(spec)
+    motions = of_one_body(results.motions(spec))
     sheet.figure.set_size_inches(COLUMN, 1.75 * COLUMN)
     energy, square, ratio = sheet.figure.subplots(3, sharex=True)
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):

@@ -275,7 +275,8 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         heading(axes, seen[:, :2], colours[code[0]], 0.15)
         axes.plot(*seen[0, :2], **START, alpha=1 if seen[0, 2] > 0 else 0.4, zorder=6)
     # Over the curves, which run close beside it.
-    circles = [view(circle) for circle in separatrix_circles(motions[0].inertia)]
+    is_one_body = all(np.array_equal(each.inertia, motions[0].inertia) for each in motions)
+    circles = [view(circle) for circle in separatrix_circles(motions[0].inertia) if is_one_body]
     for circle in circles:
         on_sphere(axes, circle, **SEPARATRIX)
     places = beside([view(direction) for direction in directions], circles)

@@ -9,6 +9,7 @@ from ..cases.case import Case
 from ..engines.protocol import Status
 from ..progress import portion
 from .choice import choose
+from .driver import Sampled
 from .error import MOTION, measured_error
 from .solve import Solution, solve, stored
 from .trajectory import Trajectory
@@ -46,12 +47,20 @@ def integrate(case: Case) -> Trajectory:
         steps=solution.steps,
         run_time=solution.run_time,
         status=solution.status,
-        message=solution.message,
+        message=solution.message or early_end(case, path),
         warnings=warnings,
         events=path.events,
         errors=errors,
         error_kind=kind,
     )
+
+
+def early_end(case: Case, path: Sampled) -> str:
+    """Which event ends a motion before its time; an empty string if none does."""
+    if not path.events or not path.time[-1] < case.time.end:
+        return ""
+    last = path.events[-1]
+    return f"ends at t = {last.time:.6g}: {last.kind.replace('_', ' ')}"
 
 
 def remarks(
@@ -62,7 +71,8 @@ def remarks(
     asked, worst = max(solution.tol, ASKED), max(errors.values(), default=math.nan)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.
     if worst > 10 * asked:
-        yield f"the measured error {worst:.1e} exceeds ten times the {asked:.0e} asked for"
+        whose = "asked for" if case.tol else "that is usual"
+        yield f"the measured error {worst:.1e} exceeds ten times the {asked:.0e} {whose}"
     if case.error == "on" and math.isnan(worst):
         yield "the error could not be measured"
     for name, values in variables.items():

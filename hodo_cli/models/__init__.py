@@ -7,6 +7,7 @@ import pkgutil
 import sys
 import traceback
 from collections.abc import Iterator
+from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -96,9 +97,25 @@ def _foreign() -> tuple[Foreign, ...]:
             raise HodoError(f"{source}: {type(error).__name__}: {error}") from error
         found.append((source, module, hashlib.sha256(text).hexdigest()))
     for source, module, _ in found:
-        if not any(_forms(module)):
+        if not (forms := [*_forms(module)]):
             raise HodoError(f"{source}: there is no model in it (a class with `name` and `form`)")
+        for form in forms:
+            if said := _misstated(form):
+                raise HodoError(f"{source}: {form.__name__}: {said}")
     return tuple(found)
+
+
+def _misstated(form: type[Model]) -> str:
+    """What is wrong with what a class states besides its equations; an empty string if nothing
+    is."""
+    for name in ("name", "form"):
+        if not isinstance(getattr(form, name), str):
+            return f"its {name} is no text: {getattr(form, name)!r}"
+    taken = {field.name for field in fields(form) if field.init}
+    if "__dataclass_fields__" not in vars(form) or form.keys.keys() != taken:
+        named = ", ".join(sorted(form.keys.keys() ^ taken))
+        return f"it is a frozen dataclass with a field for each of its `keys`; see {named or 'it'}"
+    return ""
 
 
 def _stating(name: str) -> list[Foreign]:
