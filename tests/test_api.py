@@ -284,3 +284,15 @@ def test_a_case_that_is_not_in_a_file_is_named_with_those_that_are(
         opened["nix"]
     assert "nix" not in opened
     assert opened.get("nix") is None
+
+
+@pytest.mark.parametrize("jobs", [0, -1, "2", 1.5])
+def test_a_number_of_processes_is_a_whole_one(jobs: object) -> None:
+    ranges = {"damping.2": {"values": [0.1, 0.2]}}
+    with pytest.raises(HodoError, match="jobs: expected a whole number >= 1, got"):
+        api.sweep({**FIG4, "sweep": ranges}, jobs=jobs)  # type: ignore[arg-type]
+
+
+def test_keys_that_are_no_text_are_unknown() -> None:
+    with pytest.raises(HodoError, match="5: unknown key"):
+        api.run({**FIG4, 5: 1})

@@ -3,6 +3,7 @@ expected."""
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -682,3 +683,21 @@ def test_the_literal_tensor_crosses_once_at_most_and_to_x1_alone() -> None:
             rate /= A
             dD = 2 * A[0] * (A[0] - A[1]) * p * rate[0] - 2 * A[2] * (A[1] - A[2]) * r * rate[2]
             assert dD == pytest.approx(0.16 * c * r * r, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("check", "said"),
+    [
+        ("{kind: bound, of: G}", "claims.0.check: needs least or most: without, every motion"),
+        ("{kind: axis}", "claims.0.check: needs start or end: without, every motion meets it"),
+        ("{kind: bound, of: G, least: 5, most: 1}", "claims.0.check.most: expected at least 5"),
+        ("{kind: crossings, least: 3, most: 2}", "claims.0.check.most: expected at least 3"),
+    ],
+)
+def test_a_check_that_decides_nothing_is_refused(check: str, said: str) -> None:
+    case = "{model: linear-diag, inertia: [1, 0.8, 0.6], damping: 1, initial: {p: 1, q: 1, r: 1}}"
+    claim = f"{{id: a, where: here, statement: so, cases: a, check: {check}}}"
+    with pytest.raises(HodoError, match=re.escape(said)):
+        parse(
+            f"defaults: {{time: {{end: 1}}}}\ncases: {{a: {case}}}\nclaims: [{claim}]\n", "c.yaml"
+        )

@@ -320,3 +320,21 @@ def test_a_result_without_claims_says_so(hodo: Hodo, config: Path) -> None:
     done = hodo("claims", "runs/two.h5")
     assert (done.returncode, done.stdout) == (0, "")
     assert done.stderr == "runs/two.h5 has no claims: or errata:\n"
+
+
+def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(config: Path) -> None:
+    given = ["turns.damping.2=1", "turns.damping.2=2"]
+    assert result_name(load(config), given).endswith(",turns.damping.2=2.h5")
+    assert result_name(load(config), given[::-1]).endswith(",turns.damping.2=1.h5")
+
+
+def test_a_motion_that_an_event_ends_early_says_so(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "spin.yaml").write_text(
+        "cases:\n  down: {model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6, "
+        "torque: [0, 0, -0.1], initial: {p: 1, q: 0, r: 1}, time: {end: 600}}\n",
+        encoding="utf-8",
+    )
+    for command in (("run", "spin.yaml"), ("show", "runs/spin.h5"), ("classify", "runs/spin.h5")):
+        done = hodo(*command)
+        assert done.returncode == 0, done.stderr
+        assert re.search(r"ends at t = [\d.]+: end of spin", done.stdout), done.stdout

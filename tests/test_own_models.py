@@ -155,3 +155,22 @@ def test_a_mistake_in_the_equations_is_one_line_before_the_run(
     assert f"model: {folder / 'bad.py'}{said}" in first
     assert all(line.startswith("a.yaml:") for line in others)
     assert not (folder / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("    drag: float\n", "", "a field for each of its `keys`; see drag"),
+        ("@dataclass(frozen=True)\n", "", "a field for each of its `keys`; see drag"),
+        ('name = "quadratic-drag"', "name = 5", "its name is no text: 5"),
+    ],
+)
+def test_what_a_class_states_wrongly_is_one_line(
+    hodo: Hodo, folder: Path, old: str, new: str, said: str
+) -> None:
+    (folder / "wrong.py").write_text(EXAMPLE.replace(old, new), encoding="utf-8")
+    done = hodo("--models", "wrong.py", "run", "a.yaml")
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "wrong.py: QuadraticDrag: " in line
+    assert said in line

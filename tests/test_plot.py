@@ -25,12 +25,12 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
-from hodo_cli import HodoError, figures
+from hodo_cli import HodoError, api, figures
 from hodo_cli.cases.config import load, parse
-from hodo_cli.cases.figure_block import FIGURE_KINDS, FORMATS
+from hodo_cli.cases.figure_block import FIGURE_KINDS, FORMATS, PIECE
 from hodo_cli.cli import main
 from hodo_cli.commands import plot
-from hodo_cli.figures import artists, geometry, page, space
+from hodo_cli.figures import artists, geometry, maps, page, space
 from hodo_cli.figures.geometry import (
     View,
     centroid,
@@ -51,7 +51,8 @@ from hodo_cli.figures.sheet import (
 )
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
-from hodo_cli.results.motion import open_results
+from hodo_cli.results.dataset import group_of
+from hodo_cli.results.motion import Results, open_results
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -901,3 +902,67 @@ def test_of_many_crossings_a_legend_names_some(runs: Path) -> None:
     (_, _, entry) = artists.mark_handles([motion], r"\tau")
     words = str(entry.get_label()).replace("\n", " ")
     assert words.endswith("108.000, 109.000, 110.000, 18 more, 129.000")
+
+
+SEVERAL = """
+defaults: {model: linear-diag, damping: 0.01, initial: {p: 1, q: 0.1, r: 0.2}}
+cases:
+  brief: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 101}}
+  long: {inertia: [1, 0.8, 0.6], time: {end: 40, samples: 401}}
+  other: {inertia: [0.6, 0.8, 1], time: {end: 10, samples: 101}}
+figures:
+  each: {kind: series, panels: case, cases: [brief, long], variables: [p]}
+  corner: {kind: quadrants, cases: [brief, other]}
+  bounds: {kind: invariants, cases: [brief, other]}
+  ball: {kind: sphere, cases: [brief, other]}
+  same: {kind: sphere, cases: [brief, long]}
+"""
+
+
+def several() -> Results:
+    config = parse(SEVERAL, "several.yaml")
+    cases = {name: group_of(api.run(case)) for name, case in config.cases.items()}
+    return Results(Path("several.h5"), cases, config)
+
+
+def test_panels_of_cases_show_the_whole_of_each() -> None:
+    results = several()
+    for panel in figures.draw(results.figure("each"), results).figure.axes:
+        assert panel.get_xlim()[1] >= 40
+
+
+def test_no_body_is_shown_in_the_regions_of_another() -> None:
+    results = several()
+    for name in ("corner", "bounds"):
+        said = refused(lambda name=name: figures.draw(results.figure(name), results))
+        assert "brief and other are motions of two bodies" in said
+    lines = [
+        len(figures.draw(results.figure(name), results).figure.axes[0].lines)
+        for name in ("ball", "same")
+    ]
+    assert lines[0] < lines[1]  # by the circles of the separatrix
+
+
+def test_numbers_of_passages_have_a_scale_even_if_they_are_0_and_1() -> None:
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [5e-3, 4e-3, 3e-3]}
+    axes = {"damping.0": {"values": [1e-3, 5e-3]}, "damping.2": {"values": [1e-3, 5e-3]}}
+    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 1000}}
+    made = api.sweep({**body, **start, "sweep": axes})
+    assert set(made.crossings.values.ravel().tolist()) == {0, 1}
+    figure = api.plot(made, "map", variable="crossings", x="damping.0", y="damping.2")
+    assert figure.axes[-1].get_xlabel() == "number of passages"
+
+
+def test_symbols_of_keys() -> None:
+    keys = ("damping.2", "resistance.0.1", "a.1", "initial.p", "resistance.diagonal")
+    expected = [r"\lambda_3", "I_{12}", "a_1", "p", "I_{ii}"]
+    assert list(map(maps.key_symbol, keys)) == expected
+
+
+def test_a_page_leaves_out_what_it_cannot_read(tmp_path: Path) -> None:
+    results = several()
+    for text in ("[]", "{", '{"section": ""}'):
+        (tmp_path / "old").mkdir(exist_ok=True)
+        (tmp_path / "old" / PIECE).write_text(text, encoding="utf-8")
+        page.write_page(tmp_path / "index.html", [(results, [])])
+        assert "several.h5" in (tmp_path / "index.html").read_text(encoding="utf-8")

@@ -308,8 +308,10 @@ def _check_claim(
         check = reading.get("check") or claim["check"] or {}
         if not check:
             yield place, "has no check"
+        at = (*(place if reading.get("check") else ()), "check")
         values = _check_values(check.get("values", {}), len(named))
-        yield from _within((*(place if reading.get("check") else ()), "check", "values"), values)
+        yield from _within((*at, "values"), values)
+        yield from _within(at, _check_bounds(check))
         ranges = reading.get("over") or claim.get("over") or {}
         over = _check_over(ranges, [cases.get(case) for case in named])
         yield from _within((*(place if reading.get("over") else ()), "over"), over)
@@ -319,6 +321,16 @@ def _check_cases(named: Iterable[str], cases: Mapping[str, Any]) -> Iterator[Mis
     for i, name in enumerate(named):
         if name not in cases:
             yield ("cases", i), unknown(f"case {name!r}", name, cases)
+
+
+def _check_bounds(check: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Bounds that no value meets, and checks that every motion meets."""
+    least, most = check.get("least"), check.get("most")
+    if least is not None and most is not None and least > most:
+        yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
+    needed = {"bound": ("least", "most"), "axis": ("start", "end")}.get(check.get("kind", ""), ())
+    if needed and all(check[key] is None for key in needed):
+        yield (), f"needs {' or '.join(needed)}: without, every motion meets it"
 
 
 def _check_values(values: Mapping[str, Any], count: int) -> Iterator[Mistake]:

@@ -156,10 +156,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         found.append((("cases",), "there is no case"))
     entries, not_cases = _entries("cases", named)
     blocks = {case: _merge(defaults, block) for case, block in entries.items()}
-    for i, override in enumerate(overrides):
-        key = override.partition("=")[0]
-        if any(other.partition("=")[0] == key for other in overrides[:i]):
-            raise HodoError(f"--set {override}: {key} is set twice")
+    for override in overrides:
         apply_override(override, blocks, mistakes)
     cases = _checked(blocks, named.value_places, mistakes)
     figures, not_figures = _figures(sections.get("figures") or {}, named)

@@ -247,7 +247,9 @@ def check_origin(config: Config, run: Run) -> None:
 def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
     """The file of a config's results: NAME.h5, or NAME,CASE.KEY=VALUE.h5 with what overrides
     change, so that a trial does not replace the results of the config as it is."""
-    changes = ",".join(sorted(re.sub(r"[^\w.,=+()\[\]{}-]", "_", text) for text in overrides))
+    # Of two for one key the last counts.
+    last = {text.partition("=")[0]: text for text in overrides}.values()
+    changes = ",".join(sorted(re.sub(r"[^\w.,=+()\[\]{}-]", "_", text) for text in last))
     if len(changes.encode()) > LONGEST:
         changes = f"{changes.encode()[:LONGEST].decode(errors='ignore')}-{digest(changes)[:8]}"
     return ",".join(filter(None, [Path(config.path).stem, changes])) + ".h5"
