@@ -412,7 +412,8 @@ class AveragedTop(Nutating):
     point (`inertia`); mu: largest restoring moment (`mu`); a, b: coefficients of resistance,
     functions of tau (`a`, `b`); tau = epsilon t is the time. Assumed: epsilon small; right to
     O(epsilon) on an interval of order 1/epsilon, while u2 < u3. A = C is allowed: no formula
-    divides by A - C.
+    divides by A - C. An upright top, theta = 0, ends when it becomes unstable (event
+    `upright_unstable`): where C^2 r^2 = 4 A mu.
 
     The state is U = Gz - C r and Z = 1 - (2 H - C r^2)/(2 mu), both 0 for an upright top, r, and e
     = (u2 - u1)/2, which obeys e' = e F with F regular: so regular precession (u1 = u2, where every
@@ -553,10 +554,11 @@ class FullTop(Top):
 
     p, q, r: angular velocity in body axes, 1/time; gamma: the vertical in body axes, (sin theta sin
     phi, sin theta cos phi, cos theta), in place of the Euler angles, which are singular at theta =
-    0 and pi; M = (p f, q f, M3) (`perturbation`); the derivative is by t = tau/epsilon (`epsilon`),
-    the stored time is tau. The other symbols are those of the form averaged. Of the motions with
-    the initial Gz, H and r, which differ in phase, that is taken which starts at phi = 0 and cos
-    theta = (u1 + u2)/2, where theta grows.
+    0 and pi; M = (p f, q f, M3) (`perturbation`: (-a p, -a q, -b r) is linear-dissipation, that
+    times |omega|^2 cubic-dissipation); the derivative is by t = tau/epsilon (`epsilon`), the stored
+    time is tau. The other symbols are those of the form averaged. With `theta` the motion starts
+    there, at phi = 0 and p = q = 0. Of the motions with initial Gz, H and r, which differ in phase,
+    that is taken which starts at phi = 0 and cos theta = (u1 + u2)/2, where theta grows.
 
     Source: L. D. Akulenko et al. 2017, eqs (1.1).
     """
@@ -626,8 +628,9 @@ class AveragedQuadrature(AveragedTop):
     dH/dtau = <f (2 H - C r^2 - 2 mu u)/A + M3 r>
     dr/dtau = <M3>/C
 
-    <.> is the mean over one nutation, u = cos theta. The torque is a function of PERTURBATIONS
-    (`perturbation`); the state and the other symbols are those of the form averaged. The integrand
+    <.> is the mean over one nutation, u = cos theta. M = (-a p, -a q, -b r) is `perturbation:
+    linear-dissipation`, that times |omega|^2 is `cubic-dissipation`; the state and the other
+    symbols are those of the form averaged. The integrand
     is periodic in phi and analytic, so that the sum over n points of a half turn is right to about
     [(w + sqrt(w^2 - e^2))/e]^(4 - 2 n). It begins with `nodes` points, and where a motion comes so
     near to u2 = u3 that this is more than the tolerance, it is integrated again with twice as many.
