@@ -338,3 +338,22 @@ def test_a_motion_that_an_event_ends_early_says_so(hodo: Hodo, tmp_path: Path) -
         done = hodo(*command)
         assert done.returncode == 0, done.stderr
         assert re.search(r"ends at t = [\d.]+: end of spin", done.stdout), done.stdout
+
+
+def test_the_result_of_another_config_of_this_name_is_not_taken_for_its_own(
+    hodo: Hodo, config: Path, tmp_path: Path
+) -> None:
+    assert hodo("run", config).returncode == 0
+    other = tmp_path / "other" / config.name
+    other.parent.mkdir()
+    other.write_text(config.read_text(encoding="utf-8") + "# another\n", encoding="utf-8")
+    for command in ("show", "classify", "plot", "claims"):
+        done = hodo(command, other)
+        assert done.returncode == 2
+        assert "two.h5 holds the results of two.yaml, not of" in done.stderr
+
+
+def test_a_folder_whose_name_is_too_long_is_one_line(hodo: Hodo, config: Path) -> None:
+    done = hodo("run", config, "--out", "y" * 300)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].endswith("file name too long")

@@ -84,9 +84,33 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
     return path, config
 
 
+def path_from(config: Config, path: Path) -> str:
+    """Where a config lies, seen from the folder of its result: a project that is moved as a whole
+    keeps this path."""
+    return os.path.relpath(os.path.realpath(config.path), os.path.realpath(path.parent))
+
+
+def check_origin(config: Config, run: Run, remedy: str = "") -> None:
+    """Raise HodoError if a result was made from a config of the same name in another folder.
+
+    One with the same text may be a copy, or be moved there: nothing that it holds would be lost.
+    Results that do not say where their config lies, as early ones, are accepted.
+    """
+    origin = str(run.attributes.get(CONFIG_PATH, ""))
+    if origin and origin != path_from(config, run.path) and run.text != config.text:
+        made_from = os.path.relpath(os.path.join(os.path.realpath(run.path.parent), origin))
+        said = f"holds the results of {made_from}, not of {config.path}"
+        raise HodoError(f"{run.path} {said}{remedy}")
+
+
 def warn_of_changes(run: Run, config: Config | None, command: str = "") -> None:
     """Warn of what has changed in the config of a result since: its cases and, where it was the
-    result that a `command` was asked about, the figures or claims which that goes through."""
+    result that a `command` was asked about, the figures or claims which that goes through.
+
+    Raises HodoError as `check_origin` does.
+    """
+    if config:
+        check_origin(config, run)
     section = "" if config else {"plot": "figures", "claims": "claims"}.get(command, "")
     config = config or _config_of(run)
     if config is None:

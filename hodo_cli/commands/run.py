@@ -25,11 +25,11 @@ from ..progress import Progress, task
 from ..results.layout import SUMMARY, case_group
 from ..storage.finished import Finished, finished
 from ..storage.group import Group
-from ..storage.hdf5 import Run, open_run
+from ..storage.hdf5 import open_run
 from ..storage.provenance import root_attributes, stamp
 from ..storage.staging import check_writable
 from ..storage.writer import Writer
-from .resume import CONFIG_PATH, FORCED, fingerprint, why
+from .resume import CONFIG_PATH, FORCED, check_origin, fingerprint, path_from, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
@@ -214,12 +214,6 @@ def plans(
     return [plan for plan in made if plan.asked]
 
 
-def path_from(config: Config, path: Path) -> str:
-    """Where a config lies, seen from the folder of its result: a project that is moved as a whole
-    keeps this path."""
-    return os.path.relpath(os.path.realpath(config.path), os.path.realpath(path.parent))
-
-
 def labelled(path: Path, names: Iterable[str]) -> list[str]:
     """Those of the cases of a result that `hodo classify` has labelled."""
     if not os.path.lexists(path):
@@ -229,19 +223,8 @@ def labelled(path: Path, names: Iterable[str]) -> list[str]:
         return [name for name in sound if run.summary(name, ("classify_warnings",))]
 
 
-def check_origin(config: Config, run: Run) -> None:
-    """Raise HodoError if a result was made from a config of the same name in another folder.
-
-    One with the same text may be a copy, or be moved there: nothing that it holds would be lost.
-    Results that do not say where their config lies, as early ones, are accepted.
-    """
-    origin = str(run.attributes.get(CONFIG_PATH, ""))
-    if origin and origin != path_from(config, run.path) and run.text != config.text:
-        made_from = os.path.relpath(os.path.join(os.path.realpath(run.path.parent), origin))
-        raise HodoError(
-            f"{run.path} holds the results of {made_from}, not of {config.path}: "
-            "write elsewhere (--out), or over them (--force)"
-        )
+ELSEWHERE = ": write elsewhere (--out), or over them (--force)"
+"""What a run can do about results that are in its way."""
 
 
 def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
@@ -262,7 +245,9 @@ def plan_of(
 
     Raises HodoError as `finished` does, or, without `force`, as `check_origin` does.
     """
-    done = finished(path) if force else finished(path, partial(check_origin, config))
+    done = (
+        finished(path) if force else finished(path, partial(check_origin, config, remedy=ELSEWHERE))
+    )
     asked = dict.fromkeys(config.matching(globs))
     reasons: dict[str, str] = {}
     kept: dict[str, Finished] = {}

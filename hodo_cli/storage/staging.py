@@ -127,7 +127,8 @@ def refusals(path: Path, remark: str = "") -> Iterator[None]:
 
 def destination(path: Path) -> Path:
     """The file that a name stands for: what is written through a link goes where it points."""
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
+    # Not by `is_symlink`, which raises an exception where a name is too long.
+    return Path(os.path.realpath(path)) if os.path.islink(path) else path
 
 
 def check_writable(path: Path) -> None:
