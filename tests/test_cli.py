@@ -356,4 +356,4 @@ def test_the_result_of_another_config_of_this_name_is_not_taken_for_its_own(
 def test_a_folder_whose_name_is_too_long_is_one_line(hodo: Hodo, config: Path) -> None:
     done = hodo("run", config, "--out", "y" * 300)
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].endswith("file name too long")
+    assert "file name too long" in done.stderr.splitlines()[-1]

@@ -68,10 +68,10 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         return None, tabulated(case, group)
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration
         motion = motion_of(group.variables, group.attributes, name)
-        found = Classification(motion.labels, motion.crossings, early_end(group))
+        found = Classification(motion.labels, motion.crossings, end_before_time(group))
         return None, row_of(name, found)
     if remark := inapplicable(case, group):
-        said = [remark, *early_end(group)]
+        said = [remark, *end_before_time(group)]
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": said}
     # Classifying may take five times the memory of integrating: labels and crossings are found in
     # long double.
@@ -87,7 +87,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     return label_group(found), row
 
 
-def early_end(group: Group) -> tuple[str, ...]:
+def end_before_time(group: Group) -> tuple[str, ...]:
     """What ended a stored motion that is ok before its time, if anything did."""
     is_ok = group.attributes.get("status") == Status.OK
     return tuple(filter(None, [str(group.attributes.get("message", ""))])) if is_ok else ()
