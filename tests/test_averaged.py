@@ -370,7 +370,9 @@ def test_a_nearly_symmetric_body_stops_where_the_symmetric_one_has_lost_its_spin
     (spin,), (edge,) = (motion.events for motion in ends)
     assert (spin.kind, edge.kind) == ("end_of_spin", "separatrix")
     assert edge.time == pytest.approx(spin.time, rel=3e-6)
-    assert edge.details["probability"] < 1e-6
+    # None of the phases goes on, but for what rounding makes of so small a g: 3e-16 to 1.3e-5, by
+    # the kernels of the linear algebra.
+    assert edge.details["probability"] < 1e-4
 
 
 def chance(**given: Any) -> Case:
