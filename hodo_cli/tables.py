@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .cases.claim_block import MISPRINTS, VERDICTS
-from .text import magnitude, seconds, table
+from .text import abridged, magnitude, seconds, table
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -62,10 +62,7 @@ CROSSINGS_SHOWN = 5
 
 def few_passages(crossings: Sequence[Mapping[str, Any]]) -> list[str]:
     """The crossings of a case; of many, the first ones and the last."""
-    told = [*map(passage, crossings)]
-    if (more := len(told) - CROSSINGS_SHOWN) > 0:
-        told[CROSSINGS_SHOWN - 1 : -1] = [f"{more} more (--json lists them)"]
-    return told
+    return abridged([*map(passage, crossings)], CROSSINGS_SHOWN, " (--json lists them)")
 
 
 def passage(crossing: Mapping[str, Any]) -> str:

@@ -43,6 +43,12 @@ def magnitude(value: float) -> str:
     return "0" if value == 0 else f"{value:.1e}"
 
 
+def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:
+    """Items, of more than `most` only the first ones and the last, with the number of the rest."""
+    more = len(items) - most
+    return [*items] if more <= 0 else [*items[: most - 1], f"{more} more{remark}", items[-1]]
+
+
 def as_json(value: Any) -> str:
     """Plain data as JSON, which has no numbers that are not finite: null stands for them."""
     return json.dumps(_finite(value))

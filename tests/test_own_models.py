@@ -124,6 +124,16 @@ def test_keys_of_a_model_that_is_not_there_are_no_mistakes_of_their_own(
     assert "cases.a.x: unknown key" in said
 
 
+def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
+    """The lines that a run is refused with, of the example with a mistake in it."""
+    assert right in EXAMPLE
+    (folder / "bad.py").write_text(EXAMPLE.replace(right, wrong), encoding="utf-8")
+    done = hodo("--models", "bad.py", "run", "a.yaml")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert not (folder / "runs").exists()
+    return done.stderr.splitlines()
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [
@@ -147,18 +157,13 @@ def test_keys_of_a_model_that_is_not_there_are_no_mistakes_of_their_own(
 def test_a_mistake_in_the_equations_is_one_line_before_the_run(
     hodo: Hodo, folder: Path, right: str, wrong: str, said: str
 ) -> None:
-    assert right in EXAMPLE
-    (folder / "bad.py").write_text(EXAMPLE.replace(right, wrong), encoding="utf-8")
-    done = hodo("--models", "bad.py", "run", "a.yaml")
-    assert (done.returncode, done.stdout) == (2, "")
-    first, *others = done.stderr.splitlines()
+    first, *others = refusal_of(hodo, folder, right, wrong)
     assert f"model: {folder / 'bad.py'}{said}" in first
     assert all(line.startswith("a.yaml:") for line in others)
-    assert not (folder / "runs").exists()
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("right", "wrong", "said"),
     [
         ("    drag: float\n", "", "a field for each of its `keys`; see drag"),
         ("@dataclass(frozen=True)\n", "", "a field for each of its `keys`; see drag"),
@@ -166,11 +171,8 @@ def test_a_mistake_in_the_equations_is_one_line_before_the_run(
     ],
 )
 def test_what_a_class_states_wrongly_is_one_line(
-    hodo: Hodo, folder: Path, old: str, new: str, said: str
+    hodo: Hodo, folder: Path, right: str, wrong: str, said: str
 ) -> None:
-    (folder / "wrong.py").write_text(EXAMPLE.replace(old, new), encoding="utf-8")
-    done = hodo("--models", "wrong.py", "run", "a.yaml")
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    assert "wrong.py: QuadraticDrag: " in line
+    (line,) = refusal_of(hodo, folder, right, wrong)
+    assert "bad.py: QuadraticDrag: " in line
     assert said in line

@@ -1,7 +1,7 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
 `kind`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -324,10 +324,17 @@ def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Itera
         base, dot, axis = name.partition(".")
         if base not in valid:
             yield at, unknown(f"variable {name!r}", name, valid)
-        elif base in vectors and (axis or base not in DERIVED) and axis not in BODY_AXES:
-            yield at, f"{base} is a vector: name a component, {_parts(base)}"
-        elif dot and base not in vectors:
-            yield at, f"{base} is no vector, and has no component {axis!r}"
+        elif name not in DERIVED and (said := _wrong_component(base, dot, axis, vectors)):
+            yield at, said
+
+
+def _wrong_component(base: str, dot: str, part: str, vectors: Collection[str]) -> str:
+    """Why a name is not that of a number: it is a vector's, or one's that has no such component; an
+    empty string if it is."""
+    if base in vectors:
+        wrong = f"{base} is a vector: name a component, {_parts(base)}"
+        return "" if part in BODY_AXES else wrong
+    return f"{base} is no vector, and has no component {part!r}" if dot else ""
 
 
 def _parts(name: str) -> str:
@@ -388,14 +395,12 @@ def _of_swept_variable(values: Mapping[str, Any], case: Drawable) -> Iterator[Mi
     base, dot, part = name.partition(".")
     if base not in case.stored:
         yield ("variable",), unknown(f"variable {name!r}", name, case.stored)
-    elif base in case.vectors and part not in BODY_AXES:
-        yield ("variable",), f"{base} is a vector: name a component, {_parts(base)}"
     elif base in AXIS_LABELS and (dot or averaged(values, case.axes)):
         if part not in rigid_body.LABELS.values():
             said = f"{base} is a label, without a mean: name the one whose share is to be drawn"
             yield ("variable",), f"{said}, {_parts(base)}"
-    elif dot and base not in case.vectors:
-        yield ("variable",), f"{base} is no vector, and has no component {part!r}"
+    elif said := _wrong_component(base, dot, part, case.vectors):
+        yield ("variable",), said
 
 
 def averaged(values: Mapping[str, Any], axes: Mapping[str, Axis]) -> list[str]:

@@ -180,7 +180,7 @@ def trial(
     times = [solution.run_time]
     while len(times) < repeats and solution.run_time < REPEATED:
         times.append(solve(case, taken, case.precision, tol).run_time)
-    path = solution.path.at(thinned(len(solution.path.time)))
+    path = compared(solution.path)
     error = worst(errors_against(case, path, sure.path)) if solution.whole else math.nan
     changes = drifts(case, path)
     return Trial(
@@ -199,6 +199,11 @@ def trial(
     )
 
 
+def compared(path: Sampled) -> Sampled:
+    """The samples of a motion at which its error is measured."""
+    return path.at(thinned(len(path.time)))
+
+
 def verdict(case: Case, method: str, solution: Solution, error: float, floor: float) -> str:
     """What a result is worth; SILENT if it is wrong and does not say so."""
     if not solution.whole:
@@ -209,8 +214,7 @@ def verdict(case: Case, method: str, solution: Solution, error: float, floor: fl
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
     errors, _ = measured_error(case, method, solution)
-    path = solution.path.at(thinned(len(solution.path.time)))
-    said = any(remarks(case, solution, stored(case, path), errors))
+    said = any(remarks(case, solution, stored(case, compared(solution.path)), errors))
     return "inaccurate, said so" if said else "SILENT"
 
 

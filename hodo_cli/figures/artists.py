@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 
 from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
+from ..text import abridged
 from .geometry import stretches, windings
 from .sheet import Look, Sheet
 
@@ -181,6 +182,12 @@ def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> Non
     )
 
 
+def of_other_body(motions: Sequence[Motion]) -> Motion | None:
+    """The first motion that is of another body than the first of all; None if all are of one."""
+    body = motions[0].inertia
+    return next((each for each in motions if not np.array_equal(each.inertia, body)), None)
+
+
 CROSSINGS_NAMED = 12
 """The most times of crossings in a legend, which grows by a line with every five."""
 
@@ -191,9 +198,8 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
     unit = motions[0].units("time")
     of_time = "" if unit == "1" else f" {unit}"
     # With its last zeros, which tell how exact a printed number is.
-    crossings = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
-    if (more := len(crossings) - CROSSINGS_NAMED) > 0:
-        crossings[CROSSINGS_NAMED - 1 : -1] = [f"{more} more"]
+    every = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
+    crossings = abridged(every, CROSSINGS_NAMED)
     end, crossing = "end", "$D = 0$"
     if len({float(motion.time[-1]) for motion in motions}) == 1:
         end += f", ${time} = {motions[0].time[-1]:.6g}${of_time}"

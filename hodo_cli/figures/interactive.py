@@ -24,9 +24,10 @@ from ..models.rigid_body import LABELS
 from ..results.motion import Motion, Results
 from ..storage.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, YELLOW, hues, styles
-from .geometry import graticule, separatrix_circles, stretches
+from .geometry import graticule, stretches
 from .maps import GAP, STORED_ERRORS
 from .sheet import Sheet, Shown, without_tex
+from .space import common_circles
 
 HOVER = ("G", "T", "D")
 """The quantities of the point under the pointer, besides its coordinates, time and axis."""
@@ -98,8 +99,7 @@ def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figu
     if ball:
         for line in graticule():
             figure.add_trace(_space(line, "", line={"color": "#C8C8C8", "width": 1}))
-        is_one_body = all(np.array_equal(m.inertia, motions[0].inertia) for m in motions)
-        for i, circle in enumerate(separatrix_circles(motions[0].inertia) if is_one_body else ()):
+        for i, circle in enumerate(common_circles(motions)):
             name = "" if i else "D = 0"
             figure.add_trace(_space(circle, name, line={"color": "#777777", "width": 3}))
     for place, (shown, motion) in enumerate(zip(sheet.shown, motions, strict=True)):

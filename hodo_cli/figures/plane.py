@@ -33,6 +33,7 @@ from .artists import (
     line_width,
     mark_handles,
     mark_points,
+    of_other_body,
     pair,
     palette,
     plane_curve,
@@ -59,10 +60,9 @@ def squares(motion: Motion) -> np.ndarray:
 def of_one_body(motions: list[Motion]) -> list[Motion]:
     """Motions for a figure whose regions are those of a body. Raises HodoError if they have
     several."""
-    for motion in motions[1:]:
-        if not np.array_equal(motion.inertia, motions[0].inertia):
-            names = f"{motions[0].name} and {motion.name}"
-            raise HodoError(f"{names} are motions of two bodies, each of which has its own regions")
+    if other := of_other_body(motions):
+        names = f"{motions[0].name} and {other.name}"
+        raise HodoError(f"{names} are motions of two bodies, each of which has its own regions")
     return motions
 
 

@@ -28,6 +28,7 @@ from .artists import (
     line_width,
     mark_handles,
     mark_points,
+    of_other_body,
     pair,
     palette,
     plane_curve,
@@ -248,6 +249,11 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
     )
 
 
+def common_circles(motions: Sequence[Motion]) -> list[np.ndarray]:
+    """The circles of the separatrix on the unit sphere, where all motions are of one body."""
+    return [] if of_other_body(motions) else separatrix_circles(motions[0].inertia)
+
+
 def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     """The curves of G/|G| on the unit sphere, with the two separatrix circles."""
     motions, view = results.motions(spec), View.toward(spec["view"])
@@ -275,8 +281,7 @@ def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         heading(axes, seen[:, :2], colours[code[0]], 0.15)
         axes.plot(*seen[0, :2], **START, alpha=1 if seen[0, 2] > 0 else 0.4, zorder=6)
     # Over the curves, which run close beside it.
-    is_one_body = all(np.array_equal(each.inertia, motions[0].inertia) for each in motions)
-    circles = [view(circle) for circle in separatrix_circles(motions[0].inertia) if is_one_body]
+    circles = [view(circle) for circle in common_circles(motions)]
     for circle in circles:
         on_sphere(axes, circle, **SEPARATRIX)
     places = beside([view(direction) for direction in directions], circles)

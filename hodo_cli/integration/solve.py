@@ -115,10 +115,10 @@ def solve(
     return solution
 
 
-def refined(case: Case, system: Model, limit: int) -> Case:
+def refined(case: Case, system: Model, limit: int | None = None) -> Case:
     """A case with the finer data of a system of its own, and so many steps at most."""
-    data = {**case.data, **system.finer}
-    return replace(case, data=data, max_steps=min(case.max_steps or limit, limit))
+    limits = filter(None, (case.max_steps, limit))
+    return replace(case, data={**case.data, **system.finer}, max_steps=min(limits, default=None))
 
 
 def attempted(

@@ -630,10 +630,10 @@ class AveragedQuadrature(AveragedTop):
 
     <.> is the mean over one nutation, u = cos theta. M = (-a p, -a q, -b r) is `perturbation:
     linear-dissipation`, that times |omega|^2 is `cubic-dissipation`; the state and the other
-    symbols are those of the form averaged. The integrand
-    is periodic in phi and analytic, so that the sum over n points of a half turn is right to about
-    [(w + sqrt(w^2 - e^2))/e]^(4 - 2 n). It begins with `nodes` points, and where a motion comes so
-    near to u2 = u3 that this is more than the tolerance, it is integrated again with twice as many.
+    symbols are those of the form averaged. The integrand is periodic in phi and analytic, so that
+    the sum over n points of a half turn is right to about [(w + sqrt(w^2 - e^2))/e]^(4 - 2 n). It
+    begins with `nodes` points, and where a motion comes so near to u2 = u3 that this is more than
+    the tolerance, it is integrated again with twice as many.
 
     Source: L. D. Akulenko et al. 2017, eqs (2.3), (2.4), (2.8).
     """

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..engines.protocol import PRECISION, Status
 from ..integration.choice import choose
 from ..integration.driver import Sampled
 from ..integration.error import errors_against, references
-from ..integration.solve import solve, stored
+from ..integration.solve import refined, solve, stored
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..progress import reached
@@ -58,7 +58,7 @@ def _probe(
     """The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
     Newton's method."""
     one = member(case, number)
-    finer = replace(one, data={**one.data, **one.system.finer})
+    finer = refined(one, one.system)
     own = "taylor" if fits_ensemble(case) else choose(one)[0]
     tol = case.tol or PRECISION[case.precision]
     # nan where there is no crossing, and then the comparison is false.
