@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 
-class Parted(Exception):
+class BranchDivergence(Exception):
     """The members of a column go two ways; `where` (n,) tells them apart."""
 
     def __init__(self, where: np.ndarray) -> None:
@@ -20,7 +20,7 @@ class Parted(Exception):
 def _agreed(answers: np.ndarray) -> bool:
     """The answer that all members give."""
     if answers.any() and not answers.all():
-        raise Parted(answers)
+        raise BranchDivergence(answers)
     return bool(answers.all())
 
 
@@ -118,11 +118,11 @@ def isfinite(x: Any) -> bool:
     return isinstance(x, Column) or math.isfinite(x)
 
 
-def unlimited(x: Any) -> Any:
+def as_numpy_float(x: Any) -> Any:
     """A number whose arithmetic has infinite results where Python's raises exceptions."""
     return x if isinstance(x, Column) else np.float64(x)
 
 
-def limited(x: Any) -> Any:
+def as_float(x: Any) -> Any:
     """The same as a plain number again."""
     return x if isinstance(x, Column) else float(x)

@@ -205,9 +205,9 @@ def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
 
     from click.shell_completion import CompletionItem
 
-    from .cases.config import BROUGHT
+    from .cases.config import BUNDLED_CONFIGS
 
-    names = sorted(path.stem for path in BROUGHT.glob("*.yaml"))
+    names = sorted(path.stem for path in BUNDLED_CONFIGS.glob("*.yaml"))
     found = [CompletionItem(name) for name in names if incomplete and name.startswith(incomplete)]
     if not found or glob(f"{escape(incomplete)}*"):
         return [CompletionItem(incomplete, type="file")]

@@ -616,7 +616,7 @@ def test_a_start_in_long_double_is_that_in_double_to_its_rounding(beside: float)
     for sign, of in ((-1, case), (1, partial(cavity, kappa=0.01))):
         start = {"p": 0.8, "q": 0.5, "r": 0.8 * math.sqrt(0.2 / 0.12) * (1 + sign * beside)}
         system = of(initial=start, mean_start="no").system
-        apart = system.finer_start - np.array(system.start)
+        apart = system.extended_start - np.array(system.start)
         assert 0 < np.abs(apart).max() < 1e-15
 
 
@@ -626,7 +626,7 @@ def test_the_rounding_of_a_start_beside_the_separatrix_is_part_of_its_error(besi
     start = {"p": 0.8, "q": 0.5, "r": 0.8 * math.sqrt(0.2 / 0.12) * (1 - beside)}
     motion = integrate(case(initial=start, mean_start="no", time={"end": 100, "samples": 3}))
     slow = slow_elements(BODY, tuple(start.values()))
-    u = float(-np.log1p(-slow.gap))
+    u = float(-np.log1p(-slow.m1))
     exact = float(crossing_time((0.005, 0.004, 0.003), slow.side, u))
     off = abs(motion.events[0].time / exact - 1)
     assert off <= 2 * motion.errors["event_time"]

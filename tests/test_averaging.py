@@ -21,7 +21,7 @@ from hodo_cli.models.averaging.means import fluid_loss, fluid_weights, shape_rat
 from hodo_cli.models.averaging.passage import (
     FRACTIONS,
     WEIGHTS,
-    Foreseen,
+    CrossingPrediction,
     crossing_time,
     farthest_that_crosses,
     on_side,
@@ -53,13 +53,13 @@ class Foretold(NamedTuple):
     O: float
     n: float
     phase: float
-    foreseen: Foreseen
+    foreseen: CrossingPrediction
 
 
 def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Foretold | None:
     """The passage of a motion that starts with these mean elements, or None if it never crosses;
     lam as sorted."""
-    u = float(shape_distance(slow.gap))
+    u = float(shape_distance(slow.m1))
     if not u < farthest_that_crosses(lam, slow.side):
         return None
     way = way_to_separatrix(lam, slow.side, u)
@@ -97,14 +97,14 @@ def test_means_are_those_of_the_elliptic_integrals(m: float, K: float, Dn: float
 
 
 @pytest.mark.parametrize(
-    ("gap", "K", "Dn", "C"),
+    ("m1", "K", "Dn", "C"),
     [
         (1e-10, 12.8992198263876, 0.077524068438176929, 0.077524068345929336),
         (1e-100, 116.51554901082217, 0.0085825454927661045, 0.0085825454927661045),
     ],
 )
-def test_means_near_the_separatrix(gap: float, K: float, Dn: float, C: float) -> None:
-    mean = turn_means(1 - gap, gap, 12)
+def test_means_near_the_separatrix(m1: float, K: float, Dn: float, C: float) -> None:
+    mean = turn_means(1 - m1, m1, 12)
     assert [math.pi / 2 / mean.pace, mean.dd, mean.cc] == pytest.approx([K, Dn, C], rel=2e-14)
 
 
@@ -130,7 +130,7 @@ def test_shape_rates() -> None:
 
 def test_slow_variables_and_their_periodic_part() -> None:
     slow = slow_elements(BODY, FIG4)
-    assert [slow.X, slow.Y, shape_distance(slow.gap), 1 - slow.gap] == pytest.approx(
+    assert [slow.X, slow.Y, shape_distance(slow.m1), 1 - slow.m1] == pytest.approx(
         [0.296, 0.171424, 0.54621943462551054, 0.57913513513513514], rel=1e-15
     )
     closed = damped_part(BODY, LAM4, slow)
@@ -138,7 +138,7 @@ def test_slow_variables_and_their_periodic_part() -> None:
     series = periodic_part(BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow)
     for whole, value, part in zip(series, slow[:2], closed, strict=True):
         assert whole / value == pytest.approx(part, rel=1e-12)
-    assert shape_distance(slow_elements(BODY, FIG12).gap) == pytest.approx(
+    assert shape_distance(slow_elements(BODY, FIG12).m1) == pytest.approx(
         1.4802261809540898, rel=1e-15
     )
 
@@ -157,9 +157,7 @@ def test_a_motion_is_what_its_slow_variables_and_phase_say(inertia: Triple, omeg
         for step in (0, -1e-6, 1e-6)
     ]
     assert back[0] == pytest.approx(omega, rel=1e-14)
-    turning = (
-        turn_frequency(body, slow.pair[0], slow.side) * turn_means(1 - slow.gap, slow.gap).pace
-    )
+    turning = turn_frequency(body, slow.pair[0], slow.side) * turn_means(1 - slow.m1, slow.m1).pace
     (A1, A2, A3), (p, q, r) = inertia, omega
     euler = [(A2 - A3) / A1 * q * r, (A3 - A1) / A2 * p * r, (A1 - A2) / A3 * p * q]
     assert (back[2] - back[1]) / 2e-6 * turning == pytest.approx(euler, rel=1e-7, abs=1e-9)
@@ -186,16 +184,16 @@ def state_of_energy(J: float) -> Slow:
 def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> None:
     slow = state_of_energy(J)
     E, O = slow.pair
-    m = 1 - slow.gap
+    m = 1 - slow.m1
     closed = O * fluid_loss(
-        fluid_weights(*BODY[:3], 1.0, slow.side), m, turn_means(m, slow.gap), E, O
+        fluid_weights(*BODY[:3], 1.0, slow.side), m, turn_means(m, slow.m1), E, O
     )
     assert closed == pytest.approx(loss, rel=1e-14)
     dX, dY = mean_rates(
         BODY,
         lambda w: np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), -1),
         slow,
-        nodes_for(slow.gap),
+        nodes_for(slow.m1),
     )
     assert [dX, dY] == pytest.approx([0.6 * loss, -loss], rel=1e-13)
 
@@ -251,13 +249,13 @@ def test_crossing_times_of_the_table(m: float) -> None:
 )
 def test_crossing_times_of_the_paper(lam: Triple, omega: Triple, time: float) -> None:
     slow = slow_elements(BODY, omega)
-    assert float(crossing_time(lam, slow.side, shape_distance(slow.gap))) == pytest.approx(
+    assert float(crossing_time(lam, slow.side, shape_distance(slow.m1))) == pytest.approx(
         time, rel=2e-15
     )
 
 
 def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
-    u = shape_distance(slow_elements(BODY, FIG4).gap)
+    u = shape_distance(slow_elements(BODY, FIG4).m1)
     assert crossing_time((0.003, 0.004, 0.005), 1, u) == math.inf
     assert crossing_time((0.005, 0.004, 0.005), 1, u) == math.inf
     threshold = resting_shape((0.004, 0.006, 0.003))
@@ -272,7 +270,7 @@ def mean_elements(lam: Sequence[float], slow: Slow) -> Slow:
     E, O = E * (1 - dE), O * (1 - dO)
     X, Y = (E, O) if slow.side > 0 else (O, E)
     w_e, w_o = BODY.weight(slow.side)
-    return slow._replace(X=X, Y=Y, gap=1 - w_o * O / (w_e * E))
+    return slow._replace(X=X, Y=Y, m1=1 - w_o * O / (w_e * E))
 
 
 @pytest.mark.parametrize(

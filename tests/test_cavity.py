@@ -229,16 +229,16 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
         case(**given)
 
 
-def doubts(case: Case) -> list[str]:
+def validity_warnings(case: Case) -> list[str]:
     return case.system.warnings
 
 
 def test_what_contradicts_the_theory_is_said() -> None:
     for name, moment in (("fig1", "4"), ("fig3-as-printed", "1"), ("fig4-full", "1")):
-        (heavy,) = doubts(PAPER2[name])
+        (heavy,) = validity_warnings(PAPER2[name])
         assert "b = 1.39, and its fluid a mass of 14175 and a moment of inertia of 10956" in heavy
         assert f"more than the {moment} of body and fluid" in heavy
-    (flow,) = doubts(
+    (flow,) = validity_warnings(
         case(
             kappa="",
             cavity="{density: 1e-3, viscosity: 10, radius: 1}",
@@ -246,13 +246,13 @@ def test_what_contradicts_the_theory_is_said() -> None:
         )
     )
     assert "b^2 |omega|/nu is 0.5 " in flow
-    (fluid,) = doubts(case(kappa="6"))
+    (fluid,) = validity_warnings(case(kappa="6"))
     assert "torque of the fluid is not small: 0.753 of" in fluid
-    (constant,) = doubts(case(torque="[0, 0, 1]"))
+    (constant,) = validity_warnings(case(torque="[0, 0, 1]"))
     assert "torque epsilon M is not small" in constant
-    (dropped,) = doubts(case(form="averaged", torque="[0.03, 0, 0]"))
+    (dropped,) = validity_warnings(case(form="averaged", torque="[0.03, 0, 0]"))
     assert "it is 0.1 at the start" in dropped
-    assert not doubts(case(torque="[0.03, 0, 0]"))
+    assert not validity_warnings(case(torque="[0.03, 0, 0]"))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -292,5 +292,5 @@ def test_the_error_of_an_end_of_spin_does_not_depend_on_the_origin_of_time() -> 
 @pytest.mark.filterwarnings("error")
 def test_doubts_about_bodies_of_any_size() -> None:
     given = {"initial": "{x: 1e200, y: 1e200}", "torque": "[0, 0, 1]"}
-    assert doubts(case(inertia="[1e-99, 1e-99, 0.8e-99]", **given))
-    assert not doubts(case(inertia="[1e100, 1e100, 0.8e100]", kappa="0.01", **given))
+    assert validity_warnings(case(inertia="[1e-99, 1e-99, 0.8e-99]", **given))
+    assert not validity_warnings(case(inertia="[1e100, 1e100, 0.8e100]", kappa="0.01", **given))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hodo_cli import HodoError, engines, tables
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.integration.classify import Classification, classify
-from hodo_cli.integration.crossings import Crossing, Marks, read_marks
+from hodo_cli.integration.crossings import Crossing, SignChanges, read_sign_changes
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.results.layout import label_group
@@ -137,7 +137,7 @@ def test_labels_and_crossings_as_they_are_stored() -> None:
     assert group.variables["crossing_from"].data.tolist() == [1]
 
 
-# `read_marks` by itself, on marks made by hand.
+# `read_sign_changes` by itself, on marks made by hand.
 
 
 def told_by(
@@ -148,8 +148,8 @@ def told_by(
     margin = np.array([0.0 if value is None else value for value in margins])
     vanishes = np.array([value is None for value in margins])
     ones = np.ones(len(margin))
-    marks = Marks(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
-    verdict = read_marks(marks, 1e-15 * ones, (0, 1, 2), frozenset(kept))
+    marks = SignChanges(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
+    verdict = read_sign_changes(marks, 1e-15 * ones, (0, 1, 2), frozenset(kept))
     return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
 
 
@@ -190,16 +190,16 @@ def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
 def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
     margin, vanishes = np.array([0.5, 0.0, -0.5]), np.array([False, True, False])
     rate, ones = np.array([0.0, 0.25, 0.0]), np.ones(3)
-    marks = Marks(np.arange(3.0), margin, vanishes, rate, ones)
-    assert read_marks(marks, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
+    marks = SignChanges(np.arange(3.0), margin, vanishes, rate, ones)
+    assert read_sign_changes(marks, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
 
 
 def test_what_is_undecided_in_the_end_is_named_by_its_own_time() -> None:
     # The last mark beyond doubt is that of time 2; the zero before it is a crossing.
     margin = np.array([0.5, 0.0, -0.5, 1e-4, 2e-4])
     vanishes = np.array([False, True, False, False, False])
-    marks = Marks(np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5))
-    verdict = read_marks(marks, np.full(5, 1e-3), (0, 1, 2))
+    marks = SignChanges(np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5))
+    verdict = read_sign_changes(marks, np.full(5, 1e-3), (0, 1, 2))
     assert [c.time for c in verdict.crossings] == [1.0]
     assert verdict.undecided == [3.0]
 

@@ -13,9 +13,9 @@ from hodo_cli.integration.error import (
     COMPARED,
     errors_against,
     measured_error,
-    patient,
     references,
     thinned,
+    with_step_limit,
 )
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import Solution, solve
@@ -71,10 +71,10 @@ def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> 
 def test_a_reference_by_the_same_method_is_given_up_sooner() -> None:
     solution = replace(solve(FIG4, "DOP853"), steps=10_000)
     same, other = (
-        patient(FIG4, "taylor", solution, method) for method in ("taylor", "collocation")
+        with_step_limit(FIG4, "taylor", solution, method) for method in ("taylor", "collocation")
     )
     assert (same.max_steps, other.max_steps) == (200_000, 5_000_000)
-    assert patient(replace(FIG4, max_steps=7), "taylor", solution, "taylor").max_steps == 7
+    assert with_step_limit(replace(FIG4, max_steps=7), "taylor", solution, "taylor").max_steps == 7
 
 
 def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(

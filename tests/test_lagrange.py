@@ -416,15 +416,15 @@ def test_wrong_data_are_refused(given: dict[str, str], message: str) -> None:
         case(**given)
 
 
-def doubts(case: Case) -> list[str]:
+def validity_warnings(case: Case) -> list[str]:
     return case.system.warnings
 
 
 def test_what_makes_the_averages_doubtful_is_said() -> None:
-    assert not any(doubts(top) for top in PAPER3.values())
-    (negative,) = doubts(case(b="[1, -0.1]"))
+    assert not any(validity_warnings(top) for top in PAPER3.values())
+    (negative,) = validity_warnings(case(b="[1, -0.1]"))
     assert "b has a negative coefficient" in negative
-    (near,) = doubts(case(initial="{theta: 1e-5, r: 1}"))
+    (near,) = validity_warnings(case(initial="{theta: 1e-5, r: 1}"))
     assert "1 - k^2 = 5.6e-11" in near
 
 

@@ -10,7 +10,7 @@ import pytest
 from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import protocol
-from hodo_cli.engines.protocol import Status, Watch
+from hodo_cli.engines.protocol import Status, StepControl
 from hodo_cli.integration.integrate import integrate
 
 SPINS_UP = """\
@@ -94,7 +94,7 @@ class Outflow:
 def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> None:
     # A root of a negative number is complex to Python, and a solver would go on with a part of it.
     engine = engines.engine_for(method, Outflow(), (), 1e-6, "double")  # type: ignore[arg-type]
-    watch = Watch(max_steps=10_000)
+    watch = StepControl(max_steps=10_000)
     leg = engine.leg({}, np.array([1.0]), np.linspace(0, 4, 17), watch)
     assert watch.status == Status.FAILED
     assert float(leg.time[0]) < 2.2

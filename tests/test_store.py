@@ -32,7 +32,7 @@ from hodo_cli.storage import provenance
 from hodo_cli.storage import writer as writing
 from hodo_cli.storage.finished import Finished, finished
 from hodo_cli.storage.group import Group, Variable
-from hodo_cli.storage.hdf5 import Run, open_run
+from hodo_cli.storage.hdf5 import ResultFile, open_run
 from hodo_cli.storage.update import update
 from hodo_cli.storage.writer import Writer
 
@@ -836,8 +836,10 @@ def test_update_of_a_result_replaced_meanwhile(path: Path) -> None:
 def test_a_change_reads_no_case_again(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(path, {name: group(seed=i) for i, name in enumerate("abcd")})
     read: list[str] = []
-    plain = Run.read
-    monkeypatch.setattr(Run, "read", lambda run, name: (read.append(name), plain(run, name))[1])
+    plain = ResultFile.read
+    monkeypatch.setattr(
+        ResultFile, "read", lambda run, name: (read.append(name), plain(run, name))[1]
+    )
     with update(path) as changes:
         for name in "bc":
             changes.write(name, labels(), changes.run.read(name))
@@ -866,7 +868,7 @@ def test_a_failed_update_leaves_the_file(path: Path) -> None:
 
 def test_root_attributes_say_what_made_the_file() -> None:
     made = provenance.root_attributes(
-        "title", "references", "text", provenance.stamp("hodo run x.yaml")
+        "title", "references", "text", provenance.history_line("hodo run x.yaml")
     )
     assert made["history"][10:] == f"{made['history'][10:20]} hodo run x.yaml"
     assert made["h5py_version"] == h5py.__version__

@@ -664,7 +664,7 @@ def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
     (line,) = tabulated(
         Case.of({"model": "Lagrange-averaged", **top, **start}), Group({}, variables)
     )["warnings"]
-    assert line == models.find("Lagrange-averaged", "averaged").unclassifiable != ""
+    assert line == models.find("Lagrange-averaged", "averaged").no_axis_reason != ""
 
 
 @pytest.mark.heyoka

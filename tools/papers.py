@@ -19,7 +19,7 @@ from hodo_cli.cases.claim_block import (
     VERDICTS,
 )
 from hodo_cli.cases.config import Config, parse
-from hodo_cli.storage.hdf5 import Run, open_run
+from hodo_cli.storage.hdf5 import ResultFile, open_run
 from hodo_cli.tables import totals
 
 LONGEST = 400
@@ -48,7 +48,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def stored(run: Run, name: str) -> list[dict[str, Any]]:
+def stored(run: ResultFile, name: str) -> list[dict[str, Any]]:
     """The rows of `_claims` or `_errata`."""
     if name not in run:
         sys.exit(f"{run.path} holds no verdicts: run `hodo claims` first")
@@ -135,7 +135,7 @@ def names_used(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(told)
 
 
-def page(run: Run) -> str:
+def page(run: ResultFile) -> str:
     """All that a result says about its paper."""
     config, stem = parse(run.text, str(run.path)), run.path.stem
     misprints = stored(run, "_errata")

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from hodo_cli.storage.group import Group, Variable
-from hodo_cli.storage.hdf5 import Run, open_run
+from hodo_cli.storage.hdf5 import ResultFile, open_run
 from hodo_cli.storage.output import create
-from hodo_cli.storage.provenance import stamp
+from hodo_cli.storage.provenance import history_line
 
 SAMPLES = 41
 """About how many samples of a motion are kept."""
@@ -65,7 +65,7 @@ def thinned(group: Group) -> Group:
     )
 
 
-def write(run: Run, path: Path) -> None:
+def write(run: ResultFile, path: Path) -> None:
     """The thinned copy of a result. Exits if a case of it has not come out well, or not in
     quadruple precision."""
     root = {
@@ -73,7 +73,9 @@ def write(run: Run, path: Path) -> None:
         for key, value in run.attributes.items()
         if key not in ("config", "config_path", "history", "format_version")
     }
-    with create(path, {**root, "history": stamp("make reference"), "reference": HOW}) as output:
+    with create(
+        path, {**root, "history": history_line("make reference"), "reference": HOW}
+    ) as output:
         for name in run.cases():
             group = run.read(name)
             if (
@@ -84,7 +86,7 @@ def write(run: Run, path: Path) -> None:
             output.write(name, thinned(group))
 
 
-def events(run: Run) -> list[dict[str, Any]]:
+def events(run: ResultFile) -> list[dict[str, Any]]:
     """Every separatrix crossing and every event of every case, in order."""
     rows = []
     for name in run.cases():

@@ -171,12 +171,12 @@ def checked_case(name: str, block: Block) -> Case:
     mistakes += model.check(data)
     # What is stored hangs on the class that stands in for a form with these data.
     system = None if mistakes else model.of(data)
-    standing = type(system) if system else model
-    mistakes += _of_store(standing, values)
+    concrete_model = type(system) if system else model
+    mistakes += _of_store(concrete_model, values)
     if system and (said := models.mistake_in(system)):
         mistakes.append((("model",), said))
     if values.get("sweep") and not mistakes:
-        mistakes += check_axes(values["sweep"], standing, data)
+        mistakes += check_axes(values["sweep"], concrete_model, data)
     if mistakes:
         raise Wrong(*mistakes)
     common = {key: values[key] for key in COMMON} | {"time": Time(**values["time"])}

@@ -51,7 +51,9 @@ HERE = Path(__file__).parent
 CONFIGS = (".yaml", ".yml")
 """What the name of a case file ends with."""
 
-BROUGHT = (HERE.parent if (HERE.parent / "configs").exists() else HERE.parents[1]) / "configs"
+BUNDLED_CONFIGS = (
+    HERE.parent if (HERE.parent / "configs").exists() else HERE.parents[1]
+) / "configs"
 """The folder of the case files that come with hodo: within an installed package, beside it in a
 clone. There need be none: a copy of the package alone runs too."""
 
@@ -68,7 +70,7 @@ def _found(path: str) -> tuple[Path, str]:
     that of NAME.yaml in the working folder, or else of a case file that comes with hodo."""
     if is_bare(path) and Path(f"{path}.yaml").exists():
         return Path(f"{path}.yaml"), f"{path}.yaml"
-    if is_bare(path) and (brought := BROUGHT / f"{path}.yaml").exists():
+    if is_bare(path) and (brought := BUNDLED_CONFIGS / f"{path}.yaml").exists():
         return brought, path
     return Path(path), path
 
@@ -109,7 +111,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
         # In lower case, as where a result is missing.
         reason = str(getattr(error, "strerror", None) or error).lower()
         shown_name = name if name.isprintable() else repr(name)
-        near = nearest(name, [brought.stem for brought in BROUGHT.glob("*.yaml")])
+        near = nearest(name, [brought.stem for brought in BUNDLED_CONFIGS.glob("*.yaml")])
         raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")

@@ -212,7 +212,7 @@ def _linspace(first: float, last: float, number: int, index: np.ndarray) -> np.n
 def storable(model: type[Model]) -> list[str]:
     """What `store:` may name in a sweep of a model."""
     own: tuple[str, ...] = REDUCED
-    if model.unclassifiable:
+    if model.no_axis_reason:
         own = (*PASSED, "event_time") if "enclosed_axis" in model.variables else ("event_time",)
     return [*model.variables, *own, "steps", "status", "trajectory"]
 

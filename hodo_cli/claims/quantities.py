@@ -27,7 +27,7 @@ def integrated_motion(case: Case) -> Motion:
     Raises HodoError if it stops before its end.
     """
     method, _ = choose(case)
-    if case.system.unclassifiable:
+    if case.system.no_axis_reason:
         solution, passed = solve(case, method, case.precision, case.tol), None
     else:
         solution, passed = cross(case, method, case.precision, case.tol)

@@ -28,7 +28,7 @@ from ..cases.claim_block import (
 from ..progress import portion
 from ..results.motion import Array, Motion, motion_of
 from ..schema.kinds import unknown
-from ..storage.hdf5 import Run
+from ..storage.hdf5 import ResultFile
 from ..sweeps.averages import distance_of_sweeps
 from . import averaging, paper1, paper2, paper3
 from .checks import MOTION_CHECKS, averages
@@ -39,7 +39,7 @@ PAPERS = (averaging, paper1, paper2, paper3)
 """The modules whose import fills `PAPER_CHECKS` and `PAPER_TRENDS`."""
 
 
-def judge_claim(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
+def judge_claim(claim: Mapping[str, Any], run: ResultFile, known: Motions) -> Verdict:
     """The verdict on one claim by the cases of a result; `known` holds the motions that claims have
     varied.
 
@@ -70,7 +70,7 @@ def together(claim: Mapping[str, Any], found: Mapping[str, Verdict]) -> str:
     return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
 
 
-def judge_erratum(erratum: Mapping[str, Any], run: Run) -> Verdict:
+def judge_erratum(erratum: Mapping[str, Any], run: ResultFile) -> Verdict:
     """Whether the printed form is wrong and the corrected one right. Raises as `judge_claim`."""
     if erratum["check"] is None:
         return Verdict(erratum, BY_READING, math.nan, "")
@@ -89,7 +89,7 @@ def alone(claim: Mapping[str, Any], finding: Finding) -> Verdict:
     return Verdict(claim, finding.degree, finding.number, finding.words)
 
 
-def unusable(cases: Sequence[str], run: Run) -> str:
+def unusable(cases: Sequence[str], run: ResultFile) -> str:
     """Which of some cases has no result, and why; an empty string if each has one."""
     for name in cases:
         ended = {"status": "missing", "message": ""}
@@ -100,7 +100,7 @@ def unusable(cases: Sequence[str], run: Run) -> str:
     return ""
 
 
-def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict:
+def judge_reading(claim: Mapping[str, Any], run: ResultFile, known: Motions) -> Verdict:
     """The verdict on a claim without readings. Raises as `judge_claim` does."""
     if missing := unusable(claim["cases"], run):
         return Verdict(claim, NOT_TESTED, math.nan, missing)
@@ -112,12 +112,12 @@ def judge_reading(claim: Mapping[str, Any], run: Run, known: Motions) -> Verdict
         raise _told_of(f"claim {claim['id']}", run, error) from error
 
 
-def _told_of(what: str, run: Run, error: HodoError) -> HodoError:
+def _told_of(what: str, run: ResultFile, error: HodoError) -> HodoError:
     """An error with what could not be decided, and the file once: it may begin with it already."""
     return HodoError(f"{run.path}: {what}: {str(error).removeprefix(f'{run.path}: ')}")
 
 
-def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
+def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
     """What an `average` finds in the one sweep that the claim names, or in the distance of two.
     Raises HodoError if there is no such sweep."""
     if len(claim["cases"]) not in (1, 2):
@@ -134,7 +134,7 @@ def of_sweep(claim: Mapping[str, Any], run: Run) -> Finding:
 
 
 @lru_cache(maxsize=64)
-def stored_motion(run: Run, name: str) -> Motion:
+def stored_motion(run: ResultFile, name: str) -> Motion:
     """The motion of one case of a result, kept for the next claim about it. Raises HodoError if it
     is damaged."""
     group = run.read(name)

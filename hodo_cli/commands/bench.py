@@ -21,7 +21,7 @@ from ..integration.integrate import ASKED
 from ..progress import Progress
 from ..storage.group import Group, Variable
 from ..storage.output import create
-from ..storage.provenance import root_attributes, stamp
+from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import replacing
 from ..text import magnitude, seconds, table
 from .trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
@@ -154,7 +154,7 @@ def counted(trials: Sequence[Trial]) -> str:
 def store(bench: Bench, config: Config, path: Path) -> None:
     """Store a bench as the only group, `bench`, of a result file."""
     attributes = root_attributes(
-        config.title, config.references, config.text, stamp(f"hodo bench {config.path}")
+        config.title, config.references, config.text, history_line(f"hodo bench {config.path}")
     )
     with replacing(path) as draft, create(draft, attributes) as output:
         output.write("bench", bench.group())

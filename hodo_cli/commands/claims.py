@@ -17,8 +17,8 @@ from ..claims.variations import Motions
 from ..claims.verdicts import judge_claim, judge_erratum
 from ..progress import Progress
 from ..storage.group import TOLD_ATTRIBUTES, Group, Variable
-from ..storage.hdf5 import Run
-from ..storage.provenance import stamp
+from ..storage.hdf5 import ResultFile
+from ..storage.provenance import history_line
 from ..storage.update import update
 from .resume import content_mark, result_named, telling, told, warn_of_changes
 
@@ -35,7 +35,7 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
     statements: Rows = []
     misprints: Rows = []
     for path, config in map(result_named, paths):
-        with update(path, stamp(f"hodo claims {path}")) as changes:
+        with update(path, history_line(f"hodo claims {path}")) as changes:
             warn_of_changes(changes.run, config, "claims")
             text = config.text if config else changes.run.text
             mark, rows = "", None
@@ -73,7 +73,7 @@ ERRATUM_COLUMNS = ("where", "printed", "should_be", "verdict", "evidence", "note
 """What is stored of a claim and of an erratum as text, besides its id."""
 
 
-def judged(config: Config, run: Run) -> tuple[list[Verdict], list[Verdict]]:
+def judged(config: Config, run: ResultFile) -> tuple[list[Verdict], list[Verdict]]:
     """The verdicts on the claims and on the errata of one result. Raises HodoError as `judge_claim`
     does."""
     known, total = Motions(), len(config.claims) + len(config.errata)

@@ -16,7 +16,7 @@ from ..progress import Progress
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
 from ..storage.group import TOLD_ATTRIBUTES, Group, checksum_of
-from ..storage.provenance import stamp, typed
+from ..storage.provenance import history_line, typed
 from ..storage.update import update
 from .resume import content_mark, result_named, telling, told, warn_of_changes
 
@@ -29,7 +29,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
     rows, problems = [], []
     for path, config in map(result_named, paths):
         with (
-            update(path, stamp(f"hodo classify {path}")) as changes,
+            update(path, history_line(f"hodo classify {path}")) as changes,
             Progress(len(changes.run.cases()), logs=False) as progress,
         ):
             warn_of_changes(changes.run, config)
@@ -125,7 +125,7 @@ def growth(rates: np.ndarray | None) -> dict[str, float]:
 
 def inapplicable(case: Case, group: Group) -> str:
     """Why there is nothing to label in a stored case; an empty string if there is."""
-    if reason := case.system.unclassifiable:
+    if reason := case.system.no_axis_reason:
         return reason
     if "omega" not in group.variables:
         return "omega is not stored"
@@ -141,7 +141,7 @@ def tabulated(case: Case, group: Group) -> dict[str, Any]:
             row[end] = _shares(column.data[ok])
     if (counts := group.variables.get("crossings")) is None:
         lacking = '"crossings", their number, is not stored'
-        return {**row, "warnings": [case.system.unclassifiable or lacking]}
+        return {**row, "warnings": [case.system.no_axis_reason or lacking]}
     crossing = ok & (counts.data > 0)
     said = f"{crossing.sum()} of {ok.sum()} members cross"
     if (most := counts.data[ok].max(initial=0)) > 1:

@@ -21,7 +21,7 @@ from ..models import rigid_body
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
 from ..storage.group import Group, Variable
-from ..storage.hdf5 import Run, open_run
+from ..storage.hdf5 import ResultFile, open_run
 from ..storage.provenance import typed
 from .resume import result_named, warn_of_changes
 
@@ -139,7 +139,7 @@ def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Line]:
         return compare(run, reference, tolerance)
 
 
-def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
+def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Line]:
     """Every case and variable of the reference `b` in `a`, and the cases that `a` alone has.
 
     Raises HodoError if the files share no case: they are then not results of the same experiment.
@@ -158,7 +158,7 @@ def compare(a: Run, b: Run, tolerance: Tolerance) -> list[Line]:
     ]
 
 
-def sound(run: Run, name: str) -> Group:
+def sound(run: ResultFile, name: str) -> Group:
     """A case of a result. Raises HodoError if it is damaged."""
     group = run.read(name)
     typed({"error": math.nan, **group.attributes}, {"error": float}, f"{run.path}: {name}")

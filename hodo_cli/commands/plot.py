@@ -22,7 +22,7 @@ from ..cases.figure_block import FORMATS, PIECE, SCRIPT
 from ..progress import Progress
 from ..schema.kinds import unknown
 from ..storage.finished import open_batch
-from ..storage.hdf5 import Run
+from ..storage.hdf5 import ResultFile
 from ..storage.staging import replacing
 from .resume import content_mark, result_named, warn_of_changes
 
@@ -78,7 +78,7 @@ class PageTask:
 
 
 @contextmanager
-def opened(name: Path) -> Iterator[tuple[Run, Config]]:
+def opened(name: Path) -> Iterator[tuple[ResultFile, Config]]:
     """A result file with its config or, by the name of a config, with that as it is now.
 
     Raises HodoError if one of the two cannot be read.
@@ -192,7 +192,7 @@ class Folder:
     """The figures of one result in a folder: those that are kept, and the tasks of the others."""
 
     def __init__(
-        self, path: Path, run: Run, config: Config,
+        self, path: Path, run: ResultFile, config: Config,
         names: Sequence[str], formats: Sequence[str], force: bool,
     ) -> None:  # fmt: skip
         """Raises HodoError if there is no figure of one of the names."""

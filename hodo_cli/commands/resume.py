@@ -18,7 +18,7 @@ from ..cases.case import Case, dump
 from ..cases.config import CONFIGS, Config, is_bare, load, parse
 from ..storage.finished import Finished
 from ..storage.group import TOLD_ATTRIBUTES, Attribute
-from ..storage.hdf5 import Run
+from ..storage.hdf5 import ResultFile
 from ..storage.staging import staging_folders
 
 FORCED = "--force"
@@ -90,7 +90,7 @@ def path_from(config: Config, path: Path) -> str:
     return os.path.relpath(os.path.realpath(config.path), os.path.realpath(path.parent))
 
 
-def check_origin(config: Config, run: Run, remedy: str = "") -> None:
+def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
     """Raise HodoError if a result was made from a config of the same name in another folder.
 
     One with the same text may be a copy, or be moved there: nothing that it holds would be lost.
@@ -103,7 +103,7 @@ def check_origin(config: Config, run: Run, remedy: str = "") -> None:
         raise HodoError(f"{run.path} {said}{remedy}")
 
 
-def warn_of_changes(run: Run, config: Config | None, command: str = "") -> None:
+def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -> None:
     """Warn of what has changed in the config of a result since: its cases and, where it was the
     result that a `command` was asked about, the figures or claims which that goes through.
 
@@ -129,7 +129,7 @@ def warn_of_changes(run: Run, config: Config | None, command: str = "") -> None:
         warnings.warn(f"{run.path}: {said}: hodo run {config.path}", stacklevel=2)
 
 
-def _config_of(run: Run) -> Config | None:
+def _config_of(run: ResultFile) -> Config | None:
     """The config of a result where it lies, if it has changed and can be read."""
     path = run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))
     with suppress(OSError, HodoError):

@@ -26,7 +26,7 @@ from ..results.layout import SUMMARY, case_group
 from ..storage.finished import Finished, finished
 from ..storage.group import Group
 from ..storage.hdf5 import open_run
-from ..storage.provenance import root_attributes, stamp
+from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import check_writable
 from ..storage.writer import Writer
 from .resume import CONFIG_PATH, FORCED, check_origin, fingerprint, path_from, why
@@ -123,7 +123,7 @@ class Plan:
 
     def _root_attributes(self) -> dict[str, str | int]:
         config = self.config
-        history = stamp(f"hodo run {config.path}")
+        history = history_line(f"hodo run {config.path}")
         made = root_attributes(config.title, config.references, config.text, history)
         return {**made, CONFIG_PATH: path_from(config, self.path)}
 

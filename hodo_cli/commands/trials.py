@@ -124,7 +124,7 @@ def worst(errors: Mapping[str, float]) -> float:
 def classifiable(case: Case) -> bool:
     """Whether crossings are looked for: not in a motion of too many samples or steps."""
     short = case.time.samples <= AFFORDABLE and taylor_steps(case) < AFFORDABLE
-    return short and not case.system.unclassifiable
+    return short and not case.system.no_axis_reason
 
 
 def perturbed(case: Case) -> Iterator[Case]:

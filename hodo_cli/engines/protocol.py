@@ -89,7 +89,7 @@ class Engine(Protocol):
     basis: str
     degree: int
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: "Watch") -> Leg:
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: "StepControl") -> Leg:
         """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `watch` says
         stop."""
         ...
@@ -109,7 +109,7 @@ def uneven(y: np.ndarray) -> Any:
 
 
 @dataclass
-class Watch:
+class StepControl:
     """Decides after each step whether to go on; `status` and `message` say why a motion was given
     up.
 

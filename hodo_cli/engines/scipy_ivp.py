@@ -11,7 +11,7 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from ..models.base import Constants, Event, Model
 from ..models.constants import jacobian
-from .protocol import EPS, Leg, Watch
+from .protocol import EPS, Leg, StepControl
 from .stepwise import Solver, Stepwise
 
 SOLVERS = {"DOP853": DOP853, "RK45": RK45, "LSODA": LSODA, "Radau": Radau, "BDF": BDF}
@@ -39,7 +39,7 @@ class Ivp(Stepwise):
         default = 1e-12 if method == "DOP853" else 1e-9
         self.tol = max(default if tol is None else tol, LEAST_TOL)
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: StepControl) -> Leg:
         """See `Engine.leg`."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too

@@ -12,7 +12,7 @@ import numpy as np
 from ..models.base import Constants, Event
 from ..models.constants import attributes
 from .polynomial import CHEBYSHEV, Zeros, isolate, rounding, to_bernstein
-from .protocol import NORM_BAND, Hit, Leg, Status, Watch
+from .protocol import NORM_BAND, Hit, Leg, Status, StepControl
 
 
 class Solver(Protocol):
@@ -56,7 +56,7 @@ class Stepwise:
         nodes, transform = chebyshev(self.degree)
         return np.asarray(dense(solver.t_old + (solver.t - solver.t_old) * nodes) @ transform)
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: StepControl) -> Leg:
         """See `Engine.leg`."""
         constants = attributes(k, self.dtype)
         solver = self.solver(constants, y, grid[0], grid[-1], watch.longest)

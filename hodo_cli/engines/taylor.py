@@ -10,7 +10,7 @@ import numpy as np
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, count, flatten, namespace
 from .polynomial import TAYLOR
-from .protocol import NORM_BAND, PRECISION, Hit, Leg, Status, Watch
+from .protocol import NORM_BAND, PRECISION, Hit, Leg, Status, StepControl
 
 # heyoka warns about its cache on stdout, where commands print their data.
 hy.set_logger_level_error()
@@ -83,7 +83,7 @@ class Taylor:
         place = -1 - int(outcome)
         return self.terminal[place] if 0 <= place < len(self.terminal) else None
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: Watch) -> Leg:
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: StepControl) -> Leg:
         """See `Engine.leg`."""
         ta, zero = self.ta, self.dtype(0)
         ta.pars[:] = np.array(flatten(k)).astype(self.dtype)

@@ -13,9 +13,16 @@ from ..engines.protocol import EPS, PRECISION
 from ..models import rigid_body
 from ..progress import portion
 from .choice import best
-from .crossings import CERTAIN, Crossing, Decided, Marks, Watcher, read_marks
+from .crossings import (
+    CERTAIN,
+    Crossing,
+    CrossingList,
+    CrossingSearch,
+    SignChanges,
+    read_sign_changes,
+)
 from .driver import Sampled
-from .error import MOTION, patient, references
+from .error import MOTION, references, with_step_limit
 from .solve import Solution, sample_times, solve, stored
 
 CHECKS = 513
@@ -76,10 +83,12 @@ def classify(
     state = extended(motion.solution.path.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
-    labels = completed(labels, case.system.kept_axes)
+    labels = completed(labels, case.system.absorbing_axes)
     found = crossings_of(case, motion, errors)
     crossings, warnings = (
-        settled(found, *reference) if reference else (found.crossings, undecided(found.undecided))
+        resolve_conflicts(found, *reference)
+        if reference
+        else (found.crossings, undecided(found.undecided))
     )
     hidden = bool(warnings)
     if len(samples) < len(omega):
@@ -89,11 +98,11 @@ def classify(
     return Classification(labels, tuple(crossings), warnings, growth, final, hidden)
 
 
-class Watched(NamedTuple):
+class DenseSolution(NamedTuple):
     """A motion with its marks; `sampled` are the places, among its times, of the case's samples."""
 
     solution: Solution
-    marks: Marks
+    marks: SignChanges
     sampled: np.ndarray
 
 
@@ -104,18 +113,18 @@ def watched(
     tol: float | None,
     doubt: float = 0.0,
     until: float = math.inf,
-) -> Watched:
+) -> DenseSolution:
     """Integrate a case with a search for zeros of D, through its samples and CHECKS other times.
 
-    `doubt` is that of the `Watcher`. Nothing is looked at after the time `until`.
+    `doubt` is that of the `CrossingSearch`. Nothing is looked at after the time `until`.
     """
     samples = sample_times(case)
     times = with_checks(samples, case.time.start, case.time.end)
     times = times[times <= until]
-    watcher = Watcher(np.array(case.data["inertia"]), doubt)
+    watcher = CrossingSearch(np.array(case.data["inertia"]), doubt)
     solution = solve(case, method, precision, tol, times, watcher)
     sampled = np.searchsorted(times, samples)
-    return Watched(solution, watcher.marks(), sampled[sampled < len(solution.path.time)])
+    return DenseSolution(solution, watcher.marks(), sampled[sampled < len(solution.path.time)])
 
 
 def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
@@ -131,7 +140,7 @@ def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
 
 
 def check_stored(
-    case: Case, again: np.ndarray, omega: np.ndarray, expected: float, motion: Watched
+    case: Case, again: np.ndarray, omega: np.ndarray, expected: float, motion: DenseSolution
 ) -> None:
     """Raise HodoError where a motion's samples `again` are not the stored omega (n, 3)."""
     apart = relative_distance(again, omega[: len(again)])
@@ -144,8 +153,8 @@ def check_stored(
 
 
 def against_reference(
-    case: Case, method: str, motion: Watched, expected: float
-) -> tuple[np.ndarray, tuple[Decided, str] | None]:
+    case: Case, method: str, motion: DenseSolution, expected: float
+) -> tuple[np.ndarray, tuple[CrossingList, str] | None]:
     """The error of a motion at each of its times (n,), and what its reference says of the
     crossings, with the reference's name.
 
@@ -160,7 +169,7 @@ def against_reference(
             return assumed, None
     end = math.inf if solution.whole else float(path.time[-1])
     for by in references(case, method, solution.tol):
-        limited = patient(case, method, solution, by.method)
+        limited = with_step_limit(case, method, solution, by.method)
         reference = watched(limited, by.method, by.precision, by.tol, until=end)
         if (solution.whole and not reference.solution.whole) or (
             by.tol is not None and reference.solution.tol == solution.tol
@@ -210,7 +219,9 @@ def start_error(case: Case) -> float:
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega, order)))
 
 
-def own_errors(case: Case, motion: Watched, reference: Watched, precision: str) -> np.ndarray:
+def own_errors(
+    case: Case, motion: DenseSolution, reference: DenseSolution, precision: str
+) -> np.ndarray:
     """The errors (n,) of a reference of higher precision at its own times.
 
     They are those of a motion that is at the limit of its precision, in the ratio of the two
@@ -240,8 +251,8 @@ def distances(path: Sampled, reference: Sampled) -> np.ndarray:
 
 
 def crossings_of(
-    case: Case, motion: Watched, errors: np.ndarray, kept: frozenset[int] | None = None
-) -> Decided:
+    case: Case, motion: DenseSolution, errors: np.ndarray, kept: frozenset[int] | None = None
+) -> CrossingList:
     """The crossings of a motion with the error (n,) at each of its times.
 
     `kept` are the axes that it keeps once it encloses them, by default those of its equations.
@@ -252,23 +263,25 @@ def crossings_of(
     A, path = np.array(case.data["inertia"]), motion.solution.path
     order = rigid_body.inertia_order(A)
     if not A[order[0]] > A[order[1]] > A[order[2]] or not len(path.time):
-        return Decided([], [], [])
+        return CrossingList([], [], [])
     nothing = np.zeros(len(path.time))
     G = A * path.state.astype(float)
     momentum = np.sqrt(np.vecdot(G, G))
     with np.errstate(over="ignore"):
-        samples = Marks(
+        samples = SignChanges(
             path.time,
             rigid_body.margin(A, extended(path.state), order),
             nothing.astype(bool),
             nothing,
             np.ldexp(momentum, path.exponent),
         )
-    marks = Marks.joined([motion.marks, samples])
+    marks = SignChanges.joined([motion.marks, samples])
     after = np.searchsorted(path.time, marks.time).clip(max=len(path.time) - 1)
     before = np.where(path.time[after] == marks.time, after, np.maximum(after - 1, 0))
     band = CERTAIN * np.maximum(errors[before], errors[after])
-    found = read_marks(marks, band, order, case.system.kept_axes if kept is None else kept)
+    found = read_sign_changes(
+        marks, band, order, case.system.absorbing_axes if kept is None else kept
+    )
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return found._replace(undecided=[time for time in found.undecided if time > started])
@@ -290,7 +303,9 @@ def completed(labels: np.ndarray, kept: frozenset[int]) -> np.ndarray:
     return whole
 
 
-def settled(found: Decided, theirs: Decided, name: str) -> tuple[list[Crossing], tuple[str, ...]]:
+def resolve_conflicts(
+    found: CrossingList, theirs: CrossingList, name: str
+) -> tuple[list[Crossing], tuple[str, ...]]:
     """The crossings to be stored, from those of a motion and of its reference, and warnings.
 
     Lists that differ are exchanged only if the reference decides everything, and with a warning.
@@ -308,7 +323,7 @@ def settled(found: Decided, theirs: Decided, name: str) -> tuple[list[Crossing],
     return crossings, (f"the crossings hang on the error of the motion: {lists}, which are stored",)
 
 
-def axes(of: Decided) -> list[tuple[int, int]]:
+def axes(of: CrossingList) -> list[tuple[int, int]]:
     """From which axis to which each crossing leads."""
     return [(c.start, c.end) for c in of.crossings]
 

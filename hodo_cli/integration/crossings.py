@@ -43,7 +43,7 @@ class Crossing:
     error: float = math.nan
 
 
-class Marks(NamedTuple):
+class SignChanges(NamedTuple):
     """Moments of a motion that tell on which side of the separatrix it stands, in order, each (k,).
 
     `margin` is that of `rigid_body.margin`, 0 where `vanishes` marks a zero of D; `rate` is how
@@ -57,7 +57,7 @@ class Marks(NamedTuple):
     momentum: np.ndarray
 
     @classmethod
-    def joined(cls, parts: list["Marks"]) -> "Marks":
+    def joined(cls, parts: list["SignChanges"]) -> "SignChanges":
         """The marks of several stretches, in order of time."""
         if not parts:
             return cls(
@@ -68,7 +68,7 @@ class Marks(NamedTuple):
         return cls(*(column[order] for column in columns))
 
 
-class Decided(NamedTuple):
+class CrossingList(NamedTuple):
     """What marks tell: the crossings that are certain, to what half-width the error of the motion
     leaves the time of each, and when a crossing is undecided."""
 
@@ -78,15 +78,15 @@ class Decided(NamedTuple):
 
 
 @dataclass
-class Watcher:
-    """The `Witness` that searches the steps of a motion for zeros of D.
+class CrossingSearch:
+    """The `StepObserver` that searches the steps of a motion for zeros of D.
 
     Steps in which |margin| stays above `doubt` all along leave no mark.
     """
 
     A: np.ndarray
     doubt: float
-    found: list[Marks] = field(default_factory=list)
+    found: list[SignChanges] = field(default_factory=list)
     filled: int = 0
 
     def __post_init__(self) -> None:
@@ -96,7 +96,7 @@ class Watcher:
         self.two_sided = bool(self.A[largest] > self.A[middle] > self.A[smallest])
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """See `Witness.begin`."""
+        """See `StepObserver.begin`."""
         self.basis, self.clock, self.size = engine.basis, clock, units.size
         self.series = np.empty((SEARCHED, 3, engine.degree + 1), dtype=engine.dtype)
         self.times = np.empty((SEARCHED, 2), dtype=engine.dtype)
@@ -123,9 +123,9 @@ class Watcher:
                 series, times = extended(series), extended(times)
             self._search(*self._bernstein(series, times), times)
 
-    def marks(self) -> Marks:
+    def marks(self) -> SignChanges:
         """All marks of the motion."""
-        return Marks.joined(self.found)
+        return SignChanges.joined(self.found)
 
     def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
@@ -195,7 +195,7 @@ class Watcher:
             rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)) * (end - start)[row])
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
         self.found.append(
-            Marks(
+            SignChanges(
                 self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0])),
                 np.where(vanishes, 0, rigid_body.margin(A, omega, self.order)).astype(float),
                 vanishes,
@@ -222,12 +222,12 @@ def with_middles(
     return row[order], x[order], vanishes[order]
 
 
-def read_marks(
-    marks: Marks,
+def read_sign_changes(
+    marks: SignChanges,
     band: np.ndarray,
     order: tuple[int, int, int],
     kept: frozenset[int] = frozenset(),
-) -> Decided:
+) -> CrossingList:
     """What marks tell whose margins count where they exceed `band` (k,); `order` is the body's, and
     `kept` are the axes that its hodograph encloses for ever once it does.
 
@@ -241,7 +241,7 @@ def read_marks(
     axis = np.where(marks.margin > 0, order[0] + 1, order[2] + 1)
     sure, certain = needed(sure, axis[sure], kept)
     rises = np.sign(marks.margin[sure])
-    verdict = Decided([], [], [])
+    verdict = CrossingList([], [], [])
     for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(rises) != 0)):
         first, last = sure[n], sure[n + 1]
         if rises[n] == rises[n + 1]:
@@ -270,7 +270,7 @@ def needed(sure: np.ndarray, axis: np.ndarray, kept: frozenset[int]) -> tuple[np
     return sure[max(first - 1, 0) : first + 1] if kept else sure, first < len(sure)
 
 
-def _passage(marks: Marks, first: int, last: int) -> tuple[int, float]:
+def _passage(marks: SignChanges, first: int, last: int) -> tuple[int, float]:
     """The mark at which a motion crosses between two marks, and half of the time between the first
     and the last zero there. Where two steps meet, rounding may leave none: then it is the
     second."""
@@ -280,6 +280,6 @@ def _passage(marks: Marks, first: int, last: int) -> tuple[int, float]:
     return roots[len(roots) // 2], (marks.time[roots[-1]] - marks.time[roots[0]]) / 2
 
 
-def _nearest(marks: Marks, first: int, last: int) -> float:
+def _nearest(marks: SignChanges, first: int, last: int) -> float:
     """The time of the mark nearest to D = 0 among those from `first` to before `last`."""
     return float(marks.time[first + np.argmin(np.abs(marks.margin[first:last]))])

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..engines.protocol import Engine, Hit, Status, Watch, uneven
-from ..models.base import Constants, Event, Model, Passed
+from ..engines.protocol import Engine, Hit, Status, StepControl, uneven
+from ..models.base import Constants, Event, EventOutcome, Model
 from ..models.constants import attributes
 from ..progress import reached
 from .trajectory import Occurrence
@@ -22,7 +22,7 @@ LIMIT = 2**12
 """Binary orders of magnitude below 1 at which a motion is called at rest: 1e-1233, far below the
 smallest double."""
 
-LARGEST, OUTGROWN = 1024, "the motion has outgrown the largest number"
+LARGEST, OVERFLOW_MESSAGE = 1024, "the motion has outgrown the largest number"
 """The binary order of magnitude of the largest double, and what is said of a motion beyond it."""
 
 
@@ -70,7 +70,7 @@ class Samples:
         )
 
 
-class Witness(Protocol):
+class StepObserver(Protocol):
     """Sees every step of a motion, as an `Observer` that knows in which units the step is."""
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
@@ -88,8 +88,8 @@ def propagate(
     system: Model,
     start: float,
     times: np.ndarray,
-    watch: Watch,
-    witness: Witness | None = None,
+    watch: StepControl,
+    witness: StepObserver | None = None,
     events: tuple[Event, ...] = (),
 ) -> Sampled:
     """Integrate a system from `start` through `times`, changing units whenever the motion has
@@ -100,7 +100,7 @@ def propagate(
     """
     model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
     units = units_at_start(system)
-    exact = system.finer_start if fp is np.longdouble else np.array(y0)
+    exact = system.extended_start if fp is np.longdouble else np.array(y0)
     y = np.ldexp(exact, -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
     shape = len(times), len(y0)
@@ -151,18 +151,18 @@ def propagate(
         if new.size < -LIMIT:
             samples.add(np.zeros((len(times) - samples.done, len(y0))), -LIMIT)
         elif new.size > LARGEST:
-            watch.give_up(Status.FAILED, f"{OUTGROWN} at {clock.true(fp(0)):.6g}")
+            watch.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {clock.true(fp(0)):.6g}")
         y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
     return samples.path(found)
 
 
-def passed(event: Event, hit: Hit, clock: Clock, k: Constants) -> Passed:
+def passed(event: Event, hit: Hit, clock: Clock, k: Constants) -> EventOutcome:
     """What becomes of the motion at a terminal event: it ends, unless the event lets it through.
 
     A model with such an event has units of its own, so that the time and the state are its own too.
     """
     if event.passage is None:
-        return Passed(clock.true(hit.time), {}, [*hit.state])
+        return EventOutcome(clock.true(hit.time), {}, [*hit.state])
     numbers = attributes(k, hit.state.dtype.type)
     return event.passage(hit.time, [*hit.state], numbers)
 

@@ -45,7 +45,7 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
     rows = np.append(kept[kept < n - 1], n - 1) if n else kept[:0]
     thin = path.at(rows) if len(rows) < n else path
     for by in references(case, method, solution.tol):
-        limited = patient(case, method, solution, by.method)
+        limited = with_step_limit(case, method, solution, by.method)
         reference = solve(limited, by.method, by.precision, by.tol, times, refine=False)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
@@ -57,7 +57,7 @@ def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[st
     return {}, "none"
 
 
-def patient(case: Case, method: str, solution: Solution, reference: str) -> Case:
+def with_step_limit(case: Case, method: str, solution: Solution, reference: str) -> Case:
     """A case as the reference of its motion takes it: with the data that the motion needed. It
     gives up where it takes very much longer, as a series in long double does that a singularity
     stops."""

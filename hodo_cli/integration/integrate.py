@@ -31,10 +31,12 @@ def integrate(case: Case) -> Trajectory:
         errors, kind = measured_error(case, method, solution) if judged else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
     system, remarked = solution.case.system, remarks(case, solution, variables, errors)
-    doubts = (
-        system.doubts(path.time, path.state.astype(float), solution.tol) if len(path.time) else []
+    validity_warnings = (
+        system.validity_warnings(path.time, path.state.astype(float), solution.tol)
+        if len(path.time)
+        else []
     )
-    warnings = *system.warnings, *doubts, *remarked
+    warnings = *system.warnings, *validity_warnings, *remarked
     return Trajectory(
         case=case,
         time=path.time,

@@ -11,11 +11,11 @@ from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines import exact
 from ..engines.polynomial import TAYLOR
-from ..engines.protocol import EPS, LAST_STEP, Engine, Status, Watch
+from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
 from ..models.base import Model
 from ..models.constants import attributes
 from ..progress import reached
-from .driver import LARGEST, OUTGROWN, SAMPLES_AT_ONCE, Sampled, Witness, propagate
+from .driver import LARGEST, OVERFLOW_MESSAGE, SAMPLES_AT_ONCE, Sampled, StepObserver, propagate
 from .units import Clock, Units
 
 REFINEMENTS, FEW = {"taylor": 5}, 2
@@ -58,16 +58,16 @@ class Solution:
 
 
 @dataclass
-class Resolved:
-    """A `Witness` of whether what approximates the equations is right to a tolerance `everywhere`,
-    at the start of each step."""
+class AccuracyMonitor:
+    """A `StepObserver` that checks at the start of each step whether what approximates the
+    equations is right to a tolerance; `everywhere` tells whether it always was."""
 
     system: Model
     tol: float
     everywhere: bool = True
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """See `Witness.begin`."""
+        """See `StepObserver.begin`."""
         order = np.arange(engine.degree + 1)
         # At the start of a step only the first power is left, and polynomials of Legendre or
         # Chebyshev are 1 and -1 by turns.
@@ -77,10 +77,10 @@ class Resolved:
         """See `Observer`."""
         state = engines.extended(series).astype(float) @ self.at_start
         k = attributes(self.system.constants)
-        self.everywhere &= bool(self.system.resolved(state[:, np.newaxis], k, self.tol).all())
+        self.everywhere &= bool(self.system.is_accurate(state[:, np.newaxis], k, self.tol).all())
 
     def flush(self) -> None:
-        """See `Witness.flush`."""
+        """See `StepObserver.flush`."""
 
 
 @np.errstate(all="ignore")  # what overflows ends a motion, and its status says so
@@ -90,7 +90,7 @@ def solve(
     precision: str = "double",
     tol: float | None = None,
     times: np.ndarray | None = None,
-    witness: Witness | None = None,
+    witness: StepObserver | None = None,
     refine: bool = True,
 ) -> Solution:
     """The motion of a case by one method; the run time excludes imports and compilation.
@@ -118,7 +118,9 @@ def solve(
 def refined(case: Case, system: Model, limit: int | None = None) -> Case:
     """A case with the finer data of a system of its own, and so many steps at most."""
     limits = filter(None, (case.max_steps, limit))
-    return replace(case, data={**case.data, **system.finer}, max_steps=min(limits, default=None))
+    return replace(
+        case, data={**case.data, **system.refined_data}, max_steps=min(limits, default=None)
+    )
 
 
 def attempted(
@@ -127,18 +129,18 @@ def attempted(
     precision: str,
     tol: float | None,
     times: np.ndarray,
-    witness: Witness | None,
+    witness: StepObserver | None,
 ) -> tuple[Solution, bool]:
     """The motion of a case as it is, and whether what approximates its equations met the
     tolerance."""
     system = case.system
     events = system.run_events
     # Before the engine, whose compilation counts towards max_seconds.
-    watch = Watch(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
+    watch = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     engine = engines.engine_for(method, system, events, tol, precision)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
-    seen = Resolved(system, max(engine.tol, EPS)) if system.finer else None
+    seen = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
     try:
         path = propagate(engine, system, case.time.start, times, watch, witness or seen, events)
     except ArithmeticError as error:
@@ -161,7 +163,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
         )
     if precision == "quadruple":
         raise HodoError(f"{case.name}: method exact works in double and extended precision only")
-    watch = Watch(max_seconds=case.max_seconds or math.inf)
+    watch = StepControl(max_seconds=case.max_seconds or math.inf)
     began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64
     state, exponent = np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
     # In blocks, for the memory: the closed form makes a dozen arrays of its times.
@@ -176,7 +178,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
     lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
     n = int(lost[0]) if len(lost) else len(times)
     if len(lost):
-        watch.give_up(Status.FAILED, f"{OUTGROWN} at {times[n]:.6g}")
+        watch.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {times[n]:.6g}")
     path = Sampled(times[:n], state[:n], exponent[:n], ())
     spent = perf_counter() - began
     return Solution(case, path, float(np.finfo(fp).eps), 0, spent, watch.status, watch.message)

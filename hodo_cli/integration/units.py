@@ -68,8 +68,8 @@ class Units:
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
         # The second derivative by a complex step, as in `jacobian`: it sees what turns at constant
         # speed.
-        turned = np.array(np.broadcast_arrays(*model.rhs(0.0, [*(y + 1e-100j * along)], scaled)))
-        turn = np.abs(turned.imag / 1e-100).max(axis=0)
+        second = np.array(np.broadcast_arrays(*model.rhs(0.0, [*(y + 1e-100j * along)], scaled)))
+        turn = np.abs(second.imag / 1e-100).max(axis=0)
         return np.where(speed > 0, np.maximum(speed, turn), 0.0)
 
     def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ class Label(NamedTuple):
     units: str = "1"
 
 
-class Passed(NamedTuple):
+class EventOutcome(NamedTuple):
     """What an event does to a motion: it goes on from the time `onward` in another state, or ends
     in that state where `onward` is None.
 
@@ -46,7 +46,7 @@ class Event(NamedTuple):
     kind: str
     function: Callable[[Any, Sequence[Any], Any], Any]
     terminal: bool = False
-    passage: Callable[[Any, Sequence[Any], SimpleNamespace], Passed] | None = None
+    passage: Callable[[Any, Sequence[Any], SimpleNamespace], EventOutcome] | None = None
 
 
 @dataclass(frozen=True)
@@ -67,12 +67,12 @@ class Model:
     own units.
 
     A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
-    `one_by_one` if its equations are too large to be compiled for many motions at once.
+    not `batchable` if its equations are too large to be compiled for many motions at once.
 
-    A model `keeps_axis` if it has `kept_axes` whatever the data: no motion crosses the separatrix
-    twice, and errors do not grow beside it.
+    A model is `always_absorbing` if it has `absorbing_axes` whatever the data: no motion crosses
+    the separatrix twice, and errors do not grow beside it.
 
-    `unclassifiable` says why the enclosed axis does not apply; it is empty where it does.
+    `no_axis_reason` says why the enclosed axis does not apply; it is empty where it does.
     """
 
     name: ClassVar[str]
@@ -82,9 +82,9 @@ class Model:
     variables: ClassVar[dict[str, Label]]
     degree: ClassVar[dict[str, int]] = {}
     oriented: ClassVar[bool] = False
-    one_by_one: ClassVar[bool] = False
-    keeps_axis: ClassVar[bool] = False
-    unclassifiable: ClassVar[str] = (
+    batchable: ClassVar[bool] = True
+    always_absorbing: ClassVar[bool] = False
+    no_axis_reason: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )
 
@@ -136,7 +136,7 @@ class Model:
         raise NotImplementedError
 
     @property
-    def finer_start(self) -> np.ndarray:
+    def extended_start(self) -> np.ndarray:
         """The start (m,) in long double, where its rounding to doubles costs digits: a reference
         begins from it."""
         return np.array(self.start, dtype=np.longdouble)
@@ -152,7 +152,7 @@ class Model:
         return None
 
     @property
-    def kept_axes(self) -> frozenset[int]:
+    def absorbing_axes(self) -> frozenset[int]:
         """The axes that the hodograph encloses for ever once it does, by the equations alone."""
         return frozenset()
 
@@ -161,20 +161,20 @@ class Model:
         """What the data say against the model's own assumptions."""
         return []
 
-    def doubts(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
+    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         """What a motion (n,), (n, m), right to a tolerance, says against the model's own
         assumptions."""
         return []
 
     @property
-    def finer(self) -> dict[str, Any]:
+    def refined_data(self) -> dict[str, Any]:
         """The data of this model that approximate its equations, as a reference takes them."""
         return {}
 
     @staticmethod
-    def resolved(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
+    def is_accurate(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
         """Whether (n,) what approximates the equations is right to a tolerance at states y (m, n);
-        where it is not, a motion is integrated again with `finer` data."""
+        where it is not, a motion is integrated again with `refined_data` data."""
         return np.full(y.shape[1:], True)
 
     @property

@@ -56,7 +56,7 @@ class Symmetric(Cavity):
         "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2", "1/time^2"),
         "y": Label(("time",), "square of the axial angular velocity, r^2", "1/time^2"),
     }
-    unclassifiable = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
+    no_axis_reason = "averaged over the hodograph's turns: it circles x3, and crosses nothing"
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
@@ -80,7 +80,7 @@ class Symmetric(Cavity):
         return hypot(p, q), r
 
     @property
-    def finer_start(self) -> np.ndarray:
+    def extended_start(self) -> np.ndarray:
         # The roots of x and y have digits that a double has not, and x and y are what is stored.
         squares = [self.initial.get(name) for name in "xy"]
         if None not in squares:
@@ -217,7 +217,7 @@ class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
     spin_reversal: str
     at_separatrix: str
 
-    state = ("g", "f", "turned", "side", "sense")
+    state = ("g", "f", "scaled_phase", "side", "sense")
     rhs = staticmethod(fluid_rates)
     output = staticmethod(fluid_output)
 
@@ -257,12 +257,12 @@ class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
         unit, scale = self.unit, self.constants["scale"]
         assert isinstance(scale, float)
         g, f = (np.sqrt(value) / unit for value in slow.pair)
-        turned = slow.sense * scale * slow.phase
-        return np.stack((slow.sense * g, f, turned, slow.side + 0.0, slow.sense + 0.0))
+        scaled_phase = slow.sense * scale * slow.phase
+        return np.stack((slow.sense * g, f, scaled_phase, slow.side + 0.0, slow.sense + 0.0))
 
-    def at_distance(self, y: np.ndarray, gap: Any) -> np.ndarray:
+    def at_distance(self, y: np.ndarray, m1: Any) -> np.ndarray:
         k = attributes(self.constants, np.longdouble)
-        f = np.abs(y[0]) * np.sqrt((1 - gap) / either(y[3], k.ratio_a, k.ratio_c))
+        f = np.abs(y[0]) * np.sqrt((1 - m1) / either(y[3], k.ratio_a, k.ratio_c))
         return np.array([y[0], f, *y[2:]])
 
     def smallness(self, y: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arithmetic import cos, isfinite, limited, sin, sqrt, unlimited
+from ..arithmetic import as_float, as_numpy_float, cos, isfinite, sin, sqrt
 from ..schema.kinds import (
     Angle,
     Choice,
@@ -214,7 +214,7 @@ def nutation_at_start(
     theta, r, Gz, H = (initial[name] for name in ("theta", "r", "Gz", "H"))
     if (theta is None) == (Gz is None) or (Gz is None) != (H is None):
         raise ValueError("give theta and r, or Gz, H and r")
-    A, C, mu = (unlimited(value) for value in (inertia["A"], inertia["C"], mu))
+    A, C, mu = (as_numpy_float(value) for value in (inertia["A"], inertia["C"], mu))
     c, scale = C * r, 2 * A * mu
     excess = c * c / scale - 2
     if theta is not None:
@@ -223,10 +223,10 @@ def nutation_at_start(
     else:
         U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
         e = root_spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
-    state = [unlimited(value) for value in (U, Z, r, e)]
+    state = [as_numpy_float(value) for value in (U, Z, r, e)]
     if not all(map(isfinite, [*state, excess])):
         raise ValueError("the initial data are out of range")
-    return Nutation(*map(limited, (*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu)))))
+    return Nutation(*map(as_float, (*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu)))))
 
 
 def released(theta: Any, excess: Any) -> tuple[Any, Any]:
@@ -321,7 +321,7 @@ class Top(Model):
             "initial theta and r (p = q = 0), or Gz, H and r",
         ),
     }
-    unclassifiable = (
+    no_axis_reason = (
         "gravity turns G in space, so no separatrix of free motion divides its hodographs"
     )
 
@@ -528,7 +528,7 @@ class AveragedU(Nutating):
         return 1 - X - e, 1 - X + e, 1 - X + w, r
 
     @property
-    def finer_start(self) -> np.ndarray:
+    def extended_start(self) -> np.ndarray:
         # Gz and H come from sums of the roots that nearly cancel, as those of a fast or a slow top.
         y = np.array(self.nutation[:4], dtype=np.longdouble)
         X, w = nutation([*y], attributes(self.constants, np.longdouble))
@@ -682,15 +682,15 @@ class AveragedQuadrature(AveragedTop):
         return {**super().constants, "perturbation": self.perturbation, "cosines": cosines}
 
     @property
-    def finer(self) -> dict[str, Any]:
+    def refined_data(self) -> dict[str, Any]:
         # An error of the quadrature, exp(-c nodes), is seen as a whole with twice as many.
         return {"nodes": 2 * self.nodes}
 
     @staticmethod
-    def resolved(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
+    def is_accurate(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
         return (quadrature_remainder(y, k) <= tol) | (len(k.cosines) >= MOST_NODES)
 
-    def doubts(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
+    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         remainder = quadrature_remainder(y.T, SimpleNamespace(**self.constants))
         worst = int(np.argmax(remainder))
         if remainder[worst] <= max(tol, UNRESOLVED):

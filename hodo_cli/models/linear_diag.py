@@ -11,7 +11,7 @@ from ..schema.kinds import Key, Vector
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
-from .rigid_body import INERTIA, INITIAL, BodyFrame, kept_axes
+from .rigid_body import INERTIA, INITIAL, BodyFrame, absorbing_axes
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class LinearDiag(BodyFrame):
         "initial": INITIAL,
     }
     degree = {"g": 2, "lam1": 1, "lam2": 1, "lam3": 1}
-    keeps_axis = True
+    always_absorbing = True
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -68,8 +68,8 @@ class LinearDiag(BodyFrame):
         return np.array(self.damping)
 
     @property
-    def kept_axes(self) -> frozenset[int]:
-        return kept_axes(np.array(self.inertia), self.damping_rates)
+    def absorbing_axes(self) -> frozenset[int]:
+        return absorbing_axes(np.array(self.inertia), self.damping_rates)
 
     @property
     def warnings(self) -> list[str]:

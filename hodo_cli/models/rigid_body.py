@@ -177,7 +177,7 @@ def growth_rates(A: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, found))
 
 
-def kept_axes(A: np.ndarray, rates: np.ndarray) -> frozenset[int]:
+def absorbing_axes(A: np.ndarray, rates: np.ndarray) -> frozenset[int]:
     """The axes that the hodograph encloses for ever once it does, in a medium that damps rotation
     about each body axis at a rate (3,) of its own.
 
@@ -272,7 +272,7 @@ class BodyFrame(Model):
 
     state: ClassVar[tuple[str, ...]] = ("p", "q", "r")
     oriented = True
-    unclassifiable = ""
+    no_axis_reason = ""
     velocity = staticmethod(complete)
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 

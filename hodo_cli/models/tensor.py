@@ -99,10 +99,10 @@ class Tensor(BodyFrame):
         return int(rigid_body.enclosed_axis(A, vectors[:, 0] / root, 1e-12))
 
     @property
-    def kept_axes(self) -> frozenset[int]:
+    def absorbing_axes(self) -> frozenset[int]:
         if np.count_nonzero(self.matrix - np.diag(np.diag(self.matrix))):
             return frozenset()
-        return rigid_body.kept_axes(np.array(self.inertia), self.damping_rates)
+        return rigid_body.absorbing_axes(np.array(self.inertia), self.damping_rates)
 
     @property
     def warnings(self) -> list[str]:

@@ -27,7 +27,7 @@ from ..models import rigid_body
 from ..models.lagrange import first_integrals
 from ..storage.finished import open_batch
 from ..storage.group import Group
-from ..storage.hdf5 import Run
+from ..storage.hdf5 import ResultFile
 from ..storage.provenance import typed
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, SHOWN
 
@@ -176,7 +176,7 @@ class Motion:
         return not (
             self.classified
             or self.case.sweep
-            or self.case.system.unclassifiable
+            or self.case.system.no_axis_reason
             or "omega" not in self.data
             or not len(self.omega)
         )
@@ -305,7 +305,7 @@ class StoredCases(Mapping[str, Group]):
     """The cases of an open result file by name, each read when it is asked for; `asked` notes for
     which, whether they are there or not."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: ResultFile) -> None:
         self._run = run
         self.asked: set[str] = set()
 

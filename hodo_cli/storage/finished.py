@@ -12,7 +12,7 @@ from typing import Any
 from .. import HodoError
 from ..schema.document import read
 from ..schema.mistakes import Mistakes
-from .hdf5 import Dimensions, Run, open_run
+from .hdf5 import Dimensions, ResultFile, open_run
 from .staging import identity, staging_folders
 
 RESUME = ("hash", "status", "message", "case")
@@ -33,7 +33,7 @@ class Finished:
 
 
 def finished(
-    path: Path | str, check: Callable[[Run], None] = lambda run: None
+    path: Path | str, check: Callable[[ResultFile], None] = lambda run: None
 ) -> dict[str, list[Finished]]:
     """The finished cases of a result, and of runs that have not ended, by name; those of the result
     itself first.
@@ -55,14 +55,14 @@ def finished(
     return found
 
 
-class Batch(Run):
+class Batch(ResultFile):
     """A result together with the cases that runs have finished which have not ended; made by
     `open_batch`.
 
     `waiting` are the pieces of these cases; `result` is None where they are all there is.
     """
 
-    def __init__(self, path: Path, result: Run | None, waiting: Mapping[str, Path]) -> None:
+    def __init__(self, path: Path, result: ResultFile | None, waiting: Mapping[str, Path]) -> None:
         self.path = path
         self.damaged = result.damaged if result else {}
         self.attributes = latest(waiting)
@@ -93,7 +93,7 @@ class Batch(Run):
 
 
 @contextmanager
-def open_batch(path: Path | str) -> Iterator[Run]:
+def open_batch(path: Path | str) -> Iterator[ResultFile]:
     """A result, open for reading, with the cases of runs that have not ended: those that it lacks,
     or holds from before a change. A warning names them.
 
@@ -173,14 +173,14 @@ def in_order(names: Iterable[str], text: str) -> list[str]:
     return list(given)
 
 
-def _collect(run: Run, found: dict[str, list[Finished]]) -> None:
+def _collect(run: ResultFile, found: dict[str, list[Finished]]) -> None:
     for name in run.cases():
         damage = run.damaged.get(name, "")
         attributes = {} if damage else resume_attributes(run, name)
         found.setdefault(name, []).append(Finished(name, run.path, attributes, damage))
 
 
-def resume_attributes(run: Run, name: str) -> dict[str, str]:
+def resume_attributes(run: ResultFile, name: str) -> dict[str, str]:
     """The attributes of a case that tell whether it is still right."""
     return {key: str(value) for key, value in run.summary(name, RESUME).items()}
 

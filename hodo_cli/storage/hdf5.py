@@ -64,7 +64,7 @@ Dimensions: TypeAlias = Mapping[str, tuple[str, ...]]
 """The dimensions of each variable of a group."""
 
 
-class Run:
+class ResultFile:
     """A result file that is open for reading; made by `open_run`."""
 
     _intact = False
@@ -265,7 +265,7 @@ def _texts(item: h5py.Dataset) -> np.ndarray:
 
 
 @contextmanager
-def open_run(path: Path | str) -> Iterator[Run]:
+def open_run(path: Path | str) -> Iterator[ResultFile]:
     """A result file, open for reading.
 
     Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a
@@ -278,7 +278,7 @@ def open_run(path: Path | str) -> Iterator[Run]:
     file = _opened(path)
     with file:
         try:
-            run = Run(path, file, damaged)
+            run = ResultFile(path, file, damaged)
         except DAMAGE as error:
             raise HodoError(f"{path} is damaged ({_first_line(error)})") from None
         version = run.attributes.get("format_version")
@@ -335,10 +335,10 @@ INTACT: Mapping[str, str] = {}
 @lru_cache(maxsize=256)
 def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str]:
     """What is wrong with the groups of a file that has no seal, or one that does not fit."""
-    files: list[Run] = []
+    files: list[ResultFile] = []
 
     def names() -> list[str]:
-        files.append(Run(path, _opened(path), {}))
+        files.append(ResultFile(path, _opened(path), {}))
         return [ROOT, *files[0].groups()]
 
     def problem(name: str) -> str:

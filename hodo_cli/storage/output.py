@@ -13,7 +13,7 @@ from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
 from .disk import Checksum, Digest, Disk, seal
 from .group import TOLD_ATTRIBUTES, Attribute, Group, as_stored, checksum_with, is_number
-from .hdf5 import NO_VARIABLE, STRING, Dimensions, Run, dimensions_of, encoded
+from .hdf5 import NO_VARIABLE, STRING, Dimensions, ResultFile, dimensions_of, encoded
 from .provenance import FORMAT_VERSION
 
 SCALAR = h5s.create(h5s.SCALAR)
@@ -72,7 +72,7 @@ class Output:
             late[key].add(np.asarray(block, dtype=item.dtype))
         _set_attributes(target, {"checksum": checksum_with(group, late), **told})
 
-    def copy(self, run: Run, name: str, known: Dimensions | None = None) -> None:
+    def copy(self, run: ResultFile, name: str, known: Dimensions | None = None) -> None:
         """Copy a group as it is stored; `known` are the dimensions of its variables, where this
         process has written it. Raises HodoError if it is damaged.
 
@@ -115,7 +115,7 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
 
 
 @contextmanager
-def amend(path: Path, run: Run, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
+def amend(path: Path, run: ResultFile, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
     """A copy of a file that holds damaged groups, which HDF5 cannot copy: their bytes are kept, and
     the groups that are written replace theirs and come last. It gets no seal, so that the damage is
     seen again.

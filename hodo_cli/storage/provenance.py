@@ -32,14 +32,14 @@ def typed(attributes: Mapping[str, Any], kinds: Mapping[str, type], owner: str) 
     return {name: attributes[name] for name in kinds}
 
 
-def stamp(command: str) -> str:
+def history_line(command: str) -> str:
     """A line of history: the time, UTC, and the command."""
     return f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {command}"
 
 
 def root_attributes(title: str, references: str, config: str, history: str) -> dict[str, str | int]:
     """The root attributes of a result; `config` is the case file's text, `history` a line made by
-    `stamp`."""
+    `history_line`."""
     return {
         "Conventions": "CF-1.11",
         "title": title,

@@ -96,7 +96,7 @@ def replacing(path: Path) -> Iterator[Path]:
     had the name keeps it.
     """
     path = destination(path)
-    with refusals(path), ExitStack() as failed:
+    with os_errors_as(path), ExitStack() as failed:
         path.parent.mkdir(parents=True, exist_ok=True)
         for orphan in staging_folders(path):
             with suppress(OSError):  # it is a folder, or another process has just removed it
@@ -115,7 +115,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def refusals(path: Path, remark: str = "") -> Iterator[None]:
+def os_errors_as(path: Path, remark: str = "") -> Iterator[None]:
     """Make a BatchError of what the operating system refuses."""
     try:
         yield

@@ -11,9 +11,9 @@ import numpy as np
 
 from .finished import parts_in, pieces, resume_attributes
 from .group import Attribute, Group
-from .hdf5 import Run, open_run
+from .hdf5 import ResultFile, open_run
 from .output import Output, amend, create
-from .staging import Staging, check_writable, identity, refusals
+from .staging import Staging, check_writable, identity, os_errors_as
 from .writer import KEPT, longer, publish_finished
 
 
@@ -21,7 +21,9 @@ class Draft:
     """The new file of a result, written group by group while the changes are made, so that no case
     has to be read twice."""
 
-    def __init__(self, run: Run, staging: Staging, attributes: Mapping[str, Attribute]) -> None:
+    def __init__(
+        self, run: ResultFile, staging: Staging, attributes: Mapping[str, Attribute]
+    ) -> None:
         self._run = run
         self._staging = staging
         self._attributes = attributes
@@ -34,7 +36,7 @@ class Draft:
 
         Raises HodoError if it cannot be written.
         """
-        with refusals(self._run.path, KEPT):
+        with os_errors_as(self._run.path, KEPT):
             if self._output is None:
                 check_writable(self._run.path)
                 new = create(self._staging / "whole.h5", self._attributes)
@@ -62,7 +64,7 @@ class Draft:
 class Update:
     """Changes to a result; made by `update`."""
 
-    def __init__(self, run: Run, draft: Draft | None) -> None:
+    def __init__(self, run: ResultFile, draft: Draft | None) -> None:
         self.run = run
         self.parts: dict[str, Group] = {}
         self._draft = draft
@@ -102,7 +104,7 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
             stack.callback(draft.close)
         changes = Update(run, draft)
         yield changes
-        with refusals(path, KEPT):
+        with os_errors_as(path, KEPT):
             # Those with finished cases wait for the next run, which takes them over.
             for folder in staging.take_orphans():
                 if not pieces(folder) and not parts_in(folder):
@@ -118,7 +120,7 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
                     staging.publish(whole)
 
 
-def _with_history(run: Run, history: str) -> dict[str, Attribute]:
+def _with_history(run: ResultFile, history: str) -> dict[str, Attribute]:
     """The attributes of a result with a line more of history."""
     return {**run.attributes, "history": longer(run, history)}
 
@@ -128,7 +130,7 @@ def _changed(name: str, old: Group | None, part: Group) -> Group:
     return part if old is None or name.startswith("_") else old.with_part(part)
 
 
-def _rewrite(whole: Path, now: Run, changes: Update, history: str) -> None:
+def _rewrite(whole: Path, now: ResultFile, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
     # Bytes of a case that cannot be read are kept: they may be all that is left of it.

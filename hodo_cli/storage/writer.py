@@ -32,9 +32,9 @@ from .finished import (
     unpublished,
 )
 from .group import Attribute, Group
-from .hdf5 import Dimensions, Run, open_run
+from .hdf5 import Dimensions, ResultFile, open_run
 from .output import Output, create
-from .staging import Staging, identity, refusals, synced
+from .staging import Staging, identity, os_errors_as, synced
 
 KEPT = "; finished cases are kept"
 
@@ -88,7 +88,7 @@ class Writer:
         self._attributes = attributes
         self._order = order
         self._new: dict[str, Finished] = {}
-        self._kept: dict[str, Run] = {}
+        self._kept: dict[str, ResultFile] = {}
         self._texts: dict[str, str] = {}
         self._taken: dict[Path, Path | None] = {}
         self._count = 0
@@ -97,7 +97,7 @@ class Writer:
         # Of the staging folder, in which a timer writes too.
         self._lock = RLock()
         self._timer: Timer | None = None
-        self._old: Run | None = None
+        self._old: ResultFile | None = None
         self._staging = Staging(self.path)
         self._open = ExitStack()
         self.unfinished: set[str] = set()
@@ -130,7 +130,7 @@ class Writer:
                 with nullcontext() if kind is None else suppress(Exception):
                     self.store()
                 if kind is None:
-                    with refusals(self.path, KEPT):
+                    with os_errors_as(self.path, KEPT):
                         self._finish()
             finally:
                 folder = self._staging.folder
@@ -190,7 +190,7 @@ class Writer:
 
     def _put(self, piece: Path, groups: Mapping[str, Group]) -> None:
         draft = piece.with_name("draft")
-        with refusals(self.path, KEPT), ExitStack() as failed:
+        with os_errors_as(self.path, KEPT), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
             with create(draft, {}) as output:
                 for name, group in groups.items():
@@ -201,30 +201,30 @@ class Writer:
             os.replace(draft, piece)
             failed.pop_all()
 
-    def parts(self, stamp: str) -> set[int]:
+    def parts(self, part_id: str) -> set[int]:
         """The numbers of the parts with this stamp that this run and dead ones have finished; all
         are now its own."""
         for folder in self._orphans:
-            for part in folder.glob(f"part-{stamp}-*.h5"):
-                with refusals(self.path, KEPT):
+            for part in folder.glob(f"part-{part_id}-*.h5"):
+                with os_errors_as(self.path, KEPT):
                     # Not moved: should this process die too, the next one finds both.
                     _take(part, self._staging / part.name)
         own = self._staging.folder
         return (
-            {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{stamp}-*.h5")}
+            {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{part_id}-*.h5")}
             if own
             else set()
         )
 
-    def add_part(self, stamp: str, number: int, group: Group) -> None:
+    def add_part(self, part_id: str, number: int, group: Group) -> None:
         """Write one finished part of a case that comes in many; it survives the death of this
         process.
 
-        `stamp` tells what the part belongs to. Raises HodoError if it cannot be written.
+        `part_id` tells what the part belongs to. Raises HodoError if it cannot be written.
         """
         with self._lock:
-            with refusals(self.path, KEPT):
-                piece = self._staging / f"part-{stamp}-{number}.h5"
+            with os_errors_as(self.path, KEPT):
+                piece = self._staging / f"part-{part_id}-{number}.h5"
             self._put(piece, {"part": group})
 
     def keep_all_parts(self) -> None:
@@ -233,9 +233,9 @@ class Writer:
         self.unfinished |= {name.split("-")[1] for name in names}
 
     @contextmanager
-    def part(self, stamp: str, number: int) -> Iterator[Run]:
+    def part(self, part_id: str, number: int) -> Iterator[ResultFile]:
         """A part that was added or taken over, open for reading; its only group is named `part`."""
-        with open_run(self._staging / f"part-{stamp}-{number}.h5") as run:
+        with open_run(self._staging / f"part-{part_id}-{number}.h5") as run:
             yield run
 
     def keep(self, case: Finished, text: str = "") -> bool:
@@ -253,7 +253,7 @@ class Writer:
             return case.name in self._kept
         if case.file not in self._taken:
             piece = self._next_piece()
-            with refusals(self.path, KEPT):
+            with os_errors_as(self.path, KEPT):
                 self._taken[case.file] = piece if _take(case.file, piece) else None
         if (taken := self._taken[case.file]) is None:
             return False
@@ -261,7 +261,7 @@ class Writer:
         return True
 
     def _next_piece(self) -> Path:
-        with self._lock, refusals(self.path, KEPT):
+        with self._lock, os_errors_as(self.path, KEPT):
             if not self._count:
                 # Before any piece: until the result is made, they are shown in its place.
                 head = self._staging / HEAD
@@ -289,18 +289,18 @@ class Writer:
                 whole = self._staging / "whole.h5"
                 self._join(whole, sources, longer(now, self._attributes.get("history")))
                 self._staging.publish(whole)
-        stay = {name for stamp in self.unfinished for name in self._part_names(stamp)}
+        stay = {name for part_id in self.unfinished for name in self._part_names(part_id)}
         for folder in self._orphans:
             shutil.rmtree(folder, ignore_errors=True)
         self._staging.remove(stay)
 
-    def _part_names(self, stamp: str) -> list[str]:
-        return [f"part-{stamp}-{number}.h5" for number in self.parts(stamp)]
+    def _part_names(self, part_id: str) -> list[str]:
+        return [f"part-{part_id}-{number}.h5" for number in self.parts(part_id)]
 
-    def _sources(self, now: Run | None) -> dict[str, Run | Path]:
+    def _sources(self, now: ResultFile | None) -> dict[str, ResultFile | Path]:
         """Where each case comes from, in the order of the new file; `now` is the result as it
         stands."""
-        found: dict[str, Run | Path] = {
+        found: dict[str, ResultFile | Path] = {
             **self._kept,
             **{name: case.file for name, case in self._new.items()},
         }
@@ -318,17 +318,17 @@ class Writer:
             name: found[name] for name in dict.fromkeys([*self._order, *found]) if name in found
         }
 
-    def _join(self, whole: Path, sources: Mapping[str, Run | Path], history: str) -> None:
+    def _join(self, whole: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
         with create(whole, {**self._attributes, "history": history}) as output:
             # Neighbours are in one piece, mostly.
             for source, names in groupby(sources, sources.__getitem__):
-                opened = nullcontext(source) if isinstance(source, Run) else open_run(source)
+                opened = nullcontext(source) if isinstance(source, ResultFile) else open_run(source)
                 with opened as run:
                     for name in names:
-                        dims = None if isinstance(source, Run) else self._new[name].dims
+                        dims = None if isinstance(source, ResultFile) else self._new[name].dims
                         self._copy(output, run, name, dims)
 
-    def _copy(self, output: Output, run: Run, name: str, dims: Dimensions | None) -> None:
+    def _copy(self, output: Output, run: ResultFile, name: str, dims: Dimensions | None) -> None:
         if name not in self._texts:
             output.copy(run, name, dims)
             return
@@ -362,7 +362,7 @@ MOST_LINES = 100
 """The lines of history that are kept: the first, which made the file, and the latest."""
 
 
-def longer(run: Run | None, line: Attribute | None) -> str:
+def longer(run: ResultFile | None, line: Attribute | None) -> str:
     """The history of a result with a line more."""
     lines = str(run.attributes.get("history", "")).splitlines() if run else []
     lines += [str(line)] if line else []

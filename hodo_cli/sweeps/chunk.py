@@ -98,9 +98,7 @@ def goes_beside(case: Case) -> bool:
     """Whether the method of a case is that of `ensemble`."""
     fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
     # Single cases heed these.
-    return (
-        fit and not case.system.one_by_one and case.max_steps is None and case.max_seconds is None
-    )
+    return fit and case.system.batchable and case.max_steps is None and case.max_seconds is None
 
 
 Followed = tuple[Sampled, tuple[Crossing, ...]]
@@ -116,7 +114,7 @@ def side_by_side(cases: Sequence[Case], sampled: bool) -> list[Followed | None]:
         outcome, met = ensemble.advance_through(replace(e, times=times))
         labels = _reduced(e, outcome, met).classified
         assert labels is not None
-        well = np.flatnonzero(outcome.settled)
+        well = np.flatnonzero(outcome.accepted)
         crossings: list[list[Crossing]] = [[] for _ in at]
         columns = [column.tolist() for column in labels.crossings[1:]]
         for n, *values in zip(well[labels.crossings.member], *columns, strict=True):
@@ -145,7 +143,7 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]
 def watches_separatrix(case: Case) -> bool:
     """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
     system = case.system
-    is_small = bool(system.degree) and not system.unclassifiable
+    is_small = bool(system.degree) and not system.no_axis_reason
     return is_small and goes_beside(case) and not system.run_events
 
 
@@ -196,11 +194,11 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
         if len(some.events) <= 1:
             e = _ensemble(case, some)
             outcome, met = ensemble.advance_through(e)
-            if not (e.model.unclassifiable or e.model.keeps_axis):
+            if not (e.model.no_axis_reason or e.model.always_absorbing):
                 ensemble.measure_crossings(e, outcome)
-            settled = some.at[outcome.settled]
-            enter(values, settled, _reduced(e, outcome, met), case.time)
-            left[settled] = False
+            accepted = some.at[outcome.accepted]
+            enter(values, accepted, _reduced(e, outcome, met), case.time)
+            left[accepted] = False
     return np.flatnonzero(left)
 
 
@@ -212,8 +210,8 @@ def _ensemble(case: Case, some: Prepared) -> Ensemble:
 
 
 def _reduced(e: Ensemble, outcome: Outcome, met: dict[int, list[Occurrence]]) -> Reduction:
-    """The settled motions of an ensemble, with the events that have taken them on."""
-    well = np.flatnonzero(outcome.settled)
+    """The accepted motions of an ensemble, with the events that have taken them on."""
+    well = np.flatnonzero(outcome.accepted)
     state, exponent = outcome.state[:, well], outcome.exponent[well]
     final = e.model.output(np.array([e.span[1]]), state.T, e.named(well))
     if e.model.degree:
@@ -223,17 +221,17 @@ def _reduced(e: Ensemble, outcome: Outcome, met: dict[int, list[Occurrence]]) ->
         axes = start["enclosed_axis"], final["enclosed_axis"]
         events = event_columns([met.get(i, []) for i in well.tolist()], *axes)
         return Reduction(final, outcome.steps[well], None, events)
-    sure = outcome.settled[outcome.passages.motion]
+    sure = outcome.accepted[outcome.passages.motion]
     passed = Passages(*(column[..., sure] for column in outcome.passages))
     passed = passed._replace(motion=np.searchsorted(well, passed.motion))
     event_time = np.full(len(well), np.nan)
     event_time[passed.motion] = passed.time  # of several, the last one counts
-    labels = None if e.model.unclassifiable else _labelled(e, outcome, well, passed)
+    labels = None if e.model.no_axis_reason else _labelled(e, outcome, well, passed)
     return Reduction(final, outcome.steps[well], labels, {"event_time": event_time})
 
 
 def _labelled(e: Ensemble, outcome: Outcome, well: np.ndarray, passed: Passages) -> Classified:
-    """The labels of settled motions, whose event is the separatrix."""
+    """The labels of accepted motions, whose event is the separatrix."""
     k = e.named()
     A = np.array([k.A1, k.A2, k.A3])
     order, A = rigid_body.inertia_order(A[:, 0]), A[:, well]
@@ -253,7 +251,7 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
     model, single = type(case.system), member(case, number)
     if any(model.check(single.data)):
         return Status.INVALID, None
-    if not model.unclassifiable:
+    if not model.no_axis_reason:
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
         # has left it in doubt; `member` leaves it out for all others.
         single = replace(single, error="on" if fits_ensemble(case) else case.error)
@@ -266,7 +264,7 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
         ends = (None, None) if axis is None else (axis[:1], axis[-1:])
         events = event_columns([motion.events], *ends)
         status, labels = Status.OK, None
-        if not model.unclassifiable:
+        if not model.no_axis_reason:
             status, labels = _classified(single, motion)
     except HodoError:
         return Status.FAILED, None

@@ -39,7 +39,7 @@ def columns(case: Case) -> dict[str, Stored]:
         if name != "enclosed_axis" or "trajectory" in case.store
     }
     own = MEMBER_CLASSIFIED
-    if model.unclassifiable:
+    if model.no_axis_reason:
         own = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
     return final | own | MEMBER_STEPS | MEMBER_STATUS
 

@@ -2,7 +2,7 @@
 
 What `integrate` and `classify` do for one case is done here for arrays of them, step by step. A
 motion about which anything is in doubt (too near the separatrix, too stiff, at rest, zeros that do
-not alternate) is left unsettled, for these two to decide by themselves.
+not alternate) is left, not accepted, for these two to decide by themselves.
 """
 
 from collections.abc import Callable, Sequence
@@ -81,7 +81,7 @@ class Passages(NamedTuple):
     exponent: np.ndarray
 
 
-class Departures(NamedTuple):
+class TerminalHits(NamedTuple):
     """Motions (k,) that an event takes on: when, and their states (m, k) then."""
 
     motion: np.ndarray
@@ -156,20 +156,20 @@ class Outcome:
     n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with its
     sign at both ends.
 
-    A terminal event ends a motion; one with a passage is left to `advance_through`. Where `settled`
-    is False nothing here counts.
+    A terminal event ends a motion; one with a passage is left to `advance_through`. Nothing here
+    counts where `accepted` is False.
     """
 
     state: np.ndarray
     exponent: np.ndarray
     steps: np.ndarray
-    settled: np.ndarray
+    accepted: np.ndarray
     passages: Passages
     first: np.ndarray
     last: np.ndarray
     samples: np.ndarray
     sample_exponent: np.ndarray
-    departures: Sequence[Departures] = ()
+    departures: Sequence[TerminalHits] = ()
 
     @classmethod
     def blank(cls, m: int, n: int, s: int) -> "Outcome":
@@ -178,46 +178,48 @@ class Outcome:
         none = np.empty(0, dtype=np.int64)
         empty = np.empty(0)
         passages = Passages(none, empty, empty, empty, none, np.empty((m, 0)), none)
-        settled = np.zeros(n, dtype=bool)
+        accepted = np.zeros(n, dtype=bool)
         state, samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
         sample_exponent = np.zeros((n, s), dtype=np.int64)
-        return cls(state, exponent, steps, settled, passages, first, last, samples, sample_exponent)
+        return cls(
+            state, exponent, steps, accepted, passages, first, last, samples, sample_exponent
+        )
 
 
 STRIDE, NUMBER, SIZE, RATE = range(-4, 0)
 """The last rows of a column's book: the `stride` of its steps, the number of its motion, and its
 units."""
 
-CLOCK = 3
+TIME_ROWS = 3
 """Rows of a column after its state: the time left, what rounding has taken from it, and the steps
 taken."""
 
 
-class Suspects(NamedTuple):
+class CandidateSteps(NamedTuple):
     """Steps (k,) in which an event's function may have zeros: the columns at their start (m + 3,
     k), their length, and their book."""
 
     before: np.ndarray
     length: np.ndarray
-    book: np.ndarray
+    params: np.ndarray
 
 
 @dataclass
-class Underway:
+class BatchState:
     """The motions of an ensemble that have not reached their end, in columns.
 
-    Rows of `now`: the state, in units of its own, its CLOCK, and what else a step puts out. Rows of
-    `book`: the time of the end and the constants, in these units, and what stands last (STRIDE to
-    RATE). The columns are a multiple of the engine's width; one without a motion has the number -1
-    and no time left.
+    Rows of `now`: the state, in units of its own, its TIME_ROWS, and what else a step puts out.
+    Rows of `params`: the time of the end and the constants, in these units, and what stands last
+    (STRIDE to RATE). The columns are a multiple of the engine's width; one without a motion has the
+    number -1 and no time left.
     """
 
     ensemble: Ensemble
     step: "TaylorStep"
     outcome: Outcome
     pauses: int = 0
-    suspects: list[Suspects] = field(default_factory=list)
-    departures: list[Departures] = field(default_factory=list)
+    suspects: list[CandidateSteps] = field(default_factory=list)
+    departures: list[TerminalHits] = field(default_factory=list)
     ways: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -229,9 +231,9 @@ class Underway:
         number = padded(moving)
         self.now, self.next = np.zeros((2, self.step.rows, len(number)))
         self.now[:m], self.now[m] = e.start[:, number], e.lengths[number]
-        self.book = np.zeros((len(e.constants) + 5, len(number)))
-        self.book[0], self.book[1:STRIDE] = e.span[1], e.constants[:, number]
-        self.book[STRIDE], self.book[NUMBER] = stride(e.looser * e.tol, e.event), number
+        self.params = np.zeros((len(e.constants) + 5, len(number)))
+        self.params[0], self.params[1:STRIDE] = e.span[1], e.constants[:, number]
+        self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.event), number
         self.renew(np.arange(len(number)))
         self.empty(len(moving))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
@@ -244,12 +246,12 @@ class Underway:
 
     def empty(self, first: int) -> None:
         """Mark the columns from the `first` on as without a motion."""
-        self.now[self.m, first:], self.book[NUMBER, first:] = 0, -1
+        self.now[self.m, first:], self.params[NUMBER, first:] = 0, -1
 
     def advance(self) -> None:
         """One step of every motion."""
-        length = self.m + CLOCK
-        self.step(self.now[:length], self.book[:NUMBER], self.next)
+        length = self.m + TIME_ROWS
+        self.step(self.now[:length], self.params[:NUMBER], self.next)
         if self.ensemble.times.size:
             self.ways.append(self.now[:length].copy())
         if self.step.rows > length + 1:
@@ -260,16 +262,18 @@ class Underway:
         """Enter the states at the sample times within the steps since the last pause: a sample is a
         step that has no more time left."""
         e, m = self.ensemble, self.m
-        number, size, rate = self.book[NUMBER:].astype(np.int64)
-        ways = np.stack([*self.ways, self.now[: m + CLOCK]], axis=1)  # (m + CLOCK, steps + 1, n)
+        number, size, rate = self.params[NUMBER:].astype(np.int64)
+        ways = np.stack(
+            [*self.ways, self.now[: m + TIME_ROWS]], axis=1
+        )  # (m + TIME_ROWS, steps + 1, n)
         self.ways.clear()
         # A motion at its end has none left, though rounding has taken some of it.
         left = np.where(ways[m] > 0, ways[m] + ways[m + 1], 0)
         step, at = map(padded, times_within(e.times, e.span[1] - np.ldexp(left, -rate)))
         column = step % len(number)
-        before = ways[:, :-1].reshape(m + CLOCK, -1).take(step, axis=1)
+        before = ways[:, :-1].reshape(m + TIME_ROWS, -1).take(step, axis=1)
         place = before[m] + before[m + 1] - np.ldexp(e.span[1] - e.times[at], rate[column])
-        k = self.book[:NUMBER].take(column, axis=1)
+        k = self.params[:NUMBER].take(column, axis=1)
         # Row by row, which is four times as fast as all rows at once.
         entry = number[column] * len(e.times) + at
         there = states_after(self.step, *shortened(before, k, place))
@@ -283,34 +287,36 @@ class Underway:
         if not at.size:
             return
         m, event = self.m, self.ensemble.event
-        before, after, book = (a.take(at, axis=1) for a in (self.now, self.next, self.book))
+        before, after, params = (a.take(at, axis=1) for a in (self.now, self.next, self.params))
         if event is None or not event.passage:
-            self.suspects.append(Suspects(before[: m + CLOCK], after[m + CLOCK], book))
+            self.suspects.append(
+                CandidateSteps(before[: m + TIME_ROWS], after[m + TIME_ROWS], params)
+            )
         # Only the sign at the ends is looked at here; where in the step it ended is found at the
         # end, for all at once.
         if event is not None and event.terminal:
-            k = namespace(self.ensemble.structure, list(book[1:STRIDE]))
+            k = namespace(self.ensemble.structure, list(params[1:STRIDE]))
             ends = (event.function(0.0, [*y[:m]], k) for y in (before, after))
             stopped = np.multiply(*ends) < 0
             if event.passage:
-                self.leave(after[:, stopped], book[:, stopped])
+                self.leave(after[:, stopped], params[:, stopped])
             self.next[m, at[stopped]] = 0
 
-    def leave(self, after: np.ndarray, book: np.ndarray) -> None:
+    def leave(self, after: np.ndarray, params: np.ndarray) -> None:
         """Note the motions that an event takes on, in columns as they are now.
 
         Its formulas begin from any state behind its zero, so that this need not be found.
         """
         m = self.m
         time = self.ensemble.span[1] - (after[m] + after[m + 1])
-        self.departures.append(Departures(book[NUMBER].astype(np.int64), time, after[:m]))
+        self.departures.append(TerminalHits(params[NUMBER].astype(np.int64), time, after[:m]))
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
         self.pauses += 1
         if self.ways:
             self.sample()
-        (left, lost, steps), book = self.now[self.m : self.m + CLOCK], self.book
+        (left, lost, steps), params = self.now[self.m : self.m + TIME_ROWS], self.params
         going = (left > 0) & (steps < MOST_STEPS)
         # What rounding took from the time left, back to it before it decides the last steps.
         whole = left + lost
@@ -319,8 +325,8 @@ class Underway:
         event = self.ensemble.event
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
         if self.pauses == 1 and not (event and event.passage):
-            number = book[NUMBER].astype(np.int64)
-            span = np.ldexp(self.ensemble.lengths[number], units_of(book)[1])
+            number = params[NUMBER].astype(np.int64)
+            span = np.ldexp(self.ensemble.lengths[number], units_of(params)[1])
             going &= PAUSE * span < HOPELESS * (span - left)
         if np.count_nonzero(going) < FULL * len(going):
             self.drop(~going)
@@ -332,15 +338,15 @@ class Underway:
 
     def drop(self, done: np.ndarray) -> None:
         """Enter the columns that are done in the outcome, and keep the others."""
-        ended = np.flatnonzero(done & (self.book[NUMBER] >= 0))
-        number, size, _ = self.book[NUMBER:, ended].astype(np.int64)
+        ended = np.flatnonzero(done & (self.params[NUMBER] >= 0))
+        number, size, _ = self.params[NUMBER:, ended].astype(np.int64)
         outcome = self.outcome
         outcome.state[:, number], outcome.exponent[number] = self.now[: self.m, ended], size
-        left, _, outcome.steps[number] = self.now[self.m : self.m + CLOCK, ended]
-        outcome.settled[number] = left == 0
+        left, _, outcome.steps[number] = self.now[self.m : self.m + TIME_ROWS, ended]
+        outcome.accepted[number] = left == 0
         going = np.flatnonzero(~done)
         keep = padded(going)
-        self.now, self.book = (a.take(keep, axis=1) for a in (self.now, self.book))
+        self.now, self.params = (a.take(keep, axis=1) for a in (self.now, self.params))
         self.next = np.empty_like(self.now)
         self.empty(len(going))
 
@@ -349,9 +355,9 @@ class Underway:
         e, m = self.ensemble, self.m
         if not e.model.degree or not at.size:
             return
-        book = self.book[:, at]
-        size, rate = units_of(book)
-        y, k = self.now[:m, at], vars(e.named(book[NUMBER].astype(np.int64)))
+        params = self.params[:, at]
+        size, rate = units_of(params)
+        y, k = self.now[:m, at], vars(e.named(params[NUMBER].astype(np.int64)))
         y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
         units = Units.fit(e.model, k, y, size)
         # By powers of two throughout, so that new units change no digit.
@@ -359,14 +365,14 @@ class Underway:
         self.now[m : m + 2, at] = np.ldexp(self.now[m : m + 2, at], units.rate - rate)
         scaled = units.constants(e.model, k)
         for name, row in e.scaled_rows.items():
-            book[row + 1] = scaled[name]
-        book[SIZE], book[RATE] = units.size, units.rate
-        self.book[:, at] = book
+            params[row + 1] = scaled[name]
+        params[SIZE], params[RATE] = units.size, units.rate
+        self.params[:, at] = params
 
 
-def units_of(book: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def units_of(params: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The size and the rate (k,) of the units of columns, from their book."""
-    size, rate = book[[SIZE, RATE]].astype(np.int64)
+    size, rate = params[[SIZE, RATE]].astype(np.int64)
     return size, rate
 
 
@@ -388,7 +394,7 @@ def padded(numbers: np.ndarray) -> np.ndarray:
     return numbers[np.minimum(np.arange(n + -n % WIDTH), n - 1)]
 
 
-@np.errstate(all="ignore")  # what overflows is not finite, hence unsettled
+@np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
 def advance(e: Ensemble) -> Outcome:
     """All motions of an ensemble through their span."""
     from ..engines import taylor_batch  # heyoka may be missing
@@ -399,8 +405,8 @@ def advance(e: Ensemble) -> Outcome:
     m, n = e.start.shape
     outcome = Outcome.blank(m, n, len(e.times))
     if e.start.any():
-        underway = Underway(e, step, outcome)
-        while underway.book.shape[1]:
+        underway = BatchState(e, step, outcome)
+        while underway.params.shape[1]:
             # Numpy's own work is in the pauses; between them a step is one call of compiled code.
             for _ in range(PAUSE):
                 underway.advance()
@@ -408,9 +414,9 @@ def advance(e: Ensemble) -> Outcome:
         outcome.departures = underway.departures
         if e.event is not None and not e.event.passage:
             judge(e, e.event, underway.suspects, step, outcome)
-    outcome.settled &= np.isfinite(outcome.state).all(axis=0)
+    outcome.accepted &= np.isfinite(outcome.state).all(axis=0)
     for state in (e.start, outcome.state):  # single cases refine what approximates the equations
-        outcome.settled &= e.model.resolved(state, e.named(), e.tol)
+        outcome.accepted &= e.model.is_accurate(state, e.named(), e.tol)
     return outcome
 
 
@@ -423,21 +429,23 @@ def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
     while onward := [
         going
         for left in part.departures
-        for going in taken_on(e, left._replace(motion=numbers[left.motion]), outcome, met)
+        for going in restart_after_event(
+            e, left._replace(motion=numbers[left.motion]), outcome, met
+        )
     ]:
         numbers = np.array([motion for motion, _, _ in onward])
         begin = np.array([time for _, time, _ in onward], dtype=float)
         start = np.array([state for _, _, state in onward], dtype=float).T
         constants, span = e.constants[:, numbers], (begin, e.span[1])
         part = advance(replace(e, constants=constants, start=start, span=span))
-        outcome.state[:, numbers], outcome.settled[numbers] = part.state, part.settled
+        outcome.state[:, numbers], outcome.accepted[numbers] = part.state, part.accepted
         outcome.steps[numbers] += part.steps
-    outcome.settled &= np.isfinite(outcome.state).all(axis=0)
+    outcome.accepted &= np.isfinite(outcome.state).all(axis=0)
     return outcome, met
 
 
-def taken_on(
-    e: Ensemble, left: Departures, outcome: Outcome, met: dict[int, list[Occurrence]]
+def restart_after_event(
+    e: Ensemble, left: TerminalHits, outcome: Outcome, met: dict[int, list[Occurrence]]
 ) -> list[tuple[int, Any, Any]]:
     """Enter what an event does to the motions that have met it; returns those that go on, with the
     time and the state from which on."""
@@ -449,7 +457,7 @@ def taken_on(
         try:
             way = e.event.passage(float(time), state.tolist(), k)
         except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
-            outcome.settled[i] = False
+            outcome.accepted[i] = False
             continue
         met.setdefault(int(i), []).append(Occurrence(e.event.kind, way.time, way.details))
         outcome.state[:, i] = way.state
@@ -459,15 +467,15 @@ def taken_on(
 
 
 def judge(
-    e: Ensemble, event: Event, suspects: list[Suspects], step: "TaylorStep", outcome: Outcome
+    e: Ensemble, event: Event, suspects: list[CandidateSteps], step: "TaylorStep", outcome: Outcome
 ) -> None:
     """Find the zeros of an event's function in the steps that may have some.
 
-    A motion is settled if its zeros lead, by turns, from the sign at its start to that at its end,
+    A motion is accepted if its zeros lead, by turns, from the sign at its start to that at its end,
     and none of these is in doubt.
     """
     outcome.first, outcome.last = e.side(e.start), e.side(outcome.state)
-    # With a sign in doubt a motion is unsettled whatever zeros it has, and they take the longest.
+    # With a sign in doubt a motion is not accepted, whatever zeros it has.
     certain = (outcome.first != 0) & (event.terminal | (outcome.last != 0))
     steps = steps_of(suspects, certain)
     if steps is not None:
@@ -477,34 +485,36 @@ def judge(
             outcome.state[:, found.motion] = found.state
             outcome.exponent[found.motion] = found.exponent
         outcome.passages = found
-        outcome.settled[undecided] = False
+        outcome.accepted[undecided] = False
     passed = outcome.passages
     if event.terminal:
         outcome.last[passed.motion] = passed.direction
     new = is_first(passed.motion)
     before = np.where(new, outcome.first[passed.motion], np.roll(passed.direction, 1))
-    outcome.settled[passed.motion[passed.direction != -before]] = False
+    outcome.accepted[passed.motion[passed.direction != -before]] = False
     reached = outcome.first.copy()
     reached[passed.motion] = passed.direction  # of several, the last one counts
-    outcome.settled &= (reached == outcome.last) & (outcome.first != 0)
+    outcome.accepted &= (reached == outcome.last) & (outcome.first != 0)
 
 
-def steps_of(suspects: list[Suspects], certain: np.ndarray) -> Suspects | None:
+def steps_of(suspects: list[CandidateSteps], certain: np.ndarray) -> CandidateSteps | None:
     """All steps of those motions that are `certain` (n,); None if there are none."""
     if not suspects:
         return None
-    steps = Suspects(*(np.concatenate(parts, axis=-1) for parts in zip(*suspects, strict=True)))
-    wanted = np.flatnonzero(certain[steps.book[NUMBER].astype(np.int64)])
-    return Suspects(*(a.take(wanted, axis=-1) for a in steps)) if wanted.size else None
+    steps = CandidateSteps(
+        *(np.concatenate(parts, axis=-1) for parts in zip(*suspects, strict=True))
+    )
+    wanted = np.flatnonzero(certain[steps.params[NUMBER].astype(np.int64)])
+    return CandidateSteps(*(a.take(wanted, axis=-1) for a in steps)) if wanted.size else None
 
 
 def passages(
-    e: Ensemble, event: Event, steps: Suspects, step: "TaylorStep"
+    e: Ensemble, event: Event, steps: CandidateSteps, step: "TaylorStep"
 ) -> tuple[Passages, np.ndarray]:
     """The zeros in steps that may have some, and the motions that are undecided."""
-    before, book, m = steps.before, steps.book, len(e.start)
-    series = columnwise(step.event_series, before, book[:NUMBER])
-    noise = e.uncertainty(event, before[:m], namespace(e.structure, list(book[1:STRIDE])))
+    before, params, m = steps.before, steps.params, len(e.start)
+    series = columnwise(step.event_series, before, params[:NUMBER])
+    noise = e.uncertainty(event, before[:m], namespace(e.structure, list(params[1:STRIDE])))
     order = len(series) - 1
     powers = series.T * steps.length[:, None] ** np.arange(order + 1)
     # Row by row: one product of all would round as the number of rows happens to be.
@@ -514,16 +524,16 @@ def passages(
     place = found.x[found.sure] * steps.length[at]
     slope = value(series[1:, at] * np.arange(1, order + 1)[:, None], place)
     left = (before[m, at] - place) + before[m + 1, at]
-    cut = shortened(before[:, at], book[:NUMBER, at], place)
+    cut = shortened(before[:, at], params[:NUMBER, at], place)
     there = columnwise(partial(states_after, step), *cut)
-    size, rate = units_of(book[:, at])
-    times, motion = e.span[1] - np.ldexp(left, -rate), book[NUMBER, at].astype(np.int64)
+    size, rate = units_of(params[:, at])
+    times, motion = e.span[1] - np.ldexp(left, -rate), params[NUMBER, at].astype(np.int64)
     lost = (ROUNDING + PER_STEP * e.tol) * (before[m + 2, at] + 2) / e.doubt
     doubt = np.ldexp(noise[at] / np.abs(slope), -rate)
     errors = lost * doubt + np.spacing(times) / 2
     by_time = np.lexsort((times, motion))
     columns = motion, times, errors, doubt, np.sign(slope).astype(np.int64), there, size
-    undecided = book[NUMBER, found.row[~found.sure]].astype(np.int64)
+    undecided = params[NUMBER, found.row[~found.sure]].astype(np.int64)
     return Passages(*(a[..., by_time] for a in columns)), undecided
 
 
@@ -531,7 +541,7 @@ def shortened(
     columns: np.ndarray, k: np.ndarray, place: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Columns and constants with no more time left than `place` (k,), in the arrays given."""
-    m = len(columns) - CLOCK
+    m = len(columns) - TIME_ROWS
     k[0] += place - columns[m]  # the end's time, so that the step begins when it did
     columns[m] = place
     return columns, k
@@ -541,7 +551,7 @@ def states_after(step: "TaylorStep", columns: np.ndarray, k: np.ndarray) -> np.n
     """The states (m, k) a step after columns, whose number is a multiple of the engine's width."""
     out = np.empty((step.rows, columns.shape[1]))
     step(columns, k, out)
-    return out[: len(columns) - CLOCK]
+    return out[: len(columns) - TIME_ROWS]
 
 
 def columnwise(
@@ -569,11 +579,11 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     Errors grow along a motion that stays near the separatrix, some 1e4-fold: a pass by the middle
     axis turns one of D into one of the phase, and a torque that depends on the phase turns that
     into a larger one of D. No single step tells it. A motion whose two times differ by more than
-    the sign of D is taken to be in doubt is left unsettled.
+    the sign of D is taken to be in doubt is not accepted.
     """
     assert e.event is not None
     passed = outcome.passages
-    at = np.flatnonzero(is_first(passed.motion) & outcome.settled[passed.motion])
+    at = np.flatnonzero(is_first(passed.motion) & outcome.accepted[passed.motion])
     motion, event = passed.motion[at], e.event._replace(terminal=True)
     start, constants = e.start[:, motion], e.constants[:, motion]
     again = advance(replace(e, start=start, constants=constants, event=event, looser=LOOSER))
@@ -581,4 +591,4 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     time[again.passages.motion] = again.passages.time
     off = np.abs(time - passed.time[at])
     passed.error[at] = np.maximum(passed.error[at], GROWN * off)
-    outcome.settled[motion] = again.settled & (off <= passed.doubt[at])
+    outcome.accepted[motion] = again.accepted & (off <= passed.doubt[at])

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arithmetic import Column, Parted, of_members
+from ..arithmetic import BranchDivergence, Column, of_members
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
 from ..models.base import Event, Model
@@ -133,7 +133,7 @@ def in_parts(
     alike."""
     try:
         some = at_once(case, paths, values, at)
-    except Parted as parted:
+    except BranchDivergence as parted:
         for part in (parted.where, ~parted.where):
             yield from in_parts(case, paths, values, at[part])
         return

@@ -78,7 +78,7 @@ def _final_error(case: Case, final: Mapping[str, np.ndarray], path: Sampled) -> 
     """The largest error of what is stored of a member at its end; of a vector relative to its
     length there, of a number to its largest value at start and end, since it may vanish."""
     last = path.at(slice(-1, None))
-    if not case.system.unclassifiable:  # what is stored is the state, which is compared as it is
+    if not case.system.no_axis_reason:  # what is stored is the state, which is compared as it is
         mine = Sampled(last.time, final["omega"][None], np.zeros(1, dtype=np.int64), ())
         return errors_against(case, mine, last)["omega"]
     errors = [0.0]
@@ -163,7 +163,7 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
                 continue
             final = final_values(case, part)
             crossing, separation = np.full(len(status), math.nan), np.full(len(status), math.inf)
-            if not case.system.unclassifiable:
+            if not case.system.no_axis_reason:
                 crossing, separation = part.variable("crossing_time"), part.variable("separation")
             separation = np.where(status == Status.OK.code, separation, np.inf)
         nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]

@@ -29,8 +29,8 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
 
     Raises HodoError if no member came to anything.
     """
-    stamp = digest(mark)
-    parts = writer.parts(stamp) if resume else set()
+    part_id = digest(mark)
+    parts = writer.parts(part_id) if resume else set()
     tasks = list(chunks(case))
     problems: dict[str, int] = {}
     if parts:
@@ -45,8 +45,8 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
                 # A chunk that fails costs its own members; the sweep goes on and says how many.
                 problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
             else:
-                writer.add_part(stamp, chunk.first, outcome)
-    done = writer.parts(stamp)
+                writer.add_part(part_id, chunk.first, outcome)
+    done = writer.parts(part_id)
 
     @contextmanager
     def read(chunk: Chunk) -> Iterator[Part]:
@@ -54,7 +54,7 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
             lost = lost_part(chunk)
             yield Part(lost.attributes, lambda name: lost.variables[name].data)
         else:
-            with writer.part(stamp, chunk.first) as part:
+            with writer.part(part_id, chunk.first) as part:
                 yield Part(part.summary("part"), partial(part.array, "part"))
 
     summary = summarized(case, tasks, read)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ...schema.kinds import Integer, Key, Mistake
-from ..base import Constants, Event, Passed
+from ..base import Constants, Event, EventOutcome
 from ..constants import attributes
 from ..rigid_body import BodyFrame
 from .capture import AT_SEPARATRIX, STOP, Region, branch, capture_shares
@@ -70,14 +70,14 @@ def turning_body(k: Any) -> Body:
     return Body(A[l], A[m], A[s], (l, m, s), parity_of((l, m, s)))
 
 
-def quarter_turn(gap: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
+def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
     """sn, cn and dn at 0, K/2^halvings, ... K for 1 - m = gap; with + - * / and ** only.
 
     By half arguments from those at K, in forms without a difference. Source: M. Abramowitz and I.
     A. Stegun, 16.18.
     """
-    one = 1 + 0 * gap
-    nodes = [(0 * gap, one, one), (one, 0 * gap, gap**0.5)]
+    one = 1 + 0 * m1
+    nodes = [(0 * m1, one, one), (one, 0 * m1, m1**0.5)]
     for _ in range(halvings):
         last = len(nodes) - 1
         between = []
@@ -93,7 +93,7 @@ def quarter_turn(gap: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
                     (both / (1 + cn)) ** 0.5,
                 )
             else:
-                rest = gap / (cn + dn)
+                rest = m1 / (cn + dn)
                 half = (
                     ((1 + cn) / (1 + dn)) ** 0.5,
                     sn * (rest / (1 + dn)) ** 0.5,
@@ -104,9 +104,9 @@ def quarter_turn(gap: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
     return nodes
 
 
-def whole_turn(gap: Any, count: int) -> list[tuple[Any, Any, Any]]:
+def whole_turn(m1: Any, count: int) -> list[tuple[Any, Any, Any]]:
     """sn, cn and dn at `count` even steps of a turn."""
-    up = quarter_turn(gap, round(math.log2(count / 4)))
+    up = quarter_turn(m1, round(math.log2(count / 4)))
     down = up[:0:-1]
     return [
         *up[:-1],
@@ -186,14 +186,14 @@ def band_of(body: Body, torque: Torque, region: Region, ln_E: float) -> Band:
     side, sense = region
     E, (w_e, w_o) = math.exp(ln_E), body.weight(side)
     found = []
-    for gap in (NEAR, NEARER):
-        O = (1 - gap) * float(w_e / w_o) * E
+    for m1 in (NEAR, NEARER):
+        O = (1 - m1) * float(w_e / w_o) * E
         X, Y = (E, O) if side > 0 else (O, E)
-        slow = Slow(X, Y, np.asarray(side), np.asarray(gap), np.asarray(sense), 0.0)
-        dX, dY = mean_rates(body, torque, slow, nodes_for(gap))
+        slow = Slow(X, Y, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
+        dX, dY = mean_rates(body, torque, slow, nodes_for(m1))
         dE, dO = (dX, dY) if side > 0 else (dY, dX)
         # <dn> is pi/(2 K)
-        found.append((dE / E, dO / O, 2 / math.pi * turn_means(1 - gap, gap, LANDEN).pace))
+        found.append((dE / E, dO / O, 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace))
     (E1, O1, inverse), (E2, O2, nearer) = found
     by_E, by_O = (E1 - E2) / (inverse - nearer), (O1 - O2) / (inverse - nearer)
     return Band(float(E1 - by_E * inverse), float(by_E), float(by_O))
@@ -219,13 +219,13 @@ def in_doubles(k: SimpleNamespace) -> SimpleNamespace:
     return SimpleNamespace(**{name: plain(value) for name, value in vars(k).items()})
 
 
-def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
+def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
 
     A torque that drives D alike in all regions takes the motion to the other axis. Any other makes
     that a matter of chance: it ends the motion here, or the branch is taken which the case names.
     """
-    ln_E, ln_O, turned = y[:3]
+    ln_E, ln_O, scaled_phase = y[:3]
     side, sense = (1 if value > 0 else -1 for value in y[3:])
     numbers = in_doubles(k)
     body, torque = turning_body(numbers), torque_of(full, float(t), numbers)
@@ -242,16 +242,19 @@ def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace)
     E, O = (ln + here.rest * seconds + by * u / pull for ln, by in ((ln_E, here.E), (ln_O, here.O)))
     about, other = (math.exp(float(ln)) for ln in (E, O))
     n = float(turn_frequency(body, about, side))
-    time, phase = float(t) + seconds, float(turned / k.turning_scale) + math.pi / 2 * n * u / pull
+    time, phase = (
+        float(t) + seconds,
+        float(scaled_phase / k.turning_scale) + math.pi / 2 * n * u / pull,
+    )
     X, Y = (about, other) if side > 0 else (other, about)
     momentum = math.sqrt((body.a * X + body.c * Y) / (body.a - body.c))
     details = left_and_entered(view, side, 0) | {"momentum": momentum, "frequency": n}
-    edge = E, O, turned + k.turning_scale * math.pi / 2 * n * u / pull, y[3], y[4]
+    edge = E, O, scaled_phase + k.turning_scale * math.pi / 2 * n * u / pull, y[3], y[4]
     place = lag = 0.0
     drift = {region: region[0] * band.drift for region, band in bands.items()}
     if drives_alike(drift):
-        gap = np.asarray(NEARER)
-        slow = Slow(X, Y, np.asarray(side), gap, np.asarray(sense), 0.0)
+        m1 = np.asarray(NEARER)
+        slow = Slow(X, Y, np.asarray(side), m1, np.asarray(sense), 0.0)
         foreseen = outcome(pull, n, phase, time, pull)
         known = k.turning_mean == "yes" and is_even(body, torque, slow)
         details["scatter"] = foreseen.scatter
@@ -265,7 +268,7 @@ def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace)
         shares = capture_shares(drift, (side, sense))
         details["probability"] = shares[-side, 1] + shares[-side, -1]
         if not (chosen := branch(k.turning_branch, shares, (side, sense))):
-            return Passed(time, details, edge)
+            return EventOutcome(time, details, edge)
         region = chosen
     details |= left_and_entered(view, side, region[0])
     there = bands[region]
@@ -275,8 +278,10 @@ def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace)
     spent = there.rest * (onward + lag)
     after = (ln + spent + by * beyond for ln, by in zip(before, (there.E, there.O), strict=True))
     new_phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
-    state = *after, 0 * turned + k.turning_scale * new_phase, 0 * y[3] + region[0], 0 * y[4]
-    return Passed(time, details, (*state[:4], state[4] + region[1]), t + (seconds + lag + onward))
+    state = *after, 0 * scaled_phase + k.turning_scale * new_phase, 0 * y[3] + region[0], 0 * y[4]
+    return EventOutcome(
+        time, details, (*state[:4], state[4] + region[1]), t + (seconds + lag + onward)
+    )
 
 
 def drives_alike(drift: Mapping[Region, float]) -> bool:
@@ -287,11 +292,11 @@ def drives_alike(drift: Mapping[Region, float]) -> bool:
 
 def slow_of(y: np.ndarray, k: SimpleNamespace) -> Slow:
     """The slow variables of states (n, 5)."""
-    ln_E, ln_O, turned, side, sense = y.T
+    ln_E, ln_O, scaled_phase, side, sense = y.T
     E, O = np.exp(ln_E), np.exp(ln_O)
     X, Y = np.where(side > 0, (E, O), (O, E))
-    gap = np.maximum(-np.expm1(ln_O - ln_E - side * k.turning_offset), EDGE / 2)
-    return Slow(X, Y, side, gap, sense, turned / k.turning_scale)
+    m1 = np.maximum(-np.expm1(ln_O - ln_E - side * k.turning_offset), EDGE / 2)
+    return Slow(X, Y, side, m1, sense, scaled_phase / k.turning_scale)
 
 
 def stored_with_part(
@@ -310,7 +315,7 @@ def stored_with_part(
             dE[at], dO[at] = relative_part(
                 body, torque_of(full, t[at], numbers), some, int(k.turning_nodes)
             )
-        turning = slow.gap > EDGE / 2
+        turning = slow.m1 > EDGE / 2
         turns = turn_frequency(body, unit * unit, side) / float(k.turning_scale)
         E, O = (with_part(v, part * turning, turns) for v, part in ((E, dE), (O, dO)))
     return stored_elements(SimpleNamespace(**turning_constants(body)), E, O, side, unit)
@@ -339,8 +344,8 @@ class AnyTorque(AveragedTurns):
 
     full: ClassVar[type[BodyFrame]]
 
-    state = ("ln_E", "ln_O", "turned", "side", "sense")
-    one_by_one = True
+    state = ("ln_E", "ln_O", "scaled_phase", "side", "sense")
+    batchable = False
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -381,8 +386,8 @@ class AnyTorque(AveragedTurns):
         return relative_part(self.body, torque, slow, int(self.equations["turning_nodes"]))
 
     def states(self, slow: Slow) -> np.ndarray:
-        turned = self.constants["turning_scale"] * slow.phase
-        return np.stack((*logarithms(slow), turned, slow.side + 0.0, slow.sense + 0.0))
+        scaled_phase = self.constants["turning_scale"] * slow.phase
+        return np.stack((*logarithms(slow), scaled_phase, slow.side + 0.0, slow.sense + 0.0))
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
         k = attributes(self.constants)
@@ -393,7 +398,7 @@ class AnyTorque(AveragedTurns):
         return np.asarray(fastest * np.pi / 2 * k.turning_scale / np.abs(turning))
 
     @property
-    def finer(self) -> dict[str, Any]:
+    def refined_data(self) -> dict[str, Any]:
         # What the nodes miss of a mean, which falls as exp(-c nodes), is seen with twice as many.
         return {"nodes": 2 * int(self.equations["turning_nodes"])}
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base import Constants, Event, Passed
+from ..base import Constants, Event, EventOutcome
 from .forms import (
     EDGE,
     AveragedTurns,
@@ -40,13 +40,13 @@ def logarithmic_offset(body: Body) -> float:
     return SYMMETRIC if outer else -SYMMETRIC
 
 
-def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
+def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
 
     At 2 EDGE the event that has found it cannot find it again. Digits beyond a double's are kept,
     as all that is added is small.
     """
-    ln_E, ln_O, turned, side = y
+    ln_E, ln_O, scaled_phase, side = y
     lam = float(k.l1), float(k.l2), float(k.l3)
     l_e, l_m, l_o = lam if side > 0 else lam[::-1]
     pull, scale = 2 * abs(l_e - l_o), float(k.scale)
@@ -55,7 +55,7 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     # In the band (ln E)' = -2 (l_m + (l_e - l_m)/K), and the integral of dt/K is u/pull.
     E, O = (ln - 2 * (l_m * seconds + (l - l_m) * u / pull) for ln, l in ((ln_E, l_e), (ln_O, l_o)))
     n = float(either(side, k.turns_a, k.turns_c)) * math.exp(float(E) / 2)
-    phase, time = float(turned) / scale + math.pi / 2 * n * u / pull, float(t) + seconds
+    phase, time = float(scaled_phase) / scale + math.pi / 2 * n * u / pull, float(t) + seconds
     foreseen = outcome(pull, n, phase, time, max(map(abs, lam)))
     known = k.mean_start == "yes" and math.isfinite(foreseen.place)
     lag, place = (foreseen.lag, foreseen.place) if known else (0.0, 0.0)
@@ -70,8 +70,8 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     details |= {"momentum": math.sqrt(float(square)), "frequency": n, "scatter": foreseen.scatter}
     if k.mean_start == "yes":
         details |= foreseen.details
-    state = new_E, new_O, 0 * turned + scale * new_phase, -side
-    return Passed(time, details, state, t + (seconds + lag + further))
+    state = new_E, new_O, 0 * scaled_phase + scale * new_phase, -side
+    return EventOutcome(time, details, state, t + (seconds + lag + further))
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Damped(AveragedTurns):
     other variables.
     """
 
-    state = ("ln_E", "ln_O", "turned", "side")
+    state = ("ln_E", "ln_O", "scaled_phase", "side")
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -116,15 +116,15 @@ class Damped(AveragedTurns):
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        ln_E, ln_O, turned, side = y.T
+        ln_E, ln_O, scaled_phase, side = y.T
         # In units of E: the shape has its digits where E itself is below the smallest double.
         E, O, unit, above = np.ones_like(ln_E), np.exp(ln_O - ln_E), np.exp(ln_E / 2), side > 0
         if k.mean_start == "yes":
             body, square = Body(k.a, k.b, k.c, (0, 1, 2), 1), unit * unit
             X, Y = np.where(above, square, O * square), np.where(above, O * square, square)
-            gap = -np.expm1(ln_O - ln_E - side * k.turning_offset)
+            m1 = -np.expm1(ln_O - ln_E - side * k.turning_offset)
             with np.errstate(divide="ignore", invalid="ignore"):  # nothing turns any more
-                slow = Slow(X, Y, side, gap, 1, turned / k.scale)
+                slow = Slow(X, Y, side, m1, 1, scaled_phase / k.scale)
                 dE, dO = damped_part(body, (k.l1, k.l2, k.l3), slow)
             turns = turn_frequency(body, square, side) / k.scale
             E, O = with_part(E, dE, turns), with_part(O, dO, turns)
@@ -168,8 +168,8 @@ class Damped(AveragedTurns):
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
         ln_E, ln_O, _, side = y.T
-        gap = -np.expm1(ln_O - ln_E - side * logarithmic_offset(self.body))
-        pace = turn_means(1 - gap, gap, LANDEN).pace
+        m1 = -np.expm1(ln_O - ln_E - side * logarithmic_offset(self.body))
+        pace = turn_means(1 - m1, m1, LANDEN).pace
         n = turn_frequency(self.body, np.exp(ln_E), side)
         return np.asarray(self.rate * np.pi / 2 / (pace * n))
 

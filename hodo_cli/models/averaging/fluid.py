@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base import Passed
+from ..base import EventOutcome
 from .capture import FREE, STOP, Region, branch, capture_shares
 from .forms import EDGE, either, left_and_entered, stored_elements, with_part
 from .free_turn import Body, Slow, amplitude, turn_frequency
@@ -102,7 +102,7 @@ def drift_by_region(k: Any, side: int, g: float, f: float) -> dict[Region, float
     return drift
 
 
-def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
+def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
 
     Without a torque the motion changes its axis. A torque makes that a matter of chance: it ends
@@ -110,7 +110,7 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
     """
     side, sense = (1 if value > 0 else -1 for value in y[3:])
     if not y[1]:  # an exact rotation about an axis, which the torque has brought to rest
-        return Passed(float(t), left_and_entered(k, side, 0), y)
+        return EventOutcome(float(t), left_and_entered(k, side, 0), y)
     ratio = float(either(side, k.ratio_a, k.ratio_c))
     u = -math.log(ratio * float(y[1]) ** 2 / float(y[0]) ** 2)
     # Rounding hides u of a nearly symmetric body, whose g is as small as its errors.
@@ -135,14 +135,14 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> Passed:
         shares = capture_shares(drift_by_region(k, side, g, f), (side, sense))
         details["probability"] = shares[-side, 1] + shares[-side, -1]
         if not (chosen := branch(k.branch, shares, (side, sense))):
-            turned = y[2] + k.scale * sense * math.pi / 2 * n * u / -du
-            return Passed(time, details, (*at, turned, *y[3:]))
+            scaled_phase = y[2] + k.scale * sense * math.pi / 2 * n * u / -du
+            return EventOutcome(time, details, (*at, scaled_phase, *y[3:]))
         region = chosen
     details |= left_and_entered(k, side, region[0])
     onward, state = behind(k, region, side, at, n, place)
-    turned = 0 * y[2] + state[2] * k.scale
-    there = *state[:2], turned, *(0 * y[3] + value for value in region)
-    return Passed(time, details, there, t + (seconds + lag + onward))
+    scaled_phase = 0 * y[2] + state[2] * k.scale
+    there = *state[:2], scaled_phase, *(0 * y[3] + value for value in region)
+    return EventOutcome(time, details, there, t + (seconds + lag + onward))
 
 
 def behind(
@@ -172,10 +172,10 @@ def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
     cn/dn)/k and arcsin(k sn)/k.
     """
     E, O = slow.pair
-    above, m = np.asarray(slow.side) > 0, 1 - slow.gap
-    am, zeta = amplitude(slow.phase, slow.gap)
+    above, m = np.asarray(slow.side) > 0, 1 - slow.m1
+    am, zeta = amplitude(slow.phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
-    fourth = (sn * cn * np.sqrt(cn * cn + slow.gap * sn * sn) - 2 * (1 + m) * zeta) / 3
+    fourth = (sn * cn * np.sqrt(cn * cn + slow.m1 * sn * sn) - 2 * (1 + m) * zeta) / 3
     cd, sd, sc = (np.where(above, x, z) for x, z in zip(k.weights_a, k.weights_c, strict=True))
     last = np.where(above, k.last_a, k.last_c)
     total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - last * fourth
@@ -185,15 +185,15 @@ def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
     dE, dO = np.where(above, k.c, -k.a) * change * O / E, np.where(above, -k.a, k.c) * change
     # A modulus of 0 is as good as one whose square is lost beside 1.
     modulus, g, f = np.sqrt(np.maximum(m, 1e-30)), np.sqrt(E), np.sqrt(O)
-    dn = np.sqrt(cn * cn + slow.gap * sn * sn)
+    dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
     swing = np.arctanh(modulus * cn / dn) / modulus * slow.sense * k.torque_b
     about = np.where(above, k.torque_a, k.torque_c)
     across = np.where(above, k.torque_c, k.torque_a)
     root = np.sqrt(w_e)
     pushed = slow.sense * about * (am - slow.phase) / g + w_o / root * f / E * swing
     aside = root * swing + across * np.arcsin(modulus * sn) / modulus
-    turned = np.divide(aside, f, out=np.zeros_like(f), where=f > 0)
-    return dE + 2 / n * pushed, dO + 2 / n * turned
+    scaled_phase = np.divide(aside, f, out=np.zeros_like(f), where=f > 0)
+    return dE + 2 / n * pushed, dO + 2 / n * scaled_phase
 
 
 def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
@@ -202,7 +202,7 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
     The periodic part is added unless the case has named a branch: a capture by chance forgets the
     phase.
     """
-    g, f, turned, side, _ = y.T
+    g, f, scaled_phase, side, _ = y.T
     E, O, above = g * g, f * f, side > 0
     if k.mean_start == "yes" and k.branch in (FREE, STOP):
         # Not the sense that the state has: a symmetric body's spin may have reversed since.
@@ -211,9 +211,9 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
         # A motion that has stopped at the separatrix does not turn any more, nor one at its end of
         # spin.
         with np.errstate(divide="ignore", invalid="ignore"):
-            gap = np.maximum((E - ratio * O) / E, EDGE / 2)
-            slow = Slow(X, Y, side, gap, sense, sense * turned / k.scale)
-            dE, dO = np.where(gap > EDGE / 2, fluid_part(k, slow), 0)
+            m1 = np.maximum((E - ratio * O) / E, EDGE / 2)
+            slow = Slow(X, Y, side, m1, sense, sense * scaled_phase / k.scale)
+            dE, dO = np.where(m1 > EDGE / 2, fluid_part(k, slow), 0)
         # `turn_frequency` takes E in true units, where n is larger by `unit`.
         turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale
         E, O = with_part(E, dE / k.unit, turns), with_part(O, dO / k.unit, turns)

@@ -1,8 +1,8 @@
 """What the averaged forms share: what they store, when they apply, how they pass the separatrix.
 
-Their state is (e, o, turned, side), or (..., sense) where that counts: two measures of E and O; the
-phase in units of the slow time, so that it is of the size of the others; the side and the sense of
-rotation, +1 or -1, which only a passage changes.
+Their state is (e, o, scaled_phase, side), or (..., sense) where that counts: two measures of E and
+O; the phase in units of the slow time, so that it is of the size of the others; the side and the
+sense of rotation, +1 or -1, which only a passage changes.
 """
 
 import math
@@ -116,7 +116,7 @@ class AveragedTurns(BodyFrame):
     form = "averaged"
     variables = STORED
     degree = {}
-    unclassifiable = "averaged over the hodograph's turns: run stores its axis and its passages"
+    no_axis_reason = "averaged over the hodograph's turns: run stores its axis and its passages"
     class_events = ()
 
     @classmethod
@@ -135,7 +135,7 @@ class AveragedTurns(BodyFrame):
             slow = slow_elements(Body.of(data["inertia"]), omega)
         if any(omega) and not 0 < max(slow.pair) < math.inf:
             yield ("initial",), "the square of the start is beyond the range of doubles"
-        elif not max(slow.pair) or slow.gap < 2 * EDGE:
+        elif not max(slow.pair) or slow.m1 < 2 * EDGE:
             yield (
                 ("initial",),
                 "nothing turns at rest, nor on the separatrix or beside it: take form full",
@@ -165,24 +165,24 @@ class AveragedTurns(BodyFrame):
     def starts(self, omega: np.ndarray) -> np.ndarray:
         slow, _ = self.elements(omega)
         # A start on the separatrix does not turn; `check` says so of a case.
-        return np.where(slow.gap < 2 * EDGE, np.nan, self.states(slow))
+        return np.where(slow.m1 < 2 * EDGE, np.nan, self.states(slow))
 
     @property
     def start(self) -> tuple[float, ...]:
         return tuple(self.starts(np.array(super().start)).tolist())
 
     @property
-    def finer_start(self) -> np.ndarray:
+    def extended_start(self) -> np.ndarray:
         slow, _ = self.elements(np.array(super().start))
         y = np.array(self.start, dtype=np.longdouble)
         # Elsewhere u is of the size of the state, and has its digits.
-        near = slow.gap < 0.5 and min(slow.pair) > 0
-        return self.at_distance(y, np.longdouble(slow.gap)) if near else y
+        near = slow.m1 < 0.5 and min(slow.pair) > 0
+        return self.at_distance(y, np.longdouble(slow.m1)) if near else y
 
-    def at_distance(self, y: np.ndarray, gap: Any) -> np.ndarray:
+    def at_distance(self, y: np.ndarray, m1: Any) -> np.ndarray:
         """A state with ln E, ln O and, fourth, the side, at 1 - m = gap beside the separatrix,
         whose digits the difference of two logarithms does not keep."""
-        u = -np.log1p(-gap)
+        u = -np.log1p(-m1)
         return np.array([y[0], y[0] + y[3] * self.constants["turning_offset"] - u, *y[2:]])
 
     @property
@@ -196,7 +196,7 @@ class AveragedTurns(BodyFrame):
         """Averaging's parameter at states (n, 4): the perturbation's rate in quarter turns K/n."""
         raise NotImplementedError
 
-    def doubts(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
+    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         with np.errstate(all="ignore"):  # where nothing turns any more the ratio is infinite
             ratio = self.smallness(y)
         large = np.flatnonzero(~(ratio <= LARGE_RATIO))
@@ -217,12 +217,12 @@ def shifted(body: Body, slow: Slow, part: tuple[np.ndarray, np.ndarray]) -> tupl
     E, O = (value * (1 - more) for value, more in zip(slow.pair, part, strict=True))
     w_e, w_o = body.weight(slow.side)
     with np.errstate(all="ignore"):  # of what is not turning there is no mean
-        gap = 1 - w_o * O / (w_e * E)
+        m1 = 1 - w_o * O / (w_e * E)
         # Half the way: nearer, the mean element would hang on terms that the first order leaves
         # out.
-        right = (E >= 0) & (O >= 0) & (gap > 0)
-        right &= shape_distance(gap) >= shape_distance(slow.gap) / 2
+        right = (E >= 0) & (O >= 0) & (m1 > 0)
+        right &= shape_distance(m1) >= shape_distance(slow.m1) / 2
     X, Y = np.where(slow.side > 0, (E, O), (O, E))
-    mean = slow._replace(X=X, Y=Y, gap=gap)
+    mean = slow._replace(X=X, Y=Y, m1=m1)
     chosen = (np.where(right, new, old) for new, old in zip(mean, slow, strict=True))
     return Slow(*chosen), right

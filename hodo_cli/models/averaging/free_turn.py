@@ -35,7 +35,7 @@ LANDEN = 12
 """Steps of the arithmetic-geometric mean that bring 1 - m = 1e-300 to the last digit of a
 double."""
 
-SMALLEST_GAP = 1e-300
+SMALLEST_M1 = 1e-300
 """The smallest 1 - m: at 0 the period is infinite, and Landen's transformation divides by 0."""
 
 
@@ -90,7 +90,7 @@ class Slow(NamedTuple):
     X: Any
     Y: Any
     side: Any
-    gap: Any
+    m1: Any
     sense: Any
     phase: Any
 
@@ -118,11 +118,11 @@ def slow_elements(body: Body, omega: Any) -> Slow:
     about, across = np.where(above, p, r), np.where(above, r, p)
     scale = body.weight(side)[0] * np.where(above, X, Y)
     # A body at rest has no scale; any m serves it.
-    gap = np.divide((a - c) * np.abs(D), scale, out=np.ones_like(scale), where=scale != 0)
+    m1 = np.divide((a - c) * np.abs(D), scale, out=np.ones_like(scale), where=scale != 0)
     sense = np.where(about < 0, -1, 1)
     opposite, inner = np.where(above, c, a), np.where(above, a - b, b - c)
     am = np.arctan2(-sense * np.sqrt(b * inner) * q, np.sqrt(opposite * (a - c)) * across)
-    return Slow(X, Y, side, gap, sense, phase_of(am, gap))
+    return Slow(X, Y, side, m1, sense, phase_of(am, m1))
 
 
 def turn_frequency(body: Body, E: Any, side: Any) -> Any:
@@ -131,17 +131,17 @@ def turn_frequency(body: Body, E: Any, side: Any) -> Any:
     return np.sqrt(body.weight(side)[0] * E / (body.a * body.b * body.c))
 
 
-def landen(gap: Any) -> list[tuple[Any, Any, Any]]:
+def landen(m1: Any) -> list[tuple[Any, Any, Any]]:
     """(a_n, b_n, c_n/m) of the arithmetic-geometric mean from (1, k', k) for 1 - m = gap (...), n =
     0 ... LANDEN.
 
     c_{n+1}/m = m (c_n/m)^2/(2(a_n + b_n)): no difference of near numbers, and no division by a
     small m.
     """
-    gap = np.maximum(gap, SMALLEST_GAP)
+    m1 = np.maximum(m1, SMALLEST_M1)
     # From k' = sqrt(1 - m), never from k, which has no digits of 1 - m left near the separatrix.
-    a, b, m = np.ones_like(gap), np.sqrt(gap), 1 - gap
-    levels = [(a, b, np.zeros_like(gap))]
+    a, b, m = np.ones_like(m1), np.sqrt(m1), 1 - m1
+    levels = [(a, b, np.zeros_like(m1))]
     c = 1 / (2 * (1 + b))
     for _ in range(LANDEN):
         a, b = (a + b) / 2, np.sqrt(a * b)
@@ -150,10 +150,10 @@ def landen(gap: Any) -> list[tuple[Any, Any, Any]]:
     return levels
 
 
-def phase_of(am: Any, gap: Any) -> Any:
+def phase_of(am: Any, m1: Any) -> Any:
     """phi = pi F(am)/(2K) of an amplitude am (...); on the whole real line, for 1 - m = gap
     (...)."""
-    levels = landen(gap)
+    levels = landen(m1)
     for a, b, _ in levels[:-1]:
         more = np.arctan2(b * np.sin(am), a * np.cos(am))
         # More and am are in the same quadrant; the arc tangent forgets whole turns.
@@ -161,15 +161,15 @@ def phase_of(am: Any, gap: Any) -> Any:
     return am / 2**LANDEN
 
 
-def amplitude(phase: Any, gap: Any) -> tuple[Any, Any]:
+def amplitude(phase: Any, m1: Any) -> tuple[Any, Any]:
     """am and Z/m, Z = E(am) - F(am) E/K, at a phase (...) for 1 - m = gap (...).
 
     Z/m = sum of (c_n/m) sin phi_n, over Landen's amplitudes, is as good at m = 0 as anywhere.
 
     Source: M. Abramowitz and I. A. Stegun, 16.4 and 17.6.9.
     """
-    levels = landen(gap)
-    m = 1 - np.maximum(gap, SMALLEST_GAP)
+    levels = landen(m1)
+    m = 1 - np.maximum(m1, SMALLEST_M1)
     # Where the mean has converged, an amplitude is 2^n times the phase; Landen's steps lead back
     # from there.
     phi, zeta = 2**LANDEN * phase, 0.0
@@ -184,10 +184,10 @@ def free_motion_by_phase(body: Body, slow: Slow, phase: Any) -> np.ndarray:
     """omega (..., 3) along the sorted axes, at a phase (...) of the free motion with these slow
     variables (...)."""
     a, b, c = body[:3]
-    am, _ = amplitude(phase, slow.gap)
+    am, _ = amplitude(phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
     # A sum of squares: 1 - m sn^2 would cancel at the separatrix.
-    dn = np.sqrt(cn * cn + slow.gap * sn * sn)
+    dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
     above, (E, O) = np.asarray(slow.side) > 0, slow.pair
     outer, inner = np.where(above, a, c), np.where(above, c, a)
     with np.errstate(divide="ignore", invalid="ignore"):

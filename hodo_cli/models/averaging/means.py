@@ -23,7 +23,7 @@ class Means(NamedTuple):
     pace: Any
 
 
-def turn_means(m: Any, gap: Any, steps: int = AGM) -> Means:
+def turn_means(m: Any, m1: Any, steps: int = AGM) -> Means:
     """The means of a turn for the modulus m = k^2 and gap = 1 - m.
 
     <sn^2> = 1/2 + m S with S = sum of 2^(n-1) c_n^2/m^2, and c_{n+1} = c_n^2/(4 a_{n+1}). Then
@@ -36,7 +36,7 @@ def turn_means(m: Any, gap: Any, steps: int = AGM) -> Means:
     if hasattr(m, "functions"):
         total, pace = m.functions(lambda first: by_steps(first, 1 - first, steps), slopes)
     else:
-        total, pace = by_steps(m, gap, steps)
+        total, pace = by_steps(m, m1, steps)
     ss = 0.5 + m * total
     return Means(ss, (1 + 2 * (1 + m) * total) / 3, 0.5 - m * total, 1 - m * ss, pace)
 
@@ -53,9 +53,9 @@ def slopes(m: Any, functions: Sequence[Any]) -> tuple[Any, Any]:
     return cc * part - 2 * total, -m * part * pace
 
 
-def by_steps(m: Any, gap: Any, steps: int) -> tuple[Any, Any]:
+def by_steps(m: Any, m1: Any, steps: int) -> tuple[Any, Any]:
     """S = (<sn^2> - 1/2)/m and <dn>, by the arithmetic-geometric mean."""
-    root = gap**0.5
+    root = m1**0.5
     a, b = (1 + root) / 2, root**0.5
     square, factor = 1 / (4 * (1 + root) * (1 + root)), 1  # c_n^2/m^2 and 2^(n-1)
     total = square

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .free_turn import LANDEN, SMALLEST_GAP, Body
+from .free_turn import LANDEN, SMALLEST_M1, Body
 from .means import linear_rates, shape_rate, turn_means
 
 HALF, REACH = 100, 4.4
@@ -77,7 +77,7 @@ def resting_shape(lam: Sequence[float]) -> tuple[int, float] | None:
         return None
     side, target = (1, rho) if rho < 1 else (-1, 1 / rho)
     # Bisected in the logarithm of 1 - m, because the root may lie as near to 1 as doubles reach.
-    low, high = 0.0, -math.log(SMALLEST_GAP)  # of -ln(1 - m)
+    low, high = 0.0, -math.log(SMALLEST_M1)  # of -ln(1 - m)
     while low < (middle := (low + high) / 2) < high:
         mean = turn_means(-math.expm1(-middle), math.exp(-middle), LANDEN)
         low, high = (middle, high) if mean.cc / mean.dd < target else (low, middle)
@@ -94,7 +94,7 @@ def farthest_that_crosses(lam: Sequence[float], side: int) -> float:
     return -math.log(rest[1]) if rest and rest[0] == side else math.inf
 
 
-class Way(NamedTuple):
+class SeparatrixApproach(NamedTuple):
     """From |u| = u (...) to the separatrix: the time it takes, and by how much ln E and ln O
     fall."""
 
@@ -103,7 +103,7 @@ class Way(NamedTuple):
     O: Any
 
 
-def way_to_separatrix(lam: Sequence[float], side: int, u: Any) -> Way:
+def way_to_separatrix(lam: Sequence[float], side: int, u: Any) -> SeparatrixApproach:
     """The quadratures from u (...); meaningless, without a warning, beyond `farthest_that_crosses`.
     lam as sorted."""
     at = np.asarray(u, dtype=float)[..., None] * FRACTIONS
@@ -112,7 +112,7 @@ def way_to_separatrix(lam: Sequence[float], side: int, u: Any) -> Way:
     with np.errstate(divide="ignore", invalid="ignore"):
         seconds = np.asarray(u, dtype=float)[..., None] * WEIGHTS / np.abs(shape_rate(local, mean))
     E, O = linear_rates(local, mean)
-    return Way(seconds.sum(-1), (-E * seconds).sum(-1), (-O * seconds).sum(-1))
+    return SeparatrixApproach(seconds.sum(-1), (-E * seconds).sum(-1), (-O * seconds).sum(-1))
 
 
 def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
@@ -126,10 +126,10 @@ def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
         )
 
 
-def shape_distance(gap: Any) -> Any:
+def shape_distance(m1: Any) -> Any:
     """u = -ln m from 1 - m = gap (...)."""
     with np.errstate(divide="ignore"):
-        return -np.log1p(-np.asarray(gap))
+        return -np.log1p(-np.asarray(m1))
 
 
 def time_in_band(u: float, pull: float) -> float:
@@ -137,7 +137,7 @@ def time_in_band(u: float, pull: float) -> float:
     return u * (math.log(16 / u) + 1) / (2 * pull)
 
 
-class Foreseen(NamedTuple):
+class CrossingPrediction(NamedTuple):
     """What is predicted of the true motion at its passage; times as that of the passage.
 
     `place` is s; `sense` that of the rotation about the new axis, 0 where it is undetermined;
@@ -156,19 +156,19 @@ class Foreseen(NamedTuple):
         return {name: float(value) for name, value in self._asdict().items()}
 
 
-def outcome(pull: float, n: float, phase: float, time: float, small: float) -> Foreseen:
+def outcome(pull: float, n: float, phase: float, time: float, small: float) -> CrossingPrediction:
     """What is foreseen of a passage at `time` t* with frequency n and phase there.
 
     `small` is the rate of the perturbation, whose ratio to n is the parameter of averaging. Where
     that is not below 1 there is nothing to foresee: nan, and no lag.
     """
     if not small < n:  # the motion stops before it has turned: the half turns are not there
-        return Foreseen(math.nan, 0, math.nan, math.nan, 0.0)
+        return CrossingPrediction(math.nan, 0, math.nan, math.nan, 0.0)
     place = (phase / math.pi - 0.5) % 1.0
     reach = math.log(8 * n / pull)
     scatter = reach / math.sqrt(12) / n
     if not place:  # to the last digit between two half turns: nothing decides
-        return Foreseen(place, 0, time, scatter, 0.0)
+        return CrossingPrediction(place, 0, time, scatter, 0.0)
     shift = (0.5 - place) * reach + math.lgamma(place) - math.log(2 * math.pi) / 2
     shift += math.log(place / (1 - place)) / 2
     half_turns = round(phase / math.pi - place + 0.5)
@@ -176,7 +176,7 @@ def outcome(pull: float, n: float, phase: float, time: float, small: float) -> F
     # cross a half turn sooner or later; the lag, which is even about s = 1/2, hardly changes.
     sense = (-1) ** half_turns if min(place, 1 - place) > small / n else 0
     lag = -math.log(2 * math.sin(math.pi * place)) / n
-    return Foreseen(place, sense, time + shift / n, scatter, lag)
+    return CrossingPrediction(place, sense, time + shift / n, scatter, lag)
 
 
 def crossing_table(lam: Sequence[float], side: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .free_turn import (
     LANDEN,
-    SMALLEST_GAP,
+    SMALLEST_M1,
     Body,
     Slow,
     amplitude,
@@ -34,12 +34,12 @@ def exact_rates(body: Body, omega: np.ndarray, torque: np.ndarray) -> tuple[np.n
     return 2 * ((a - c) * p * N1 + (b - c) * q * N2), 2 * ((a - b) * q * N2 + (a - c) * r * N3)
 
 
-def nodes_for(gap: float) -> int:
+def nodes_for(m1: float) -> int:
     """The nodes that bring the mean over a turn to 1e-16 for 1 - m = gap: its error is exp(-pi N
     K'/(2 K))."""
-    gap = min(max(gap, SMALLEST_GAP), 1 - SMALLEST_GAP)
+    m1 = min(max(m1, SMALLEST_M1), 1 - SMALLEST_M1)
     K, other = (
-        math.pi / 2 / turn_means(1 - x, x, LANDEN).pace for x in (gap, max(1 - gap, SMALLEST_GAP))
+        math.pi / 2 / turn_means(1 - x, x, LANDEN).pace for x in (m1, max(1 - m1, SMALLEST_M1))
     )
     # From exp(-pi N K'/(2 K)) = 1e-16, that is N = 23.4 K/K'; whole quarters of a turn, so that the
     # nodes share the symmetry of sn and cn.
@@ -68,7 +68,7 @@ def periodic_part(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) ->
     They are the integrals, of zero mean, of the rates less their means: a Fourier coefficient of
     the rates, divided by i times its frequency, each.
     """
-    pace = turn_means(1 - slow.gap, np.maximum(slow.gap, SMALLEST_GAP), LANDEN).pace
+    pace = turn_means(1 - slow.m1, np.maximum(slow.m1, SMALLEST_M1), LANDEN).pace
     turning = turn_frequency(body, slow.pair[0], slow.side) * pace
     # Without the constant, which averaging keeps, and the last frequency, whose phase the nodes
     # cannot tell.
@@ -93,6 +93,6 @@ def damped_part(body: Body, lam: Sequence[float], slow: Slow) -> tuple[Any, Any]
     l1, l2, l3 = lam
     above = np.asarray(slow.side) > 0
     n = turn_frequency(body, slow.pair[0], slow.side)
-    _, zeta = amplitude(slow.phase, slow.gap)
+    _, zeta = amplitude(slow.phase, slow.m1)
     e, o = np.where(above, l1, l3) - l2, np.where(above, l3, l1) - l2
-    return -2 * e * (1 - slow.gap) * zeta / n, -2 * o * zeta / n
+    return -2 * e * (1 - slow.m1) * zeta / n, -2 * o * zeta / n
