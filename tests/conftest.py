@@ -23,30 +23,6 @@ settings.register_profile("explore", deadline=None, max_examples=5000)
 settings.load_profile("repeatable")
 
 
-# What these try is the same with and without heyoka: case files, documents, drawings, files under
-# fault, arithmetic. The leg that hides heyoka leaves them to the other one, which saves minutes.
-SAME_IN_BOTH_LEGS = frozenset(
-    f"test_{name}.py"
-    for name in (
-        "averaging",
-        "case",
-        "damage",
-        "dask",
-        "docs",
-        "exact",
-        "faults",
-        "fuzz",
-        "growth",
-        "interactive",
-        "layers",
-        "plot",
-        "polynomial",
-        "series",
-        "store",
-    )
-)
-
-
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--no-heyoka",
@@ -66,7 +42,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if config.getoption("--no-heyoka"):
-        items[:] = [item for item in items if item.path.name not in SAME_IN_BOTH_LEGS]
+        # Files, documents and drawings are the same with and without heyoka.
+        items[:] = [item for item in items if item.get_closest_marker("engines")]
     if find_spec("heyoka") is None:
         for item in items:
             if item.get_closest_marker("heyoka"):
