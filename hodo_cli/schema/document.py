@@ -1,8 +1,8 @@
 """YAML 1.2 text as plain values that know their place, and back: the only importer of PyYAML.
 
 PyYAML's own constructor is not used: it follows YAML 1.1 (`1e-3` text, `no` a bool, `12:30:00` a
-number, the last of two equal keys wins), recurses, and expands aliases without a bound. Here the
-parser's events are read in one loop. Scalars follow the core schema of YAML 1.2, in which `010` is
+number, the last of two equal keys wins), and expands aliases without a bound. Here the parser's
+events are read by recursive descent. Scalars follow the core schema of YAML 1.2, in which `010` is
 the integer ten. Documents may come from strangers: their size, depth and number of values are
 limited, and tags are refused: what a value is, follows from how it is written.
 
@@ -10,6 +10,7 @@ Source: YAML 1.2.2, section 10.3 (core schema).
 """
 
 import re
+from collections.abc import Iterator
 from typing import Any, NoReturn
 
 import yaml
@@ -20,7 +21,7 @@ from .mistakes import Mistakes, Place
 # Half a million values take 100 MB of memory and some seconds; the papers' files hold 1,300 at
 # most, 8 levels deep.
 MAX_BYTES = 16_000_000
-# Reading is a loop, but checks recurse, a few frames a level: far below Python's limit of 1,000.
+# Reading and checks recurse, a few frames a level: far below Python's limit of 1,000.
 MAX_DEPTH = 50
 MAX_VALUES = 500_000
 # An alias costs the reader nothing, but every check walks what it stands for, and nine anchors of
@@ -106,7 +107,7 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
     Duplicate keys are noted in `mistakes`. Raises HodoError, with all that was noted, for text that
     is not YAML or exceeds a limit.
     """
-    reader = _Reader(mistakes, override)
+    reader = _Reader(text, mistakes, override)
     # PyYAML refuses such a character too, but its error has no line and column.
     if bad := _UNPRINTABLE.search(text):
         line, column = (
@@ -117,19 +118,17 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
             Place(line, column, override), f"the character U+{ord(bad[0]):04X} is not allowed"
         )
     try:
-        for event in yaml.parse(text, Loader=_LOADER):
-            reader.take(event)
+        return reader.document()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = reader.place(mark) if mark else Place(1, 1, override)
-        raise mistakes.fatal(place, f"not YAML: {_told(error, mark, text, override)}") from None
+        raise mistakes.fatal(place, f"not YAML: {_reason(error, mark, text, override)}") from None
     except yaml.YAMLError as error:
         raise mistakes.fatal(Place(1, 1, override), f"not YAML: {error}") from None
-    return reader.root
 
 
-def _told(error: yaml.MarkedYAMLError, mark: yaml.Mark | None, text: str, override: str) -> str:
-    """What PyYAML finds wrong; the usual mistakes in plainer words than its own."""
+def _reason(error: yaml.MarkedYAMLError, mark: yaml.Mark | None, text: str, override: str) -> str:
+    """Why PyYAML refuses a text; the usual mistakes in plainer words than its own."""
     # The end of a text may be a line beyond its last.
     lines = text.split("\n")[mark.line : mark.line + 1] if mark else []
     if mark and any("\t" in line[: mark.column + 1] for line in lines):
@@ -143,162 +142,144 @@ def _told(error: yaml.MarkedYAMLError, mark: yaml.Mark | None, text: str, overri
     return ", ".join(part for part in (error.context, error.problem) if part)
 
 
-class _Open:
-    """A mapping or list that is being read."""
-
-    def __init__(self, node: Block | Items, place: Place, anchor: str | None, count: int) -> None:
-        self.node, self.place, self.anchor, self.count = node, place, anchor, count
-        self.key: str | None = None
-        self.key_place = place
-
-    @property
-    def wants_key(self) -> bool:
-        """Whether it is a mapping in which a key comes next."""
-        return self.key is None and isinstance(self.node, Block)
-
-
 class _Reader:
-    """Builds the values from the events of the parser."""
+    """Builds the values from the events of the parser, by recursive descent: a document is a value;
+    a value is a scalar, an alias, a list of values, or a mapping of keys to values.
 
-    def __init__(self, mistakes: Mistakes, override: str) -> None:
+    `path` is where a value stands. `outer` is the place of the key, or of the list, to which it
+    belongs.
+    """
+
+    def __init__(self, text: str, mistakes: Mistakes, override: str) -> None:
+        self.events: Iterator[Any] = yaml.parse(text, Loader=_LOADER)
         self.mistakes, self.override = mistakes, override
-        self.root: Any = None
-        self.documents = 0
-        self.open: list[_Open] = []
+        # None while the value is being read: an alias there would make it contain itself.
         self.anchors: dict[str, tuple[Any, int] | None] = {}
         self.count = self.aliased = 0
 
     def place(self, mark: Any) -> Place:
         return Place(mark.line + 1, mark.column + 1, self.override)
 
-    def path(self) -> KeyPath:
-        parts = ((o.key or "") if isinstance(o.node, Block) else len(o.node) for o in self.open)
-        return tuple(part for part in parts if part != "")
+    def fail(self, place: Place, message: str, path: KeyPath = ()) -> NoReturn:
+        raise self.mistakes.fatal(place, message, path)
 
-    @property
-    def top(self) -> _Open | None:
-        """The innermost mapping or list that is being read."""
-        return self.open[-1] if self.open else None
+    def document(self) -> Any:
+        """The value of the one document; None where there is none."""
+        root, documents = None, 0
+        for event in self.events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                place = self.place(event.start_mark)
+                if documents:
+                    self.fail(place, "a second document starts here; one is allowed")
+                documents += 1
+                root, _ = self.value(next(self.events), (), place)
+        return root
 
-    def fail(self, place: Place, message: str) -> NoReturn:
-        raise self.mistakes.fatal(place, message, self.path())
-
-    def refuse_tag(self, event: Any, place: Place) -> None:
-        if event.tag:
-            self.fail(place, f"the tag {shown(event.tag)} is not allowed here")
-
-    def take(self, event: Any) -> None:
-        """Take the next event."""
-        match event:
-            case yaml.ScalarEvent():
-                self.take_scalar(event)
-            case yaml.SequenceStartEvent() | yaml.MappingStartEvent():
-                self.start(event)
-            case yaml.SequenceEndEvent() | yaml.MappingEndEvent():
-                self.end()
-            case yaml.AliasEvent():
-                self.take_alias(event)
-            case yaml.DocumentStartEvent():
-                self.documents += 1
-                if self.documents > 1:
-                    self.fail(
-                        self.place(event.start_mark),
-                        "a second document starts here; one is allowed",
-                    )
-
-    def take_scalar(self, event: Any) -> None:
+    def value(self, event: Any, path: KeyPath, outer: Place) -> tuple[Any, Place]:
+        """The value that begins with an event, and its place."""
         place = self.place(event.start_mark)
-        top = self.top
-        if top and top.wants_key:
-            self.take_key(top, event, place)
-            return
-        self.refuse_tag(event, place)
+        if isinstance(event, yaml.ScalarEvent):
+            value = self.scalar(event, path, place)
+            # An empty value has no place of its own: the parser's mark stands behind the next line
+            # break.
+            place = place if event.value or not path else outer
+        elif isinstance(event, yaml.AliasEvent):
+            value = self.alias(event, path, place)
+        else:
+            value, place = self.collection(event, path, place, outer)
+        self.count += 1
+        if self.count > MAX_VALUES:
+            self.fail(place, f"more than {MAX_VALUES} values", path)
+        return value, place
+
+    def scalar(self, event: Any, path: KeyPath, place: Place) -> Any:
+        self.refuse_tag(event, path, place)
         if _UNPRINTABLE.search(event.value):
-            self.mistakes.add(place, "control characters are not allowed in text", self.path())
+            self.mistakes.add(place, "control characters are not allowed in text", path)
         unquoted = event.implicit[0]
         value = resolve_scalar(event.value) if unquoted else event.value
         if event.anchor:
             self.anchors[event.anchor] = (value, 1)
-        # An empty value has no place of its own: the parser's mark stands behind the next line
-        # break.
-        self.add(value, place if event.value or not top else top.key_place)
+        return value
 
-    def take_key(self, top: _Open, event: Any, place: Place) -> None:
+    def refuse_tag(self, event: Any, path: KeyPath, place: Place) -> None:
+        if event.tag:
+            self.fail(place, f"the tag {shown(event.tag)} is not allowed here", path)
+
+    def alias(self, event: Any, path: KeyPath, place: Place) -> Any:
+        anchored = self.anchors.get(event.anchor)
+        if anchored is None:
+            known = event.anchor in self.anchors
+            reason = "stands inside itself" if known else "has no anchor before it"
+            self.fail(place, f"*{event.anchor} {reason}", path)
+        value, size = anchored
+        self.aliased += size
+        if self.aliased > MAX_ALIASED:
+            self.fail(place, f"aliases stand for more than {MAX_ALIASED} values", path)
+        self.count += size
+        return value
+
+    def collection(
+        self, event: Any, path: KeyPath, place: Place, outer: Place
+    ) -> tuple[Block | Items, Place]:
+        """A list or mapping, and its place."""
+        if len(path) >= MAX_DEPTH:
+            self.fail(place, f"nested deeper than {MAX_DEPTH} levels")
+        self.refuse_tag(event, path, place)
+        if event.anchor:
+            self.anchors[event.anchor] = None
+        # A value in block style begins a line below its key, where no reader looks for the mistake.
+        if path and isinstance(path[-1], str) and not event.flow_style:
+            place = outer
+        before = self.count
+        is_mapping = isinstance(event, yaml.MappingStartEvent)
+        value = self.mapping(path) if is_mapping else self.items(path, place)
+        if event.anchor:
+            self.anchors[event.anchor] = (value, self.count - before)
+        return value, place
+
+    def items(self, path: KeyPath, place: Place) -> Items:
+        items = Items()
+        while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
+            value, value_place = self.value(event, (*path, len(items)), place)
+            items.append(value)
+            items.places.append(value_place)
+        return items
+
+    def mapping(self, path: KeyPath) -> Block:
+        block = Block()
+        while not isinstance(event := next(self.events), yaml.MappingEndEvent):
+            key, key_place = self.key(event, path)
+            at = (*path, key)
+            first = block.key_places.get(key)
+            if first:
+                message = f"duplicate key; the first is in line {first.line}"
+                self.mistakes.add(key_place, message, at)
+            value, value_place = self.value(next(self.events), at, key_place)
+            # The first of two equal keys counts.
+            if not first:
+                block.put(key, value, key_place, value_place)
+        return block
+
+    def key(self, event: Any, path: KeyPath) -> tuple[str, Place]:
         """A key is the text as written, whatever it looks like: `404:` is the name "404"."""
-        key = event.value
+        place = self.place(event.start_mark)
+        if isinstance(event, yaml.AliasEvent):
+            self.fail(place, "a key is plain text, not an alias", path)
+        if not isinstance(event, yaml.ScalarEvent):
+            self.fail(place, "a key is plain text, not a list or mapping", path)
+        key: str = event.value
         if len(key) > MAX_KEY or _UNPRINTABLE.search(key):
-            self.fail(place, f"a key is printable text of at most {MAX_KEY} characters")
+            self.fail(place, f"a key is printable text of at most {MAX_KEY} characters", path)
         if key == "<<" and event.implicit[0]:
             self.fail(
                 place,
                 "merge keys (<<) are not part of YAML 1.2; write the keys out, or use defaults:",
+                path,
             )
         if event.anchor or event.tag:
-            self.fail(place, "a key takes no anchor and no tag")
-        first = top.node.key_places.get(key) if isinstance(top.node, Block) else None
-        top.key, top.key_place = key, place
-        if first:
-            said = f"duplicate key; the first is in line {first.line}"
-            self.mistakes.add(place, said, self.path())
-
-    def start(self, event: Any) -> None:
-        place = self.place(event.start_mark)
-        top = self.top
-        if top and top.wants_key:
-            self.fail(place, "a key is plain text, not a list or mapping")
-        if len(self.open) >= MAX_DEPTH:
-            raise self.mistakes.fatal(place, f"nested deeper than {MAX_DEPTH} levels")
-        node: Block | Items = Block() if isinstance(event, yaml.MappingStartEvent) else Items()
-        self.refuse_tag(event, place)
-        if event.anchor:
-            # Not yet a value: an alias inside its own anchor would be a value that contains itself.
-            self.anchors[event.anchor] = None
-        # What is written in block style begins a line below its key, where no reader looks for the
-        # mistake.
-        if top and isinstance(top.node, Block) and not event.flow_style:
-            place = top.key_place
-        self.open.append(_Open(node, place, event.anchor, self.count))
-
-    def end(self) -> None:
-        done = self.open.pop()
-        if done.anchor:
-            self.anchors[done.anchor] = (done.node, self.count - done.count)
-        self.add(done.node, done.place)
-
-    def take_alias(self, event: Any) -> None:
-        place = self.place(event.start_mark)
-        if self.top and self.top.wants_key:
-            self.fail(place, "a key is plain text, not an alias")
-        anchored = self.anchors.get(event.anchor)
-        if anchored is None:
-            known = event.anchor in self.anchors
-            self.fail(
-                place,
-                f"*{event.anchor} "
-                + ("stands inside itself" if known else "has no anchor before it"),
-            )
-        value, size = anchored
-        self.aliased += size
-        if self.aliased > MAX_ALIASED:
-            self.fail(place, f"aliases stand for more than {MAX_ALIASED} values")
-        self.count += size
-        self.add(value, place)
-
-    def add(self, value: Any, place: Place) -> None:
-        """Put a finished value where it belongs."""
-        self.count += 1
-        if self.count > MAX_VALUES:
-            self.fail(place, f"more than {MAX_VALUES} values")
-        if not (top := self.top):
-            self.root = value
-        elif isinstance(top.node, Items):
-            top.node.append(value)
-            top.node.places.append(place)
-        elif top.key is not None:
-            # The first of two equal keys counts; the second has been reported.
-            if top.key not in top.node:
-                top.node.put(top.key, value, top.key_place, place)
-            top.key = None
+            self.fail(place, "a key takes no anchor and no tag", path)
+        return key, place
 
 
 _WORDS: dict[str, Any] = {

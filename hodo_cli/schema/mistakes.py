@@ -34,7 +34,8 @@ class Mistakes:
 
     def add(self, place: Place, message: str, path: KeyPath = ()) -> None:
         """Note a mistake; raises them all when there are too many to go on."""
-        where = ".".join(str(part) for part in path)
+        # An empty key would be a point without a name.
+        where = ".".join(str(part) for part in path if part != "")
         self.found[bool(place.override), place, f"{where}: {message}" if where else message] = None
         if len(self.found) >= MAX_MISTAKES:
             raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
