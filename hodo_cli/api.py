@@ -25,6 +25,7 @@ from .commands.classify import classified
 from .commands.resume import fingerprint
 from .commands.run import finish
 from .figures import draw
+from .progress import Progress
 from .results.dataset import Opened, dataset, group_of
 from .results.motion import UNSAVED, Results, case_of
 from .schema.kinds import Wrong, resolve, unknown
@@ -77,9 +78,8 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
     with TemporaryDirectory(prefix="hodo-") as folder:
         path = Path(folder) / "sweep.h5"
         with pool(jobs, None) as workers, Writer(path, {}) as writer:
-            group = sweeps.run_sweep(
-                made, fingerprint(made), workers, writer, False, lambda line: None
-            )
+            quietly = Progress(1, quiet=True)
+            group = sweeps.run_sweep(made, fingerprint(made), workers, writer, False, quietly)
             writer.add(made.name, group)
         with open_run(path) as result:
             return dataset(result.read(made.name))

@@ -16,11 +16,6 @@ import numpy as np
 import pytest
 from conftest import Hodo
 
-from hodo_cli import Case
-from hodo_cli.batch.pool import pool
-from hodo_cli.commands.run import finish
-from hodo_cli.progress import listening
-
 pytest.importorskip("distributed")
 
 SWEEP = """\
@@ -139,22 +134,6 @@ def test_a_cluster_of_this_machine(tmp_path: Path, hodo: Hodo) -> None:
         done = hodo("run", "a.yaml", "--out", out, *options, timeout=120)
         assert done.returncode == 0, done.stderr
     equal(tmp_path / "far" / "a.h5", tmp_path / "here" / "a.h5")
-
-
-def test_a_worker_says_how_far_its_task_is(cluster: Cluster) -> None:
-    data = {
-        "model": "tensor",
-        "inertia": [1, 0.8, 0.6],
-        "resistance": {"diagonal": 0.003, "off_diagonal": 0.001},
-    }
-    start = {"initial": {"p": 0.5, "q": 0.25, "r": 1}, "time": {"end": 400_000, "samples": 3}}
-    long = Case.of(data | start | {"method": "DOP853", "tol": 1e-6, "max_seconds": 3}, "long")
-    heard = []
-    with listening(lambda *said: heard.append(said)), pool(1, cluster.address) as workers:
-        assert [case for case, _ in workers.map(finish, [long])] == [long]
-    parts = [part for name, part in heard if name == "long"]
-    assert any(0 < part < 1 for part in parts), heard
-    assert len(parts) < 40  # it says so now and then, and not at every step
 
 
 @pytest.mark.parametrize("wrong", ["nonsense", "tcp://127.0.0.1:1"])

@@ -12,20 +12,17 @@ from pathlib import Path
 import pytest
 from conftest import Hodo
 
+import hodo_cli
 from hodo_cli import progress
-from hodo_cli.batch.pool import pool
-from hodo_cli.cases.case import Case
-from hodo_cli.engines import protocol
-from hodo_cli.integration.integrate import integrate
-from hodo_cli.progress import Progress, listening, portion, reached, task
+from hodo_cli.progress import Progress
 
-DATA = {
-    "model": "tensor",
+SWEEP = {
+    "model": "linear-diag",
     "inertia": [1, 0.8, 0.6],
-    # It meets new units on the way.
-    "resistance": [[0.002, 0.001, 0], [0.001, 0.002, 0], [0, 0, 0.002]],
-    "initial": {"p": 0.5, "q": 0.25, "r": 1},
-    "time": {"end": 2000},
+    "damping": [0.005, 0.004, 0.003],
+    "initial": {"p": 0, "q": 0, "G": 1},
+    "time": {"end": 10, "samples": 2},
+    "sweep": {"from": {"sphere": {"count": 600}}},
 }
 
 
@@ -54,10 +51,9 @@ def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.Monkey
     monkeypatch.setattr(progress, "BRIEF", 0.0)
     monkeypatch.setattr(progress, "TICK", 0.01)
     with Progress(4) as shown:
-        with task("fig4"), portion(0.5, 1):
-            reached(0.5)
-            terminal.wait_for("| 19 %, ")
-            terminal.wait_for("fig4 75 %")
+        shown.report("fig4", 0.75)
+        terminal.wait_for("| 19 %, ")
+        terminal.wait_for("fig4 75 %")
         shown.done("fig4")
         terminal.wait_for("1/4")
         shown.say("a line of its own")
@@ -79,57 +75,40 @@ def test_a_terminal_of_unknown_width_shows_it_too(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(sys, "stderr", terminal.file)
     monkeypatch.setattr(progress, "BRIEF", 0.0)
     monkeypatch.setattr(progress, "TICK", 0.01)
-    with Progress(4), task("fig4"):
-        reached(0.5)
-        terminal.wait_for("fig4 50 %")
+    with Progress(4) as shown:
+        assert list(shown.starting(["fig4", "fig5"])) == ["fig4", "fig5"]
+        terminal.wait_for("fig4, fig5")
+
+
+class Heard(Progress):
+    """Notes what is reported."""
+
+    def __init__(self, total: int) -> None:
+        super().__init__(total, quiet=True)
+        self.heard: list[tuple[str, float]] = []
+
+    def report(self, name: str, share: float) -> None:
+        self.heard.append((name, share))
 
 
 def test_each_item_is_a_task_of_its_own() -> None:
-    heard: list[tuple[str, float]] = []
-    with Progress(2, quiet=True) as shown, listening(lambda *said: heard.append(said)):
-        for item in shown.each(["a", "b"], str.upper):
-            reached(0.5)
-            assert item.islower()
-    reached(0.7)  # no task, so nobody is told
-    assert heard == [("A", 0.0), ("A", 0.5), ("B", 0.0), ("B", 0.5)]
+    shown = Heard(2)
+    for item in shown.each(["a", "b"], str.upper):
+        assert item.islower()
+        assert shown.heard[-1] == (item.upper(), 0.0)
+    assert shown.heard == [("A", 0.0), ("B", 0.0)]
 
 
-def fractions(case: Case, monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """What a case says of itself on its way, at every 64th step."""
-    monkeypatch.setattr(protocol, "INTERVAL", -1.0)
-    heard: list[float] = []
-    with listening(lambda name, part: heard.append(part)), task("case"):
-        integrate(case)
-    return heard
-
-
-@pytest.mark.parametrize(
-    "method", [pytest.param("taylor", marks=pytest.mark.heyoka), "DOP853", "exact"]
-)
-def test_a_case_says_how_far_it_is(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = DATA | {"method": method}
-    if method == "exact":
-        del data["resistance"]
-        data |= {"model": "linear-diag", "damping": 0.01, "time": {"end": 90, "samples": 200_000}}
-    heard = fractions(Case.of(data), monkeypatch)
-    assert heard == sorted(heard)
-    assert heard[0] == 0.0
-    # The motion is the first quarter, its error the rest.
-    assert any(0 < part < 0.25 for part in heard)
-    assert 0.5 < heard[-1] <= 1
-
-
-def work(name: str) -> str:
-    with task(name):
-        reached(0.25)
-    return name
-
-
-def test_a_worker_is_heard() -> None:
-    heard: list[tuple[str, float]] = []
-    with listening(lambda *said: heard.append(said)), pool(2) as workers:
-        assert {made for _, made in workers.map(work, ["a", "b"])} == {"a", "b"}
-    assert sorted(heard) == [("a", 0.0), ("a", 0.25), ("b", 0.0), ("b", 0.25)]
+def test_a_sweep_says_how_far_it_is_chunk_by_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = Heard(1)
+    monkeypatch.setattr(Progress, "report", lambda _, *said: shown.report(*said))
+    hodo_cli.sweep(SWEEP, name="ball")
+    assert {name for name, _ in shown.heard} == {"ball"}
+    shares = [share for _, share in shown.heard]
+    # Three chunks, and the tasks of measuring errors.
+    assert len(shares) > 4
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
 
 
 def test_pipes_stay_clean(hodo: Hodo, tmp_path: Path) -> None:

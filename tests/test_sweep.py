@@ -34,7 +34,7 @@ from hodo_cli.integration.classify import classify, cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.models import rigid_body
-from hodo_cli.progress import Progress, listening, reached, task
+from hodo_cli.progress import Progress
 from hodo_cli.results.layout import MEMBER_CLASSIFIED, MEMBER_PASSED
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
@@ -626,18 +626,6 @@ def test_the_key_of_an_axis_is_the_first_that_varies_along_it() -> None:
     assert [found.key(name) for name in found.axes] == ["damping.0", "from"]
 
 
-def test_a_member_is_a_part_of_its_sweep() -> None:
-    case = one(
-        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, "
-        "sweep: {damping.2: {values: [1, 2, 3, 4]}}"
-    )
-    heard: list[tuple[str, float]] = []
-    with listening(lambda *said: heard.append(said)), task("a"), chunk._of_member(case, 2):
-        reached(0.0)
-        reached(1.0)
-    assert heard == [("a", 0.0), ("a", 0.5), ("a", 0.75)]
-
-
 def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
     columns_of = {
         "status": [Status.OK.code] * 3 + [Status.INVALID.code],
@@ -1008,7 +996,7 @@ def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
 
 def sweep_of(case: Case, folder: Path) -> Group:
     with Writer(folder / "a.h5", {}) as writer:
-        return sweep.run_sweep(case, "mark", Pool(), writer, False, lambda line: None)
+        return sweep.run_sweep(case, "mark", Pool(), writer, False, Progress(1, quiet=True))
 
 
 @pytest.mark.heyoka

@@ -1,17 +1,13 @@
 """Workers of a dask scheduler that do tasks, here or on other machines."""
 
 import logging
-import math
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from functools import partial
-from itertools import count
 from threading import Thread
-from time import perf_counter
 from typing import Any
 
 from .. import BatchError
-from ..progress import TICK, hear, listening
 from . import WorkerLost
 
 MOST_WAIT = 60.0
@@ -50,10 +46,6 @@ class Dask(Executor):
             else partial(distributed.Client, scheduler, timeout=10)
         )
         self._inner = self._client.get_executor(pure=False)
-        # Of this client alone: others may use the scheduler at the same time.
-        self._topic = f"hodo {self._client.id}"
-        self._client.subscribe_topic(self._topic, self._hear)
-        self._numbers, self._running = count(), set[int]()
 
     def _connected(self, connect: Callable[[], Any]) -> Any:
         """A client. What answers at an address may be any program: dask raises whatever that leads
@@ -76,22 +68,12 @@ class Dask(Executor):
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Schedule a call. Raises BatchError if the scheduler is gone."""
         try:
-            number = next(self._numbers)
-            told = partial(reporting, self._topic, number, function)
-            theirs = self._inner.submit(told, *args, **kwargs)
+            theirs = self._inner.submit(function, *args, **kwargs)
         except Exception as error:
             raise self._gone(error) from None
-        self._running.add(number)
         ours: Future[Any] = Future()
-        ours.add_done_callback(lambda _: self._running.discard(number))
         theirs.add_done_callback(lambda done: self._pass_on(done, ours))
         return ours
-
-    def _hear(self, event: tuple[float, tuple[int, str, float]]) -> None:
-        """Pass on how far a call is; what comes after its result is late."""
-        number, name, part = event[1]
-        if number in self._running:
-            hear(name, part)
 
     def _pass_on(self, theirs: Future[Any], ours: Future[Any]) -> None:
         """The outcome of a task; dask's own errors by what they mean for a batch."""
@@ -117,22 +99,3 @@ class Dask(Executor):
         """Leave the scheduler; a cluster of this machine ends."""
         self._inner.shutdown(wait=wait and not cancel_futures)
         self._client.close()
-
-
-def reporting(
-    topic: str, number: int, function: Callable[..., Any], *args: Any, **kwargs: Any
-) -> Any:
-    """A call on a worker of dask, which tells the scheduler how far it is."""
-    from distributed import get_worker
-
-    worker, said = get_worker(), -math.inf
-
-    def say(name: str, part: float) -> None:
-        nonlocal said
-        # The scheduler keeps what it is told, so it is not told of every step.
-        if perf_counter() > said + TICK:
-            said = perf_counter()
-            worker.log_event(topic, (number, name, part))
-
-    with listening(say):
-        return function(*args, **kwargs)

@@ -17,7 +17,6 @@ from types import ModuleType
 from typing import Any
 
 from .. import BatchError, HodoError
-from ..progress import hear, listening
 from . import WorkerLost
 
 STARTS = 3
@@ -111,14 +110,12 @@ class _Worker(Thread):
         self._discard()
 
     def _reply(self, call: bytes) -> tuple[bool, Any]:
-        """What a call comes to; what it says of its progress before is passed on."""
+        """Whether a call returned, and what it returned or raised."""
         if self._pipe is None:
             self._start()
         assert self._pipe is not None
         self._pipe.send_bytes(call)
-        while isinstance((answer := pickle.loads(self._pipe.recv_bytes()))[0], str):
-            hear(*answer)
-        done, value = answer
+        done, value = pickle.loads(self._pipe.recv_bytes())
         return done, value
 
     def _start(self) -> None:
@@ -174,11 +171,8 @@ def _serve(pipe: Connection) -> None:
             parent.join()
             os._exit(1)
 
-    def say(name: str, part: float) -> None:
-        pipe.send_bytes(pickle.dumps((name, part)))
-
     Thread(target=end_with_parent, daemon=True).start()
-    with suppress(EOFError, OSError), listening(say):
+    with suppress(EOFError, OSError):
         pipe.send_bytes(b"ready")
         while True:
             pipe.send_bytes(_answer(pipe.recv_bytes()))

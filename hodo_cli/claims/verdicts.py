@@ -25,7 +25,6 @@ from ..cases.claim_block import (
     UNDERDETERMINED,
     readings,
 )
-from ..progress import portion
 from ..results.motion import Array, Motion, motion_of
 from ..schema.kinds import unknown
 from ..storage.hdf5 import ResultFile
@@ -158,10 +157,7 @@ def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions)
     # A trend speaks of all members at once, so no single one of them can decide it.
     if (name := claim["check"].get("name")) in PAPER_TRENDS:
         return alone(claim, PAPER_TRENDS[name]([*found.values()]))
-    findings = {}
-    for i, (name, some) in enumerate(found.items()):
-        with portion(i / len(found), (i + 1) / len(found)):
-            findings[name] = decide(claim["check"], some)
+    findings = {name: decide(claim["check"], some) for name, some in found.items()}
     return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
 
 

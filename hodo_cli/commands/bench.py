@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -128,7 +129,7 @@ def try_cases(config: Config, cases: Sequence[Case], jobs: int, quiet: bool) -> 
     trials: dict[str, list[Trial]] = {}
     # In processes even if it is only one: a solver that takes its process down costs its own case.
     with Pool(partial(Processes, jobs), jobs) as pool, Progress(len(cases), quiet) as progress:
-        for case, outcome in pool.map(work, cases):
+        for case, outcome in pool.map(work, progress.starting(cases, attrgetter("name"))):
             if isinstance(outcome, HodoError):
                 # The process died with the case: all of its trials are lost, not only the one that
                 # ended it.

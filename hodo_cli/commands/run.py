@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from ..cases.config import Config, no_case
 from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
-from ..progress import Progress, task
+from ..progress import Progress
 from ..results.layout import SUMMARY, case_group
 from ..storage.finished import Finished, finished
 from ..storage.group import Group
@@ -91,8 +92,8 @@ class Plan:
                 is_ok = group.attributes["status"] == "ok"
                 rows[case.name] = {key: group.attributes[key] for key in SUMMARY}
                 if is_ok or not self._had_ended_well(case.name):
-                    say = progress.counted(case.name, problem(group, outcome))
-                    writer.add(case.name, group, say)
+                    done = partial(progress.done, case.name, problem(group, outcome))
+                    writer.add(case.name, group, done)
                     del left[case.name]
                 else:
                     stays = "; its earlier result is kept"
@@ -274,18 +275,16 @@ def outcomes(
 ) -> Iterator[tuple[Case, Group | Exception]]:
     """Each case with what is to be stored of it, or why there is nothing: single cases, then the
     sweeps."""
-    yield from pool.map(finish, [case for case in cases if not case.sweep])
+    single = [case for case in cases if not case.sweep]
+    yield from pool.map(finish, progress.starting(single, attrgetter("name")))
     for case in cases:
         if case.sweep:
             from ..sweeps import sweep
 
             resume = plan.reasons.get(case.name) != FORCED
             try:
-                with task(case.name):
-                    group = sweep.run_sweep(
-                        case, fingerprint(case), pool, writer, resume, progress.say
-                    )
-                yield case, group
+                mark = fingerprint(case)
+                yield case, sweep.run_sweep(case, mark, pool, writer, resume, progress)
             except BatchError:
                 raise
             except Exception as error:
@@ -294,8 +293,7 @@ def outcomes(
 
 def finish(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method is not available here."""
-    with task(case.name):
-        return case_group(integrate(case), fingerprint(case))
+    return case_group(integrate(case), fingerprint(case))
 
 
 def failure(case: Case, error: Exception) -> Group:

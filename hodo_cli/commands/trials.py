@@ -24,7 +24,6 @@ from ..integration.integrate import ASKED, remarks, solved
 from ..integration.solve import Solution, sample_times, solve, stored
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
-from ..progress import portion, reached, task
 
 TRIAL_VERDICTS = (
     "accurate",
@@ -240,12 +239,10 @@ def trials_of(
     began = perf_counter()
     tried = list(product(methods, tols or (None,)))
     found = []
-    with warnings.catch_warnings(), task(case.name):
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
         sure = truth(case)
-        for i, (method, tol) in enumerate(tried):
+        for method, tol in tried:
             patience = PATIENCE if method == "auto" else max_seconds
-            with portion(i / len(tried), (i + 1) / len(tried)):
-                reached(0)
-                found.append(trial(case, sure, method, tol, repeats, patience))
+            found.append(trial(case, sure, method, tol, repeats, patience))
     return found, perf_counter() - began

@@ -71,9 +71,6 @@ class Leg(NamedTuple):
     hits: tuple[Hit, ...] = ()
 
 
-INTERVAL = 0.1
-"""Seconds between two words on how far a motion is: oftener would nobody read them."""
-
 Observer = Callable[[Any, Any, np.ndarray], None]
 """Called after each step as observer(start, end, series): the state's polynomial on the step, by
 its coefficients (m, degree + 1) in the `basis` of the engine. They are lent, not given: heyoka
@@ -128,14 +125,9 @@ class StepControl:
     evaluations: int = 0
     status: Status = Status.OK
     message: str = ""
-    moment: Callable[[], Any] = float
-    """The time that the engine has reached in the leg; the engine says how to ask for it."""
-    tell: Callable[[], object] = bool
-    """Called every INTERVAL seconds, to say how far the motion is."""
 
     def __post_init__(self) -> None:
-        self.told = perf_counter()
-        self.deadline = self.told + self.max_seconds
+        self.deadline = perf_counter() + self.max_seconds
         # The first step tells whether compiling has taken all the time.
         self._look_at = 1.0
 
@@ -159,18 +151,11 @@ class StepControl:
             return self.give_up(
                 Status.TIMEOUT, f"max_steps: stopped after {self.steps} steps; {lifts}"
             )
-        if not self._in_time():
+        if perf_counter() > self.deadline:
             spent = f"max_seconds: stopped after {self.max_seconds:g} s"
             return self.give_up(Status.TIMEOUT, spent)
         self._look_at = min(self.steps + 64, self.max_steps)
         return True
-
-    def _in_time(self) -> bool:
-        now = perf_counter()
-        if now > self.told + INTERVAL:
-            self.told = now
-            self.tell()
-        return now <= self.deadline
 
     def give_up(self, status: Status, message: str) -> bool:
         """Record that the motion ends here, and why."""

@@ -62,7 +62,6 @@ class Stepwise:
         solver = self.solver(constants, y, grid[0], grid[-1], watch.longest)
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
         rows[0], done, going, hit = y, 1, len(grid) > 1, None
-        watch.moment = lambda: solver.t
         met: list[Hit] = []
         while going and hit is None:
             before = solver.y.copy()

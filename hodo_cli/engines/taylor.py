@@ -94,7 +94,6 @@ class Taylor:
             ta.reset_cooldowns()
         self.hits.clear()
         state, series, observe, last = ta.state, ta.tc, watch.observer, grid[0]
-        watch.moment = lambda: ta.time
 
         def after_step(ta: Any) -> bool:
             nonlocal last

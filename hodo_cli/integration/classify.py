@@ -11,7 +11,6 @@ from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import EPS, PRECISION
 from ..models import rigid_body
-from ..progress import portion
 from .choice import best
 from .crossings import (
     CERTAIN,
@@ -22,7 +21,7 @@ from .crossings import (
     read_sign_changes,
 )
 from .driver import Sampled
-from .error import MOTION, references, with_step_limit
+from .error import references, with_step_limit
 from .solve import Solution, sample_times, solve, stored
 
 CHECKS = 513
@@ -72,14 +71,12 @@ def classify(
     A = np.array(case.data["inertia"])
     expected = UNKNOWN * max(EPS, tol) if math.isnan(error) else max(EPS, error)
     judged = max(ASSUMED, expected) if math.isnan(error) else expected
-    with portion(0, MOTION):
-        motion = watched(case, method, case.precision, tol, CERTAIN * judged)
+    motion = watched(case, method, case.precision, tol, CERTAIN * judged)
     samples = motion.sampled[: len(omega)]
     check_stored(
         case, stored(case, motion.solution.path)["omega"][samples], omega, expected, motion
     )
-    with portion(MOTION, 1):
-        errors, reference = against_reference(case, method, motion, judged)
+    errors, reference = against_reference(case, method, motion, judged)
     state = extended(motion.solution.path.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])

@@ -11,7 +11,6 @@ import numpy as np
 from ..engines.protocol import Engine, Hit, Status, StepControl, uneven
 from ..models.base import Constants, Event, EventOutcome, Model
 from ..models.constants import attributes
-from ..progress import reached
 from .trajectory import Occurrence
 from .units import Calendar, Clock, Units, longest_step, units_at_start
 
@@ -111,7 +110,6 @@ def propagate(
     found: list[Occurrence] = []
     is_uneven = True
     watch.band, watch.observer = norm_band(engine, system), witness
-    watch.tell = lambda: reached((clock.true(watch.moment()) - start) / (float(times[-1]) - start))
     while samples.done < len(times) and watch.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
         next_times = times[samples.done : samples.done + SAMPLES_AT_ONCE]

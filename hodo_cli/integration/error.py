@@ -17,10 +17,6 @@ from .solve import Solution, refined, sample_times, solve
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
 
-MOTION = 1 / 4
-"""The part of all work on a motion that the motion itself takes; the rest goes into its reference,
-whose long doubles take 2 to 4 times as long."""
-
 STEPS_ALLOWED = {True: (1000, 20), False: (2 * int(MANY_STEPS), 500)}
 """Steps after which a reference is given up: so many, or so many times those of the motion; by
 whether both are by the same method. A Taylor series may take RATIO times the steps of an implicit

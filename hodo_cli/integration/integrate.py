@@ -7,10 +7,9 @@ import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
-from ..progress import portion
 from .choice import choose
 from .driver import Sampled
-from .error import MOTION, measured_error
+from .error import measured_error
 from .solve import Solution, solve, stored
 from .trajectory import Trajectory
 
@@ -25,10 +24,8 @@ def integrate(case: Case) -> Trajectory:
     status `timeout` or `failed` and the samples it reached.
     """
     judged = case.error == "on"
-    with portion(0, MOTION if judged else 1):
-        method, reason, solution = solved(case)
-    with portion(MOTION, 1):
-        errors, kind = measured_error(case, method, solution) if judged else ({}, "none")
+    method, reason, solution = solved(case)
+    errors, kind = measured_error(case, method, solution) if judged else ({}, "none")
     path, variables = solution.path, stored(case, solution.path)
     system, remarked = solution.case.system, remarks(case, solution, variables, errors)
     validity_warnings = (

@@ -14,7 +14,6 @@ from ..engines.polynomial import TAYLOR
 from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
 from ..models.base import Model
 from ..models.constants import attributes
-from ..progress import reached
 from .driver import LARGEST, OVERFLOW_MESSAGE, SAMPLES_AT_ONCE, Sampled, StepObserver, propagate
 from .units import Clock, Units
 
@@ -172,7 +171,6 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
             watch.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
             times, state, exponent = times[:i], state[:i], exponent[:i]
             break
-        reached(i / len(times))
         here = slice(i, i + SAMPLES_AT_ONCE)
         state[here], exponent[here] = exact.exact_scaled(case, times[here].astype(fp))
     lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Hashable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
@@ -21,7 +20,6 @@ from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.constants import flatten
-from ..progress import portion
 from ..storage.group import Attribute, Group, Variable
 from . import ensemble
 from .columns import (
@@ -164,8 +162,7 @@ def compute(chunk: Chunk) -> Group:
     for i in left:
         if values["status"][i] != Status.INVALID.code:
             number = chunk.first + int(i)
-            with _of_member(case, number):
-                status, of = _alone(case, number)
+            status, of = _alone(case, number)
             values["status"][i] = status.code
             if of is not None:
                 methods.add(of.method)
@@ -292,20 +289,13 @@ def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:
     return Status.UNDECIDED if found.hidden else Status.OK, labels
 
 
-def _of_member(case: Case, number: int) -> AbstractContextManager[None]:
-    """The work on one member, as a part of that on its sweep."""
-    total = math.prod(shape(case))
-    return portion(number / total, (number + 1) / total)
-
-
 def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
     """The stored variables at every sample (n, samples, ...); nan from where a motion ended."""
     case = chunk.case
     found: dict[str, np.ndarray] = {}
     for i in np.flatnonzero(status == Status.OK.code):
         number = chunk.first + int(i)
-        with _of_member(case, number):
-            motion = integrate(member(case, number, case.time.samples))
+        motion = integrate(member(case, number, case.time.samples))
         for name, values in motion.variables.items():
             size = (len(status), case.time.samples, *values.shape[1:])
             found.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[

@@ -17,7 +17,6 @@ from ..integration.error import errors_against, references
 from ..integration.solve import refined, solve, stored
 from ..models import rigid_body
 from ..models.constants import attributes
-from ..progress import reached
 from ..storage.group import Group, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import columns
@@ -202,8 +201,10 @@ def _add(found: Summary, number: int, final: dict[str, np.ndarray], time: float)
         found.crossing_time.append(float(time))
 
 
-def sampled_errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
-    """Quantiles of the measured errors."""
+def sampled_errors(
+    case: Case, pool: Pool, summary: Summary, report: Callable[[float], object]
+) -> dict[str, Any]:
+    """Quantiles of the measured errors; `report` is called with the share of them that is done."""
     tasks = [
         Probe(case, summary.members[i : i + PROBED], summary.final[i : i + PROBED],
               summary.crossing_time[i : i + PROBED])
@@ -211,7 +212,7 @@ def sampled_errors(case: Case, pool: Pool, summary: Summary) -> dict[str, Any]:
     ]  # fmt: skip
     found: list[tuple[float, float, str]] = []
     for i, (_, outcome) in enumerate(pool.map(probe, tasks), 1):
-        reached(i / len(tasks))
+        report(i / len(tasks))
         if isinstance(outcome, Exception):
             raise outcome
         found += outcome

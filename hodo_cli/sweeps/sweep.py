@@ -6,24 +6,24 @@ that a run that is killed goes on from there, and no more than a few of them are
 time.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
 from ..batch.mark import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
-from ..progress import portion, reached
+from ..progress import Progress
 from ..storage.group import Group
 from ..storage.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
 from .summary import PROBES, Part, lost_part, sampled_errors, summarized
 
-Say = Callable[[str], None]
 
-
-def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, say: Say) -> Group:
+def run_sweep(
+    case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, progress: Progress
+) -> Group:
     """All members of a sweep; the chunks of an earlier run with the same `mark` are taken over if
     `resume`.
 
@@ -34,18 +34,18 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
     tasks = list(chunks(case))
     problems: dict[str, int] = {}
     if parts:
-        say(f"{case.name}: {len(parts)} of {len(tasks)} chunks are kept")
+        progress.say(f"{case.name}: {len(parts)} of {len(tasks)} chunks are kept")
     left = [task for task in tasks if task.first not in parts]
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
-    with portion(0, members):
-        for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(parts) + 1):
-            reached(i / len(tasks))
-            if isinstance(outcome, Exception):
-                # A chunk that fails costs its own members; the sweep goes on and says how many.
-                problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
-            else:
-                writer.add_part(part_id, chunk.first, outcome)
+    progress.report(case.name, members * len(parts) / len(tasks))
+    for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(parts) + 1):
+        progress.report(case.name, members * i / len(tasks))
+        if isinstance(outcome, Exception):
+            # A chunk that fails costs its own members; the sweep goes on and says how many.
+            problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
+        else:
+            writer.add_part(part_id, chunk.first, outcome)
     done = writer.parts(part_id)
 
     @contextmanager
@@ -58,6 +58,9 @@ def run_sweep(case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, s
                 yield Part(part.summary("part"), partial(part.array, "part"))
 
     summary = summarized(case, tasks, read)
-    with portion(members, 1):
-        errors = sampled_errors(case, pool, summary) if case.error == "on" else {}
+
+    def report(share: float) -> None:
+        progress.report(case.name, members + (1 - members) * share)
+
+    errors = sampled_errors(case, pool, summary, report) if case.error == "on" else {}
     return group_of_columns(case, mark, tasks, read, summary, errors, problems)
