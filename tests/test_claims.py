@@ -28,16 +28,17 @@ from hodo_cli.cases.claim_block import (
 )
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.sweep_block import SWEEP
-from hodo_cli.claims import paper1, paper2, quantities, variations
+from hodo_cli.claims import quantities, variations
 from hodo_cli.claims.checks import MOTION_CHECKS
-from hodo_cli.claims.finding import PAPER_CHECKS, PAPER_TRENDS, Finding, Verdict, erratum
+from hodo_cli.claims.finding import Finding, Verdict, erratum
 from hodo_cli.claims.quantities import number
 from hodo_cli.claims.variations import Motions, changed, members
-from hodo_cli.claims.verdicts import gridded, measure, sampled, together
+from hodo_cli.claims.verdicts import Judge, gridded, sampled, together
 from hodo_cli.commands import claims
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.crossings import Crossing
 from hodo_cli.integration.trajectory import Occurrence
+from hodo_cli.papers import catalogue_of_checks, paper1, paper2
 from hodo_cli.results import layout
 from hodo_cli.results.motion import QUANTITIES, Motion, forms_apart
 from hodo_cli.storage.group import Variable
@@ -82,7 +83,7 @@ def verdict(check: Mapping[str, Any], *motions: Motion) -> tuple[str, float]:
         "over": None,
         "expect": REPRODUCED,
     }
-    decided = measure(claim, motions, Motions())
+    decided = Judge(None, catalogue_of_checks()).measure(claim, motions)  # type: ignore[arg-type]
     return decided.verdict, decided.number
 
 
@@ -94,7 +95,6 @@ def test_every_quantity_and_kind_is_computed_once() -> None:
         *TOP.system.variables,
     }
     assert not set(QUANTITIES) & set(quantities.NUMBERS)
-    assert not set(PAPER_CHECKS) & set(PAPER_TRENDS)
 
 
 def test_every_check_of_a_paper_is_used_and_says_what_it_checks() -> None:
@@ -103,11 +103,9 @@ def test_every_check_of_a_paper_is_used_and_says_what_it_checks() -> None:
     under = [reading for claim in claims for reading in readings(claim).values()]
     errata = [erratum for config in configs for erratum in config.errata]
     checks = [entry["check"] for entry in (*under, *errata) if entry["check"]]
-    assert {check["name"] for check in checks if check["kind"] == "paper"} == {
-        *PAPER_CHECKS,
-        *PAPER_TRENDS,
-    }
-    assert all(function.__doc__ for function in [*PAPER_CHECKS.values(), *PAPER_TRENDS.values()])
+    named = {check["name"] for check in checks if check["kind"] == "paper"}
+    assert named == catalogue_of_checks().keys()
+    assert all(own.judge.__doc__ for own in catalogue_of_checks().values())
 
 
 def test_monotone_is_judged_by_the_step_back_in_units_of_the_range() -> None:
@@ -198,8 +196,8 @@ def test_the_end_of_spin_is_the_event_or_the_change_of_sign_of_r() -> None:
     assert number(motion(), "end_of_spin") == math.inf
     passing = motion(omega=[[1, 0, 1], [1, 0, -1]])
     assert number(passing, "end_of_spin") == 0.5
-    assert paper2.never_at_zero([stopped]).deviation == math.inf
-    assert paper2.never_at_zero([motion()]).deviation == 0
+    assert paper2.never_at_zero.judge([stopped]).deviation == math.inf
+    assert paper2.never_at_zero.judge([motion()]).deviation == 0
 
 
 def test_the_effects_of_two_factors() -> None:

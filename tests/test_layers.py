@@ -20,6 +20,7 @@ LAYERS = (
     "results",
     "sweeps",
     "claims figures",
+    "papers",
     "commands tables",
     "api cli",
 )
@@ -53,6 +54,20 @@ def test_imports_go_down(path: Path) -> None:
     here = room(path)
     for used in rooms_used(path):
         assert used == here or FLOOR[used] < FLOOR.get(here, 0), f"{here} imports {used}"
+
+
+def test_only_the_scan_of_its_folder_knows_a_paper() -> None:
+    folder = PACKAGE / "papers"
+    papers = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    for path in MODULES:
+        imported = {
+            name
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom)
+            for name in [*(node.module or "").split("."), *(alias.name for alias in node.names)]
+        }
+        if path.parent == folder or "papers" in imported:
+            assert not imported & papers, f"{path.name} imports {imported & papers}"
 
 
 def test_every_folder_has_a_floor_and_says_what_it_is() -> None:

@@ -148,7 +148,7 @@ AVERAGE = {
 }
 
 PAPER = {
-    "name": Key(Text(), "a check written in Python for one paper (`hodo_cli/claims/paper*.py`)")
+    "name": Key(Text(), "a check written in Python for one text (a function in `hodo_cli/papers/`)")
 }
 
 CHECK_KINDS: dict[str, dict[str, Key]] = {

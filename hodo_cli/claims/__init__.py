@@ -1,2 +1,2 @@
-"""Verdicts on the statements of a text: general checks, those of one paper each in a module of its
-own, and what makes them a verdict. Imports sweeps and what lies below; knows no figure."""
+"""Verdicts on the statements of a text: the kinds of check, and how findings become a verdict.
+Imports sweeps and what lies below; knows no figure and no paper."""

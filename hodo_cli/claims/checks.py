@@ -1,7 +1,6 @@
 """The general kinds of check, for statements of any text on motions and on sweeps.
 
-Each takes its own keys and the motions of the claim's cases, in order, and yields a Finding. What
-only one paper says is checked by a function in that paper's module.
+Each takes its own keys and the motions of the claim's cases, in order, and yields a Finding.
 """
 
 import itertools

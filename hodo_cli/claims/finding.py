@@ -1,8 +1,5 @@
-"""What a check found, the verdict that it makes, and the checks that are written for one paper.
-
-`check: {kind: paper, name: ...}` names the function, with hyphens; its docstring says what it
-checks.
-"""
+"""What a check finds, the verdict that follows, and the two forms of a check that is written for
+one text, which `check: {kind: paper, name: ...}` names."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -107,26 +104,19 @@ def erratum(printed: float, corrected: float, within: float) -> Finding:
     return Finding(if_true(corrected <= within < printed), printed, words)
 
 
-Check = Callable[[Sequence[Motion]], Finding]
-"""From the motions of a claim's cases, in order, or of one member of its `over:`."""
+@dataclass(frozen=True)
+class Check:
+    """A check that is written for one text, of the motions of a claim's cases, in order, or of one
+    member of its `over:`; its function's docstring says what it checks."""
 
-Trend = Callable[[Sequence[Sequence[Motion]]], Finding]
-"""From the motions of all members of `over:` at once."""
-
-PAPER_CHECKS: dict[str, Check] = {}
-PAPER_TRENDS: dict[str, Trend] = {}
+    judge: Callable[[Sequence[Motion]], Finding]
 
 
-def check(function: Check) -> Check:
-    """Register a check of one set of motions."""
-    PAPER_CHECKS[function.__name__.replace("_", "-")] = function
-    return function
+@dataclass(frozen=True)
+class Trend:
+    """A check that is written for one text, of the motions of all members of `over:` at once."""
 
-
-def trend(function: Trend) -> Trend:
-    """Register a check of all members of a sweep together."""
-    PAPER_TRENDS[function.__name__.replace("_", "-")] = function
-    return function
+    judge: Callable[[Sequence[Sequence[Motion]]], Finding]
 
 
 def in_pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:

@@ -86,8 +86,7 @@ def reach(m: Motion, side: int) -> float:
 
 def quadrant_coordinate(m: Motion, side: int) -> np.ndarray:
     """w_l^2 (side 0) or K w_s^2 (side 2) over time (n,)."""
-    # The quadrants of paper 1 have K w_s^2 as their second axis, so that the separatrix is the
-    # diagonal.
+    # K w_s^2 is the second axis of a figure of quadrants: the separatrix is then its diagonal.
     scale = slope(m.inertia) if side == 2 else 1.0
     return np.asarray(scale * m.omega[:, m.order[side]] ** 2)
 

@@ -8,6 +8,7 @@ sample of them, of which a share must comply.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -29,34 +30,98 @@ from ..results.motion import Array, Motion, motion_of
 from ..schema.kinds import unknown
 from ..storage.hdf5 import ResultFile
 from ..sweeps.averages import distance_of_sweeps
-from . import averaging, paper1, paper2, paper3
 from .checks import MOTION_CHECKS, averages
-from .finding import PAPER_CHECKS, PAPER_TRENDS, Finding, Verdict
+from .finding import Check, Finding, Trend, Verdict
 from .variations import Motions, members
 
-PAPERS = (averaging, paper1, paper2, paper3)
-"""The modules whose import fills `PAPER_CHECKS` and `PAPER_TRENDS`."""
+
+@dataclass(frozen=True)
+class Judge:
+    """Decides claims and errata by the cases of one result; `checks` are those written for single
+    texts, by name."""
+
+    run: ResultFile
+    checks: Mapping[str, Check | Trend]
+    varied: Motions = field(default_factory=Motions)
+
+    def claim(self, claim: Mapping[str, Any]) -> Verdict:
+        """The verdict on one claim.
+
+        Raises HodoError if a case is not classified, or does not have what the check needs.
+        """
+        verdicts = {name: self._reading(reading) for name, reading in readings(claim).items()}
+        if not claim["readings"]:
+            return verdicts[""]
+        first = next(iter(verdicts.values()))
+        evidence = "; ".join(
+            f"{name}: {verdict.verdict} ({verdict.evidence})" for name, verdict in verdicts.items()
+        )
+        return Verdict(claim, together(claim, verdicts), first.number, evidence, verdicts)
+
+    def erratum(self, erratum: Mapping[str, Any]) -> Verdict:
+        """Whether the printed form is wrong and the corrected one right. Raises as `claim`."""
+        if erratum["check"] is None:
+            return Verdict(erratum, BY_READING, math.nan, "")
+        if missing := unusable(erratum["cases"], self.run):
+            return Verdict(erratum, NOT_TESTED, math.nan, missing)
+        try:
+            finding = self._decide(erratum["check"], self._motions(erratum))
+        except HodoError as error:
+            raise _located(f"erratum {erratum['id']}", self.run, error) from error
+        verdict = CONFIRMED if finding.holds else NOT_CONFIRMED
+        return Verdict(erratum, verdict, finding.number, finding.words)
+
+    def _reading(self, claim: Mapping[str, Any]) -> Verdict:
+        """The verdict on a claim without readings."""
+        if missing := unusable(claim["cases"], self.run):
+            return Verdict(claim, NOT_TESTED, math.nan, missing)
+        try:
+            if claim["check"]["kind"] == "average":
+                return by_finding(claim, of_sweep(claim, self.run))
+            return self.measure(claim, self._motions(claim))
+        except HodoError as error:
+            raise _located(f"claim {claim['id']}", self.run, error) from error
+
+    def _motions(self, entry: Mapping[str, Any]) -> list[Motion]:
+        """The stored motions of the cases of a claim or an erratum, in order."""
+        return [stored_motion(self.run, name) for name in entry["cases"]]
+
+    def measure(self, claim: Mapping[str, Any], motions: Sequence[Motion]) -> Verdict:
+        """The verdict on a claim by the motions of its cases, in order, or by the members of its
+        `over:`. Raises as `claim`."""
+        if not claim["over"]:
+            return by_finding(claim, self._decide(claim["check"], motions))
+        varied = dict(members([m.case for m in motions], claim["over"], claim["start"]))
+        if not varied:
+            raise HodoError(f"no member starts about {claim['start']}")
+        flat, n = (
+            self.varied.of([case for cases in varied.values() for case in cases]),
+            len(motions),
+        )
+        by_member = [flat[i : i + n] for i in range(0, len(flat), n)]
+        # A trend is about all members at once, so no single member can decide it.
+        if isinstance(trend := self.checks.get(claim["check"].get("name")), Trend):
+            return by_finding(claim, trend.judge(by_member))
+        findings = {
+            name: self._decide(claim["check"], some)
+            for name, some in zip(varied, by_member, strict=True)
+        }
+        return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
+
+    def _decide(self, check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
+        """What one check finds in one set of motions. Raises HodoError for a name that no check
+        has."""
+        if check["kind"] != "paper":
+            return MOTION_CHECKS[check["kind"]](check, motions)
+        name = check["name"]
+        if not isinstance(own := self.checks.get(name), Check):
+            raise HodoError(unknown(f"check {name!r}", name, self.checks))
+        return own.judge(motions)
 
 
-def judge_claim(claim: Mapping[str, Any], run: ResultFile, known: Motions) -> Verdict:
-    """The verdict on one claim by the cases of a result; `known` holds the motions that claims have
-    varied.
-
-    Raises HodoError if a case is not classified, or does not have what the check needs.
-    """
-    found = {name: judge_reading(one, run, known) for name, one in readings(claim).items()}
-    if not claim["readings"]:
-        return found[""]
-    first = next(iter(found.values()))
-    evidence = "; ".join(
-        f"{name}: {each.verdict} ({each.evidence})" for name, each in found.items()
-    )
-    return Verdict(claim, together(claim, found), first.number, evidence, found)
-
-
-def together(claim: Mapping[str, Any], found: Mapping[str, Verdict]) -> str:
+def together(claim: Mapping[str, Any], by_reading: Mapping[str, Verdict]) -> str:
     """The verdict over the readings of a claim."""
-    verdicts = [each.verdict for each in found.values()]
+    verdicts = [reading.verdict for reading in by_reading.values()]
     holds = [verdict in (REPRODUCED, PLOTTING) for verdict in verdicts]
     if NOT_TESTED in verdicts:
         return NOT_TESTED
@@ -69,21 +134,7 @@ def together(claim: Mapping[str, Any], found: Mapping[str, Verdict]) -> str:
     return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
 
 
-def judge_erratum(erratum: Mapping[str, Any], run: ResultFile) -> Verdict:
-    """Whether the printed form is wrong and the corrected one right. Raises as `judge_claim`."""
-    if erratum["check"] is None:
-        return Verdict(erratum, BY_READING, math.nan, "")
-    if missing := unusable(erratum["cases"], run):
-        return Verdict(erratum, NOT_TESTED, math.nan, missing)
-    try:
-        finding = decide(erratum["check"], [stored_motion(run, name) for name in erratum["cases"]])
-    except HodoError as error:
-        raise _told_of(f"erratum {erratum['id']}", run, error) from error
-    verdict = CONFIRMED if finding.holds else NOT_CONFIRMED
-    return Verdict(erratum, verdict, finding.number, finding.words)
-
-
-def alone(claim: Mapping[str, Any], finding: Finding) -> Verdict:
+def by_finding(claim: Mapping[str, Any], finding: Finding) -> Verdict:
     """The verdict on a claim that one finding decides."""
     return Verdict(claim, finding.degree, finding.number, finding.words)
 
@@ -99,20 +150,8 @@ def unusable(cases: Sequence[str], run: ResultFile) -> str:
     return ""
 
 
-def judge_reading(claim: Mapping[str, Any], run: ResultFile, known: Motions) -> Verdict:
-    """The verdict on a claim without readings. Raises as `judge_claim` does."""
-    if missing := unusable(claim["cases"], run):
-        return Verdict(claim, NOT_TESTED, math.nan, missing)
-    try:
-        if claim["check"]["kind"] == "average":
-            return alone(claim, of_sweep(claim, run))
-        return measure(claim, [stored_motion(run, name) for name in claim["cases"]], known)
-    except HodoError as error:
-        raise _told_of(f"claim {claim['id']}", run, error) from error
-
-
-def _told_of(what: str, run: ResultFile, error: HodoError) -> HodoError:
-    """An error with what could not be decided, and the file once: it may begin with it already."""
+def _located(what: str, run: ResultFile, error: HodoError) -> HodoError:
+    """An error that names what it concerns and the file, once: it may begin with the file."""
     return HodoError(f"{run.path}: {what}: {str(error).removeprefix(f'{run.path}: ')}")
 
 
@@ -138,37 +177,6 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
     is damaged."""
     group = run.read(name)
     return motion_of(group.variables, group.attributes, f"{run.path}: {name}", str(run.path))
-
-
-def measure(claim: Mapping[str, Any], motions: Sequence[Motion], known: Motions) -> Verdict:
-    """The verdict on one claim by the motions of its cases, in order, or by the members of its
-    `over:`.
-
-    Raises HodoError as `judge_claim` does.
-    """
-    if not claim["over"]:
-        return alone(claim, decide(claim["check"], motions))
-    varied = dict(members([each.case for each in motions], claim["over"], claim["start"]))
-    if not varied:
-        raise HodoError(f"no member starts about {claim['start']}")
-    n = len(motions)
-    flat = known.of([case for cases in varied.values() for case in cases])
-    found = dict(zip(varied, [flat[i : i + n] for i in range(0, len(flat), n)], strict=True))
-    # A trend speaks of all members at once, so no single one of them can decide it.
-    if (name := claim["check"].get("name")) in PAPER_TRENDS:
-        return alone(claim, PAPER_TRENDS[name]([*found.values()]))
-    findings = {name: decide(claim["check"], some) for name, some in found.items()}
-    return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
-
-
-def decide(check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
-    """What one check finds in one set of motions. Raises HodoError for a check that there is
-    not."""
-    if check["kind"] != "paper":
-        return MOTION_CHECKS[check["kind"]](check, motions)
-    if (name := check["name"]) not in PAPER_CHECKS:
-        raise HodoError(unknown(f"check {name!r}", name, [*PAPER_CHECKS, *PAPER_TRENDS]))
-    return PAPER_CHECKS[name](motions)
 
 
 def gridded(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:

@@ -13,8 +13,8 @@ from .. import HodoError
 from ..cases.claim_block import BY_READING, CONFIRMED
 from ..cases.config import Config, parse
 from ..claims.finding import Verdict
-from ..claims.variations import Motions
-from ..claims.verdicts import judge_claim, judge_erratum
+from ..claims.verdicts import Judge
+from ..papers import catalogue_of_checks
 from ..progress import Progress
 from ..storage.group import TOLD_ATTRIBUTES, Group, Variable
 from ..storage.hdf5 import ResultFile
@@ -30,7 +30,7 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
     the lines of both tables.
 
     A file without any is warned of: an empty table would look like a check that was passed.
-    Raises HodoError as `judge_claim` does, or if a file cannot be read or replaced.
+    Raises HodoError as `Judge.claim` does, or if a file cannot be read or replaced.
     """
     statements: Rows = []
     misprints: Rows = []
@@ -74,14 +74,13 @@ ERRATUM_COLUMNS = ("where", "printed", "should_be", "verdict", "evidence", "note
 
 
 def judged(config: Config, run: ResultFile) -> tuple[list[Verdict], list[Verdict]]:
-    """The verdicts on the claims and on the errata of one result. Raises HodoError as `judge_claim`
+    """The verdicts on the claims and on the errata of one result. Raises HodoError as `Judge.claim`
     does."""
-    known, total = Motions(), len(config.claims) + len(config.errata)
-    by_id = itemgetter("id")
-    with Progress(total, logs=False) as progress:
+    judge, by_id = Judge(run, catalogue_of_checks()), itemgetter("id")
+    with Progress(len(config.claims) + len(config.errata), logs=False) as progress:
         return (
-            [judge_claim(claim, run, known) for claim in progress.each(config.claims, by_id)],
-            [judge_erratum(erratum, run) for erratum in progress.each(config.errata, by_id)],
+            [judge.claim(claim) for claim in progress.each(config.claims, by_id)],
+            [judge.erratum(erratum) for erratum in progress.each(config.errata, by_id)],
         )
 
 

@@ -11,23 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from ..models.closed_form import sn_cn_dn
-from ..models.lagrange import mean_cosine
-from ..results.motion import Motion
-from .finding import (
+from ..claims.finding import (
+    Check,
     Finding,
     Pair,
     agreement,
     beyond,
-    check,
     difference,
     erratum,
     if_true,
     in_pairs,
     listed,
 )
-from .quantities import integrated_motion, number, quantity
-from .variations import changed
+from ..claims.quantities import integrated_motion, number, quantity
+from ..claims.variations import changed
+from ..models.closed_form import sn_cn_dn
+from ..models.lagrange import mean_cosine
+from ..results.motion import Motion
 
 ROOTS = ("u1", "u2", "u3")
 INTEGRALS = ("Gz", "H", "r")
@@ -35,7 +35,7 @@ HALF_THE_DIGITS = 1e-6
 """What (2.5) is right to: half the digits are lost where one of its square roots is 0."""
 
 
-@check
+@Check
 def equation_1_3(motions: Sequence[Motion]) -> Finding:
     """Without perturbation cos theta of the full equations is (1.3), with beta = K(k) for a top
     that is let go at u2, where theta' = 0.
@@ -53,7 +53,7 @@ def equation_1_3(motions: Sequence[Motion]) -> Finding:
     return agreement(pairs, 1e-9)
 
 
-@check
+@Check
 def equation_2_7(motions: Sequence[Motion]) -> Finding:
     """The coefficients V_ij of (2.7) are the derivatives of the roots of (1.5) by Gz, H and r."""
     # Smaller by far than the distance of two roots, by which their derivatives change.
@@ -90,7 +90,7 @@ def coefficients_2_7(m: Motion, integrals: np.ndarray) -> np.ndarray:
     return np.asarray(by_integral / delta[:, None])
 
 
-@check
+@Check
 def ordering(motions: Sequence[Motion]) -> Finding:
     """-1 <= u1 <= u2 <= 1 <= u3 throughout, to rounding; decided by the least of the four
     distances.
@@ -132,13 +132,13 @@ def by_2_5(m: Motion, frozen: bool) -> list[Pair]:
     return [(quantity(m, name), found) for name, found in zip(INTEGRALS, values, strict=True)]
 
 
-@check
+@Check
 def inverse(motions: Sequence[Motion]) -> Finding:
     """(2.5) gives Gz, H and r from u1, u2, u3, with the signs of R and r followed in time."""
     return agreement([pair for m in motions for pair in by_2_5(m, frozen=False)], HALF_THE_DIGITS)
 
 
-@check
+@Check
 def signs_change(motions: Sequence[Motion]) -> Finding:
     """The signs in (2.5) may change in mid-motion: in every motion R does, where |Gz| = C |r|;
     until then (2.5) holds with the signs at the start, and not after it. Decided by the first time.
@@ -163,7 +163,7 @@ RUNGE_KUTTA_STEPS = 1000
 """Runge-Kutta steps of a motion: their error in r is 1e-9, far below what is allowed."""
 
 
-@check
+@Check
 def r_by_2_5(motions: Sequence[Motion]) -> Finding:
     """r found as the text finds it agrees with the exact (3.3): (3.5) is integrated, with Gz, H and
     r by (2.5), up to nine tenths of the time at which R changes its sign.
@@ -210,7 +210,7 @@ def rates_3_5(m: Motion, t: float, u: np.ndarray, fixed: tuple[Any, Any]) -> np.
     return np.asarray(-(a * equatorial + b * r * (Gz - C * r * u) * (v - u)) / (A * delta))
 
 
-@check
+@Check
 def equation_3_5(motions: Sequence[Motion]) -> Finding:
     """(3.5) is the averaged system: cases in pairs, by (3.5) and by the equations for Gz, H and r
     that do not divide by u1 - u2.
@@ -220,14 +220,14 @@ def equation_3_5(motions: Sequence[Motion]) -> Finding:
     return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)
 
 
-@check
+@Check
 def equation_2_8(motions: Sequence[Motion]) -> Finding:
     """The mean over the phase of nutation by quadrature is that in closed form."""
     pairs = in_pairs(motions)
     return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-10)
 
 
-@check
+@Check
 def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     """Gz and H of the full equations tend to those of the averaged ones as epsilon; cases in pairs,
     averaged first.
@@ -252,13 +252,13 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(least >= 0.9), least, f"power {least:.3g}: {'; '.join(words)}")
 
 
-@check
+@Check
 def u3_quickly(motions: Sequence[Motion]) -> Finding:
     """u3 comes within 1 % of 1 sooner in the first case than in the others; decided by the time."""
     return sooner(motions, "u3", 1.0)
 
 
-@check
+@Check
 def H_quickly(motions: Sequence[Motion]) -> Finding:
     """H comes within 1 % of -mu, -0.5, sooner in the last case than in the others; decided by the
     time.
@@ -290,7 +290,7 @@ def roughness(m: Motion) -> float:
     return max(one(quantity(m, name)) for name in ("Gz", "H", *ROOTS))
 
 
-@check
+@Check
 def smoothing(motions: Sequence[Motion]) -> Finding:
     """Coefficients that grow make the motion smoother; cases in pairs, constant coefficients
     first.
@@ -301,7 +301,7 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(max(steps) < 0), min(map(abs, steps)), words)
 
 
-@check
+@Check
 def period(motions: Sequence[Motion]) -> Finding:
     """An erratum: the period of u = cos theta in free motion, by the full equations, beside K/alpha
     as printed and 2 K/alpha.

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from ..claims.finding import Check, Finding, Trend, agreement, difference, erratum, if_true, listed
+from ..claims.quantities import first, number, reach, swept_angle, zeros
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration.solve import solve, stored
 from ..models import closed_form
 from ..models.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion
-from .finding import Finding, agreement, check, difference, erratum, if_true, listed, trend
-from .quantities import first, number, reach, swept_angle, zeros
 
 
 def numerical_motion(m: Motion) -> np.ndarray:
@@ -29,7 +29,7 @@ def numerical_motion(m: Motion) -> np.ndarray:
     return stored(m.case, solution.path)["omega"]
 
 
-@check
+@Check
 def free_rotation(motions: Sequence[Motion]) -> Finding:
     """Free rotation is Euler's and Jacobi's closed form."""
     return agreement(
@@ -41,14 +41,14 @@ def free_rotation(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@check
+@Check
 def no_closed_form(motions: Sequence[Motion]) -> Finding:
     """There is no closed form: holds where that of `free_rotation` fails."""
-    found = free_rotation(motions)
+    found = free_rotation.judge(motions)
     return Finding(if_true(found.deviation > 0), found.number, f"the closed form {found.words}")
 
 
-@check
+@Check
 def free_rotation_from_q0(motions: Sequence[Motion]) -> Finding:
     """Free motion from any start is the closed form for q0 = 0, with time counted from a passage of
     q through 0."""
@@ -72,7 +72,7 @@ def passage_of_q(m: Motion) -> tuple[float, np.ndarray]:
     return near, free_motion(A, start, np.array([near - m.time[0]]))[0] * (1, 0, 1)
 
 
-@check
+@Check
 def turning_axis(motions: Sequence[Motion]) -> Finding:
     """A free motion goes round the axis whose component of G never changes sign, and that is the
     axis enclosed by the criterion 2 T A1 >= G^2 > 2 T A2.
@@ -93,7 +93,7 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@check
+@Check
 def equal_damping(motions: Sequence[Motion]) -> Finding:
     """omega(t) = exp(-lambda t) Omega((1 - exp(-lambda t))/lambda), Omega free from the same start.
 
@@ -108,13 +108,13 @@ def by_equal_damping(m: Motion) -> np.ndarray:
     return closed_form.damped_motion(m.inertia, m.omega[0], lam, m.time - m.time[0])
 
 
-@check
+@Check
 def turns_about_x1_only(motions: Sequence[Motion]) -> Finding:
     """G makes no full turn about x2 or x3, followed over the whole motion."""
     return turns_about_others(motions, 0)
 
 
-@check
+@Check
 def turns_about_x3_only(motions: Sequence[Motion]) -> Finding:
     """G makes no full turn about x1 or x2, followed over the whole motion."""
     return turns_about_others(motions, 2)
@@ -128,7 +128,7 @@ def turns_about_others(motions: Sequence[Motion], axis: int) -> Finding:
     return Finding(if_true(max(others) < 1), max(others), words)
 
 
-@check
+@Check
 def inequality_7(motions: Sequence[Motion]) -> Finding:
     """p^2 > K r^2, with K by the moments of inertia alone, exactly where G^2 > 2 T A2."""
     wrong = 0
@@ -160,7 +160,7 @@ def factorial_effects(values: Sequence[float]) -> tuple[float, float]:
     ) / 2
 
 
-@check
+@Check
 def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
     """The diagonal entries, the first factor, have more effect on the decay of |G| than the others,
     the second."""
@@ -170,7 +170,7 @@ def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(diagonal > off), diagonal / off, words)
 
 
-@check
+@Check
 def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
     """The off-diagonal entries, the second factor, have more effect on the largest p^2 in A than
     the diagonal ones."""
@@ -180,7 +180,7 @@ def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(off > diagonal), off / diagonal, words)
 
 
-@check
+@Check
 def criterion_predicts(motions: Sequence[Motion]) -> Finding:
     """Before the crossing from x1 to x3 r changes sign, and never p; after it p, and never r."""
     steps, words = [], []
@@ -197,7 +197,7 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@trend
+@Trend
 def difference_decides(members: Sequence[Sequence[Motion]]) -> Finding:
     """A start about x1 turns to x3 for lambda1 > lambda3 alone; decided by the share that does."""
     differences, times = crossing_times(members)
@@ -210,7 +210,7 @@ def difference_decides(members: Sequence[Sequence[Motion]]) -> Finding:
     return Finding(if_true(crossed > 0 and wrong == 0), crossed / len(up), words)
 
 
-@trend
+@Trend
 def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
     """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all coefficients.
 
@@ -250,7 +250,7 @@ EXPLICIT = 0.1
 """The |G|, of about 1 at the start, above which a turn can be seen in a figure of the motion."""
 
 
-@check
+@Check
 def explicitly_about_x3(motions: Sequence[Motion]) -> Finding:
     """G never makes a full turn about x3 while x3 is enclosed and |G| > EXPLICIT; decided by the
     largest part of a turn that it makes.
@@ -260,7 +260,7 @@ def explicitly_about_x3(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(most < 1), most, f"{listed(turns)} turns about x3")
 
 
-@check
+@Check
 def another_character(motions: Sequence[Motion]) -> Finding:
     """The first motion goes explicitly round x3, for a full turn at least, and the second does not;
     decided by the turns of the second.
@@ -281,7 +281,7 @@ def longest_turn(m: Motion, axis: int, least: float) -> float:
 # Errata: each check shows the printed form wrong and the corrected one right.
 
 
-@check
+@Check
 def unit_of_angular_velocity(motions: Sequence[Motion]) -> Finding:
     """|omega(0)| = 1, as omega0 = |omega(0)| makes it, is farther off in the printed starts than
     |G(0)| = 1.
@@ -296,7 +296,7 @@ def unit_of_angular_velocity(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(corrected < off / 5), off, words)
 
 
-@check
+@Check
 def slow_time(motions: Sequence[Motion]) -> Finding:
     """omega changes in tau = omega0 t much faster than it is damped: tau is no slow time."""
     (m,) = motions
@@ -312,13 +312,13 @@ DIMENSIONAL = {"A1": 3.0, "omega0": 7.0}
 """Units far from 1, in which a factor that is left out shows."""
 
 
-@check
+@Check
 def damping_in_equations_4(motions: Sequence[Motion]) -> Finding:
     """Eqs (3) in other units are (4) with lambda/omega0, and not with the printed lambda."""
     return scaled(motions, "lam")
 
 
-@check
+@Check
 def resistance_in_equations_11(motions: Sequence[Motion]) -> Finding:
     """Eqs (10) in other units are (11) with I/(A1 omega0), and not with the printed I/A1."""
     return scaled(motions, "I")
@@ -347,14 +347,14 @@ def scaled(motions: Sequence[Motion], letter: str) -> Finding:
     return erratum(difference([(true, printed)]), difference([(true, corrected)]), 1e-12)
 
 
-@check
+@Check
 def curve_3(motions: Sequence[Motion]) -> Finding:
     """|D|/G^2 of curve 3 with the printed and with the corrected r0; near is up to 0.001."""
     printed, corrected = (number(m, "separatrix_distance", "start") for m in motions)
     return erratum(printed, corrected, 0.001)
 
 
-@check
+@Check
 def third_coefficient(motions: Sequence[Motion]) -> Finding:
     """lambda1 has one value: with 0.005 for it and 0.003 for lambda3 the motion turns to x3, as the
     text says; with 0.003 for it and 0.005 for lambda3 it does not.
@@ -364,7 +364,7 @@ def third_coefficient(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(corrected == 1 and exchanged == 0), float(corrected), words)
 
 
-@check
+@Check
 def equation_6(motions: Sequence[Motion]) -> Finding:
     """(5)-(6) as printed, in the better of their two signs, and the closed form that meets the
     initial data, each beside the motion.

@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 
 from ..cases.case import Case
+from ..claims.finding import Check, Finding, Trend, beyond, erratum, if_true, in_pairs, listed
+from ..claims.quantities import end_of_spin, integrated_motion, quantity
+from ..claims.variations import changed
 from ..models.cavity import reynolds
 from ..results.motion import Motion
-from .finding import Finding, beyond, check, erratum, if_true, in_pairs, listed, trend
-from .quantities import end_of_spin, integrated_motion, quantity
-from .variations import changed
 
 SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)
 """Factors of kappa and epsilon together, from the figures' parameters towards the limit in which
 the paper averages."""
 
 
-@check
+@Check
 def never_at_zero(motions: Sequence[Motion]) -> Finding:
     """y nears zero asymptotically: it does not reach it in finite time."""
     times = [end_of_spin(m) for m in motions]
@@ -37,7 +37,7 @@ def x_at_end_of_spin(m: Motion) -> float:
     return float(np.interp(end_of_spin(m), m.time, quantity(m, "x")))
 
 
-@check
+@Check
 def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     """M1 and M2 vanish on averaging: as kappa and epsilon fall together, x at the end of spin of
     the full equations with M1 and M2 tends to that without.
@@ -80,7 +80,7 @@ def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
     return changed(m.case, {"cavity": alone, "epsilon": data["epsilon"] * factor, "time": span})
 
 
-@check
+@Check
 def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
     """The Reynolds number of the flow at the start is at most 0.01; decided by the largest."""
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
@@ -91,7 +91,7 @@ TURN_SAMPLES = 401
 """Samples of a turn of (p, q), in which p and q, which are not slow, are seen to change too."""
 
 
-@check
+@Check
 def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     """x and y are slow: in the first turn of (p, q) they change by the order of kappa and epsilon,
     while p changes by its own size. Decided by the smallest power of that order.
@@ -122,7 +122,7 @@ def constants_of(m: Motion) -> dict[str, Any]:
     return dict(m.case.system.constants)
 
 
-@check
+@Check
 def averaging_is_exact(motions: Sequence[Motion]) -> Finding:
     """With M1 = M2 = 0 the corrected averaged system is an identity of the full equations; cases
     in pairs, full and averaged, compared until the spin ends.
@@ -140,7 +140,7 @@ def apart(full: Motion, other: Motion) -> float:
     )
 
 
-@trend
+@Trend
 def ratio_to_1(members: Sequence[Sequence[Motion]]) -> Finding:
     """The limit of x falls all the way as A/C falls to 1; decided by the A/C at which it turns,
     which is 1 if it does not.
@@ -163,7 +163,7 @@ def ratio_to_1(members: Sequence[Sequence[Motion]]) -> Finding:
 # Errata: each check shows the printed form wrong and the corrected one right.
 
 
-@check
+@Check
 def sign_of_x(motions: Sequence[Motion]) -> Finding:
     """Beside the full equations (2), (6) as printed and with the other sign of x'; and the relative
     change of |G| by the fluid's torque alone, which is internal, in each.
@@ -176,7 +176,7 @@ def sign_of_x(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(holds), found.number, words)
 
 
-@check
+@Check
 def sign_of_torque(motions: Sequence[Motion]) -> Finding:
     """r' of the full equations (2) at the start, beside (5) with -epsilon M3/C and with +."""
     (m,) = motions
@@ -189,7 +189,7 @@ def sign_of_torque(motions: Sequence[Motion]) -> Finding:
     return erratum(values[0], values[1], 1e-12)
 
 
-@check
+@Check
 def power_of_epsilon(motions: Sequence[Motion]) -> Finding:
     """The limits of x that the text reads from its figures, beside those with the torque
     epsilon^2 M3 of (1) and epsilon M3 of (2).
@@ -205,7 +205,7 @@ def power_of_epsilon(motions: Sequence[Motion]) -> Finding:
     return erratum(off[0], off[1], 0.01)
 
 
-@check
+@Check
 def frequency_of_turns(motions: Sequence[Motion]) -> Finding:
     """The frequency of (p, q) in free motion by the full equations, beside |(C - A) r0| as printed
     and |(C - A) r0/A|.

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..claims.finding import Check, Finding, beyond, if_true, in_pairs, listed
 from ..results.motion import Motion, forms_apart
-from .finding import Finding, beyond, check, if_true, in_pairs, listed
 
 NEAR_CROSSING = 0.05
 """The part of the time of a crossing, on either side of it, in which the order of the error is not
@@ -39,7 +39,7 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
     return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words)
 
 
-@check
+@Check
 def first_order(motions: Sequence[Motion]) -> Finding:
     """Averaged motions are as near to the full ones as the first order makes them, and no
     nearer."""
@@ -49,19 +49,19 @@ def first_order(motions: Sequence[Motion]) -> Finding:
     )
 
 
-@check
+@Check
 def second_order(motions: Sequence[Motion]) -> Finding:
     """They are as near as the second order makes them."""
     return order_finding(motions, 2)
 
 
-@check
+@Check
 def second_order_away_from_crossings(motions: Sequence[Motion]) -> Finding:
     """So they are before a crossing and behind it."""
     return order_finding(motions, 2, NEAR_CROSSING)
 
 
-@check
+@Check
 def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     """The error of the predicted crossing, in radians n |t - predicted|, falls from pair to pair,
     and is below that of the averaged one."""
@@ -77,7 +77,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(right), missed[-1], words)
 
 
-@check
+@Check
 def predicted_sense(motions: Sequence[Motion]) -> Finding:
     """The sense of rotation about the new axis is that predicted."""
     right = 0
@@ -88,7 +88,7 @@ def predicted_sense(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(right == count), float(right), f"{right} of {count} as predicted")
 
 
-@check
+@Check
 def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
     """The steps of motions are the same to a tenth, whatever the size of their resistance."""
     steps = [int(m.attrs["steps"]) for m in motions]
