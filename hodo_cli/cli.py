@@ -183,7 +183,8 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     completes a name that is that of no file."""
     from click.shell_completion import CompletionItem
 
-    from .cases.config import CONFIGS, load, parse
+    from .cases.config import load, parse
+    from .schema.document import YAML_SUFFIXES
     from .storage.hdf5 import open_run
 
     names: list[str] = []
@@ -192,7 +193,7 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
             if run.endswith(".h5"):
                 with open_run(run) as result:
                     names += parse(result.text, run).figures
-            elif run.endswith(CONFIGS) or not names:
+            elif run.endswith(YAML_SUFFIXES) or not names:
                 names += load(run).figures
     found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
     return found or _configs(ctx, param, incomplete)

@@ -36,6 +36,14 @@ def seconds(value: float) -> str:
     return f"{value * 1e3:.3g} ms" if value >= 1e-3 else f"{value * 1e6:.3g} us"
 
 
+def in_bytes(count: int) -> str:
+    """A number of bytes with its unit, to three digits."""
+    for power, unit in ((5, "PB"), (4, "TB"), (3, "GB"), (2, "MB")):
+        if count >= 1000**power:
+            return f"{count / 1000**power:.3g} {unit}"
+    return f"{count} bytes"
+
+
 def magnitude(value: float) -> str:
     """An error to two digits; a dash where none was measured."""
     if math.isnan(value):

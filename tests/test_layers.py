@@ -11,12 +11,11 @@ PACKAGE = ROOT / "hodo_cli"
 
 # From the ground up; what stands in one row does not see its neighbours.
 LAYERS = (
-    "text schema progress arithmetic",
-    "models",
+    "text schema progress arithmetic machine",
+    "models storage",
     "cases",
     "engines",
     "integration batch",
-    "storage",
     "results",
     "sweeps",
     "claims figures",

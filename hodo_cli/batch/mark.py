@@ -4,11 +4,11 @@ libraries, all as they were when the process began."""
 import hashlib
 import sys
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from .. import BatchError, models
 from ..engines import have_taylor
+from ..machine import library_version
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -78,15 +78,6 @@ def check_late_imports() -> None:
         source = name.removeprefix(__package__.partition(".")[0] + ".").replace(".", "/") + ".py"
         if source in _BEGUN and _BEGUN[source] != _source_hash(source):
             raise BatchError(f"{source} of hodo has changed during the run: run again")
-
-
-@cache
-def library_version(library: str) -> str:
-    """The version of a library that is installed, loaded or not; looking it up takes 10 ms."""
-    try:
-        return version(library)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def digest(text: str) -> str:

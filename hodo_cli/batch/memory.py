@@ -1,41 +1,17 @@
-"""The memory of this machine, and the refusal of cases that exceed it."""
+"""The memory and the disk that cases take, and the refusal of those that exceed them."""
 
-import os
 import shutil
-import sys
-from contextlib import suppress
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 from .. import HodoError
 from ..cases.case import Case
-
-HAVE_LIMITS = find_spec("resource") is not None
-if HAVE_LIMITS:
-    import resource
+from ..machine import memory_limit
+from ..text import in_bytes
 
 BYTES = 75
 """Peak of memory for each number of each sample (the state and the stored variables), rounded up
 from what cases of every model took: 10 to 30 when they were integrated, 67 when they were
 classified."""
-
-
-@cache
-def limit() -> int:
-    """The bytes that a process may have at most: the machine's memory, or a lower limit of its
-    container or shell."""
-    # Windows tells neither, and refuses by itself what exceeds it.
-    if not HAVE_LIMITS:
-        return sys.maxsize
-    # The whole memory, not what is free now: other programs may end, and Linux counts caches as
-    # used.
-    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
-    if (address_space := resource.getrlimit(resource.RLIMIT_AS)[0]) != resource.RLIM_INFINITY:
-        limits.append(address_space)
-    with suppress(OSError, ValueError):  # no control groups, or "max"
-        limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
-    return min(limits)
 
 
 def need(case: Case) -> int:
@@ -55,7 +31,7 @@ def check_memory(case: Case, processes: int = 1) -> None:
     """Raise HodoError if the samples of a case do not fit into the memory of one of so many
     processes."""
     # Refused before anything is integrated: a process that takes too much is killed without a word.
-    have = limit() // processes
+    have = memory_limit() // processes
     if need(case) > have:
         share = f" for each of {processes} processes" if processes > 1 else ""
         there = f"there are {in_bytes(have)}{share}"
@@ -73,11 +49,3 @@ def check_disk(case: Case, stored: int, folder: Path) -> None:
         there = f"{in_bytes(free)} are free"
         said = f"would take about {in_bytes(taken)} on the disk of {folder}, and {there}"
         raise HodoError(f"{case.name}: {said}")
-
-
-def in_bytes(count: int) -> str:
-    """A number of bytes with its unit, to three digits."""
-    for power, unit in ((5, "PB"), (4, "TB"), (3, "GB"), (2, "MB")):
-        if count >= 1000**power:
-            return f"{count / 1000**power:.3g} {unit}"
-    return f"{count} bytes"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..schema.document import MAX_BYTES, Block
+from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block
 from ..schema.kinds import Misnamed, Mistake, Wrong, nearest, resolve, shown, unknown
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
@@ -48,9 +48,6 @@ class Config:
 
 HERE = Path(__file__).parent
 
-CONFIGS = (".yaml", ".yml")
-"""What the name of a case file ends with."""
-
 BUNDLED_CONFIGS = (
     HERE.parent if (HERE.parent / "configs").exists() else HERE.parents[1]
 ) / "configs"
@@ -80,7 +77,7 @@ def write_new(path: Path) -> Path:
 
     Raises HodoError if there is one already, or it cannot be written.
     """
-    path = path if path.suffix in CONFIGS else path.with_name(f"{path.name}.yaml")
+    path = path if path.suffix in YAML_SUFFIXES else path.with_name(f"{path.name}.yaml")
     text = (HERE / "new.yaml").read_text(encoding="utf-8")
     try:
         # "x" refuses a file that is there, in one step with making it.

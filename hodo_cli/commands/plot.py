@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import HodoError
-from ..batch.mark import library_version
 from ..batch.pool import Pool, pool
-from ..cases.config import CONFIGS, Config, load, parse
+from ..cases.config import Config, load, parse
 from ..cases.figure_block import FORMATS, PIECE, SCRIPT
+from ..machine import library_version
 from ..progress import Progress
+from ..schema.document import YAML_SUFFIXES
 from ..schema.kinds import unknown
 from ..storage.finished import open_batch
 from ..storage.hdf5 import ResultFile
@@ -29,7 +30,7 @@ from .resume import content_mark, result_named, warn_of_changes
 if TYPE_CHECKING:
     from ..results.motion import Results
 
-SOURCES = (".h5", *CONFIGS)
+SOURCES = (".h5", *YAML_SUFFIXES)
 """What the name of a result or of its config ends with, unless that is a bare name."""
 
 RECORD = "drawn.json"

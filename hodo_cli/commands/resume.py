@@ -15,7 +15,8 @@ from typing import Any
 from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
 from ..cases.case import Case, dump
-from ..cases.config import CONFIGS, Config, is_bare, load, parse
+from ..cases.config import Config, is_bare, load, parse
+from ..schema.document import YAML_SUFFIXES
 from ..storage.finished import Finished
 from ..storage.group import TOLD_ATTRIBUTES, Attribute
 from ..storage.hdf5 import ResultFile
@@ -75,7 +76,7 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
     A config's result is in the folder `runs`. A bare name is a config's, as in `load`. Raises
     HodoError if the config cannot be read, or has no result.
     """
-    if not (is_bare(name) or name.suffix in CONFIGS):
+    if not (is_bare(name) or name.suffix in YAML_SUFFIXES):
         return name, None
     config = load(name)
     path = Path("runs") / f"{Path(config.path).stem}.h5"

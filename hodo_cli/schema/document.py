@@ -18,6 +18,9 @@ import yaml
 from .kinds import KeyPath, Misnamed, shown
 from .mistakes import Mistakes, Place
 
+YAML_SUFFIXES = (".yaml", ".yml")
+"""What the name of a YAML file ends with."""
+
 # Half a million values take 100 MB of memory and some seconds; the papers' files hold 1,300 at
 # most, 8 levels deep.
 MAX_BYTES = 16_000_000

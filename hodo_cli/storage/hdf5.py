@@ -14,8 +14,9 @@ import numpy as np
 from h5py import h5a, h5d, h5ds, h5g, h5l, h5o, h5t
 
 from .. import HodoError
-from ..batch import memory
-from ..cases.config import CONFIGS
+from ..machine import memory_limit
+from ..schema.document import YAML_SUFFIXES
+from ..text import in_bytes
 from .disk import (
     PATIENCE_OF_READER,
     SLOW_DISK,
@@ -122,8 +123,8 @@ class ResultFile:
                 if _is_placeholder(item):
                     continue
                 # Asked for before reading: HDF5 promises any size that a damaged header names.
-                if item.nbytes > memory.limit():
-                    size = memory.in_bytes(item.nbytes)
+                if item.nbytes > memory_limit():
+                    size = in_bytes(item.nbytes)
                     raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {size}")
                 data = _texts(item) if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(
@@ -239,7 +240,7 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
         raise ValueError(f"{name} holds neither numbers nor texts")
     stored = item.id.get_storage_size()
     if item.nbytes > FEW_BYTES + INFLATION * stored and not _is_placeholder(item):
-        claimed, there = memory.in_bytes(item.nbytes), memory.in_bytes(stored)
+        claimed, there = in_bytes(item.nbytes), in_bytes(stored)
         raise ValueError(f"{name} claims {claimed}, of which {there} are stored")
     return item
 
@@ -362,7 +363,7 @@ def _why_closed(path: Path, error: Exception) -> str:
     if os.path.isdir(path):
         return "a folder, not a file"
     if "signature not found" in text:
-        if path.suffix in CONFIGS:
+        if path.suffix in YAML_SUFFIXES:
             return "a case file, where a result is expected: hodo run makes one of it"
         return "not an HDF5 file"
     if "truncated file" in text:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError, __version__
-from ..batch.mark import library_version
+from ..machine import library_version
 
 FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer
