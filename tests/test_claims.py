@@ -286,9 +286,7 @@ def test_one_member_of_a_sample_contradicts_what_is_said_of_all() -> None:
     assert sampled({"share": 1.0}, found).number == 0.9
 
 
-def varied(
-    cases: list[Case], over: Mapping[str, Any], start: str | None = None
-) -> dict[str, list[Case]]:
+def varied(cases: list[Case], over: Mapping[str, Any], start: str | None = None) -> dict[str, Any]:
     return dict(members(cases, SWEEP.check(over), start))
 
 
@@ -321,34 +319,36 @@ def test_members_on_a_sphere_keep_the_momentum_and_start_about_the_axis_asked_fo
     assert sum(counts) == 50
 
 
-def test_a_motion_is_integrated_once_for_all_claims() -> None:
-    known = Motions()
-    found = known.of([TOP, replace(TOP, name="another"), changed(TOP, {"a.0": 0.2})])
-    assert known.of([TOP]) == found[:1]
-    assert found[0].data is found[1].data is not found[2].data
+def test_a_motion_is_integrated_once_for_all_claims(monkeypatch: pytest.MonkeyPatch) -> None:
+    known, another = Motions(), changed(TOP, {"a.0": 0.2})
+    ((one, two),) = known.of([[TOP, another]])
+    ((again,), (renamed,)) = known.of([[TOP], [replace(TOP, name="another")]])
+    assert again is renamed is one
+    # Of motions that would fill the memory those of former claims are let go.
+    monkeypatch.setattr(variations, "SAMPLES_AT_ONCE", 1)
+    assert [m is n for (m,), n in zip(known.of([[TOP], [another]]), (one, two), strict=True)] == [
+        False,
+        False,
+    ]
 
 
 @pytest.mark.skipif(not have_taylor(), reason="needs heyoka")
 def test_members_are_integrated_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether a claim asks for their crossings first or for their samples."""
-    members_found = varied([BODY], {"direction": {"sphere": {"count": 100, "seed": 1}}}, None)
-    cases = [case for (case,) in members_found.values()]
+    over = {"direction": {"sphere": {"count": 100, "seed": 1}}}
+    cases = [case for (case,) in varied([BODY], over, None).values()]
     singles = [quantities.integrated_motion(case) for case in cases]
     assert any(motion.crossings for motion in singles)
     monkeypatch.setattr(variations, "integrated_motion", None)
-    samples_first = Motions().of(cases)
-    assert samples_first[0].labels.tolist() == singles[0].labels.tolist()
-    for found in (Motions().of(cases), samples_first):
-        for ours, single in zip(found, singles, strict=True):
-            assert len(ours.crossings) == len(single.crossings)
-            for a, b in zip(ours.crossings, single.crossings, strict=True):
-                assert (a.start, a.end) == (b.start, b.end)
-                # As far as the two integrations of the crossing's own state agree.
-                assert a.time == pytest.approx(b.time, rel=1e-11)
-                assert a.momentum == pytest.approx(b.momentum, rel=1e-11)
-            assert ours.labels.tolist() == single.labels.tolist()
-            # Near the separatrix each is right to 2e-12, by the reference in long double.
-            np.testing.assert_allclose(ours.omega, single.omega, rtol=0, atol=2e-12)
+    for (ours,), single in zip(Motions().of([[case] for case in cases]), singles, strict=True):
+        assert len(ours.crossings) == len(single.crossings)
+        for a, b in zip(ours.crossings, single.crossings, strict=True):
+            assert (a.start, a.end) == (b.start, b.end)
+            # As far as the two integrations of the crossing's own state agree.
+            assert a.time == pytest.approx(b.time, rel=1e-11)
+            assert a.momentum == pytest.approx(b.momentum, rel=1e-11)
+        assert ours.labels.tolist() == single.labels.tolist()
+        # Near the separatrix each is right to 2e-12, by the reference in long double.
+        np.testing.assert_allclose(ours.omega, single.omega, rtol=0, atol=2e-12)
 
 
 def test_quantities_of_a_known_motion() -> None:

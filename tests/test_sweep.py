@@ -344,11 +344,7 @@ def test_samples_side_by_side_are_those_of_single_cases_and_neighbours_change_no
     case = one(f"{body}, {BALL}, "
                f"sweep: {{size: {{zip: {{{sizes}}}}}, d: {{sphere: {{count: 40}}}}}}")  # fmt: skip
     cases = list(members.members_as_cases(case, np.arange(80), 1234))
-    whole, some, unsampled = (
-        chunk.side_by_side(cases, sampled=True),
-        chunk.side_by_side(cases[7:45], sampled=True),
-        chunk.side_by_side(cases, sampled=False),
-    )
+    whole, some = chunk.side_by_side(cases), chunk.side_by_side(cases[7:45])
     assert sum(each is not None for each in whole) > 70
     assert min(each[0].exponent[-1] for each in whole if each) < -100
     for single, found in zip(cases, whole, strict=True):
@@ -362,14 +358,13 @@ def test_samples_side_by_side_are_those_of_single_cases_and_neighbours_change_no
         assert (a and a[1]) == (b and b[1])
         for one_of_a, one_of_b in zip(a[0] if a else (), b[0] if b else (), strict=True):
             assert np.array_equal(one_of_a, one_of_b)
-    assert [each and each[1] for each in whole] == [each and each[1] for each in unsampled]
 
 
 @pytest.mark.heyoka
 def test_the_last_sample_is_the_end_whatever_rounding_has_taken_from_the_time() -> None:
     brief = FIG4.replace("end: 1000", "end: 3")
     case = one(f"{brief}, {BALL}, sweep: {{d: {{sphere: {{count: 200}}}}}}")
-    found = chunk.side_by_side([*members.members_as_cases(case, np.arange(200), 11)], sampled=True)
+    found = chunk.side_by_side([*members.members_as_cases(case, np.arange(200), 11)])
     paths = [each[0] for each in found if each]
     ends = [np.ldexp(path.state[-1], path.exponent[-1]) for path in paths]
     np.testing.assert_allclose(ends, computed(case)["omega"], rtol=0, atol=1e-15)

@@ -94,14 +94,10 @@ class Judge:
         varied = dict(members([m.case for m in motions], claim["over"], claim["start"]))
         if not varied:
             raise HodoError(f"no member starts about {claim['start']}")
-        flat, n = (
-            self.varied.of([case for cases in varied.values() for case in cases]),
-            len(motions),
-        )
-        by_member = [flat[i : i + n] for i in range(0, len(flat), n)]
+        by_member = self.varied.of([*varied.values()])
         # A trend is about all members at once, so no single member can decide it.
         if isinstance(trend := self.checks.get(claim["check"].get("name")), Trend):
-            return by_finding(claim, trend.judge(by_member))
+            return by_finding(claim, trend.judge([*by_member]))
         findings = {
             name: self._decide(claim["check"], some)
             for name, some in zip(varied, by_member, strict=True)

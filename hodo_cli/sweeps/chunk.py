@@ -103,12 +103,12 @@ Followed = tuple[Sampled, tuple[Crossing, ...]]
 """The samples of a motion and its separatrix crossings."""
 
 
-def side_by_side(cases: Sequence[Case], sampled: bool) -> list[Followed | None]:
-    """What becomes of single cases, side by side where there are enough of one kind; None for a
-    case that is left to `classify`. Without samples unless they are to be `sampled`."""
+def side_by_side(cases: Sequence[Case]) -> list[Followed | None]:
+    """The motions of single cases, integrated side by side where there are enough of one kind; None
+    for a case that is left to `classify`."""
     found: list[Followed | None] = [None] * len(cases)
     for at, e in ensembles_of(cases):
-        times = sample_times(cases[at[0]]) if sampled else e.times
+        times = sample_times(cases[at[0]])
         outcome, met = ensemble.advance_through(replace(e, times=times))
         labels = _reduced(e, outcome, met).classified
         assert labels is not None
