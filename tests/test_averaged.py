@@ -21,9 +21,9 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve, stored
 from hodo_cli.integration.trajectory import Trajectory
-from hodo_cli.models.averaging.capture import capture_shares
+from hodo_cli.models.averaging.capture import capture_shares, drift_by_region
 from hodo_cli.models.averaging.fluid import (
-    drift_by_region,
+    fluid_bands,
     fluid_constants,
     fluid_part,
     fluid_rates,
@@ -421,7 +421,9 @@ def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio:
 
 def test_a_dissipation_without_a_torque_takes_both_senses_alike() -> None:
     constants = cavity(kappa=1e-3).system.constants
-    shares = capture_shares(drift_by_region(attributes(constants), -1, 1.0, 1.0), (-1, 1))
+    shares = capture_shares(
+        drift_by_region(fluid_bands(attributes(constants), -1, (1.0, 1.0))), (-1, 1)
+    )
     assert shares == pytest.approx({(1, 1): 0.5, (1, -1): 0.5, (-1, 1): 0, (-1, -1): 0})
 
 
@@ -429,7 +431,7 @@ def test_captures_add_up() -> None:
     for torque in ((-1, 0, 0.4), (-1, 0, -3), (-0.2, 0, 0.3)):
         for kappa in (0.0, 0.1, 0.5):
             k = {"a": 1.0, "b": 0.8, "c": 0.6} | fluid_constants(BODY, kappa, torque, 1.0)
-            drift = drift_by_region(attributes(k), 1, 1.0, 1.0)
+            drift = drift_by_region(fluid_bands(attributes(k), 1, (1.0, 1.0)))
             if drift[1, 1] < 0:
                 assert sum(capture_shares(drift, (1, 1)).values()) == pytest.approx(1)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from importlib import import_module
 from types import SimpleNamespace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,17 @@ from ...schema.kinds import Integer, Key, Mistake
 from ..base import Constants, Event, EventOutcome
 from ..constants import attributes
 from ..rigid_body import BodyFrame
-from .capture import AT_SEPARATRIX, STOP, Region, branch, capture_shares
+from .capture import (
+    AT_SEPARATRIX,
+    FREE,
+    REGIONS,
+    STOP,
+    Arrival,
+    Band,
+    Region,
+    drift_by_region,
+    pass_separatrix,
+)
 from .damped import logarithmic_offset
 from .forms import (
     EDGE,
@@ -23,7 +33,6 @@ from .forms import (
     AveragedTurns,
     distance_to_edge,
     either,
-    left_and_entered,
     stored_elements,
     turning_constants,
     with_part,
@@ -38,7 +47,6 @@ from .free_turn import (
     turn_frequency,
 )
 from .means import turn_means
-from .passage import outcome, time_in_band
 from .quadrature import NODES, Torque, mean_rates, nodes_for, periodic_part
 
 STEADY = 1200.0
@@ -168,23 +176,10 @@ def torque_of(full: Rhs, t: Any, k: Any) -> Torque:
     return torque
 
 
-class Band(NamedTuple):
-    """Beside the separatrix, in a region: (ln E)' = rest + E/K and (ln O)' = rest + O/K."""
-
-    rest: float
-    E: float
-    O: float
-
-    @property
-    def drift(self) -> float:
-        """u', times K."""
-        return self.E - self.O
-
-
-def band_of(body: Body, torque: Torque, region: Region, ln_E: float) -> Band:
+def band_of(body: Body, torque: Torque, region: Region, E: float) -> Band:
     """The mean rates beside the separatrix, where E is given: by the means at two moduli."""
     side, sense = region
-    E, (w_e, w_o) = math.exp(ln_E), body.weight(side)
+    w_e, w_o = body.weight(side)
     found = []
     for m1 in (NEAR, NEARER):
         O = (1 - m1) * float(w_e / w_o) * E
@@ -220,68 +215,33 @@ def in_doubles(k: SimpleNamespace) -> SimpleNamespace:
 
 
 def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
-    """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
-
-    A torque that drives D alike in all regions takes the motion to the other axis. Any other makes
-    that a matter of chance: it ends the motion here, or the branch is taken which the case names.
-    """
+    """The passage under any torque; unless that drives D alike in all regions it is a matter of
+    chance."""
     ln_E, ln_O, scaled_phase = y[:3]
     side, sense = (1 if value > 0 else -1 for value in y[3:])
     numbers = in_doubles(k)
     body, torque = turning_body(numbers), torque_of(full, float(t), numbers)
-    view = SimpleNamespace(**turning_constants(body))
-    u = float(ln_E - ln_O + side * k.turning_offset)
+    E, O = math.exp(float(ln_E)), math.exp(float(ln_O))
     bands = {
-        (there, s): band_of(body, torque, (there, s), float(ln_E if there == side else ln_O))
-        for there in (1, -1)
-        for s in (1, -1)
+        region: band_of(body, torque, region, E if region[0] == side else O) for region in REGIONS
     }
-    here = bands[side, sense]
-    pull = -here.drift
-    seconds = time_in_band(u, pull)
-    E, O = (ln + here.rest * seconds + by * u / pull for ln, by in ((ln_E, here.E), (ln_O, here.O)))
-    about, other = (math.exp(float(ln)) for ln in (E, O))
-    n = float(turn_frequency(body, about, side))
-    time, phase = (
-        float(t) + seconds,
-        float(scaled_phase / k.turning_scale) + math.pi / 2 * n * u / pull,
+    branch, predictable = k.turning_branch, False
+    if drives_alike(drift_by_region(bands)):
+        X, Y = (E, O) if side > 0 else (O, E)
+        slow = Slow(X, Y, np.asarray(side), np.asarray(NEARER), np.asarray(sense), 0.0)
+        branch, predictable = FREE, k.turning_mean == "yes" and is_even(body, torque, slow)
+    arrival = Arrival(
+        t,
+        (side, sense),
+        float(ln_E - ln_O + side * k.turning_offset),
+        (math.sqrt(E), math.sqrt(O)),
+        scaled_phase / k.turning_scale,
     )
-    X, Y = (about, other) if side > 0 else (other, about)
-    momentum = math.sqrt((body.a * X + body.c * Y) / (body.a - body.c))
-    details = left_and_entered(view, side, 0) | {"momentum": momentum, "frequency": n}
-    edge = E, O, scaled_phase + k.turning_scale * math.pi / 2 * n * u / pull, y[3], y[4]
-    place = lag = 0.0
-    drift = {region: region[0] * band.drift for region, band in bands.items()}
-    if drives_alike(drift):
-        m1 = np.asarray(NEARER)
-        slow = Slow(X, Y, np.asarray(side), m1, np.asarray(sense), 0.0)
-        foreseen = outcome(pull, n, phase, time, pull)
-        known = k.turning_mean == "yes" and is_even(body, torque, slow)
-        details["scatter"] = foreseen.scatter
-        region = (-side, 1)
-        if known:
-            details |= foreseen.details
-            region = (-side, foreseen.sense or 1)
-        if known and math.isfinite(foreseen.place):
-            place, lag = foreseen.place, foreseen.lag
-    else:
-        shares = capture_shares(drift, (side, sense))
-        details["probability"] = shares[-side, 1] + shares[-side, -1]
-        if not (chosen := branch(k.turning_branch, shares, (side, sense))):
-            return EventOutcome(time, details, edge)
-        region = chosen
-    details |= left_and_entered(view, side, region[0])
-    there = bands[region]
-    onward, beyond = time_in_band(2 * EDGE, there.drift), 2 * EDGE / there.drift
-    before = (E, O) if region[0] == side else (O, E)
-    # The lag is spent near the middle axis, at the rate there.
-    spent = there.rest * (onward + lag)
-    after = (ln + spent + by * beyond for ln, by in zip(before, (there.E, there.O), strict=True))
-    new_phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
-    state = *after, 0 * scaled_phase + k.turning_scale * new_phase, 0 * y[3] + region[0], 0 * y[4]
-    return EventOutcome(
-        time, details, (*state[:4], state[4] + region[1]), t + (seconds + lag + onward)
-    )
+    # The bands are right to NEAR, and on the way to the separatrix they change by EDGE only.
+    view = SimpleNamespace(**turning_constants(body))
+    left = pass_separatrix(view, arrival, lambda _: bands, branch, predictable)
+    pair = (ln + by for ln, by in zip(left.in_order((ln_E, ln_O)), left.changes, strict=True))
+    return left.outcome(y, (*pair, k.turning_scale * left.phase, *left.region))
 
 
 def drives_alike(drift: Mapping[Region, float]) -> bool:

@@ -1,19 +1,26 @@
-"""Where a motion ends up that comes to the separatrix under torques that tell its regions apart.
+"""The passage of an averaged motion through the separatrix: written once, for every form.
 
 The separatrix divides the directions of G into four regions, about either end of axis a and of axis
-c, which meet along four arcs. A half turn beside the arc with the signs (s1, s3) of p and r changes
-D by theta(s1, s3): a constant torque brings the signs of p and r in, a resistance does not. Near D
-= 0 the motion takes one arc after the other, and which region keeps it hangs on D at its last turn:
-on the phase. Over all phases, evenly spread, it is a matter of shares.
+c, which meet along four arcs. A torque that drives D alike in all of them takes the motion to the
+other axis. Any other torque makes the region a matter of chance: a half turn beside the arc with
+the signs (s1, s3) of p and r changes D by theta(s1, s3), into which a constant torque brings the
+signs of p and r. Near D = 0 the motion takes one arc after the other, and which region keeps it
+depends on D at its last turn, hence on the phase. Over all phases, evenly spread, each region has
+its share.
 
 Source: the probabilities of A. I. Neishtadt 1986 and of Cary, Escande and Tennyson 1986, here by
 following the map.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
+from typing import Any, NamedTuple
 
 from ...schema.kinds import Choice, Key
+from ..base import EventOutcome
+from .forms import EDGE, left_and_entered
+from .passage import CrossingPrediction, outcome, time_in_band
 
 FREE, STOP, OTHER, REVERSED = "free", "stop", "other-axis", "reversed"
 """What happens at the separatrix: without a torque the motion goes through, else as the case
@@ -26,11 +33,159 @@ AT_SEPARATRIX = Key(
 )
 
 Region = tuple[int, int]
-"""A side (+1: axis a, -1: axis c) and the sense of rotation about that axis."""
+"""The side, +1 (about axis a) or -1 (about axis c), and the sense, +1 or -1, of the rotation about
+that axis."""
+
+REGIONS: tuple[Region, ...] = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+
+Pair = tuple[Any, Any]
+"""A quantity of the enclosed axis e, and that of the other axis o."""
+
+UNKNOWN = CrossingPrediction(math.nan, 0, math.nan, math.nan, 0.0)
+"""What is predicted of a passage whose phase is not known."""
 
 MOST_HALF_TURNS = 100_000
 """Half turns that are followed, over all intervals of D: regions which neither take nor give keep
 it for ever."""
+
+
+class Band(NamedTuple):
+    """The mean rates beside the separatrix in a region: (ln X_e)' = rest + by_e/K and (ln X_o)' =
+    rest + by_o/K."""
+
+    rest: float
+    by_e: float
+    by_o: float
+
+    @property
+    def drift(self) -> float:
+        """u', times K."""
+        return self.by_e - self.by_o
+
+    def changes(self, time: float, u: float) -> tuple[float, float]:
+        """The changes of ln X_e and ln X_o in a time in which u changes by `u`."""
+        turns = u / self.drift  # the integral of dt/K
+        return self.rest * time + self.by_e * turns, self.rest * time + self.by_o * turns
+
+
+Bands = Mapping[Region, Band]
+
+
+class Arrival(NamedTuple):
+    """A motion at a small u before the separatrix: its region, sqrt(X_e) and sqrt(X_o), and its
+    phase; time and phase in the working precision."""
+
+    time: Any
+    region: Region
+    u: float
+    amplitudes: Pair
+    phase: Any
+
+
+class Departure(NamedTuple):
+    """A motion behind the separatrix, which goes on from the time `onward`; None: it stops there.
+
+    `time` and `details` are stored. `changes` are those of ln X_e and ln X_o; `swaps` says that the
+    axis e of this region is the axis o of the arrival's.
+    """
+
+    time: float
+    details: dict[str, float]
+    region: Region
+    swaps: bool
+    changes: Pair
+    phase: Any
+    onward: Any = None
+
+    def in_order(self, pair: Pair) -> Pair:
+        """A pair of the arrival's side as one of this side."""
+        return pair[::-1] if self.swaps else pair
+
+    def outcome(self, before: Sequence[Any], after: Sequence[Any]) -> EventOutcome:
+        """The event's outcome: the state `after`, in the precision of the state `before`."""
+        state = [0 * old + new for old, new in zip(before, after, strict=True)]
+        return EventOutcome(self.time, self.details, state, self.onward)
+
+
+def pass_separatrix(
+    k: Any,
+    arrival: Arrival,
+    bands: Callable[[Pair], Bands],
+    branch: str,
+    predictable: bool,
+    rate: float | None = None,
+) -> Departure:
+    """The passage, from a small u on one side to 2 EDGE on the other, by the formulas of `passage`.
+
+    `k` has the constants of `turning_constants`; `bands` gives the rates at amplitudes on the
+    arrival's side. With `branch` FREE the motion changes its axis. Where it is `predictable` from
+    its phase, its sense, place and lag are those predicted, and `rate` is that of the perturbation
+    (default: the drift). Any other branch is a matter of chance: the motion ends here or takes it.
+
+    At 2 EDGE the event that has found the separatrix cannot find it again. What is added to the
+    state needs no more digits than a double has.
+    """
+    side, _ = arrival.region
+    here = bands(arrival.amplitudes)[arrival.region]
+    pull = -here.drift
+    seconds = time_in_band(arrival.u, pull)
+    to_edge = here.changes(seconds, -arrival.u)
+    edge = grown(arrival.amplitudes, to_edge)
+    n = float(k.turns_a if side > 0 else k.turns_c) * edge[0]
+    time = float(arrival.time) + seconds
+    phase = arrival.phase + math.pi / 2 * n * arrival.u / pull
+    details = {"momentum": momentum(k, side, edge), "frequency": n}
+    known, region = UNKNOWN, None
+    if branch == FREE:
+        foreseen = outcome(pull, n, float(phase), time, rate or pull)
+        details["scatter"] = foreseen.scatter
+        if predictable:
+            known = foreseen
+            details |= known.details
+        region = -side, known.sense or 1
+    else:
+        shares = capture_shares(drift_by_region(bands(edge)), arrival.region)
+        details["probability"] = shares[-side, 1] + shares[-side, -1]
+        region = chosen_region(branch, shares, arrival.region)
+    if region is None:
+        details |= left_and_entered(k, side, 0)
+        return Departure(time, details, arrival.region, False, to_edge, phase)
+    details |= left_and_entered(k, side, region[0])
+    there = bands(edge)[region]
+    onward = time_in_band(2 * EDGE, there.drift)
+    # The lag is spent near the middle axis, at the rate there.
+    beyond = there.changes(onward + known.lag, 2 * EDGE)
+    before = to_edge if region[0] == side else to_edge[::-1]
+    place = known.place if math.isfinite(known.place) else 0.0
+    return Departure(
+        time,
+        details,
+        region,
+        region[0] != side,
+        (before[0] + beyond[0], before[1] + beyond[1]),
+        math.pi * (place + 0.5) + math.pi / 2 * n * 2 * EDGE / there.drift,
+        arrival.time + (seconds + known.lag + onward),
+    )
+
+
+def grown(amplitudes: Pair, changes: Pair) -> Pair:
+    """Amplitudes after changes of the logarithms of their squares."""
+    first, second = (x * math.exp(by / 2) for x, by in zip(amplitudes, changes, strict=True))
+    return first, second
+
+
+def momentum(k: Any, side: int, amplitudes: Pair) -> float:
+    """|G| of a motion with these amplitudes on a side: G^2 = (a X + c Y)/(a - c)."""
+    a, c = float(k.a), float(k.c)
+    about, across = (a, c) if side > 0 else (c, a)
+    return math.hypot(
+        *(math.sqrt(A) * x for A, x in zip((about, across), amplitudes, strict=True))
+    ) / math.sqrt(a - c)
+
+
+def drift_by_region(bands: Bands) -> dict[Region, float]:
+    """The drift of D in the four regions, up to one factor."""
+    return {region: region[0] * band.drift for region, band in bands.items()}
 
 
 def arc_changes(drift: Mapping[Region, float]) -> dict[tuple[int, int], float]:
@@ -80,10 +235,10 @@ def capture_shares(drift: Mapping[Region, float], start: Region) -> dict[Region,
     return shares
 
 
-def branch(name: str, shares: dict[Region, float], start: Region) -> Region | None:
+def chosen_region(branch: str, shares: Mapping[Region, float], start: Region) -> Region | None:
     """The region that a case's word means, or None if the motion is to stop or cannot go there."""
     side, sense = start
-    onto = {OTHER: [(-side, 1), (-side, -1)], REVERSED: [(side, -sense)]}.get(name, [])
+    onto = {OTHER: [(-side, 1), (-side, -1)], REVERSED: [(side, -sense)]}.get(branch, [])
     # Of two senses of rotation about the other axis, the one that keeps more phases.
     likely = max(onto, key=shares.__getitem__, default=start)
     return likely if likely != start and shares[likely] > 0 else None

@@ -10,19 +10,18 @@ from typing import Any
 import numpy as np
 
 from ..base import Constants, Event, EventOutcome
+from .capture import FREE, REGIONS, Arrival, Band, pass_separatrix
 from .forms import (
-    EDGE,
     AveragedTurns,
     distance_to_edge,
     either,
-    left_and_entered,
     stored_elements,
     turning_constants,
     with_part,
 )
 from .free_turn import LANDEN, Body, Slow, turn_frequency
 from .means import linear_rates, turn_means
-from .passage import outcome, time_in_band
+from .passage import on_side
 from .quadrature import damped_part
 
 NEVER = -1e4
@@ -40,38 +39,27 @@ def logarithmic_offset(body: Body) -> float:
     return SYMMETRIC if outer else -SYMMETRIC
 
 
-def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
-    """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
+def linear_band(lam: Sequence[float]) -> Band:
+    """The rates of `linear_rates` beside the separatrix, where <dn^2> = <cn^2> = 1/K."""
+    l_e, l_m, l_o = lam
+    return Band(-2 * l_m, -2 * (l_e - l_m), -2 * (l_o - l_m))
 
-    At 2 EDGE the event that has found it cannot find it again. Digits beyond a double's are kept,
-    as all that is added is small.
-    """
+
+def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+    """The passage of a motion under linear resistance, which drives D alike in all regions."""
     ln_E, ln_O, scaled_phase, side = y
     lam = float(k.l1), float(k.l2), float(k.l3)
-    l_e, l_m, l_o = lam if side > 0 else lam[::-1]
-    pull, scale = 2 * abs(l_e - l_o), float(k.scale)
+    bands = {region: linear_band(on_side(lam, region[0])) for region in REGIONS}
+    # Without a torque nothing depends on the sense.
+    region = int(side), 1
+    amplitudes = math.exp(float(ln_E) / 2), math.exp(float(ln_O) / 2)
     u = float(ln_E - ln_O + side * k.turning_offset)
-    seconds = time_in_band(u, pull)
-    # In the band (ln E)' = -2 (l_m + (l_e - l_m)/K), and the integral of dt/K is u/pull.
-    E, O = (ln - 2 * (l_m * seconds + (l - l_m) * u / pull) for ln, l in ((ln_E, l_e), (ln_O, l_o)))
-    n = float(either(side, k.turns_a, k.turns_c)) * math.exp(float(E) / 2)
-    phase, time = float(scaled_phase) / scale + math.pi / 2 * n * u / pull, float(t) + seconds
-    foreseen = outcome(pull, n, phase, time, max(map(abs, lam)))
-    known = k.mean_start == "yes" and math.isfinite(foreseen.place)
-    lag, place = (foreseen.lag, foreseen.place) if known else (0.0, 0.0)
-    further, beyond = time_in_band(2 * EDGE, pull), 2 * EDGE / pull
-    # Behind it E and O have changed their parts; the lag is spent near the middle axis, at l_m.
-    linger = l_m * (further + lag)
-    new_E, new_O = O - 2 * (linger + (l_o - l_m) * beyond), E - 2 * (linger + (l_e - l_m) * beyond)
-    new_phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
-    heavy, light = (k.a, k.c) if side > 0 else (k.c, k.a)
-    square = (heavy * math.exp(float(E)) + light * math.exp(float(O))) / (k.a - k.c)
-    details = left_and_entered(k, int(side), -int(side))
-    details |= {"momentum": math.sqrt(float(square)), "frequency": n, "scatter": foreseen.scatter}
-    if k.mean_start == "yes":
-        details |= foreseen.details
-    state = new_E, new_O, 0 * scaled_phase + scale * new_phase, -side
-    return EventOutcome(time, details, state, t + (seconds + lag + further))
+    arrival = Arrival(t, region, u, amplitudes, scaled_phase / k.scale)
+    left = pass_separatrix(
+        k, arrival, lambda _: bands, FREE, k.mean_start == "yes", max(map(abs, lam))
+    )
+    E, O = (ln + by for ln, by in zip(left.in_order((ln_E, ln_O)), left.changes, strict=True))
+    return left.outcome(y, (E, O, k.scale * left.phase, left.region[0]))
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from ..base import EventOutcome
-from .capture import FREE, STOP, Region, branch, capture_shares
+from .capture import FREE, REGIONS, STOP, Arrival, Band, Bands, Pair, Region, pass_separatrix
 from .forms import EDGE, either, left_and_entered, stored_elements, with_part
 from .free_turn import Body, Slow, amplitude, turn_frequency
 from .means import fluid_loss, fluid_weights, turn_means
-from .passage import outcome, time_in_band
 
 
 def fluid_constants(
@@ -78,88 +77,49 @@ def fluid_distance(t: Any, y: Sequence[Any], k: Any) -> Any:
     return (1 - EDGE / 2) * sense * g - either(side, k.root_a, k.root_c) * f
 
 
-def rates_at_separatrix(k: Any, side: int, g: float, f: float) -> tuple[float, float, float]:
-    """g', f' and u', each times K, at the separatrix.
+def fluid_band(k: Any, region: Region, amplitudes: Pair) -> Band:
+    """The mean rates beside the separatrix, at amplitudes of a region in units of `unit`.
 
     There K <cn^2 dn^2> = 2/3, the integral of sech^4; K <sn^2 dn^2> = K <sn^2 cn^2> = 1/3; and K
     <dn> = pi/2.
     """
+    (side, sense), (g, f) = region, amplitudes
     cd, sd, sc = k.weights_a if side > 0 else k.weights_c
     loss = (2 * cd + sd) / 3 * g * g + sc / 3 * f * f
     to_E, to_O = (k.c, -k.a) if side > 0 else (-k.a, k.c)
-    torque = (k.torque_a if side > 0 else k.torque_c) * math.pi / 2
-    dg, df = float(to_E * loss * f * f / (2 * g) + torque), float(to_O * loss * f / 2)
-    return dg, df, 2 * (dg / g - df / f)
+    torque = sense * (k.torque_a if side > 0 else k.torque_c) * math.pi
+    return Band(0.0, float(to_E * loss * f * f / (g * g) + torque / g), float(to_O * loss))
 
 
-def drift_by_region(k: Any, side: int, g: float, f: float) -> dict[Region, float]:
-    """The drift of D in the four regions about a point of the separatrix, up to one factor."""
-    drift = {}
-    for there in (1, -1):
-        about, across = (abs(g), f) if there == side else (f, abs(g))
-        for sense in (1, -1):
-            drift[there, sense] = there * rates_at_separatrix(k, there, sense * about, across)[2]
-    return drift
+def fluid_bands(k: Any, side: int, amplitudes: Pair) -> Bands:
+    """The mean rates in the four regions, at amplitudes on a side."""
+    of = {side: amplitudes, -side: amplitudes[::-1]}
+    return {region: fluid_band(k, region, of[region[0]]) for region in REGIONS}
 
 
 def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
-    """The passage, from u = EDGE on one side to 2 EDGE on the other, by the formulas of `passage`.
-
-    Without a torque the motion changes its axis. A torque makes that a matter of chance: it ends
-    the motion here, or the branch is taken which the case names.
-    """
+    """The passage of a body with a fluid; a torque makes it a matter of chance."""
+    g, f, scaled_phase = y[:3]
     side, sense = (1 if value > 0 else -1 for value in y[3:])
-    if not y[1]:  # an exact rotation about an axis, which the torque has brought to rest
+    if not f:  # an exact rotation about an axis, which the torque has brought to rest
         return EventOutcome(float(t), left_and_entered(k, side, 0), y)
     ratio = float(either(side, k.ratio_a, k.ratio_c))
-    u = -math.log(ratio * float(y[1]) ** 2 / float(y[0]) ** 2)
+    u = -math.log(ratio * float(f) ** 2 / float(g) ** 2)
     # Rounding hides u of a nearly symmetric body, whose g is as small as its errors.
     u = u if u > 0 else EDGE
-    dg, df, du = rates_at_separatrix(k, side, float(y[0]), float(y[1]))
-    seconds, at = time_in_band(u, -du), (y[0] - dg * u / du, y[1] - df * u / du)
-    g, f = float(at[0]), float(at[1])
-    n = float(either(side, k.turns_a, k.turns_c) * k.unit) * abs(g)
-    time, phase = float(t) + seconds, sense * float(y[2] / k.scale) - math.pi / 2 * n * u / du
-    # |G| there is sqrt(2 T b), and 2T = (E + O)/(a - c).
-    momentum = float(k.unit) * math.sqrt(float(k.b) * (g * g + f * f) / float(k.a - k.c))
-    details = left_and_entered(k, side, 0) | {"momentum": momentum, "frequency": n}
-    place = lag = 0.0
-    if k.branch == FREE:
-        foreseen = outcome(-du, n, phase, time, -du)
-        region, details["scatter"] = (-side, foreseen.sense or 1), foreseen.scatter
-        if k.mean_start == "yes":
-            details |= foreseen.details
-        if k.mean_start == "yes" and math.isfinite(foreseen.place):
-            place, lag = foreseen.place, foreseen.lag
-    else:
-        shares = capture_shares(drift_by_region(k, side, g, f), (side, sense))
-        details["probability"] = shares[-side, 1] + shares[-side, -1]
-        if not (chosen := branch(k.branch, shares, (side, sense))):
-            scaled_phase = y[2] + k.scale * sense * math.pi / 2 * n * u / -du
-            return EventOutcome(time, details, (*at, scaled_phase, *y[3:]))
-        region = chosen
-    details |= left_and_entered(k, side, region[0])
-    onward, state = behind(k, region, side, at, n, place)
-    scaled_phase = 0 * y[2] + state[2] * k.scale
-    there = *state[:2], scaled_phase, *(0 * y[3] + value for value in region)
-    return EventOutcome(time, details, there, t + (seconds + lag + onward))
+    unit, g = float(k.unit), abs(g)
+    arrival = Arrival(
+        t, (side, sense), u, (unit * float(g), unit * float(f)), sense * scaled_phase / k.scale
+    )
 
+    def bands(amplitudes: Pair) -> Bands:
+        return fluid_bands(k, side, (amplitudes[0] / unit, amplitudes[1] / unit))
 
-def behind(
-    k: Any, region: Region, side: int, at: tuple[Any, Any], n: float, place: float
-) -> tuple[float, tuple[Any, Any, float]]:
-    """The time from the separatrix to u = 2 EDGE in a region; g, f and s phi there.
-
-    `at`: g and f at the separatrix, on the side that the motion comes from.
-    """
-    there, sense = region
-    size, f = (at[0] if at[0] > 0 else -at[0]), at[1]
-    about, across = (size, f) if there == side else (f, size)
-    dg, df, du = rates_at_separatrix(k, there, sense * float(about), float(across))
-    beyond = 2 * EDGE / du
-    phase = math.pi * (place + 0.5) + math.pi / 2 * n * beyond
-    g, f = sense * about + dg * beyond, across + df * beyond
-    return time_in_band(2 * EDGE, du), (g, f, sense * phase)
+    left = pass_separatrix(k, arrival, bands, k.branch, k.mean_start == "yes")
+    # Without a lag the changes are so small that their squares are below every precision.
+    g, f = (x * (1 + by / 2) for x, by in zip(left.in_order((g, f)), left.changes, strict=True))
+    sense = left.region[1]
+    return left.outcome(y, (sense * g, f, sense * k.scale * left.phase, *left.region))
 
 
 def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
