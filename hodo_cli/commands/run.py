@@ -277,6 +277,7 @@ def outcomes(
     sweeps."""
     single = [case for case in cases if not case.sweep]
     yield from pool.map(finish, progress.starting(single, attrgetter("name")))
+    writer.store()  # sweeps take long, and short cases wait for others
     for case in cases:
         if case.sweep:
             from ..sweeps import sweep

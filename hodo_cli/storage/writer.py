@@ -6,8 +6,8 @@ end. (A single HDF5 file that grows is unreadable, all of it, after one in five 
 kill there would cost every case.) A piece is whole or absent; the next run takes the pieces of a
 dead one over. A sweep comes in *parts*, small files too, of which its piece is made.
 
-Short cases wait for others and share a piece, because a file costs as much as a case. They wait for
-HOLD seconds at most, and only what is in a piece is called finished.
+Short cases share a piece, because a file costs as much as a case. It is written when a case is
+finished HOLD seconds after its first one, and only what is in a piece is called finished.
 """
 
 import os
@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from threading import RLock, Timer
+from time import monotonic
 from typing import Self
 
 from .. import HodoError
@@ -39,8 +39,8 @@ from .staging import Staging, identity, os_errors_as, synced
 KEPT = "; finished cases are kept"
 
 HOLD = 0.5
-"""Seconds for which a finished case waits for others at most, unless it took as long itself: this
-is what a kill may cost."""
+"""Seconds within which finished cases share a piece, unless one of them took as long itself: so
+much work a kill may cost."""
 
 MOST_HELD = 64
 """Cases in a piece: its own cost is then a hundredth of theirs."""
@@ -94,9 +94,7 @@ class Writer:
         self._count = 0
         self._held: dict[str, tuple[Group, Callable[[], object]]] = {}
         self._held_bytes = 0
-        # Of the staging folder, in which a timer writes too.
-        self._lock = RLock()
-        self._timer: Timer | None = None
+        self._held_since = 0.0
         self._old: ResultFile | None = None
         self._staging = Staging(self.path)
         self._open = ExitStack()
@@ -138,44 +136,33 @@ class Writer:
                     self._staging.remove()
 
     def add(self, name: str, group: Group, then: Callable[[], object] = bool) -> None:
-        """Take a finished case. `then` is called, in any thread, as soon as the case survives the
-        death of this process: see `store`.
+        """Take a finished case. `then` is called as soon as the case survives the death of this
+        process: see `store`.
 
         Raises HodoError if it, or one that was added before, cannot be written.
         """
-        with self._lock:
-            self._held[name] = group, then
-            self._held_bytes += sum(each.data.nbytes for each in group.variables.values())
-            took = group.attributes.get("run_time", 0.0)
-            is_long = group.late is not None or (isinstance(took, float) and took > HOLD)
-            if is_long or len(self._held) >= MOST_HELD or self._held_bytes > MOST_BYTES:
-                self.store()
-            elif self._timer is None or not self._timer.is_alive():
-                self._timer = Timer(HOLD, self._store_late)
-                self._timer.daemon = True
-                self._timer.start()
+        if not self._held:
+            self._held_since = monotonic()
+        self._held[name] = group, then
+        self._held_bytes += sum(variable.data.nbytes for variable in group.variables.values())
+        took = group.attributes.get("run_time", 0.0)
+        is_long = group.late is not None or (isinstance(took, float) and took > HOLD)
+        is_full = len(self._held) >= MOST_HELD or self._held_bytes > MOST_BYTES
+        if is_long or is_full or monotonic() > self._held_since + HOLD:
+            self.store()
 
     def store(self) -> None:
         """Write what waits as one piece. Raises HodoError if it cannot be written."""
-        with self._lock:
-            if self._timer:
-                self._timer.cancel()
-            try:
-                self._store(self._held)
-            except Exception:
-                # As much as the disk takes, and a case that cannot be stored takes no other along.
-                for name in [*self._held] if len(self._held) > 1 else []:
-                    with suppress(Exception):
-                        self._store({name: self._held[name]})
-                raise
-            finally:
-                self._held_bytes = 0
-
-    def _store_late(self) -> None:
-        """Write what waits while the next case takes its time. What is refused is tried again with
-        that case, and said then."""
-        with suppress(Exception):
-            self.store()
+        try:
+            self._store(self._held)
+        except Exception:
+            # As much as the disk takes, and a case that cannot be stored takes no other along.
+            for name in [*self._held] if len(self._held) > 1 else []:
+                with suppress(Exception):
+                    self._store({name: self._held[name]})
+            raise
+        finally:
+            self._held_bytes = 0
 
     def _store(self, held: Mapping[str, tuple[Group, Callable[[], object]]]) -> None:
         if not held:
@@ -222,10 +209,9 @@ class Writer:
 
         `part_id` tells what the part belongs to. Raises HodoError if it cannot be written.
         """
-        with self._lock:
-            with os_errors_as(self.path, KEPT):
-                piece = self._staging / f"part-{part_id}-{number}.h5"
-            self._put(piece, {"part": group})
+        with os_errors_as(self.path, KEPT):
+            piece = self._staging / f"part-{part_id}-{number}.h5"
+        self._put(piece, {"part": group})
 
     def keep_all_parts(self) -> None:
         """Leave the parts of dead runs where the next Writer finds them."""
@@ -261,7 +247,7 @@ class Writer:
         return True
 
     def _next_piece(self) -> Path:
-        with self._lock, os_errors_as(self.path, KEPT):
+        with os_errors_as(self.path, KEPT):
             if not self._count:
                 # Before any piece: until the result is made, they are shown in its place.
                 head = self._staging / HEAD
