@@ -154,28 +154,6 @@ def test_a_result_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch)
         next(workers.map(compute, [1]))
 
 
-def test_a_module_that_is_imported_after_an_edit_is_refused(copy: Copy) -> None:
-    """An engine is imported when a case needs it: by then its source may be another."""
-    script = (
-        "from pathlib import Path\n"
-        "from hodo_cli.batch.pool import pool\n"
-        "def load(engine):\n"
-        "    __import__(f'hodo_cli.engines.{engine}')\n"
-        "print(list(pool(1).map(load, ['scipy_ivp'])))\n"
-        "with open('hodo_cli/engines/collocation.py', 'a') as file:\n"
-        "    file.write('CHANGED = True\\n')\n"
-        "print(list(pool(1).map(load, ['collocation'])))\n"
-    )
-    source = copy.folder / "hodo_cli" / "engines" / "collocation.py"
-    before = source.read_text()
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=copy.folder, capture_output=True, text=True
-    )
-    source.write_text(before)
-    assert done.stdout == "[('scipy_ivp', None)]\n"
-    assert "engines/collocation.py of hodo has changed during the run: run again" in done.stderr
-
-
 def test_the_labels_that_a_run_drops_are_looked_for_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

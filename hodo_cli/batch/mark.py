@@ -2,11 +2,10 @@
 libraries, all as they were when the process began."""
 
 import hashlib
-import sys
 from functools import cache
 from pathlib import Path
 
-from .. import BatchError, models
+from .. import models
 from ..engines import have_taylor
 from ..machine import library_version
 
@@ -41,7 +40,6 @@ def _source_hash(name: str) -> str:
 # Read while the modules themselves are being imported: a source that is edited later, during a run,
 # is not what this process computes with.
 _BEGUN = _sources()
-_known = set(sys.modules)
 
 
 @cache
@@ -64,20 +62,6 @@ def libraries() -> str:
 def process_mark() -> str:
     """What this process computes with, in one word; it travels with every result."""
     return f"{code(swept=True)}-{libraries()}{models.foreign_mark()}"
-
-
-def check_late_imports() -> None:
-    """Raise BatchError if a module was imported after its source had changed.
-
-    Engines are imported when they are first needed, which may be long after the mark was taken.
-    """
-    if len(sys.modules) == len(_known):
-        return
-    for name in sys.modules.keys() - _known:
-        _known.add(name)
-        source = name.removeprefix(__package__.partition(".")[0] + ".").replace(".", "/") + ".py"
-        if source in _BEGUN and _BEGUN[source] != _source_hash(source):
-            raise BatchError(f"{source} of hodo has changed during the run: run again")
 
 
 def digest(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Self, TypeVar
 
 from .. import BatchError, HodoError
 from . import WorkerLost
-from .mark import check_late_imports, process_mark
+from .mark import process_mark
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -122,7 +122,6 @@ def _marked(function: Callable[[Task], Result], task: Task) -> tuple[str, Result
         raise
     except ImportError as error:  # too large for a limit on memory, say
         raise BatchError(f"a library cannot be loaded: {error}") from None
-    check_late_imports()
     return taken, result
 
 
