@@ -13,9 +13,9 @@ import pytest
 from conftest import ROOT, Hodo
 
 from hodo_cli.cases.config import load
-from hodo_cli.commands.resume import content_mark, telling, told
+from hodo_cli.commands.resume import content_digest
 from hodo_cli.commands.run import result_name
-from hodo_cli.storage.group import Group, Variable, checksum_of
+from hodo_cli.storage.group import Group, Report, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.output import create
 from hodo_cli.storage.provenance import root_attributes
@@ -234,44 +234,47 @@ def test_what_was_told_is_told_again_until_the_data_change(tmp_path: Path, hodo:
     assert "fig4 is damaged" in hodo("classify", "runs/a.h5").stderr
 
 
-def test_a_mark_is_that_of_the_content(tmp_path: Path) -> None:
-    """One number, one name or the text makes another mark; what was told of it is told no more."""
+def test_a_checksum_is_that_of_the_content(tmp_path: Path) -> None:
+    """One number, one name or one attribute makes another; what a command has found makes none."""
 
-    def checksum(attributes: dict[str, Any], name: str, *numbers: float) -> str:
-        """The checksum that a group is stored with, which is what it was foretold to be."""
-        group = Group(attributes, {name: Variable(("time",), np.array(numbers), {})})
+    def checksum(name: str, *numbers: float, n: Any = 1, report: Report | None = None) -> str:
+        variables = {name: Variable(("time",), np.array(numbers), {})}
         with create(tmp_path / "a.h5", {}) as file:
-            file.write("a", group)
+            file.write("a", Group({"n": n, "s": "a"}, variables, report=report))
         with open_run(tmp_path / "a.h5") as run:
-            assert run.checksum("a") == checksum_of(group) == checksum_of(run.read("a"))
+            assert run.check("a") == ""
+            assert run.report("a", "now") == (["b", 1] if report else None)
+            assert run.report("a", "later") is None
+            assert run.read("a").report == report
             return run.checksum("a")
 
-    whole = checksum({"n": 1, "s": "a"}, "x", 1.0, math.nan)
-    mark = content_mark([whole], "text")
-    assert checksum({"n": np.int64(1), "s": "a"}, "x", 1.0, math.nan) == whole
-    assert checksum({"n": 1, "s": "a", **telling(mark, [])}, "x", 1.0, math.nan) == whole
-    assert told(telling(mark, [1, {"a": None}]), mark) == [1, {"a": None}]
-    marks = {
-        content_mark([checksum({"n": 1, "s": "a"}, "x", 1.0, 2.0)], "text"),
-        content_mark([checksum({"n": 1, "s": "a"}, "y", 1.0, math.nan)], "text"),
-        content_mark([checksum({"n": 2, "s": "a"}, "x", 1.0, math.nan)], "text"),
-        content_mark([whole], "another"),
-        content_mark([whole, whole], "text"),
-        content_mark([whole, ""], "text"),
+    whole = checksum("x", 1.0, math.nan)
+    assert checksum("x", 1.0, math.nan, n=np.int64(1)) == whole
+    assert checksum("x", 1.0, math.nan, report=Report("now", '["b", 1]')) == whole
+    others = {
+        checksum("x", 1.0, 2.0),
+        checksum("y", 1.0, math.nan),
+        checksum("x", 1.0, math.nan, n=2),
     }
-    assert len(marks | {mark}) == 7
-    assert all(told(telling(mark, []), each) is None for each in marks)
-    assert told(telling("", []), "") is None
+    assert len(others | {whole}) == 4
+    digests = [
+        content_digest([whole], "text"),
+        content_digest([whole], "another"),
+        content_digest([whole, whole], "text"),
+    ]
+    assert len({*digests}) == 3
+    assert content_digest([whole, ""], "text") == ""
 
 
 def test_what_something_else_has_added_to_is_not_known_by_its_checksum(tmp_path: Path) -> None:
     with create(tmp_path / "a.h5", {}) as file:
-        file.write("a", Group({"n": 1}, {}))
+        file.write("a", Group({"n": 1}, {}, report=Report("now", "1")))
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["a"]["more"] = [1.0]
     with open_run(tmp_path / "a.h5") as run:
         assert "more" in run.read("a").variables
         assert run.checksum("a") == ""
+        assert run.report("a", "now") is None
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,10 @@
 """`hodo claims`: verdicts on the claims and errata of a result file."""
 
+import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -16,11 +18,11 @@ from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import catalogue_of_checks
 from ..progress import Progress
-from ..storage.group import TOLD_ATTRIBUTES, Group, Variable
+from ..storage.group import Group, Report, Variable
 from ..storage.hdf5 import ResultFile
 from ..storage.provenance import history_line
 from ..storage.update import update
-from .resume import content_mark, result_named, telling, told, warn_of_changes
+from .resume import content_digest, result_named, warn_of_changes
 
 Rows = list[dict[str, Any]]
 
@@ -38,18 +40,20 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
         with update(path, history_line(f"hodo claims {path}")) as changes:
             warn_of_changes(changes.run, config, "claims")
             text = config.text if config else changes.run.text
-            mark, rows = "", None
+            digest, rows = "", None
             with suppress(HodoError):  # a case that cannot be read may matter to no claim
                 checksums = map(changes.run.checksum, changes.run.cases())
-                mark = content_mark(checksums, text)
-                if "_claims" in changes.run:
-                    rows = told(changes.run.summary("_claims", TOLD_ATTRIBUTES), mark)
+                digest = content_digest(checksums, text)
+                if digest and "_claims" in changes.run:
+                    rows = changes.run.report("_claims", digest)
             if rows is None:
                 found = judged(config or parse(text, str(path)), changes.run)
                 rows = [[claim_row(verdict) for verdict in each] for each in found]
                 if rows[0]:
                     group = claim_group(rows[0], STATEMENT_COLUMNS)
-                    changes.write("_claims", Group(telling(mark, rows), group.variables))
+                    changes.write(
+                        "_claims", replace(group, report=Report(digest, json.dumps(rows)))
+                    )
                 if rows[1]:
                     changes.write("_errata", claim_group(rows[1], ERRATUM_COLUMNS))
             if not any(rows):

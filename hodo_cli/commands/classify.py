@@ -1,6 +1,8 @@
 """`hodo classify`: labels and crossings of stored cases."""
 
+import json
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,10 @@ from ..models import rigid_body
 from ..progress import Progress
 from ..results.layout import RECORDED, label_group
 from ..results.motion import motion_of
-from ..storage.group import TOLD_ATTRIBUTES, Group, checksum_of
+from ..storage.group import Group, Report
 from ..storage.provenance import history_line, typed
 from ..storage.update import update
-from .resume import content_mark, result_named, telling, told, warn_of_changes
+from .resume import package_digest, result_named, warn_of_changes
 
 
 def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -35,25 +37,19 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
             warn_of_changes(changes.run, config)
             for name in progress.each(changes.run.cases()):
                 try:
-                    mark = content_mark([changes.run.checksum(name)])
-                    row = told(changes.run.summary(name, TOLD_ATTRIBUTES), mark)
+                    row = changes.run.report(name, package_digest())
                     if row is None:
                         group = changes.run.read(name)
                         part, row = classified(name, group)
-                        changes.write(name, with_row(group, part or Group({}, {}), row), old=group)
+                        report = Report(package_digest(), json.dumps(row))
+                        part = replace(part or Group({}, {}), report=report)
+                        changes.write(name, part, old=group)
                 except HodoError as error:
                     # What the file itself refuses begins with its path.
                     problems.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")
                     continue
                 rows.append({"run": str(path), **row})
     return rows, problems
-
-
-def with_row(group: Group, part: Group, row: dict[str, Any]) -> Group:
-    """What is added to a case, with its line in the table, to be told again while the case is as
-    this part makes it."""
-    kept = telling(content_mark([checksum_of(group.with_part(part))]), row)
-    return Group({**part.attributes, **kept}, part.variables)
 
 
 def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:

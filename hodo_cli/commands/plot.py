@@ -25,7 +25,7 @@ from ..schema.kinds import unknown
 from ..storage.finished import open_batch
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import replacing
-from .resume import content_mark, result_named, warn_of_changes
+from .resume import content_digest, result_named, warn_of_changes
 
 if TYPE_CHECKING:
     from ..results.motion import Results
@@ -245,7 +245,7 @@ class Folder:
         the code that draws."""
         spec = self.config.figure(name)
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
-        return content_mark(
+        return content_digest(
             (self.checksums.get(case, ABSENT) for case in cases),
             repr((spec, others, library_version("matplotlib"), library_version("plotly"))),
         )
@@ -276,7 +276,7 @@ def page_mark(out: Path, folders: Sequence[Folder]) -> str:
     ]
     pieces = [file.read_bytes() for file in sorted(out.glob(f"*/{PIECE}"))]
     checksums = [each for folder in folders for each in folder.checksums.values()]
-    return content_mark(checksums, repr((shown, figures, pieces)))
+    return content_digest(checksums, repr((shown, figures, pieces)))
 
 
 def page_written(task: PageTask) -> tuple[str, ...]:

@@ -1,16 +1,13 @@
 """What need not be done again: whether a stored case is still right, whether its config still says
-the same, and what a command has told of stored data. While the data and hodo itself are the same,
-that is told again and not computed anew."""
+the same, and the digests of what the findings of a command depend on."""
 
 import hashlib
-import json
 import os
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from .. import HodoError, models
 from ..batch.mark import PACKAGE, code, digest, libraries
@@ -18,7 +15,6 @@ from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse
 from ..schema.document import YAML_SUFFIXES
 from ..storage.finished import Finished
-from ..storage.group import TOLD_ATTRIBUTES, Attribute
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import staging_folders
 
@@ -26,9 +22,6 @@ FORCED = "--force"
 
 CONFIG_PATH = "config_path"
 """The attribute of a result that tells its config from another of the same name."""
-
-MARK, TOLD = TOLD_ATTRIBUTES
-"""The attributes of a group: what it was told of, as a hash, and what was told, as JSON."""
 
 # In this order, because another version of hodo may write the same case in other words.
 REASONS = (
@@ -140,7 +133,7 @@ def _config_of(run: ResultFile) -> Config | None:
 
 
 @cache
-def package_mark() -> str:
+def package_digest() -> str:
     """The hash of all sources of hodo, of models that are not its own, and of the libraries that
     compute."""
     sources = hashlib.sha256((libraries() + models.foreign_mark()).encode())
@@ -149,20 +142,8 @@ def package_mark() -> str:
     return sources.hexdigest()
 
 
-def content_mark(checksums: Iterable[str], text: str = "") -> str:
+def content_digest(checksums: Iterable[str], text: str = "") -> str:
     """The hash of stored groups, by their checksums, of a text, and of the code that would compute
     from them; empty if a group has no checksum to go by."""
-    known = [package_mark(), text, *checksums]
+    known = [package_digest(), text, *checksums]
     return hashlib.sha256(repr(known).encode()).hexdigest() if all(known[2:]) else ""
-
-
-def told(attributes: Mapping[str, Any], mark: str) -> Any:
-    """What was told of a group with these attributes at the same mark; None if nothing was."""
-    if not mark or attributes.get(MARK) != mark:
-        return None
-    return json.loads(str(attributes[TOLD]))
-
-
-def telling(mark: str, what: Any) -> dict[str, Attribute]:
-    """What is told at a mark, as attributes."""
-    return {MARK: mark, TOLD: json.dumps(what)}

@@ -10,9 +10,6 @@ from .disk import Checksum, Digest, digest_of
 
 Attribute = str | int | float | np.ndarray
 
-TOLD_ATTRIBUTES = ("told_mark", "told")
-"""Attributes that stand behind the checksum: what a command has told of the data under it."""
-
 
 @dataclass(frozen=True)
 class Variable:
@@ -33,6 +30,15 @@ class Late:
 
 
 @dataclass(frozen=True)
+class Report:
+    """What a command has found from stored data, as JSON, and the digest of what that depends on
+    besides the group that it is stored with. The checksum of the group does not cover it."""
+
+    digest: str
+    json: str
+
+
+@dataclass(frozen=True)
 class Group:
     """What a group holds. A variable that is named as its only dimension is that dimension's
     coordinate."""
@@ -40,10 +46,12 @@ class Group:
     attributes: Mapping[str, Attribute]
     variables: Mapping[str, Variable]
     late: Late | None = None
+    report: Report | None = None
 
     def with_part(self, part: "Group") -> "Group":
-        """This group with what a part adds to it or replaces."""
-        return Group({**self.attributes, **part.attributes}, {**self.variables, **part.variables})
+        """This group with what a part adds to it or replaces, and with its report."""
+        attributes = {**self.attributes, **part.attributes}
+        return Group(attributes, {**self.variables, **part.variables}, report=part.report)
 
 
 def as_stored(attributes: Mapping[str, Attribute]) -> dict[str, Attribute]:
@@ -62,15 +70,10 @@ def is_number(dtype: np.dtype) -> bool:
     return dtype.kind in "iuf" and dtype.itemsize <= 8 and dtype != np.float16
 
 
-def checksum_of(group: Group) -> str:
-    """The checksum that a group is stored with."""
-    return checksum_with(group, {})
-
-
-def checksum_with(group: Group, digests: Mapping[str, Digest]) -> str:
-    """The checksum of a group, some of whose variables were digested as they were written."""
-    covered = {key: value for key, value in group.attributes.items() if key not in TOLD_ATTRIBUTES}
-    found = Checksum(as_stored(covered))
+def checksum_of(group: Group, digests: Mapping[str, Digest]) -> str:
+    """The checksum that a group is stored with; some variables were digested as they were
+    written."""
+    found = Checksum(as_stored(group.attributes))
     for key, variable in group.variables.items():
         digest = str(digests[key]) if key in digests else digest_of(variable.data)
         found.add(key, variable.dims, digest, as_stored(variable.attrs))

@@ -1,5 +1,6 @@
 """Result files being read: groups of labelled arrays in HDF5, checked before they are believed."""
 
+import json
 import os
 import stat
 import warnings
@@ -26,13 +27,16 @@ from .disk import (
     look,
     refusal,
 )
-from .group import Group, Variable, is_number
+from .group import Group, Report, Variable, is_number
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
 TEXT_IN_MEMORY = h5t.py_create(STRING)
 # netCDF-4's own mark of a dimension without a coordinate; its readers look for these very words.
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
+REPORT_DIGEST, REPORT = "told_mark", "told"
+"""The attributes that hold a report."""
+
 HIDDEN = (
     "CLASS",
     "NAME",
@@ -41,8 +45,10 @@ HIDDEN = (
     "_Netcdf4Dimid",
     "_Netcdf4Coordinates",
     "checksum",
+    REPORT_DIGEST,
+    REPORT,
 )
-"""Attributes that say nothing of the data: the links of dimensions, and the checksum."""
+"""Attributes that are no data: the links of dimensions, the checksum and the report."""
 
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
@@ -130,7 +136,14 @@ class ResultFile:
                 variables[key] = Variable(
                     _dims(item, named) or (key,) * data.ndim, data, _attributes(item)
                 )
-            return Group(_attributes(group), variables)
+            return Group(_attributes(group), variables, report=_report(group))
+
+    def report(self, name: str, digest: str) -> Any:
+        """What a command has found from a group at this digest; None if it has found nothing yet,
+        or the file is not as hodo has written it. Raises HodoError as `summary` does."""
+        with self.open_group(name) as group:
+            report = _report(group) if self._intact else None
+            return json.loads(report.json) if report and report.digest == digest else None
 
     def array(self, name: str, key: str) -> np.ndarray:
         """The values of one variable of a group. Raises HodoError as `read` does."""
@@ -407,6 +420,14 @@ def _attribute(item: h5py.HLObject, name: str) -> Any:
     value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
     # Plain Python numbers: they compare, print and go into JSON as expected.
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _report(group: h5py.Group) -> Report | None:
+    """The report that is stored with a group."""
+    names = REPORT_DIGEST, REPORT
+    if not all(h5a.exists(group.id, name.encode()) for name in names):
+        return None
+    return Report(*(str(_attribute(group, name)) for name in names))
 
 
 def encoded(name: str) -> bytes:

@@ -12,8 +12,17 @@ import numpy as np
 from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
 from .disk import Checksum, Digest, Disk, seal
-from .group import TOLD_ATTRIBUTES, Attribute, Group, as_stored, checksum_with, is_number
-from .hdf5 import NO_VARIABLE, STRING, Dimensions, ResultFile, dimensions_of, encoded
+from .group import Attribute, Group, as_stored, checksum_of, is_number
+from .hdf5 import (
+    NO_VARIABLE,
+    REPORT,
+    REPORT_DIGEST,
+    STRING,
+    Dimensions,
+    ResultFile,
+    dimensions_of,
+    encoded,
+)
 from .provenance import FORMAT_VERSION
 
 SCALAR = h5s.create(h5s.SCALAR)
@@ -35,8 +44,7 @@ class Output:
         if name in self._file:
             del self._file[name]
         target = _new_group(self._file.id, name)
-        told = {key: group.attributes[key] for key in TOLD_ATTRIBUTES if key in group.attributes}
-        _set_attributes(target, {k: v for k, v in group.attributes.items() if k not in told})
+        _set_attributes(target, group.attributes)
         sizes: dict[str, int] = {}
         items: dict[str, h5d.DatasetID] = {}
         late_ones = group.late.names if group.late else ()
@@ -70,7 +78,10 @@ class Output:
             item = h5py.Dataset(items[key])
             item[where] = block
             late[key].add(np.asarray(block, dtype=item.dtype))
-        _set_attributes(target, {"checksum": checksum_with(group, late), **told})
+        _set_attributes(target, {"checksum": checksum_of(group, late)})
+        if group.report:
+            report = {REPORT_DIGEST: group.report.digest, REPORT: group.report.json}
+            _set_attributes(target, report)
 
     def copy(self, run: ResultFile, name: str, known: Dimensions | None = None) -> None:
         """Copy a group as it is stored; `known` are the dimensions of its variables, where this

@@ -169,7 +169,9 @@ def _holds(old: Group, part: Group, whole: bool) -> bool:
         set(old.attributes) != set(part.attributes) or set(old.variables) != set(part.variables)
     ):
         return False
-    return _same(old.attributes, part.attributes) and all(
+    if old.report != part.report or not _same(old.attributes, part.attributes):
+        return False
+    return all(
         name in old.variables
         and old.variables[name].dims == new.dims
         and _equal(old.variables[name].data, new.data)
