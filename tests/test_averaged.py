@@ -19,7 +19,7 @@ from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import solve, stored
+from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging.capture import capture_shares, drift_by_region
 from hodo_cli.models.averaging.fluid import (
@@ -79,7 +79,7 @@ def full(averaged: Case) -> Case:
 def motion_of(of: Case) -> np.ndarray:
     """The angular velocity of a full motion at its samples."""
     method = "taylor" if have_taylor() else "collocation"
-    return stored(of, solve(of, method).path)["omega"]
+    return solve(of, method).variables["omega"]
 
 
 def omega(averaged: Case) -> np.ndarray:
@@ -412,7 +412,7 @@ def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio:
         data = some.data | {"kappa": kappa * size, "torque": torque}
         one = replace(some, data=data | {"initial": {"p": p, "q": q, "r": r}})
         behind = np.array([(passage.time + 100) / size])
-        w = stored(one, solve(one, "taylor", times=behind).path)["omega"][0]
+        w = solve(one, "taylor", times=behind).variables["omega"][0]
         captured += bool(0.2 * w[0] ** 2 < 0.12 * w[2] ** 2)
     expected = passage.details["probability"]
     error = math.sqrt(expected * (1 - expected) / count)

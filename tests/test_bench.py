@@ -30,20 +30,16 @@ CASES = parse(CONFIG, "x.yaml").cases
 
 
 def test_each_verdict() -> None:
-    case, method = replace(CASES["a"], tol=1e-4), "DOP853"
-    solution = solve.solve(case, method, tol=1e-4)
-    assert verdict(case, method, solution, 9e-4, 0.0) == "accurate"
-    assert verdict(case, method, solution, 1e-2, 1e-3) == "limited by the data"
-    assert verdict(case, method, replace(solution, status=Status.TIMEOUT), 0.0, 0.0) == "timeout"
-    assert (
-        verdict(case, method, replace(solution, status=Status.FAILED), 0.0, 0.0)
-        == "failed with a message"
-    )
+    motion = solve.solve(replace(CASES["a"], tol=1e-4), "DOP853", tol=1e-4)
+    assert verdict(motion, 9e-4, 0.0) == "accurate"
+    assert verdict(motion, 1e-2, 1e-3) == "limited by the data"
+    assert verdict(replace(motion, status=Status.TIMEOUT), 0.0, 0.0) == "timeout"
+    assert verdict(replace(motion, status=Status.FAILED), 0.0, 0.0) == "failed with a message"
     # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger
     # one is silent.
-    assert verdict(case, method, solution, 1e-2, 0.0) == "SILENT"
-    wrong = replace(solution, path=solution.path._replace(state=solution.path.state * 1.1))
-    assert verdict(case, method, wrong, 0.1, 0.0) == "inaccurate, said so"
+    assert verdict(motion, 1e-2, 0.0) == "SILENT"
+    wrong = replace(motion, state=motion.state * 1.1)
+    assert verdict(wrong, 0.1, 0.0) == "inaccurate, said so"
 
 
 def test_one_ulp_moves_every_number_that_is_not_zero() -> None:

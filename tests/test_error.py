@@ -8,7 +8,7 @@ import pytest
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
-from hodo_cli.integration.driver import LIMIT, Sampled
+from hodo_cli.integration.driver import LIMIT
 from hodo_cli.integration.error import (
     COMPARED,
     errors_against,
@@ -18,7 +18,8 @@ from hodo_cli.integration.error import (
     with_step_limit,
 )
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.integration.solve import Solution, solve
+from hodo_cli.integration.solve import solve
+from hodo_cli.integration.trajectory import Trajectory
 
 SPIN = parse(
     """\
@@ -69,28 +70,27 @@ def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> 
 
 
 def test_a_reference_by_the_same_method_is_given_up_sooner() -> None:
-    solution = replace(solve(FIG4, "DOP853"), steps=10_000)
-    same, other = (
-        with_step_limit(FIG4, "taylor", solution, method) for method in ("taylor", "collocation")
-    )
+    motion = replace(solve(FIG4, "DOP853"), method="taylor", steps=10_000)
+    same, other = (with_step_limit(motion, method) for method in ("taylor", "collocation"))
     assert (same.max_steps, other.max_steps) == (200_000, 5_000_000)
-    assert with_step_limit(replace(FIG4, max_steps=7), "taylor", solution, "taylor").max_steps == 7
+    limited = replace(motion, case=replace(FIG4, max_steps=7))
+    assert with_step_limit(limited, "taylor").max_steps == 7
 
 
 def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     case, asked = replace(FIG4, precision="quadruple"), []
-    motion = replace(solve(FIG4, "DOP853"), tol=2.0**-112)
+    motion = replace(solve(FIG4, "DOP853"), case=case, method="taylor", tol=2.0**-112)
 
     def limited(
         case: Case, method: str, precision: str, tol: float, *_: Any, **__: Any
-    ) -> Solution:
+    ) -> Trajectory:
         asked.append(tol)
         return replace(motion, tol=max(tol, motion.tol))
 
     monkeypatch.setattr("hodo_cli.integration.error.solve", limited)
-    _, kind = measured_error(case, "taylor", motion)
+    _, kind = measured_error(motion)
     assert kind == "refined"
     assert asked == [2.0**-112 / 100, 2.0**-112 * 100]
 
@@ -98,11 +98,12 @@ def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
 def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
     time, moving = np.array([0.0, 1.0]), np.array([[1.0, 0, 0], [0.5, 0, 0]])
     sizes = np.array([0, -LIMIT + 1]), np.array([0, -LIMIT])
-    ours = Sampled(time, moving * [[1], [0]], sizes[1], ())
-    theirs = Sampled(time, moving.astype(np.longdouble), sizes[0], ())
+    ours = Trajectory(FIG4, FIG4.system, "", 0.0, time, moving * [[1], [0]], sizes[1])
+    theirs = replace(ours, state=moving.astype(np.longdouble), exponent=sizes[0])
     assert errors_against(FIG4, ours, theirs) == {"omega": 0}
     # Far above that limit a motion that has stopped is wrong.
-    assert errors_against(FIG4, ours, theirs._replace(exponent=np.array([0, -9]))) == {"omega": 1}
+    moving_on = replace(theirs, exponent=np.array([0, -9]))
+    assert errors_against(FIG4, ours, moving_on) == {"omega": 1}
 
 
 def test_a_thinned_motion_keeps_its_ends() -> None:

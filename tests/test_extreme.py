@@ -106,8 +106,8 @@ def test_collocation_agrees_with_the_series_where_both_can() -> None:
     # 1e4 decay times, of which the series takes every one: what collocation passes over is not
     # lost.
     case = replace(CASES["damping-1e4"], time=Time(start=0.0, end=1.0, samples=101))
-    series = solve(case, "taylor", "extended").path
-    ours = solve(case, "collocation").path
+    series = solve(case, "taylor", "extended")
+    ours = solve(case, "collocation")
     apart = np.abs(
         np.ldexp(ours.state, (ours.exponent - series.exponent)[:, None]) - series.state
     ).max(axis=1)
@@ -123,8 +123,8 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
     case = Case(
         name="test", model="linear-diag", form="full", data=data, time=Time(end=100.0, samples=101)
     )
-    path = solve(case, "exact", "extended").path
-    series = solve(case, "taylor", "quadruple").path
+    path = solve(case, "exact", "extended")
+    series = solve(case, "taylor", "quadruple")
     theirs = extended(series.state)
     apart = np.ldexp(path.state, (path.exponent - series.exponent)[:, None]) - theirs
     assert np.linalg.norm((apart / np.abs(theirs).max()).astype(float), axis=1).max() < 1e-17

@@ -16,7 +16,8 @@ from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.choice import choose, taylor_steps
 from hodo_cli.integration.integrate import integrate, remarks
-from hodo_cli.integration.solve import Solution, sample_times, solve
+from hodo_cli.integration.solve import sample_times, solve
+from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.integration.units import Clock
 from hodo_cli.models.constants import attributes, jacobian
 
@@ -201,7 +202,7 @@ def test_a_motion_at_rest_costs_nothing() -> None:
 def test_where_the_series_fails_auto_takes_collocation(
     monkeypatch: pytest.MonkeyPatch, precision: str, status: Status, expected: tuple[str, str]
 ) -> None:
-    def without_series(case: Case, method: str, *rest: Any) -> Solution:
+    def without_series(case: Case, method: str, *rest: Any) -> Trajectory:
         solution = solve(case, method, *rest)
         return replace(solution, status=status) if method == "taylor" else solution
 
@@ -213,11 +214,11 @@ def test_where_the_series_fails_auto_takes_collocation(
 
 def test_what_is_said_of_an_error_that_is_large_or_unknown() -> None:
     case = diagonal((0.02, 0.01, 0.03))
-    solution = solve(case, "DOP853", tol=1e-6, times=np.array([1.0]))
-    assert not [*remarks(case, solution, {}, {"omega": 9e-6})]
-    assert ["exceeds" in line for line in remarks(case, solution, {}, {"omega": 2e-5})] == [True]
-    assert [*remarks(case, solution, {}, {})] == ["the error could not be measured"]
-    assert not [*remarks(replace(case, error="off"), solution, {}, {})]
+    motion = solve(case, "DOP853", tol=1e-6, times=np.array([1.0]))
+    assert not [*remarks(motion, {"omega": 9e-6})]
+    assert ["exceeds" in line for line in remarks(motion, {"omega": 2e-5})] == [True]
+    assert [*remarks(motion, {})] == ["the error could not be measured"]
+    assert not [*remarks(replace(motion, case=replace(case, error="off")), {})]
 
 
 @pytest.mark.parametrize("size", [2.0**-60, 2.0**60])
@@ -349,9 +350,9 @@ def test_an_error_is_measured_where_no_finer_computation_is_to_be_had(
 
 
 def test_the_evaluations_of_the_equations_are_counted() -> None:
-    solution = solve(diagonal((0.005, 0.004, 0.003), time=Time(end=10.0, samples=3)), "DOP853")
+    motion = solve(diagonal((0.005, 0.004, 0.003), time=Time(end=10.0, samples=3)), "DOP853")
     # Twelve stages a step, those that are repeated besides, and four more for the dense output.
-    assert 12 * solution.steps <= solution.evaluations < 40 * solution.steps
+    assert 12 * motion.steps <= motion.evaluations < 40 * motion.steps
 
 
 def test_the_lower_part_of_the_time_reached_is_part_of_it() -> None:

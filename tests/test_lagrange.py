@@ -222,7 +222,7 @@ def test_u3_rebounds_from_1_where_Gz_is_C_r(
     method = "taylor" if have_taylor() else "DOP853"
     rebound = property(lambda system: (Event("rebound", gap),))
     monkeypatch.setattr(type(top.system), "run_events", rebound)
-    path = solve(top, method).path
+    path = solve(top, method)
     (event,) = path.events
     assert event.time == pytest.approx(EVENTS[f"P3 {case_name}", "u3 = 1"], rel=CLOSE)
     u3 = FORMS["averaged"].output(path.time, path.state, constants(top))["u3"]

@@ -307,8 +307,8 @@ def test_trajectory_as_a_group() -> None:
     case = parse(CONFIG, "x").cases["fig4"]
     case = replace(case, time=replace(case.time, unit="s"))
     trajectory = Trajectory(
-        case=case, time=np.array([0.0, 1.0]), state=np.ones((2, 3)), exponent=np.zeros(2),
-        variables={"omega": np.ones((2, 3))}, method="taylor", method_reason="not stiff",
+        case=case, system=case.system, time=np.array([0.0, 1.0]), state=np.ones((2, 3)),
+        exponent=np.zeros(2, dtype=int), method="taylor", method_reason="not stiff",
         tol=2.0**-52, steps=7,
         run_time=0.5, warnings=("one", "two"), events=(Occurrence("end of spin", 1.0),),
         errors={"omega": 1e-14},

@@ -12,9 +12,8 @@ from ..engines.protocol import EPS
 from ..integration.choice import choose
 from ..integration.classify import cross
 from ..integration.crossings import CERTAIN, Crossing
-from ..integration.driver import Sampled
-from ..integration.solve import solve, stored
-from ..integration.trajectory import Occurrence
+from ..integration.solve import solve
+from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..results.layout import case_variables, label_variables
@@ -28,22 +27,26 @@ def integrated_motion(case: Case) -> Motion:
     """
     method, _ = choose(case)
     if case.system.no_axis_reason:
-        solution, passed = solve(case, method, case.precision, case.tol), None
+        trajectory, passed = solve(case, method, case.precision, case.tol), None
     else:
-        solution, passed = cross(case, method, case.precision, case.tol)
-    if not solution.whole:
-        raise HodoError(f"a variation of case {case.name} {solution.status}: {solution.message}")
-    return sampled_motion(case, solution.path, passed)
+        trajectory, passed = cross(case, method, case.precision, case.tol)
+    if not trajectory.whole:
+        ended = f"{trajectory.status}: {trajectory.message}"
+        raise HodoError(f"a variation of case {case.name} {ended}")
+    return sampled_motion(trajectory, passed)
 
 
-def sampled_motion(case: Case, path: Sampled, passed: Sequence[Crossing] | None) -> Motion:
-    """A case by its samples, with labels where its crossings are known."""
+def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) -> Motion:
+    """A trajectory with labels where its crossings are known."""
+    case = trajectory.case
     # A crossing is an event too, of which the labels tell more.
-    events = [Occurrence(e.kind, e.time) for e in path.events if e.kind != "separatrix"]
-    variables = case_variables(case.system.variables, path.time, stored(case, path), events, {})
+    events = [Occurrence(e.kind, e.time) for e in trajectory.events if e.kind != "separatrix"]
+    variables = case_variables(
+        case.system.variables, trajectory.time, trajectory.variables, events, {}
+    )
     if passed is not None:
         inertia = np.array(case.data["inertia"])
-        axes = rigid_body.enclosed_axis(inertia, extended(path.state), CERTAIN * EPS)
+        axes = rigid_body.enclosed_axis(inertia, extended(trajectory.state), CERTAIN * EPS)
         variables |= label_variables(axes, passed)
     return Motion(case, variables, label=case.name)
 

@@ -105,7 +105,7 @@ class Motions:
         """Integrate the cases that are not known, side by side where that is possible."""
         new = {key: case for case in cases if (key := unnamed(case)) not in self._known}
         for (key, case), beside in zip(new.items(), side_by_side([*new.values()]), strict=True):
-            self._known[key] = sampled_motion(case, *beside) if beside else integrated_motion(case)
+            self._known[key] = sampled_motion(*beside) if beside else integrated_motion(case)
 
 
 def unnamed(case: Case) -> Case:

@@ -11,15 +11,12 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import BatchError, HodoError
 from ..batch.mark import digest
 from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..cases.case import Case, dump
 from ..cases.config import Config, no_case
-from ..engines.protocol import Status
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress
@@ -299,25 +296,8 @@ def finish(case: Case) -> Group:
 
 def failure(case: Case, error: Exception) -> Group:
     """A case that could not be integrated, as it is stored."""
-    model = case.system
-    empty = Trajectory(
-        case=case,
-        time=np.empty(0),
-        state=np.empty((0, len(model.state))),
-        exponent=np.empty(0, dtype=np.int64),
-        variables={
-            name: np.empty((0, *[3] * (len(variable.dims) - 1)))
-            for name, variable in model.variables.items()
-        },
-        method=case.method,
-        method_reason="asked for",
-        tol=case.tol or float("nan"),
-        steps=0,
-        run_time=0.0,
-        status=Status.FAILED,
-        message=str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}",
-    )
-    return case_group(empty, fingerprint(case))
+    message = str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}"
+    return case_group(Trajectory.failed(case, message), fingerprint(case))
 
 
 def problem(group: Group, outcome: Group | Exception) -> str:

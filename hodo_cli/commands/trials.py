@@ -18,10 +18,10 @@ from ..engines.protocol import Status
 from ..integration.choice import best, choose, taylor_steps
 from ..integration.classify import cross
 from ..integration.crossings import Crossing
-from ..integration.driver import Sampled
 from ..integration.error import errors_against, measured_error, thinned
 from ..integration.integrate import ASKED, remarks, solved
-from ..integration.solve import Solution, sample_times, solve, stored
+from ..integration.solve import sample_times, solve
+from ..integration.trajectory import Trajectory
 from ..models import rigid_body
 from ..models.rigid_body import BodyFrame
 
@@ -64,7 +64,7 @@ class Truth:
     and |G|, that it conserves.
     """
 
-    path: Sampled
+    motion: Trajectory
     kind: str
     floor: float
     crossings: tuple[Crossing, ...]
@@ -100,17 +100,17 @@ def truth(case: Case) -> Truth:
     times = every[thinned(len(every))]
     method, _ = best(case, "extended")
     # In long double, where the rounding of the integration is far below one ulp of the data.
-    path, *moved = [
-        solve(each, method, "extended", times=times).path for each in (case, *perturbed(case))
+    motion, *moved = [
+        solve(each, method, "extended", times=times) for each in (case, *perturbed(case))
     ]
-    floor = max(worst(errors_against(case, other, path)) for other in moved)
+    floor = max(worst(errors_against(case, other, motion)) for other in moved)
     kind = f"{method}, extended"
     if method == "taylor" and taylor_steps(case) < AFFORDABLE:
-        path, kind = solve(case, method, "quadruple", times=times).path, f"{method}, quadruple"
+        motion, kind = solve(case, method, "quadruple", times=times), f"{method}, quadruple"
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
-    changes = drifts(case, path)
+    changes = drifts(motion)
     kept = tuple(i for i, change in enumerate(changes) if change <= UNCHANGED)
-    return Truth(path, kind, floor, tuple(crossings), kept)
+    return Truth(motion, kind, floor, tuple(crossings), kept)
 
 
 def worst(errors: Mapping[str, float]) -> float:
@@ -151,13 +151,13 @@ def _moved(value: Any, towards: Iterator[float]) -> Any:
     return value
 
 
-def drifts(case: Case, path: Sampled) -> list[float]:
+def drifts(motion: Trajectory) -> list[float]:
     """The largest relative changes of T and |G|, for a motion whose state is the angular
     velocity."""
-    if not isinstance(case.system, BodyFrame) or not len(path.time):
+    if not isinstance(motion.case.system, BodyFrame) or not len(motion.time):
         return []
-    A, omega = np.array(case.data["inertia"], dtype=np.longdouble), extended(path.state)
-    size = np.ldexp(np.longdouble(1), path.exponent - path.exponent[0])
+    A, omega = np.array(motion.case.data["inertia"], np.longdouble), extended(motion.state)
+    size = np.ldexp(np.longdouble(1), motion.exponent - motion.exponent[0])
     with np.errstate(all="ignore"):
         energy = rigid_body.kinetic_energy(A, omega) * size**2
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=-1)) * size
@@ -172,57 +172,56 @@ def trial(
     try:
         choose(case)  # a trial for stiffness is no part of what is timed
         began = perf_counter()
-        taken, _, solution = solved(case)
-        compile_time = perf_counter() - began - solution.run_time
+        motion = solved(case)
+        compile_time = perf_counter() - began - motion.run_time
     except HodoError as mistake:
         return Trial(method, "failed with a message", message=str(mistake), floor=sure.floor)
-    times = [solution.run_time]
-    while len(times) < repeats and solution.run_time < REPEATED:
-        times.append(solve(case, taken, case.precision, tol).run_time)
-    path = compared(solution.path)
-    error = worst(errors_against(case, path, sure.path)) if solution.whole else math.nan
-    changes = drifts(case, path)
+    times = [motion.run_time]
+    while len(times) < repeats and motion.run_time < REPEATED:
+        times.append(solve(case, motion.method, case.precision, tol).run_time)
+    thin = compared(motion)
+    error = worst(errors_against(case, thin, sure.motion)) if motion.whole else math.nan
+    changes = drifts(thin)
     return Trial(
-        method=taken,
-        status=verdict(case, taken, solution, error, sure.floor),
+        method=motion.method,
+        status=verdict(motion, error, sure.floor),
         error=error,
-        crossing_error=crossing_error(case, sure, taken, solution),
+        crossing_error=crossing_error(motion, sure),
         run_time=median(times),
         compile_time=max(compile_time, 0.0),
-        steps=solution.steps,
-        rhs_evaluations=solution.evaluations or math.nan,
+        steps=motion.steps,
+        rhs_evaluations=motion.evaluations or math.nan,
         # One that ran out of time before its first sample has none.
         drift=max((changes[i] for i in sure.kept if changes), default=math.nan),
         floor=sure.floor,
-        message=solution.message,
+        message=motion.message,
     )
 
 
-def compared(path: Sampled) -> Sampled:
-    """The samples of a motion at which its error is measured."""
-    return path.at(thinned(len(path.time)))
+def compared(motion: Trajectory) -> Trajectory:
+    """A motion at the samples at which its error is measured."""
+    return motion.at(thinned(len(motion.time)))
 
 
-def verdict(case: Case, method: str, solution: Solution, error: float, floor: float) -> str:
+def verdict(motion: Trajectory, error: float, floor: float) -> str:
     """What a result is worth; SILENT if it is wrong and does not say so."""
-    if not solution.whole:
-        return "timeout" if solution.status is Status.TIMEOUT else "failed with a message"
-    if error <= SLACK * max(solution.tol, ASKED):
+    if not motion.whole:
+        return "timeout" if motion.status is Status.TIMEOUT else "failed with a message"
+    if error <= SLACK * max(motion.tol, ASKED):
         return "accurate"
     if error <= ULPS * floor:
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
-    errors, _ = measured_error(case, method, solution)
-    said = any(remarks(case, solution, stored(case, compared(solution.path)), errors))
-    return "inaccurate, said so" if said else "SILENT"
+    errors, _ = measured_error(motion)
+    return "inaccurate, said so" if any(remarks(compared(motion), errors)) else "SILENT"
 
 
-def crossing_error(case: Case, sure: Truth, method: str, solution: Solution) -> float:
+def crossing_error(motion: Trajectory, sure: Truth) -> float:
     """The largest relative error of a crossing's time; infinite if the crossings are not the true
     ones."""
-    if not (sure.crossings and solution.whole):
+    if not (sure.crossings and motion.whole):
         return math.nan
-    found = cross(case, method, case.precision, solution.tol)[1]
+    found = cross(motion.case, motion.method, motion.case.precision, motion.tol)[1]
     if [(c.start, c.end) for c in found] != [(c.start, c.end) for c in sure.crossings]:
         # Times of crossings that are not the true ones cannot be compared.
         return math.inf

@@ -10,8 +10,8 @@ from ..cases.case import Case
 from ..engines import exact
 from ..models.base import Model
 from ..models.constants import attributes, jacobian
-from .driver import Sampled
 from .solve import solve
+from .trajectory import Trajectory
 from .units import Units, units_at_start
 
 AUTOMATIC = ("exact", "taylor", "collocation")
@@ -57,7 +57,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
             most = min(steps / RATIO, MOST_TRIED, case.max_steps or MOST_TRIED)
             tried = replace(case, max_steps=int(most), max_seconds=None)
             trial = solve(tried, "collocation", tol=ROUGH, times=times)
-            if trial.whole and (steps := taylor_steps(case, trial.path)) > max(
+            if trial.whole and (steps := taylor_steps(case, trial)) > max(
                 MANY_STEPS, RATIO * trial.steps
             ):
                 series = f"where a Taylor series needs some {steps:.0e}"
@@ -65,7 +65,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     return "taylor", "not stiff"
 
 
-def taylor_steps(case: Case, path: Sampled | None = None) -> float:
+def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
     """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as
     on a path."""
     system, end = case.system, case.time.end

@@ -20,9 +20,9 @@ from .crossings import (
     SignChanges,
     read_sign_changes,
 )
-from .driver import Sampled
 from .error import references, with_step_limit
-from .solve import Solution, sample_times, solve, stored
+from .solve import sample_times, solve
+from .trajectory import Trajectory
 
 CHECKS = 513
 """Times besides the samples at which the error of a motion is measured: a case may have few."""
@@ -71,57 +71,56 @@ def classify(
     A = np.array(case.data["inertia"])
     expected = UNKNOWN * max(EPS, tol) if math.isnan(error) else max(EPS, error)
     judged = max(ASSUMED, expected) if math.isnan(error) else expected
-    motion = watched(case, method, case.precision, tol, CERTAIN * judged)
-    samples = motion.sampled[: len(omega)]
-    check_stored(
-        case, stored(case, motion.solution.path)["omega"][samples], omega, expected, motion
-    )
-    errors, reference = against_reference(case, method, motion, judged)
-    state = extended(motion.solution.path.state)[samples]
+    dense = searched(case, method, case.precision, tol, CERTAIN * judged)
+    samples = dense.rows[: len(omega)]
+    check_stored(dense, samples, omega, expected)
+    errors, reference = against_reference(dense, judged)
+    state = extended(dense.motion.state)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
     labels = completed(labels, case.system.absorbing_axes)
-    found = crossings_of(case, motion, errors)
+    own = crossings_of(dense, errors)
     crossings, warnings = (
-        resolve_conflicts(found, *reference)
+        resolve_conflicts(own, *reference)
         if reference
-        else (found.crossings, undecided(found.undecided))
+        else (own.crossings, undecided_warning(own.undecided))
     )
     hidden = bool(warnings)
     if len(samples) < len(omega):
-        warnings += (f"no labels after {len(samples)} samples: {motion.solution.message}",)
+        warnings += (f"no labels after {len(samples)} samples: {dense.motion.message}",)
     rates, final = case.system.damping_rates, case.system.final_axis
     growth = None if rates is None else rigid_body.growth_rates(A, rates)
     return Classification(labels, tuple(crossings), warnings, growth, final, hidden)
 
 
 class DenseSolution(NamedTuple):
-    """A motion with its marks; `sampled` are the places, among its times, of the case's samples."""
+    """A motion at its case's samples, which are its `rows`, and at other times, with the moments
+    that tell on which side of the separatrix it stands."""
 
-    solution: Solution
-    marks: SignChanges
-    sampled: np.ndarray
+    motion: Trajectory
+    signs: SignChanges
+    rows: np.ndarray
 
 
-def watched(
+def searched(
     case: Case,
     method: str,
     precision: str,
     tol: float | None,
-    doubt: float = 0.0,
+    uncertainty: float = 0.0,
     until: float = math.inf,
 ) -> DenseSolution:
     """Integrate a case with a search for zeros of D, through its samples and CHECKS other times.
 
-    `doubt` is that of the `CrossingSearch`. Nothing is looked at after the time `until`.
+    `uncertainty` is that of the `CrossingSearch`. The motion ends at the time `until`.
     """
     samples = sample_times(case)
     times = with_checks(samples, case.time.start, case.time.end)
     times = times[times <= until]
-    watcher = CrossingSearch(np.array(case.data["inertia"]), doubt)
-    solution = solve(case, method, precision, tol, times, watcher)
-    sampled = np.searchsorted(times, samples)
-    return DenseSolution(solution, watcher.marks(), sampled[sampled < len(solution.path.time)])
+    search = CrossingSearch(np.array(case.data["inertia"]), uncertainty)
+    motion = solve(case, method, precision, tol, times, search)
+    rows = np.searchsorted(times, samples)
+    return DenseSolution(motion, search.signs(), rows[rows < len(motion.time)])
 
 
 def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
@@ -137,66 +136,67 @@ def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
 
 
 def check_stored(
-    case: Case, again: np.ndarray, omega: np.ndarray, expected: float, motion: DenseSolution
+    dense: DenseSolution, rows: np.ndarray, omega: np.ndarray, expected: float
 ) -> None:
-    """Raise HodoError where a motion's samples `again` are not the stored omega (n, 3)."""
-    apart = relative_distance(again, omega[: len(again)])
+    """Raise HodoError where these rows of a motion are not the stored omega (n, 3)."""
+    motion = dense.motion
+    apart = relative_distance(motion.variables["omega"][rows], omega[: len(rows)])
     allowed = 1e-12 + 4 * expected
-    if apart > allowed or (len(again) < len(omega) and motion.solution.whole):
+    if apart > allowed or (len(rows) < len(omega) and motion.whole):
         raise HodoError(
-            f"{case.name}: the stored motion differs from its case by {apart:.1e}, "
+            f"{motion.case.name}: the stored motion differs from its case by {apart:.1e}, "
             f"and its error allows {allowed:.1e}; run it again with --force"
         )
 
 
 def against_reference(
-    case: Case, method: str, motion: DenseSolution, expected: float
+    dense: DenseSolution, expected: float
 ) -> tuple[np.ndarray, tuple[CrossingList, str] | None]:
-    """The error of a motion at each of its times (n,), and what its reference says of the
-    crossings, with the reference's name.
+    """The error of a motion at each of its times (n,), and the crossings of its reference, with the
+    reference's name.
 
     Without a reference the error is `expected` everywhere but at the start. Where a case has
     `error: off` that will do, unless such an error leaves anything undecided.
     """
-    solution, path = motion.solution, motion.solution.path
+    motion, case = dense.motion, dense.motion.case
     if case.error == "off":
-        assumed = assumed_errors(case, path, expected)
+        assumed = assumed_errors(motion, expected)
         # Also where the equations tell the axes: a time needs an error.
-        if not crossings_of(case, motion, assumed, kept=frozenset()).undecided:
+        if not crossings_of(dense, assumed, absorbing=frozenset()).undecided:
             return assumed, None
-    end = math.inf if solution.whole else float(path.time[-1])
-    for by in references(case, method, solution.tol):
-        limited = with_step_limit(case, method, solution, by.method)
-        reference = watched(limited, by.method, by.precision, by.tol, until=end)
-        if (solution.whole and not reference.solution.whole) or (
-            by.tol is not None and reference.solution.tol == solution.tol
+    end = math.inf if motion.whole else float(motion.time[-1])
+    for by in references(case, motion.method, motion.tol):
+        limited = with_step_limit(motion, by.method)
+        reference = searched(limited, by.method, by.precision, by.tol, until=end)
+        if (motion.whole and not reference.motion.whole) or (
+            by.tol is not None and reference.motion.tol == motion.tol
         ):
             continue
-        errors = distances(path, reference.solution.path)
+        errors = distances(motion, reference.motion)
         theirs = errors
         if by.tol is None:
-            theirs = own_errors(case, motion, reference, by.precision)
+            theirs = own_errors(motion, reference.motion, by.precision)
         theirs[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"
-        return errors, (crossings_of(case, reference, theirs), name)
-    return assumed_errors(case, path, expected), None
+        return errors, (crossings_of(reference, theirs), name)
+    return assumed_errors(motion, expected), None
 
 
-def assumed_errors(case: Case, path: Sampled, expected: float) -> np.ndarray:
+def assumed_errors(motion: Trajectory, expected: float) -> np.ndarray:
     """The errors (n,) of a motion that has no reference: `expected` of every step."""
-    errors = expected * left_axis(case, path)
-    errors[:1] = start_error(case)
+    errors = expected * growth_off_axis(motion)
+    errors[:1] = start_error(motion.case)
     return errors
 
 
-def left_axis(case: Case, path: Sampled) -> np.ndarray:
+def growth_off_axis(motion: Trajectory) -> np.ndarray:
     """How much larger an error is than that of a step (n,), after a motion left the middle axis.
 
     Every step errs in D by a part of what its terms are then. Where these have become small again,
     that of the largest terms so far is still there.
     """
-    A = np.array(case.data["inertia"])
-    near = rigid_body.near_middle_axis(A, path.state.astype(float), rigid_body.inertia_order(A))
+    A, omega = np.array(motion.case.data["inertia"]), motion.state.astype(float)
+    near = rigid_body.near_middle_axis(A, omega, rigid_body.inertia_order(A))
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
     return np.maximum(1, np.where(near > 0, growth, 1))
@@ -208,88 +208,83 @@ def start_error(case: Case) -> float:
     So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
     to that rounding stands on neither side, in every precision.
     """
-    A, omega = (
-        np.array(case.data["inertia"]),
-        np.array(case.system.start),
-    )
+    A, omega = np.array(case.data["inertia"]), np.array(case.system.start)
     order = rigid_body.inertia_order(A)
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega, order)))
 
 
-def own_errors(
-    case: Case, motion: DenseSolution, reference: DenseSolution, precision: str
-) -> np.ndarray:
+def own_errors(motion: Trajectory, reference: Trajectory, precision: str) -> np.ndarray:
     """The errors (n,) of a reference of higher precision at its own times.
 
     They are those of a motion that is at the limit of its precision, in the ratio of the two
     precisions; of its root, since past the middle axis an error comes out as its square root.
     """
-    rough = motion.solution
-    if rough.tol > AT_ITS_LIMIT:
-        end = float(reference.solution.path.time[-1])
+    case = motion.case
+    if motion.tol > AT_ITS_LIMIT:
+        end = float(reference.time[-1])
         method, _ = best(case, case.precision)
-        rough = watched(case, method, case.precision, None, until=end).solution
+        motion = searched(case, method, case.precision, None, until=end).motion
     ratio = math.sqrt(PRECISION[precision] / PRECISION[case.precision])
-    return ratio * distances(reference.solution.path, rough.path)
+    return ratio * distances(reference, motion)
 
 
-def distances(path: Sampled, reference: Sampled) -> np.ndarray:
-    """|omega - omega_ref| / |omega_ref| (n,) at the times of a path, and no less than rounding."""
-    n = min(len(path.time), len(reference.time))
-    shift = (path.exponent[:n] - reference.exponent[:n])[:, None]
-    ours, theirs = extended(path.state[:n]), extended(reference.state[:n])
+def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
+    """|omega - omega_ref| / |omega_ref| (n,) at the times of a motion; at least its rounding."""
+    n = min(len(motion.time), len(reference.time))
+    shift = (motion.exponent[:n] - reference.exponent[:n])[:, None]
+    ours, theirs = extended(motion.state[:n]), extended(reference.state[:n])
     # Only the difference needs the digits of a long double.
     apart = (np.ldexp(ours, shift) - theirs).astype(float)
-    off, size = (np.sqrt(np.vecdot(each, each)) for each in (apart, theirs.astype(float)))
+    off, size = (np.sqrt(np.vecdot(x, x)) for x in (apart, theirs.astype(float)))
     errors = np.divide(off, size, out=np.zeros_like(off), where=size > 0)
-    least = EPS if path.state.dtype == np.float64 else PRECISION["extended"]
+    least = EPS if motion.state.dtype == np.float64 else PRECISION["extended"]
     # The two may have ended at different times; beyond the earlier end the last error stands.
-    return np.pad(np.maximum(errors, least), (0, len(path.time) - n), mode="edge")
+    return np.pad(np.maximum(errors, least), (0, len(motion.time) - n), mode="edge")
 
 
 def crossings_of(
-    case: Case, motion: DenseSolution, errors: np.ndarray, kept: frozenset[int] | None = None
+    dense: DenseSolution, errors: np.ndarray, absorbing: frozenset[int] | None = None
 ) -> CrossingList:
     """The crossings of a motion with the error (n,) at each of its times.
 
-    `kept` are the axes that it keeps once it encloses them, by default those of its equations.
+    `absorbing` are the axes that it never leaves, by default those of its equations.
 
-    The times themselves are marks too, so that labels and crossings tell the same. A mark between
-    two of them has the larger of their errors.
+    The times themselves are sign changes too, so that labels and crossings tell the same. A moment
+    between two of them has the larger of their errors.
     """
-    A, path = np.array(case.data["inertia"]), motion.solution.path
+    motion, case = dense.motion, dense.motion.case
+    A, time = np.array(case.data["inertia"]), motion.time
     order = rigid_body.inertia_order(A)
-    if not A[order[0]] > A[order[1]] > A[order[2]] or not len(path.time):
+    if not A[order[0]] > A[order[1]] > A[order[2]] or not len(time):
         return CrossingList([], [], [])
-    nothing = np.zeros(len(path.time))
-    G = A * path.state.astype(float)
+    nothing = np.zeros(len(time))
+    G = A * motion.state.astype(float)
     momentum = np.sqrt(np.vecdot(G, G))
     with np.errstate(over="ignore"):
         samples = SignChanges(
-            path.time,
-            rigid_body.margin(A, extended(path.state), order),
+            time,
+            rigid_body.margin(A, extended(motion.state), order),
             nothing.astype(bool),
             nothing,
-            np.ldexp(momentum, path.exponent),
+            np.ldexp(momentum, motion.exponent),
         )
-    marks = SignChanges.joined([motion.marks, samples])
-    after = np.searchsorted(path.time, marks.time).clip(max=len(path.time) - 1)
-    before = np.where(path.time[after] == marks.time, after, np.maximum(after - 1, 0))
+    signs = SignChanges.joined([dense.signs, samples])
+    after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
+    before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     band = CERTAIN * np.maximum(errors[before], errors[after])
-    found = read_sign_changes(
-        marks, band, order, case.system.absorbing_axes if kept is None else kept
-    )
+    known = case.system.absorbing_axes if absorbing is None else absorbing
+    listed = read_sign_changes(signs, band, order, known)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
-    return found._replace(undecided=[time for time in found.undecided if time > started])
+    return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])
 
 
-def completed(labels: np.ndarray, kept: frozenset[int]) -> np.ndarray:
+def completed(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
     """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
-    goes on to enclose the axes `kept` once it does, and before that it enclosed the other one."""
-    place, is_kept = np.arange(len(labels)), np.isin(labels, [*kept])
-    first, last = place[is_kept][:1], place[(labels > 0) & ~is_kept][-1:]
-    if not kept or (last > first).any():  # its error is larger than stated
+    never leaves the axes that are `absorbing`, and before that it enclosed the other axis."""
+    place, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])
+    first, last = place[is_absorbing][:1], place[(labels > 0) & ~is_absorbing][-1:]
+    if not absorbing or (last > first).any():  # its error is larger than stated
         return labels
     # A start on D = 0 is on neither side, wherever it leads.
     hidden, whole = (labels == rigid_body.SEPARATRIX) & (place > 0), labels.copy()
@@ -301,28 +296,28 @@ def completed(labels: np.ndarray, kept: frozenset[int]) -> np.ndarray:
 
 
 def resolve_conflicts(
-    found: CrossingList, theirs: CrossingList, name: str
+    own: CrossingList, theirs: CrossingList, name: str
 ) -> tuple[list[Crossing], tuple[str, ...]]:
     """The crossings to be stored, from those of a motion and of its reference, and warnings.
 
     Lists that differ are exchanged only if the reference decides everything, and with a warning.
     """
-    if axes(found) == axes(theirs):
-        pairs = zip(found.crossings, theirs.crossings, strict=True)
+    if axes(own) == axes(theirs):
+        pairs = zip(own.crossings, theirs.crossings, strict=True)
         crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
         # What the motion leaves undecided its reference may decide, and then nothing is missing.
-        return crossings, undecided(found.undecided if theirs.undecided else [])
-    lists = f"{len(found.crossings)} certain by the motion, {len(theirs.crossings)} by {name}"
+        return crossings, undecided_warning(own.undecided if theirs.undecided else [])
+    lists = f"{len(own.crossings)} certain by the motion, {len(theirs.crossings)} by {name}"
     if theirs.undecided:
-        open_times = found.undecided or theirs.undecided
-        return found.crossings, (*undecided(open_times), f"the crossings are undecided: {lists}")
+        undecided = undecided_warning(own.undecided or theirs.undecided)
+        return own.crossings, (*undecided, f"the crossings are undecided: {lists}")
     crossings = [with_error(c, w) for c, w in zip(theirs.crossings, theirs.widths, strict=True)]
     return crossings, (f"the crossings hang on the error of the motion: {lists}, which are stored",)
 
 
-def axes(of: CrossingList) -> list[tuple[int, int]]:
+def axes(listed: CrossingList) -> list[tuple[int, int]]:
     """From which axis to which each crossing leads."""
-    return [(c.start, c.end) for c in of.crossings]
+    return [(c.start, c.end) for c in listed.crossings]
 
 
 def with_error(crossing: Crossing, error: float) -> Crossing:
@@ -330,7 +325,7 @@ def with_error(crossing: Crossing, error: float) -> Crossing:
     return replace(crossing, error=max(error, math.ulp(crossing.time) / 2))
 
 
-def undecided(times: list[float]) -> tuple[str, ...]:
+def undecided_warning(times: list[float]) -> tuple[str, ...]:
     """The warning that the error of a motion hides whether it crosses the separatrix."""
     if not times:
         return ()
@@ -343,12 +338,11 @@ def undecided(times: list[float]) -> tuple[str, ...]:
 
 def cross(
     case: Case, method: str, precision: str, tol: float | None
-) -> tuple[Solution, list[Crossing]]:
+) -> tuple[Trajectory, list[Crossing]]:
     """A case integrated through its samples, and its crossings: those that are beyond rounding."""
-    motion = watched(case, method, precision, tol, CERTAIN * EPS)
-    path, rows = motion.solution.path, motion.sampled
-    found = crossings_of(case, motion, np.full(len(path.time), EPS))
-    return replace(motion.solution, path=path.at(rows)), found.crossings
+    dense = searched(case, method, precision, tol, CERTAIN * EPS)
+    listed = crossings_of(dense, np.full(len(dense.motion.time), EPS))
+    return dense.motion.at(dense.rows), listed.crossings
 
 
 def relative_distance(a: np.ndarray, b: np.ndarray) -> float:

@@ -46,8 +46,8 @@ class Crossing:
 class SignChanges(NamedTuple):
     """Moments of a motion that tell on which side of the separatrix it stands, in order, each (k,).
 
-    `margin` is that of `rigid_body.margin`, 0 where `vanishes` marks a zero of D; `rate` is how
-    fast the margin changes by time, `momentum` is |G|.
+    `margin` is that of `rigid_body.margin`, 0 where D `vanishes`; `rate` is how fast the margin
+    changes with time, `momentum` is |G|.
     """
 
     time: np.ndarray
@@ -58,7 +58,7 @@ class SignChanges(NamedTuple):
 
     @classmethod
     def joined(cls, parts: list["SignChanges"]) -> "SignChanges":
-        """The marks of several stretches, in order of time."""
+        """The moments of several stretches, in order of time."""
         if not parts:
             return cls(
                 *(np.empty(0, dtype=bool if name == "vanishes" else float) for name in cls._fields)
@@ -69,8 +69,8 @@ class SignChanges(NamedTuple):
 
 
 class CrossingList(NamedTuple):
-    """What marks tell: the crossings that are certain, to what half-width the error of the motion
-    leaves the time of each, and when a crossing is undecided."""
+    """The crossings that are certain, the half-widths to which the error of the motion leaves their
+    times, and the times at which it is undecided whether the motion crosses."""
 
     crossings: list[Crossing]
     widths: list[float]
@@ -81,12 +81,12 @@ class CrossingList(NamedTuple):
 class CrossingSearch:
     """The `StepObserver` that searches the steps of a motion for zeros of D.
 
-    Steps in which |margin| stays above `doubt` all along leave no mark.
+    It notes no moment of a step in which |margin| stays above `uncertainty` all along.
     """
 
     A: np.ndarray
-    doubt: float
-    found: list[SignChanges] = field(default_factory=list)
+    uncertainty: float
+    parts: list[SignChanges] = field(default_factory=list)
     filled: int = 0
 
     def __post_init__(self) -> None:
@@ -123,9 +123,9 @@ class CrossingSearch:
                 series, times = extended(series), extended(times)
             self._search(*self._bernstein(series, times), times)
 
-    def marks(self) -> SignChanges:
-        """All marks of the motion."""
-        return SignChanges.joined(self.found)
+    def signs(self) -> SignChanges:
+        """All moments noted, in order of time."""
+        return SignChanges.joined(self.parts)
 
     def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
@@ -143,22 +143,22 @@ class CrossingSearch:
         return c @ to_bernstein(self.basis, order, c.dtype), form_noise
 
     def _near(self, c: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """The steps (k,) in which |margin| may be `doubt` or less."""
+        """The steps (k,) in which |margin| may be `uncertainty` or less."""
         b, noise = self._bernstein(c, times)
         # |margin| is at least the smaller |form| over sqrt(a^2 + b^2) |omega|.
         scale = np.hypot(*rigid_body.separatrix_roots(self.A, self.order))
         most = scale * np.sqrt(np.square(np.abs(b).max(axis=2)).sum(axis=1))
-        bound = np.maximum(self.doubt * most, noise)[:, None]
+        bound = np.maximum(self.uncertainty * most, noise)[:, None]
         forms = rigid_body.separatrix_forms(self.A, b.swapaxes(0, 1), self.order)
         clear = (forms > bound).all(axis=2) | (forms < -bound).all(axis=2)
         return np.flatnonzero(~clear.all(axis=0))
 
     def _search(self, b: np.ndarray, noise: np.ndarray, times: np.ndarray) -> None:
-        """Mark the ends of steps, the zeros of both forms, and their extrema, at which a pair of
+        """Note the ends of steps, the zeros of both forms, and their extrema, at which a pair of
         zeros shows how far it is from a touch."""
         n, fp = len(b), b.dtype
         rows = [np.arange(n), np.arange(n)]
-        # Both ends are marks too: a step that begins or ends beyond doubt needs no other.
+        # Both ends are noted too: a step that begins or ends beyond doubt needs no other.
         places, vanish = (
             [np.zeros(n, dtype=fp), np.ones(n, dtype=fp)],
             [np.zeros(2 * n, dtype=bool)],
@@ -168,19 +168,19 @@ class CrossingSearch:
         )
         # A difference of two coefficients has the rounding of both.
         for polynomials, bound in ((forms, noise), (np.diff(forms, axis=1), 2 * noise)):
-            found = isolate(polynomials, np.tile(bound, 2))
-            rows.append(found.row % n)
-            places.append(found.x)
-            vanish.append(np.full(len(found.x), polynomials is forms))
+            zeros = isolate(polynomials, np.tile(bound, 2))
+            rows.append(zeros.row % n)
+            places.append(zeros.x)
+            vanish.append(np.full(len(zeros.x), polynomials is forms))
         row, x, vanishes = np.concatenate(rows), np.concatenate(places), np.concatenate(vanish)
         order = np.lexsort((x, row))
-        self._mark(*with_middles(row[order], x[order], vanishes[order]), b, times)
+        self._note(*with_middles(row[order], x[order], vanishes[order]), b, times)
 
-    def _mark(
+    def _note(
         self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
     ) -> None:
-        """Keep marks at places x (k,) in steps with the Bernstein coefficients b (n, 3, degree +
-        1)."""
+        """Note the motion at places x (k,) in steps with the Bernstein coefficients b (n, 3, degree
+        + 1)."""
         A, degree = self.A.astype(b.dtype), b.shape[2] - 1
         omega = np.matmul(b[row], weights(x, degree)[:, :, None])[:, :, 0]
         slope = np.matmul(np.diff(b[row], axis=2), weights(x, degree - 1)[:, :, None])[:, :, 0]
@@ -194,7 +194,7 @@ class CrossingSearch:
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)) * (end - start)[row])
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
-        self.found.append(
+        self.parts.append(
             SignChanges(
                 self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0])),
                 np.where(vanishes, 0, rigid_body.margin(A, omega, self.order)).astype(float),
@@ -223,63 +223,65 @@ def with_middles(
 
 
 def read_sign_changes(
-    marks: SignChanges,
+    signs: SignChanges,
     band: np.ndarray,
     order: tuple[int, int, int],
-    kept: frozenset[int] = frozenset(),
+    absorbing: frozenset[int] = frozenset(),
 ) -> CrossingList:
-    """What marks tell whose margins count where they exceed `band` (k,); `order` is the body's, and
-    `kept` are the axes that its hodograph encloses for ever once it does.
+    """The crossings between moments whose margins count where they exceed `band` (k,); `order` is
+    the body's, and `absorbing` are the axes that its hodograph never leaves.
 
     The motion has crossed where its margin stands first on one side, then on the other, beyond
     doubt. So neither a start on D = 0 nor a touch is a crossing, and no zero that is reported twice
     changes the list. Where the margin comes within the band and leaves it on the side from which it
     came, or does not leave it any more, it is undecided whether the motion has crossed.
     """
-    # A zero is on neither side, so only the marks between zeros can tell that a side has changed.
-    sure = np.flatnonzero(~marks.vanishes & (np.abs(marks.margin) > band))
-    axis = np.where(marks.margin > 0, order[0] + 1, order[2] + 1)
-    sure, certain = needed(sure, axis[sure], kept)
-    rises = np.sign(marks.margin[sure])
+    # A zero is on neither side, so only the moments between zeros can tell that a side has changed.
+    sure = np.flatnonzero(~signs.vanishes & (np.abs(signs.margin) > band))
+    axis = np.where(signs.margin > 0, order[0] + 1, order[2] + 1)
+    sure, certain = needed(sure, axis[sure], absorbing)
+    rises = np.sign(signs.margin[sure])
     verdict = CrossingList([], [], [])
     for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(rises) != 0)):
         first, last = sure[n], sure[n + 1]
         if rises[n] == rises[n + 1]:
-            verdict.undecided.append(_nearest(marks, first + 1, last))
+            verdict.undecided.append(_nearest(signs, first + 1, last))
             continue
-        at, spread = _passage(marks, first, last)
+        at, spread = _passage(signs, first, last)
         axes = (order[0] + 1, order[2] + 1) if rises[n] > 0 else (order[2] + 1, order[0] + 1)
-        verdict.crossings.append(Crossing(float(marks.time[at]), *axes, float(marks.momentum[at])))
-        width = band[last] / marks.rate[at] if marks.rate[at] else math.inf
+        verdict.crossings.append(Crossing(float(signs.time[at]), *axes, float(signs.momentum[at])))
+        width = band[last] / signs.rate[at] if signs.rate[at] else math.inf
         verdict.widths.append(float(max(width, spread)))
-    if sure.size and sure[-1] < len(marks.time) - 1 and not certain:
-        verdict.undecided.append(_nearest(marks, sure[-1] + 1, len(marks.time)))
+    if sure.size and sure[-1] < len(signs.time) - 1 and not certain:
+        verdict.undecided.append(_nearest(signs, sure[-1] + 1, len(signs.time)))
     return verdict
 
 
-def needed(sure: np.ndarray, axis: np.ndarray, kept: frozenset[int]) -> tuple[np.ndarray, bool]:
-    """Those of the sure marks (k,), which tell these axes (k,), that decide where a motion crosses,
-    and whether it stays where the last of them stands.
+def needed(
+    sure: np.ndarray, axis: np.ndarray, absorbing: frozenset[int]
+) -> tuple[np.ndarray, bool]:
+    """Those of the sure moments (k,), with these axes (k,), that decide where a motion crosses, and
+    whether it stays where the last of them stands.
 
-    They are the last one before it comes to an axis that it keeps, and the first one there.
+    They are the last one before it comes to an absorbing axis, and the first one there.
     """
-    there = np.isin(axis, [*kept])
+    there = np.isin(axis, [*absorbing])
     first = int(np.argmax(there)) if there.any() else len(sure)
     if (axis[first:] != axis[first : first + 1]).any():
         return sure, False  # its error is larger than stated, and what it shows is said
-    return sure[max(first - 1, 0) : first + 1] if kept else sure, first < len(sure)
+    return sure[max(first - 1, 0) : first + 1] if absorbing else sure, first < len(sure)
 
 
-def _passage(marks: SignChanges, first: int, last: int) -> tuple[int, float]:
-    """The mark at which a motion crosses between two marks, and half of the time between the first
-    and the last zero there. Where two steps meet, rounding may leave none: then it is the
-    second."""
-    roots = np.arange(first, last)[marks.vanishes[first:last]]
+def _passage(signs: SignChanges, first: int, last: int) -> tuple[int, float]:
+    """The moment at which a motion crosses between two others, and half of the time between the
+    first and the last zero there. Where two steps meet, rounding may leave none: then it is the
+    second of the two."""
+    roots = np.arange(first, last)[signs.vanishes[first:last]]
     if not roots.size:
-        return last, (marks.time[last] - marks.time[first]) / 2
-    return roots[len(roots) // 2], (marks.time[roots[-1]] - marks.time[roots[0]]) / 2
+        return last, (signs.time[last] - signs.time[first]) / 2
+    return roots[len(roots) // 2], (signs.time[roots[-1]] - signs.time[roots[0]]) / 2
 
 
-def _nearest(marks: SignChanges, first: int, last: int) -> float:
-    """The time of the mark nearest to D = 0 among those from `first` to before `last`."""
-    return float(marks.time[first + np.argmin(np.abs(marks.margin[first:last]))])
+def _nearest(signs: SignChanges, first: int, last: int) -> float:
+    """The time of the moment nearest to D = 0 among those from `first` to before `last`."""
+    return float(signs.time[first + np.argmin(np.abs(signs.margin[first:last]))])

@@ -11,8 +11,9 @@ from ..cases.case import Case
 from ..engines import extended
 from ..models.constants import attributes
 from .choice import AUTOMATIC, MANY_STEPS, best
-from .driver import LIMIT, Sampled
-from .solve import Solution, refined, sample_times, solve
+from .driver import LIMIT
+from .solve import refined, sample_times, solve
+from .trajectory import Trajectory
 
 COMPARED = 100_000
 """About how many samples, evenly spaced, an error is measured at."""
@@ -26,39 +27,38 @@ EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether long double is more precise than double here."""
 
 
-def measured_error(case: Case, method: str, solution: Solution) -> tuple[dict[str, float], str]:
+def measured_error(motion: Trajectory) -> tuple[dict[str, float], str]:
     """The error of each stored variable against a better computation, and what that was.
 
     It is the largest over the samples, or over some COMPARED of them where there are more.
     """
-    terminal = any(event.terminal for event in case.system.run_events)
-    path, times = solution.path, solution.path.time
-    if terminal and solution.whole:
+    case, times, n = motion.case, motion.time, len(motion.time)
+    if motion.whole and any(event.terminal for event in case.system.run_events):
         times = sample_times(case)
-    kept, n = thinned(len(times)), len(path.time)
+    kept = thinned(len(times))
     times = times[kept]
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
     rows = np.append(kept[kept < n - 1], n - 1) if n else kept[:0]
-    thin = path.at(rows) if len(rows) < n else path
-    for by in references(case, method, solution.tol):
-        limited = with_step_limit(case, method, solution, by.method)
+    thin = motion.at(rows) if len(rows) < n else motion
+    for by in references(case, motion.method, motion.tol):
+        limited = with_step_limit(motion, by.method)
         reference = solve(limited, by.method, by.precision, by.tol, times, refine=False)
         # The engine has cut the tolerance at its limit: the same integration again would show no
         # error.
-        if by.tol is not None and reference.tol == solution.tol:
+        if by.tol is not None and reference.tol == motion.tol:
             continue
         # A reference that stops early still judges a motion that stopped as well.
-        if reference.whole or not solution.whole:
-            return errors_against(case, thin, reference.path), by.kind
+        if reference.whole or not motion.whole:
+            return errors_against(case, thin, reference), by.kind
     return {}, "none"
 
 
-def with_step_limit(case: Case, method: str, solution: Solution, reference: str) -> Case:
-    """A case as the reference of its motion takes it: with the data that the motion needed. It
-    gives up where it takes very much longer, as a series in long double does that a singularity
-    stops."""
-    least, most = STEPS_ALLOWED[method == reference]
-    return refined(case, solution.case.system, max(least, most * solution.steps))
+def with_step_limit(motion: Trajectory, reference: str) -> Case:
+    """The case of a motion for a reference by some method: with the data that the motion needed.
+    The reference gives up where it takes very much longer, as a series in long double does that a
+    singularity stops."""
+    least, most = STEPS_ALLOWED[motion.method == reference]
+    return refined(motion.case, motion.system, max(least, most * motion.steps))
 
 
 def thinned(n: int) -> np.ndarray:
@@ -105,7 +105,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
         yield Reference(case.precision, method, tol * 100)
 
 
-def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, float]:
+def errors_against(case: Case, path: Trajectory, reference: Trajectory) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; a scalar relative to its largest
@@ -147,7 +147,7 @@ def errors_against(case: Case, path: Sampled, reference: Sampled) -> dict[str, f
     return errors
 
 
-def passages_apart(path: Sampled, reference: Sampled) -> float:
+def passages_apart(path: Trajectory, reference: Trajectory) -> float:
     """The largest relative difference of the times at which two motions pass on through an
     event."""
     ours, theirs = ([e.time for e in each.events if e.details] for each in (path, reference))

@@ -1,4 +1,4 @@
-"""Case -> Solution: the motion of a case by one method."""
+"""Case -> Trajectory: the motion of a case by one method."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,7 +14,15 @@ from ..engines.polynomial import TAYLOR
 from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
 from ..models.base import Model
 from ..models.constants import attributes
-from .driver import LARGEST, OVERFLOW_MESSAGE, SAMPLES_AT_ONCE, Sampled, StepObserver, propagate
+from .driver import (
+    LARGEST,
+    OVERFLOW_MESSAGE,
+    SAMPLES_AT_ONCE,
+    SampleBuffer,
+    StepObserver,
+    propagate,
+)
+from .trajectory import Trajectory
 from .units import Clock, Units
 
 REFINEMENTS, FEW = {"taylor": 5}, 2
@@ -30,30 +38,6 @@ def sample_times(case: Case) -> np.ndarray:
         if time.samples == 1
         else np.linspace(time.start, time.end, time.samples)
     )
-
-
-@dataclass(frozen=True)
-class Solution:
-    """A motion with what its integration cost; `status` and `message` say why it ended before its
-    time, if it did.
-
-    `case` is the one that was integrated: with `finer` data, where the motion needed them.
-    `evaluations` of the equations: for a series, one for each order of each step.
-    """
-
-    case: Case
-    path: Sampled
-    tol: float
-    steps: int
-    run_time: float
-    status: Status = Status.OK
-    message: str = ""
-    evaluations: int = 0
-
-    @property
-    def whole(self) -> bool:
-        """Whether the motion was not given up."""
-        return self.status is Status.OK
 
 
 @dataclass
@@ -89,9 +73,9 @@ def solve(
     precision: str = "double",
     tol: float | None = None,
     times: np.ndarray | None = None,
-    witness: StepObserver | None = None,
+    observer: StepObserver | None = None,
     refine: bool = True,
-) -> Solution:
+) -> Trajectory:
     """The motion of a case by one method; the run time excludes imports and compilation.
 
     With `refine`, what approximates the equations is refined until it meets the tolerance all along
@@ -101,17 +85,17 @@ def solve(
     times = sample_times(case) if times is None else times
     if method == "exact":
         return closed_form(case, times, precision)
-    solution, resolved = attempted(case, method, precision, tol, times, witness)
+    motion, is_accurate = attempted(case, method, precision, tol, times, observer)
     for _ in range(REFINEMENTS.get(method, FEW) if refine else 0):
-        if resolved or not solution.whole:
+        if is_accurate or not motion.whole:
             break
         # As many steps as before, unless it is a singularity that ever finer data show the clearer.
-        finer = refined(case, solution.case.system, max(100, 4 * solution.steps))
-        better, resolved = attempted(finer, method, precision, tol, times, witness)
+        finer = refined(case, motion.system, max(100, 4 * motion.steps))
+        better, is_accurate = attempted(finer, method, precision, tol, times, observer)
         if not better.whole:
             break
-        solution = better
-    return solution
+        motion = replace(better, case=case)
+    return motion
 
 
 def refined(case: Case, system: Model, limit: int | None = None) -> Case:
@@ -128,30 +112,41 @@ def attempted(
     precision: str,
     tol: float | None,
     times: np.ndarray,
-    witness: StepObserver | None,
-) -> tuple[Solution, bool]:
+    observer: StepObserver | None,
+) -> tuple[Trajectory, bool]:
     """The motion of a case as it is, and whether what approximates its equations met the
     tolerance."""
     system = case.system
     events = system.run_events
     # Before the engine, whose compilation counts towards max_seconds.
-    watch = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
+    control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
     engine = engines.engine_for(method, system, events, tol, precision)
     # From here on, since compiling and imports are paid once for all cases of a model.
     began = perf_counter()
-    seen = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
+    monitor = AccuracyMonitor(system, max(engine.tol, EPS)) if system.refined_data else None
     try:
-        path = propagate(engine, system, case.time.start, times, watch, witness or seen, events)
+        samples = propagate(
+            engine, system, case.time.start, times, control, observer or monitor, events
+        )
     except ArithmeticError as error:
         raise HodoError(f"{case.name}: its numbers lead beyond the range of doubles") from error
-    spent = perf_counter() - began
-    solution = Solution(
-        case, path, engine.tol, watch.steps, spent, watch.status, watch.message, watch.evaluations
-    )
-    return solution, seen is None or seen.everywhere
+    motion = trajectory(case, method, engine.tol, samples, control, began)
+    return motion, monitor is None or monitor.everywhere
 
 
-def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Solution:
+def trajectory(
+    case: Case, method: str, tol: float, samples: SampleBuffer, control: StepControl, began: float
+) -> Trajectory:
+    """The motion that ends now: its known samples and what they cost since `began`."""
+    spent, known = perf_counter() - began, slice(samples.done)
+    return Trajectory(
+        case, case.system, method, tol,
+        samples.time[known], samples.state[known], samples.exponent[known], tuple(samples.events),
+        control.steps, control.evaluations, spent, control.status, control.message,
+    )  # fmt: skip
+
+
+def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Trajectory:
     """The motion of a case from its closed form, in double or extended precision.
 
     Raises HodoError if the case has none, or for another precision.
@@ -162,31 +157,21 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Sol
         )
     if precision == "quadruple":
         raise HodoError(f"{case.name}: method exact works in double and extended precision only")
-    watch = StepControl(max_seconds=case.max_seconds or math.inf)
+    control = StepControl(max_seconds=case.max_seconds or math.inf)
     began, fp = perf_counter(), np.longdouble if precision == "extended" else np.float64
-    state, exponent = np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
+    samples = SampleBuffer(
+        times, np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
+    )
     # In blocks, for the memory: the closed form makes a dozen arrays of its times.
     for i in range(0, len(times), SAMPLES_AT_ONCE):
-        if perf_counter() > watch.deadline:
-            watch.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
-            times, state, exponent = times[:i], state[:i], exponent[:i]
+        if perf_counter() > control.deadline:
+            control.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
             break
-        here = slice(i, i + SAMPLES_AT_ONCE)
-        state[here], exponent[here] = exact.exact_scaled(case, times[here].astype(fp))
-    lost = np.flatnonzero((exponent > LARGEST) | ~np.isfinite(state).all(axis=1))
-    n = int(lost[0]) if len(lost) else len(times)
+        samples.add(*exact.exact_scaled(case, times[i : i + SAMPLES_AT_ONCE].astype(fp)))
+    known = slice(samples.done)
+    outgrown = samples.exponent[known] > LARGEST
+    lost = np.flatnonzero(outgrown | ~np.isfinite(samples.state[known]).all(axis=1))
     if len(lost):
-        watch.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {times[n]:.6g}")
-    path = Sampled(times[:n], state[:n], exponent[:n], ())
-    spent = perf_counter() - began
-    return Solution(case, path, float(np.finfo(fp).eps), 0, spent, watch.status, watch.message)
-
-
-@np.errstate(over="ignore")  # `remarks` says so
-def stored(case: Case, path: Sampled) -> dict[str, np.ndarray]:
-    """The stored variables of a motion, in double precision and true size."""
-    system, state = case.system, path.state.astype(float)
-    output = system.output(path.time, state, attributes(system.constants))
-    if system.degree:
-        output = {name: np.ldexp(values, path.exponent[:, None]) for name, values in output.items()}
-    return {name: values for name, values in output.items() if not case.store or name in case.store}
+        samples.done = int(lost[0])
+        control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {times[lost[0]]:.6g}")
+    return trajectory(case, "exact", float(np.finfo(fp).eps), samples, control, began)

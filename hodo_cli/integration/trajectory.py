@@ -1,12 +1,15 @@
 """What an integration returns."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..cases.case import Case
 from ..engines.protocol import Status
+from ..models.base import Model
+from ..models.constants import attributes
 
 
 @dataclass(frozen=True)
@@ -20,32 +23,66 @@ class Occurrence:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A case, integrated.
+    """A case, integrated by a method at a tolerance.
 
-    `time` (n,) in the case's units; `state` (n, m) in the working precision, scaled: a state of a
-    model with units of its own is state * 2**exponent, with `exponent` (n,). `variables` are what
-    is stored, in double precision and true size. `errors` holds the measured error of each
-    variable, `error` the largest of them, or nan where none was measured.
+    `system` is the model with the data that were integrated, which are finer than those of the case
+    where the motion needed them. `time` (n,) in the case's units; `state` (n, m) in the working
+    precision, scaled: a state of a model with units of its own is state * 2**exponent, with
+    `exponent` (n,). `evaluations` of the equations: for a series, one for each order of each step.
+    `status` and `message` say why a motion ended before its time, if it did. `errors` holds the
+    measured error of each variable.
     """
 
     case: Case
+    system: Model
+    method: str
+    tol: float
     time: np.ndarray
     state: np.ndarray
     exponent: np.ndarray
-    variables: dict[str, np.ndarray]
-    method: str
-    method_reason: str
-    tol: float
-    steps: int
-    run_time: float
+    events: tuple[Occurrence, ...] = ()
+    steps: int = 0
+    evaluations: int = 0
+    run_time: float = 0.0
     status: Status = Status.OK
     message: str = ""
+    method_reason: str = "asked for"
     warnings: tuple[str, ...] = ()
-    events: tuple[Occurrence, ...] = ()
-    errors: dict[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
     error_kind: str = "none"
+
+    @classmethod
+    def failed(cls, case: Case, message: str) -> "Trajectory":
+        """A case that could not be integrated: no samples."""
+        state, tol = np.empty((0, len(case.system.state))), case.tol or float("nan")
+        time, exponent = np.empty(0), np.empty(0, dtype=np.int64)
+        status = Status.FAILED
+        return cls(
+            case, case.system, case.method, tol, time, state, exponent, status=status,
+            message=message,
+        )  # fmt: skip
+
+    @property
+    def whole(self) -> bool:
+        """Whether the motion was not given up."""
+        return self.status is Status.OK
 
     @property
     def error(self) -> float:
         """The largest measured error, or nan."""
         return max(self.errors.values(), default=float("nan"))
+
+    @cached_property
+    @np.errstate(over="ignore")  # `remarks` says so
+    def variables(self) -> dict[str, np.ndarray]:
+        """The stored variables (n, ...) by name, in double precision and true size."""
+        system, store = self.case.system, self.case.store
+        output = system.output(self.time, self.state.astype(float), attributes(system.constants))
+        if system.degree:
+            output = {name: np.ldexp(x, self.exponent[:, None]) for name, x in output.items()}
+        return {name: values for name, values in output.items() if not store or name in store}
+
+    def at(self, rows: np.ndarray | slice) -> "Trajectory":
+        """The same motion at some of its samples, with all events."""
+        time, state, exponent = self.time[rows], self.state[rows], self.exponent[rows]
+        return replace(self, time=time, state=state, exponent=exponent)

@@ -15,7 +15,7 @@ from ..claims.finding import Check, Finding, Trend, agreement, difference, errat
 from ..claims.quantities import first, number, reach, swept_angle, zeros
 from ..engines import have_taylor
 from ..engines.protocol import EPS
-from ..integration.solve import solve, stored
+from ..integration.solve import solve
 from ..models import closed_form
 from ..models.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion
@@ -23,10 +23,8 @@ from ..results.motion import Motion
 
 def numerical_motion(m: Motion) -> np.ndarray:
     """omega (n, 3) by numerical integration: a closed form shall not be compared with itself."""
-    solution = solve(
-        m.case, "taylor" if have_taylor() else "DOP853", m.case.precision, times=m.time
-    )
-    return stored(m.case, solution.path)["omega"]
+    method = "taylor" if have_taylor() else "DOP853"
+    return solve(m.case, method, m.case.precision, times=m.time).variables["omega"]
 
 
 @Check

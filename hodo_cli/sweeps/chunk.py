@@ -14,7 +14,6 @@ from ..engines import have_taylor
 from ..engines.protocol import EPS, Status
 from ..integration.classify import classify
 from ..integration.crossings import Crossing
-from ..integration.driver import Sampled
 from ..integration.integrate import integrate
 from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
@@ -99,8 +98,8 @@ def goes_beside(case: Case) -> bool:
     return fit and case.system.batchable and case.max_steps is None and case.max_seconds is None
 
 
-Followed = tuple[Sampled, tuple[Crossing, ...]]
-"""The samples of a motion and its separatrix crossings."""
+Followed = tuple[Trajectory, tuple[Crossing, ...]]
+"""A motion and its separatrix crossings."""
 
 
 def side_by_side(cases: Sequence[Case]) -> list[Followed | None]:
@@ -119,8 +118,11 @@ def side_by_side(cases: Sequence[Case]) -> list[Followed | None]:
             time, error, start, end, momentum = values
             crossings[n].append(Crossing(time, start, end, momentum, error))
         for n in well:
-            state, exponent = outcome.samples[:, n].T, outcome.sample_exponent[n]
-            found[at[n]] = Sampled(times, state, exponent, ()), tuple(crossings[n])
+            case, state = cases[at[n]], outcome.samples[:, n].T
+            motion = Trajectory(
+                case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n]
+            )
+            found[at[n]] = motion, tuple(crossings[n])
     return found
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,9 +12,9 @@ from ..batch.pool import Pool
 from ..cases.case import Case
 from ..engines.protocol import PRECISION, Status
 from ..integration.choice import choose
-from ..integration.driver import Sampled
 from ..integration.error import errors_against, references
-from ..integration.solve import refined, solve, stored
+from ..integration.solve import refined, solve
+from ..integration.trajectory import Trajectory
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..storage.group import Group, Variable
@@ -64,24 +64,23 @@ def _probe(
     between = [crossing] if crossing < case.time.end else []
     times = np.array([case.time.start, *between, case.time.end])
     for by in references(one, own, tol):
-        reference = solve(finer, by.method, by.precision, by.tol, times)
+        reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=one)
         if reference.whole:
-            path = reference.path
-            error = _final_error(one, final, path)
-            off = _newton(one, path.state[1], int(path.exponent[1])) if between else math.nan
+            error = _final_error(one, final, reference)
+            off = _newton(one, reference) if between else math.nan
             return error, off, by.kind
     return math.nan, math.nan, "none"
 
 
-def _final_error(case: Case, final: Mapping[str, np.ndarray], path: Sampled) -> float:
+def _final_error(case: Case, final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
     """The largest error of what is stored of a member at its end; of a vector relative to its
     length there, of a number to its largest value at start and end, since it may vanish."""
-    last = path.at(slice(-1, None))
+    last = reference.at(slice(-1, None))
     if not case.system.no_axis_reason:  # what is stored is the state, which is compared as it is
-        mine = Sampled(last.time, final["omega"][None], np.zeros(1, dtype=np.int64), ())
-        return errors_against(case, mine, last)["omega"]
+        own = replace(last, state=final["omega"][None], exponent=np.zeros(1, dtype=np.int64))
+        return errors_against(case, own, last)["omega"]
     errors = [0.0]
-    for name, values in stored(case, path).items():
+    for name, values in reference.variables.items():
         if name in final:
             off = np.linalg.norm(final[name] - values[-1])
             size = np.linalg.norm(values[-1]) if values.ndim > 1 else np.abs(values).max()
@@ -89,9 +88,10 @@ def _final_error(case: Case, final: Mapping[str, np.ndarray], path: Sampled) -> 
     return max(errors)
 
 
-def _newton(case: Case, state: np.ndarray, exponent: int) -> float:
-    """|D / (dD/dt)| at a state in units of 2**exponent."""
+def _newton(case: Case, reference: Trajectory) -> float:
+    """|D / (dD/dt)| at the second sample of a motion."""
     system, A = case.system, np.array(case.data["inertia"])
+    state, exponent = reference.state[1], int(reference.exponent[1])
     order = rigid_body.inertia_order(A)
     outer, inner = rigid_body.separatrix_terms(A, state, order)
     k = attributes(system.constants)
