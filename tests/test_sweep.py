@@ -392,22 +392,13 @@ def test_members_are_right_relative_to_their_size(size: float) -> None:
 
 
 @pytest.mark.heyoka
-def test_what_an_ensemble_cannot_settle_is_integrated_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_an_ensemble_cannot_settle_is_integrated_alone() -> None:
     case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: "
                f"{{p: 0.8, q: 0.5, r: 0.74}}, "
                "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
-    alone: list[int] = []
-    kept = chunk._alone
-
-    def watched(case: Case, number: int) -> Any:
-        alone.append(number)
-        return kept(case, number)
-
-    monkeypatch.setattr(chunk, "_alone", watched)
+    counts = [chunk.compute(chunk.Chunk(case, i, i + 1)).attributes["alone"] for i in range(2)]
+    assert counts == [0, 1]
     values = computed(case)
-    assert alone == [1]
     assert values["status"].tolist() == [Status.OK.code, Status.OK.code]
     assert values["end_axis"].tolist() == [3, 3]
     single = integrate(members.member(case, 1))
@@ -1006,10 +997,9 @@ def test_late_crossings_are_right_to_the_error_that_their_members_state() -> Non
     )
     for number in (5912, 74140):
         values = computed(case, number, number + 1)
-        _, alone = chunk._alone(case, number)
-        assert alone is not None
-        assert alone.classified is not None
-        off = abs(values["crossing_time"][0] - alone.classified.crossings.time[0])
+        # A limit of steps has each member integrated by itself.
+        alone = computed(replace(case, max_steps=10**6), number, number + 1)
+        off = abs(values["crossing_time"][0] - alone["crossing_time"][0])
         assert off < values["crossing_error"][0]
 
 

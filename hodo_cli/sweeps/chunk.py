@@ -1,15 +1,16 @@
 """A chunk of members, integrated: the task of a pool."""
 
 import math
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import Case
+from ..cases.case import Case, Time
 from ..engines import have_taylor
 from ..engines.protocol import EPS, Status
 from ..integration.classify import classify
@@ -19,17 +20,10 @@ from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.constants import flatten
+from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage.group import Attribute, Group, Variable
 from . import ensemble
-from .columns import (
-    Classified,
-    Crossings,
-    Reduction,
-    columns,
-    enter,
-    event_columns,
-    shape,
-)
+from .columns import columns, event_columns, label_columns, shape
 from .ensemble import Ensemble, Outcome, Passages
 from .members import Prepared, alike, member, of_system, prepare
 
@@ -105,25 +99,23 @@ Followed = tuple[Trajectory, tuple[Crossing, ...]]
 def side_by_side(cases: Sequence[Case]) -> list[Followed | None]:
     """The motions of single cases, integrated side by side where there are enough of one kind; None
     for a case that is left to `classify`."""
-    found: list[Followed | None] = [None] * len(cases)
+    motions: list[Followed | None] = [None] * len(cases)
     for at, e in ensembles_of(cases):
         times = sample_times(cases[at[0]])
-        outcome, met = ensemble.advance_through(replace(e, times=times))
-        labels = _reduced(e, outcome, met).classified
-        assert labels is not None
-        well = np.flatnonzero(outcome.accepted)
+        outcome, _ = ensemble.advance_through(replace(e, times=times))
+        passed = accepted_passages(outcome)
         crossings: list[list[Crossing]] = [[] for _ in at]
-        columns = [column.tolist() for column in labels.crossings[1:]]
-        for n, *values in zip(well[labels.crossings.member], *columns, strict=True):
-            time, error, start, end, momentum = values
+        columns = crossing_columns(e, passed).values()
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        for n, (time, error, start, end, momentum) in zip(passed.motion, rows, strict=True):
             crossings[n].append(Crossing(time, start, end, momentum, error))
-        for n in well:
+        for n in np.flatnonzero(outcome.accepted):
             case, state = cases[at[n]], outcome.samples[:, n].T
             motion = Trajectory(
                 case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n]
             )
-            found[at[n]] = motion, tuple(crossings[n])
-    return found
+            motions[at[n]] = motion, tuple(crossings[n])
+    return motions
 
 
 def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
@@ -137,7 +129,7 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]
             kinds.setdefault((type(case.system), case.time, case.tol), []).append(alone)
     for some in (some for parts in kinds.values() for some in alike(parts)):
         if len(some.at) >= FEWEST:
-            yield some.at, _ensemble(cases[some.at[0]], some)
+            yield some.at, ensemble_of(cases[some.at[0]], some)
 
 
 def watches_separatrix(case: Case) -> bool:
@@ -164,11 +156,10 @@ def compute(chunk: Chunk) -> Group:
     for i in left:
         if values["status"][i] != Status.INVALID.code:
             number = chunk.first + int(i)
-            status, of = _alone(case, number)
+            status, method, reduced = integrated_alone(case, number)
             values["status"][i] = status.code
-            if of is not None:
-                methods.add(of.method)
-                enter(values, np.array([i]), of, case.time)
+            methods.add(method)
+            enter(values, [i], reduced)
     dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
     if "trajectory" in case.store:
         values |= (paths := _trajectories(chunk, values["status"]))
@@ -176,9 +167,15 @@ def compute(chunk: Chunk) -> Group:
     attributes: dict[str, Attribute] = {
         "run_time": perf_counter() - began,
         "alone": len(left),
-        "methods": " ".join(sorted(methods)),
+        "methods": " ".join(sorted(methods - {""})),
     }
     return Group(attributes, {name: Variable(dims[name], data) for name, data in values.items()})
+
+
+def enter(values: Mapping[str, np.ndarray], at: Any, reduced: Mapping[str, np.ndarray]) -> None:
+    """Enter what members come to in the rows `at` of those columns that their sweep has."""
+    for name in values.keys() & reduced.keys():
+        values[name][at] = reduced[name]
 
 
 def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
@@ -191,65 +188,87 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
         status[some.at], left[some.at] = Status.OK.code, True
         # One compiled step watches one event; of two or more, single cases keep the order.
         if len(some.events) <= 1:
-            e = _ensemble(case, some)
+            e = ensemble_of(case, some)
             outcome, met = ensemble.advance_through(e)
             if not (e.model.no_axis_reason or e.model.always_absorbing):
                 ensemble.measure_crossings(e, outcome)
             accepted = some.at[outcome.accepted]
-            enter(values, accepted, _reduced(e, outcome, met), case.time)
+            enter(values, accepted, reduced_ensemble(e, outcome, met, case.time))
             left[accepted] = False
     return np.flatnonzero(left)
 
 
-def _ensemble(case: Case, some: Prepared) -> Ensemble:
+def ensemble_of(case: Case, some: Prepared) -> Ensemble:
     """Members that share a compiled step, as an ensemble."""
     event = next(iter(some.events), None)
     span, tol = (case.time.start, case.time.end), case.tol or EPS
     return Ensemble(type(case.system), some.structure, some.constants, some.start, span, event, tol)
 
 
-def _reduced(e: Ensemble, outcome: Outcome, met: dict[int, list[Occurrence]]) -> Reduction:
-    """The accepted motions of an ensemble, with the events that have taken them on."""
+def reduced_ensemble(
+    e: Ensemble, outcome: Outcome, met: Mapping[int, list[Occurrence]], time: Time
+) -> dict[str, np.ndarray]:
+    """The columns of the accepted motions of an ensemble, with the events `met` of those that went
+    on through some."""
     well = np.flatnonzero(outcome.accepted)
     state, exponent = outcome.state[:, well], outcome.exponent[well]
     final = e.model.output(np.array([e.span[1]]), state.T, e.named(well))
     if e.model.degree:
         final = {name: np.ldexp(values, exponent[:, None]) for name, values in final.items()}
+    final["steps"] = outcome.steps[well]
     if "enclosed_axis" in final:
         start = e.model.output(np.array([0.0]), e.start[:, well].T, e.named(well))
         axes = start["enclosed_axis"], final["enclosed_axis"]
-        events = event_columns([met.get(i, []) for i in well.tolist()], *axes)
-        return Reduction(final, outcome.steps[well], None, events)
-    sure = outcome.accepted[outcome.passages.motion]
-    passed = Passages(*(column[..., sure] for column in outcome.passages))
-    passed = passed._replace(motion=np.searchsorted(well, passed.motion))
+        return final | event_columns([met.get(i, []) for i in well.tolist()], axes)
+    passed = accepted_passages(outcome)
+    place = np.searchsorted(well, passed.motion)
+    if not e.model.no_axis_reason:
+        first, last = (enclosed(e, side[well]) for side in (outcome.first, outcome.last))
+        labels = label_columns(first, last, place, crossing_columns(e, passed), time)
+        return final | labels | {"separation": separation(e, outcome, well)}
     event_time = np.full(len(well), np.nan)
-    event_time[passed.motion] = passed.time  # of several, the last one counts
-    labels = None if e.model.no_axis_reason else _labelled(e, outcome, well, passed)
-    return Reduction(final, outcome.steps[well], labels, {"event_time": event_time})
+    event_time[place] = passed.time  # of several, the last one counts
+    return final | {"event_time": event_time}
 
 
-def _labelled(e: Ensemble, outcome: Outcome, well: np.ndarray, passed: Passages) -> Classified:
-    """The labels of accepted motions, whose event is the separatrix."""
-    k = e.named()
-    A = np.array([k.A1, k.A2, k.A3])
-    order, A = rigid_body.inertia_order(A[:, 0]), A[:, well]
+def accepted_passages(outcome: Outcome) -> Passages:
+    """The passages of accepted motions."""
+    sure = outcome.accepted[outcome.passages.motion]
+    return Passages(*(column[..., sure] for column in outcome.passages))
+
+
+def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
+    """The axis (k,) that is enclosed where D has a sign (k,)."""
+    order = rigid_body.inertia_order(e.inertia[:, 0])
     axes = np.array([order[2] + 1, rigid_body.UNDETERMINED, order[0] + 1], dtype=np.int8)
-    start, end = (axes[side[well].astype(int) + 1] for side in (outcome.first, outcome.last))
-    ends = e.start[:, well], outcome.state[:, well]
-    part = np.minimum(*(rigid_body.separation(A, omega, order) for omega in ends))
-    G = A[:, passed.motion] * passed.state
-    size = np.ldexp(np.sqrt(np.square(G).sum(axis=0)), passed.exponent)
-    to, from_ = axes[passed.direction + 1], axes[1 - passed.direction]
-    crossings = Crossings(passed.motion, passed.time, passed.error, from_, to, size)
-    return Classified(start, end, part, crossings)
+    return np.asarray(axes[side.astype(int) + 1])
 
 
-def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
-    """How one member ends that is integrated as a single case, and what it comes to if it does."""
+def separation(e: Ensemble, outcome: Outcome, at: np.ndarray) -> np.ndarray:
+    """The smaller `rigid_body.separation` of start and end of the motions `at` (k,)."""
+    A, ends = e.inertia[:, at], (e.start[:, at], outcome.state[:, at])
+    order = rigid_body.inertia_order(e.inertia[:, 0])
+    return np.asarray(np.minimum(*(rigid_body.separation(A, omega, order) for omega in ends)))
+
+
+def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
+    """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
+    G = e.inertia[:, passed.motion] * passed.state
+    return {
+        "crossing_time": passed.time,
+        "crossing_error": passed.error,
+        "crossing_from": enclosed(e, -passed.direction),
+        "crossing_to": enclosed(e, passed.direction),
+        "crossing_G": np.ldexp(np.sqrt(np.square(G).sum(axis=0)), passed.exponent),
+    }
+
+
+def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:
+    """How one member ends that is integrated as a single case; its method and its columns (1,), or
+    none where it comes to nothing."""
     model, single = type(case.system), member(case, number)
     if any(model.check(single.data)):
-        return Status.INVALID, None
+        return Status.INVALID, "", {}
     if not model.no_axis_reason:
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
         # has left it in doubt; `member` leaves it out for all others.
@@ -257,38 +276,32 @@ def _alone(case: Case, number: int) -> tuple[Status, Reduction | None]:
     try:
         motion = integrate(single)
         if motion.status is not Status.OK:
-            return motion.status, None
+            return motion.status, "", {}
         final = {name: values[-1:] for name, values in motion.variables.items()}
-        axis = motion.variables.get("enclosed_axis")
-        ends = (None, None) if axis is None else (axis[:1], axis[-1:])
-        events = event_columns([motion.events], *ends)
-        status, labels = Status.OK, None
+        final["steps"] = np.array([motion.steps])
         if not model.no_axis_reason:
-            status, labels = _classified(single, motion)
+            status, labels = classified_alone(motion)
+            return status, motion.method, final | labels
     except HodoError:
-        return Status.FAILED, None
-    return status, Reduction(final, np.array([motion.steps]), labels, events, motion.method)
+        return Status.FAILED, "", {}
+    axis = motion.variables.get("enclosed_axis")
+    axes = None if axis is None else (axis[:1], axis[-1:])
+    return Status.OK, motion.method, final | event_columns([motion.events], axes)
 
 
-def _classified(case: Case, motion: Trajectory) -> tuple[Status, Classified]:
-    """The labels of a single case, as those of an ensemble of one, and whether they are certain."""
-    omega = motion.variables["omega"]
+def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
+    """The columns (1,) of the labels of a single case, and whether they are certain."""
+    case, omega = motion.case, motion.variables["omega"]
     found = classify(case, motion.method, motion.tol, motion.error, omega)
     A = np.array(case.data["inertia"])[:, None]
-    order = rigid_body.inertia_order(A[:, 0])
-    ends = np.array([case.system.start, omega[-1]])
-    part = rigid_body.separation(A, ends.T, order).min()
-    passed = found.crossings
-    crossings = Crossings(
-        np.zeros(len(passed), dtype=np.int64),
-        np.array([c.time for c in passed]),
-        np.array([c.error for c in passed]),
-        np.array([c.start for c in passed], dtype=np.int8),
-        np.array([c.end for c in passed], dtype=np.int8),
-        np.array([c.momentum for c in passed]),
-    )
-    labels = Classified(found.labels[:1], found.labels[-1:], np.array([part]), crossings)
-    return Status.UNDECIDED if found.hidden else Status.OK, labels
+    ends = np.array([case.system.start, omega[-1]]).T
+    part = rigid_body.separation(A, ends, rigid_body.inertia_order(A[:, 0])).min()
+    member = np.zeros(len(found.crossings), dtype=np.int64)
+    columns = columns_of(CROSSING_COLUMNS, found.crossings)
+    crossings = {name: variable.data for name, variable in columns.items()}
+    labels = label_columns(found.labels[:1], found.labels[-1:], member, crossings, case.time)
+    status = Status.UNDECIDED if found.hidden else Status.OK
+    return status, labels | {"separation": np.array([part])}
 
 
 def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:

@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -74,48 +72,14 @@ def stored_bytes(case: Case) -> int:
     return math.prod(shape(case)) * int(each)
 
 
-class Crossings(NamedTuple):
-    """Passages through the separatrix, in order of member and time, (k,) each: of which member,
-    the error that the time may have, from which axis to which, and |G| there."""
-
-    member: np.ndarray
-    time: np.ndarray
-    error: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    G: np.ndarray
-
-
-@dataclass(frozen=True)
-class Classified:
-    """What the hodographs of n members enclose: the axes at both ends (n,), and the crossings."""
-
-    start_axis: np.ndarray
-    end_axis: np.ndarray
-    separation: np.ndarray
-    crossings: Crossings
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """What n members come to: their final variables and steps (n, ...), and their labels or, where
-    none apply, the columns of their events (n,); and the method that has integrated them."""
-
-    final: Mapping[str, np.ndarray]
-    steps: np.ndarray
-    classified: Classified | None
-    events: Mapping[str, np.ndarray]
-    method: str = "taylor"
-
-
 def event_columns(
-    met: Sequence[Sequence[Occurrence]], start: np.ndarray | None, end: np.ndarray | None
+    met: Sequence[Sequence[Occurrence]], axes: tuple[np.ndarray, np.ndarray] | None
 ) -> dict[str, np.ndarray]:
-    """The columns of the events of n members; with the axes (n,) that are enclosed at their start
-    and end, if the model knows them, those of their passages too."""
+    """The columns of the events of n members; with the axes (n,) that they enclose at start and
+    end, if the model knows them, those of their passages too."""
     last = [events[-1] if events else Occurrence("", math.nan) for events in met]
     found = {"event_time": np.array([event.time for event in last])}
-    if start is None or end is None:
+    if axes is None:
         return found
     for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
         detail = name.removeprefix("event_")
@@ -127,45 +91,55 @@ def event_columns(
         field, _ = CROSSING_COLUMNS[name]
         found[name] = np.array([getattr(crossing, field) for crossing in first])
     found["crossings"] = np.array([len(passed) for passed in crossings])
-    return found | {"start_axis": start, "end_axis": end}
+    return found | {"start_axis": axes[0], "end_axis": axes[1]}
 
 
-def enter(values: Mapping[str, np.ndarray], at: np.ndarray, of: Reduction, time: Time) -> None:
-    """Enter what members come to in the rows `at` of the columns."""
-    for name in of.final.keys() & values.keys():
-        values[name][at] = of.final[name]
-    values["steps"][at] = of.steps
-    if of.classified is None:
-        for name, column in of.events.items():
-            values[name][at] = column
-        return
-    found, crossings = of.classified, of.classified.crossings
-    values["start_axis"][at], values["end_axis"][at] = found.start_axis, found.end_axis
-    values["separation"][at] = found.separation
-    values["crossings"][at] = np.bincount(crossings.member, minlength=len(at))
-    values["share"][at] = shares(found, time)
-    member, first = np.unique(crossings.member, return_index=True)
-    names = ("time", "error", "from", "to", "G")
-    for name, column in zip(names, crossings[1:], strict=True):
-        values[f"crossing_{name}"][at[member]] = column[first]
+def label_columns(
+    start: np.ndarray,
+    end: np.ndarray,
+    member: np.ndarray,
+    crossings: Mapping[str, np.ndarray],
+    time: Time,
+) -> dict[str, np.ndarray]:
+    """The columns of the labels of n members from the axes that they enclose at both ends (n,), and
+    from their crossings (k,), in order of member and time, by the names under which the first of
+    each member is stored."""
+    n = len(start)
+    found = {
+        "start_axis": start,
+        "end_axis": end,
+        "crossings": np.bincount(member, minlength=n),
+        "share": shares(start, end, member, crossings, time),
+    }
+    crossing, first = np.unique(member, return_index=True)
+    for name, values in crossings.items():
+        found[name] = np.full(n, 0 if values.dtype.kind == "i" else np.nan, dtype=values.dtype)
+        found[name][crossing] = values[first]
+    return found
 
 
-def shares(found: Classified, time: Time) -> np.ndarray:
-    """The part of the span (n, 3) for which each axis is enclosed."""
-    n, crossings = len(found.start_axis), found.crossings
-    member = np.concatenate((np.arange(n), crossings.member))
+def shares(
+    start: np.ndarray,
+    end: np.ndarray,
+    member: np.ndarray,
+    crossings: Mapping[str, np.ndarray],
+    time: Time,
+) -> np.ndarray:
+    """The part of the span (n, 3) for which each axis is enclosed; arguments as `label_columns`."""
+    n, (crossing, first) = len(start), np.unique(member, return_index=True)
     # A start on D = 0 leaves it at once, for the axis that the motion keeps until it crosses.
-    axis = found.start_axis.copy()
-    on_it, (crossing, first) = axis == 0, np.unique(crossings.member, return_index=True)
-    axis[on_it] = found.end_axis[on_it]
-    axis[crossing] = np.where(on_it[crossing], crossings.start[first], axis[crossing])
-    axis = np.concatenate((axis, crossings.end))
-    begin = np.concatenate((np.full(n, time.start), crossings.time))
+    axis = np.where(start == 0, end, start)
+    axis[crossing] = np.where(
+        start[crossing] == 0, crossings["crossing_from"][first], axis[crossing]
+    )
+    member = np.concatenate((np.arange(n), member))
+    axis = np.concatenate((axis, crossings["crossing_to"]))
+    begin = np.concatenate((np.full(n, time.start), crossings["crossing_time"]))
     order = np.lexsort((begin, member))
     member, axis, begin = member[order], axis[order], begin[order]
     last = np.diff(member, append=n) != 0
-    end = np.where(last, time.end, np.roll(begin, -1))
+    until = np.where(last, time.end, np.roll(begin, -1))
     share = np.zeros((n, 3))
     known = (axis > 0) & (time.end > time.start)
-    np.add.at(share, (member[known], axis[known] - 1), (end - begin)[known])
+    np.add.at(share, (member[known], axis[known] - 1), (until - begin)[known])
     return share / max(time.end - time.start, math.ulp(0.0))

@@ -120,6 +120,12 @@ class Ensemble:
         return namespace(self.structure, list(self.constants[:, at]))
 
     @cached_property
+    def inertia(self) -> np.ndarray:
+        """A1, A2, A3 (3, n)."""
+        k = self.named()
+        return np.array([k.A1, k.A2, k.A3])
+
+    @cached_property
     def scaled_rows(self) -> dict[str, int]:
         """Where among the constants those stand that change with the units."""
         names = [
