@@ -1,6 +1,7 @@
 """What all tests share: the leg without heyoka, hypothesis' profiles, and `hodo` run as a user runs
 it."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]
@@ -66,6 +68,16 @@ def hodo(tmp_path: Path) -> Hodo:
         )
 
     return run
+
+
+def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run `hodo ARGUMENTS` in this process, in a folder: for tests of what a command says and does,
+    where the process itself is not tested."""
+    from hodo_cli.cli import main  # late, because a leg hides heyoka first
+
+    with contextlib.chdir(folder):
+        done = CliRunner(catch_exceptions=False).invoke(main, [*map(str, arguments)])
+    return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
 
 
 def exact_motion(case: Any, times: np.ndarray) -> np.ndarray:

@@ -96,7 +96,9 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         if everywhere
         else f"{name} = {listed(f[0] for f in found)}"
     )
-    return Finding(beyond(violation / scale, ROUNDING), high if most is not None else low, words)
+    # What is met is met at any scale: a time that is infinite has none.
+    deviation = 0.0 if violation <= 0 else beyond(violation / scale, ROUNDING)
+    return Finding(deviation, high if most is not None else low, words)
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -136,7 +138,7 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Constants of the motion; decided by the largest relative change."""
     values = [quantity(m, name) for m in motions for name in check["of"]]
-    changes = [float(np.ptp(each) / np.abs(each).max()) for each in values]
+    changes = [float(np.ptp(x) / max(np.abs(x).max(), math.ulp(0))) for x in values]
     worst = float(np.max(changes))
     words = f"{', '.join(check['of'])}: relative change {listed(changes)}"
     return Finding(beyond(worst, check["within"]), worst, words)
