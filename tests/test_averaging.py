@@ -1,5 +1,5 @@
 """The averages over a turn: closed forms against elliptic integrals, quadrature and each other; the
-way through D = 0."""
+passage through D = 0."""
 
 import math
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ from hodo_cli.models.averaging.passage import (
     on_side,
     outcome,
     resting_shape,
+    separatrix_approach,
     shape_distance,
     share_beyond,
     share_that_crosses,
-    way_to_separatrix,
 )
 from hodo_cli.models.averaging.quadrature import damped_part, mean_rates, nodes_for, periodic_part
 from hodo_cli.models.cavity import fluid_torque
@@ -45,12 +45,12 @@ FIG12, LAM12 = (0.5, 0.25, 1.40435829552939), (0.005, 0.00625, 0.025 / 3)
 class Foretold(NamedTuple):
     """A passage as averaging sees it, and what is foreseen of the true one.
 
-    `time` is t*, from the start; E, O and `n` are taken there, with `phase` phi.
+    `time` is t*, from the start; X_e, X_o and `n` are taken there, with `phase` phi.
     """
 
     time: float
-    E: float
-    O: float
+    X_e: float
+    X_o: float
     n: float
     phase: float
     foreseen: CrossingPrediction
@@ -62,15 +62,15 @@ def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Foretold 
     u = float(shape_distance(slow.m1))
     if not u < farthest_that_crosses(lam, slow.side):
         return None
-    way = way_to_separatrix(lam, slow.side, u)
-    E, O = (
+    approach = separatrix_approach(lam, slow.side, u)
+    X_e, X_o = (
         float(value) * math.exp(-float(fall))
-        for value, fall in zip(slow.pair, way[1:], strict=True)
+        for value, fall in zip(slow.pair, approach[1:], strict=True)
     )
     phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
-    n, time = float(turn_frequency(body, E, slow.side)), float(way.time)
+    n, time = float(turn_frequency(body, X_e, slow.side)), float(approach.time)
     foreseen = outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
-    return Foretold(time, E, O, n, phase, foreseen)
+    return Foretold(time, X_e, X_o, n, phase, foreseen)
 
 
 def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float) -> float:
@@ -78,7 +78,8 @@ def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float
     motion."""
     at = u * FRACTIONS
     mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
-    fallen = way_to_separatrix(lam, slow.side, u).E - way_to_separatrix(lam, slow.side, at).E
+    start, there = (separatrix_approach(lam, slow.side, v).fall_e for v in (u, at))
+    fallen = start - there
     turning = turn_frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
     return float((u * WEIGHTS * turning / np.abs(shape_rate(on_side(lam, slow.side), mean))).sum())
 
@@ -112,9 +113,9 @@ def test_the_fourth_mean_at_small_and_large_modulus() -> None:
     with mpmath.workdps(40):
         for m in (1e-12, 1e-3, 0.5, 0.999):
             M = mpmath.mpf(m)
-            K, E = mpmath.ellipk(M), mpmath.ellipe(M)
+            K, X_e = mpmath.ellipk(M), mpmath.ellipe(M)
             assert turn_means(m, 1 - m).ssss == pytest.approx(
-                float(((2 + M) * K - 2 * (1 + M) * E) / (3 * M * M * K)), rel=1e-15
+                float(((2 + M) * K - 2 * (1 + M) * X_e) / (3 * M * M * K)), rel=1e-15
             )
 
 
@@ -166,8 +167,8 @@ def test_a_motion_is_what_its_slow_variables_and_phase_say(inertia: Triple, omeg
 def state_of_energy(J: float) -> Slow:
     X, Y = 1 - 0.6 / J, 1 / J - 1
     side = 1 if J > 0.8 else -1
-    E, O = (X, Y) if side > 0 else (Y, X)
-    return Slow(X, Y, side, 1 - O / E, 1, 0.0)
+    X_e, X_o = (X, Y) if side > 0 else (Y, X)
+    return Slow(X, Y, side, 1 - X_o / X_e, 1, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -183,10 +184,10 @@ def state_of_energy(J: float) -> Slow:
 )
 def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> None:
     slow = state_of_energy(J)
-    E, O = slow.pair
+    X_e, X_o = slow.pair
     m = 1 - slow.m1
-    closed = O * fluid_loss(
-        fluid_weights(*BODY[:3], 1.0, slow.side), m, turn_means(m, slow.m1), E, O
+    closed = X_o * fluid_loss(
+        fluid_weights(*BODY[:3], 1.0, slow.side), m, turn_means(m, slow.m1), X_e, X_o
     )
     assert closed == pytest.approx(loss, rel=1e-14)
     dX, dY = mean_rates(
@@ -266,11 +267,11 @@ def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
 
 
 def mean_elements(lam: Sequence[float], slow: Slow) -> Slow:
-    (E, O), (dE, dO) = slow.pair, damped_part(BODY, lam, slow)
-    E, O = E * (1 - dE), O * (1 - dO)
-    X, Y = (E, O) if slow.side > 0 else (O, E)
+    (X_e, X_o), (dX_e, dX_o) = slow.pair, damped_part(BODY, lam, slow)
+    X_e, X_o = X_e * (1 - dX_e), X_o * (1 - dX_o)
+    X, Y = (X_e, X_o) if slow.side > 0 else (X_o, X_e)
     w_e, w_o = BODY.weight(slow.side)
-    return slow._replace(X=X, Y=Y, m1=1 - w_o * O / (w_e * E))
+    return slow._replace(X=X, Y=Y, m1=1 - w_o * X_o / (w_e * X_e))
 
 
 @pytest.mark.parametrize(

@@ -250,8 +250,8 @@ class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
     def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
         square = self.unit**2
         small = slow._replace(X=slow.X / square, Y=slow.Y / square)
-        E, O = fluid_part(attributes(self.constants), small)
-        return E / self.unit, O / self.unit
+        part_e, part_o = fluid_part(attributes(self.constants), small)
+        return part_e / self.unit, part_o / self.unit
 
     def states(self, slow: Slow) -> np.ndarray:
         unit, scale = self.unit, self.constants["scale"]

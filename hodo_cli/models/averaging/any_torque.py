@@ -50,7 +50,7 @@ from .means import turn_means
 from .quadrature import NODES, Torque, mean_rates, nodes_for, periodic_part
 
 STEADY = 1200.0
-"""By how much ln O is below ln E for an exact rotation about the enclosed axis: the transverse
+"""By how much ln X_o is below ln X_e for an exact rotation about the enclosed axis: the transverse
 velocities, e^-600 of the other, then add nothing to it, and their own rates are no 0/0."""
 
 NEAR, NEARER = 1e-9, 1e-13
@@ -79,13 +79,13 @@ def turning_body(k: Any) -> Body:
 
 
 def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
-    """sn, cn and dn at 0, K/2^halvings, ... K for 1 - m = gap; with + - * / and ** only.
+    """sn, cn and dn at 0, K/2^halvings, ... K for m1 = 1 - m; with + - * / and ** only.
 
     By half arguments from those at K, in forms without a difference. Source: M. Abramowitz and I.
     A. Stegun, 16.18.
     """
-    one = 1 + 0 * m1
-    nodes = [(0 * m1, one, one), (one, 0 * m1, m1**0.5)]
+    unity = 1 + 0 * m1
+    nodes = [(0 * m1, unity, unity), (unity, 0 * m1, m1**0.5)]
     for _ in range(halvings):
         last = len(nodes) - 1
         between = []
@@ -125,27 +125,27 @@ def whole_turn(m1: Any, count: int) -> list[tuple[Any, Any, Any]]:
 
 
 def averaged_rates(full: Rhs, t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-    """The averaged equations: the mean of (ln E)' and (ln O)' over the nodes of a turn."""
-    ln_E, ln_O, _, side, sense = y
+    """The averaged equations: the mean of (ln X_e)' and (ln X_o)' over the nodes of a turn."""
+    ln_e, ln_o, _, side, sense = y
     body = turning_body(k)
     a, b, c = body[:3]
-    m = k.turning_e ** (ln_O - ln_E - side * k.turning_offset)
+    m = k.turning_e ** (ln_o - ln_e - side * k.turning_offset)
     w_e, w_o = either(side, a - b, b - c), either(side, b - c, a - b)
     outer, inner = either(side, a, c), either(side, c, a)
-    root_E, root_O = k.turning_e ** (ln_E / 2), k.turning_e ** (ln_O / 2)
+    root_e, root_o = k.turning_e ** (ln_e / 2), k.turning_e ** (ln_o / 2)
     about, middle = (outer * (a - c)) ** 0.5, (b * w_e) ** 0.5
     across = (inner * (a - c)) ** 0.5
-    sum_E = sum_O = 0
+    sum_e = sum_o = 0
     turn = whole_turn(1 - m, int(k.turning_nodes))
     for sn, cn, dn in turn:
-        w = sense * root_E / about * dn, -sense * root_O / middle * sn, root_O / across * cn
+        w = sense * root_e / about * dn, -sense * root_o / middle * sn, root_o / across * cn
         rate = about_axes(full, t, w, k, side)
-        sum_E += sense * (about * dn * rate[0] - w_o * b / middle * root_O / root_E * sn * rate[1])
-        sum_O += across * cn * rate[2] - sense * middle * sn * rate[1]
-    n = either(side, a - b, b - c) ** 0.5 / (a * b * c) ** 0.5 * root_E
+        sum_e += sense * (about * dn * rate[0] - w_o * b / middle * root_o / root_e * sn * rate[1])
+        sum_o += across * cn * rate[2] - sense * middle * sn * rate[1]
+    n = either(side, a - b, b - c) ** 0.5 / (a * b * c) ** 0.5 * root_e
     pace = turn_means(m, 1 - m).pace
     of = 2 / len(turn)
-    rates = of * sum_E / root_E, of * sum_O / root_O
+    rates = of * sum_e / root_e, of * sum_o / root_o
     return *rates, k.turning_scale * n * pace, 0 * side, 0 * sense
 
 
@@ -176,22 +176,24 @@ def torque_of(full: Rhs, t: Any, k: Any) -> Torque:
     return torque
 
 
-def band_of(body: Body, torque: Torque, region: Region, E: float) -> Band:
-    """The mean rates beside the separatrix, where E is given: by the means at two moduli."""
+def band_of(body: Body, torque: Torque, region: Region, X_e: float) -> Band:
+    """The mean rates beside the separatrix, where X_e is given: by the means at two moduli."""
     side, sense = region
     w_e, w_o = body.weight(side)
-    found = []
+    rates = []
     for m1 in (NEAR, NEARER):
-        O = (1 - m1) * float(w_e / w_o) * E
-        X, Y = (E, O) if side > 0 else (O, E)
+        X_o = (1 - m1) * float(w_e / w_o) * X_e
+        X, Y = (X_e, X_o) if side > 0 else (X_o, X_e)
         slow = Slow(X, Y, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
         dX, dY = mean_rates(body, torque, slow, nodes_for(m1))
-        dE, dO = (dX, dY) if side > 0 else (dY, dX)
+        part_e, part_o = (dX, dY) if side > 0 else (dY, dX)
         # <dn> is pi/(2 K)
-        found.append((dE / E, dO / O, 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace))
-    (E1, O1, inverse), (E2, O2, nearer) = found
-    by_E, by_O = (E1 - E2) / (inverse - nearer), (O1 - O2) / (inverse - nearer)
-    return Band(float(E1 - by_E * inverse), float(by_E), float(by_O))
+        rates.append(
+            (part_e / X_e, part_o / X_o, 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace)
+        )
+    (e1, o1, inverse), (e2, o2, nearer) = rates
+    by_e, by_o = (e1 - e2) / (inverse - nearer), (o1 - o2) / (inverse - nearer)
+    return Band(float(e1 - by_e * inverse), float(by_e), float(by_o))
 
 
 def is_even(body: Body, torque: Torque, slow: Slow) -> bool:
@@ -217,30 +219,31 @@ def in_doubles(k: SimpleNamespace) -> SimpleNamespace:
 def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The passage under any torque; unless that drives D alike in all regions it is a matter of
     chance."""
-    ln_E, ln_O, scaled_phase = y[:3]
+    ln_e, ln_o, scaled_phase = y[:3]
     side, sense = (1 if value > 0 else -1 for value in y[3:])
     numbers = in_doubles(k)
     body, torque = turning_body(numbers), torque_of(full, float(t), numbers)
-    E, O = math.exp(float(ln_E)), math.exp(float(ln_O))
+    X_e, X_o = math.exp(float(ln_e)), math.exp(float(ln_o))
     bands = {
-        region: band_of(body, torque, region, E if region[0] == side else O) for region in REGIONS
+        region: band_of(body, torque, region, X_e if region[0] == side else X_o)
+        for region in REGIONS
     }
     branch, predictable = k.turning_branch, False
     if drives_alike(drift_by_region(bands)):
-        X, Y = (E, O) if side > 0 else (O, E)
+        X, Y = (X_e, X_o) if side > 0 else (X_o, X_e)
         slow = Slow(X, Y, np.asarray(side), np.asarray(NEARER), np.asarray(sense), 0.0)
         branch, predictable = FREE, k.turning_mean == "yes" and is_even(body, torque, slow)
     arrival = Arrival(
         t,
         (side, sense),
-        float(ln_E - ln_O + side * k.turning_offset),
-        (math.sqrt(E), math.sqrt(O)),
+        float(ln_e - ln_o + side * k.turning_offset),
+        (math.sqrt(X_e), math.sqrt(X_o)),
         scaled_phase / k.turning_scale,
     )
     # The bands are right to NEAR, and on the way to the separatrix they change by EDGE only.
     view = SimpleNamespace(**turning_constants(body))
     left = pass_separatrix(view, arrival, lambda _: bands, branch, predictable)
-    pair = (ln + by for ln, by in zip(left.in_order((ln_E, ln_O)), left.changes, strict=True))
+    pair = (ln + by for ln, by in zip(left.in_order((ln_e, ln_o)), left.changes, strict=True))
     return left.outcome(y, (*pair, k.turning_scale * left.phase, *left.region))
 
 
@@ -252,10 +255,10 @@ def drives_alike(drift: Mapping[Region, float]) -> bool:
 
 def slow_of(y: np.ndarray, k: SimpleNamespace) -> Slow:
     """The slow variables of states (n, 5)."""
-    ln_E, ln_O, scaled_phase, side, sense = y.T
-    E, O = np.exp(ln_E), np.exp(ln_O)
-    X, Y = np.where(side > 0, (E, O), (O, E))
-    m1 = np.maximum(-np.expm1(ln_O - ln_E - side * k.turning_offset), EDGE / 2)
+    ln_e, ln_o, scaled_phase, side, sense = y.T
+    X_e, X_o = np.exp(ln_e), np.exp(ln_o)
+    X, Y = np.where(side > 0, (X_e, X_o), (X_o, X_e))
+    m1 = np.maximum(-np.expm1(ln_o - ln_e - side * k.turning_offset), EDGE / 2)
     return Slow(X, Y, side, m1, sense, scaled_phase / k.turning_scale)
 
 
@@ -264,47 +267,50 @@ def stored_with_part(
 ) -> dict[str, np.ndarray]:
     """The stored variables, with the periodic part unless the case has named a branch."""
     body = turning_body(k)
-    ln_E, ln_O, _, side, _ = (column.astype(float) for column in y.T)
-    E, O, unit = np.ones_like(ln_E), np.exp(ln_O - ln_E), np.exp(ln_E / 2)
+    ln_e, ln_o, _, side, _ = (column.astype(float) for column in y.T)
+    X_e, X_o, unit = np.ones_like(ln_e), np.exp(ln_o - ln_e), np.exp(ln_e / 2)
     if k.turning_mean == "yes" and k.turning_branch == STOP:
         numbers, slow = in_doubles(k), slow_of(y.astype(float), k)
-        dE, dO = np.empty((2, len(t)))
+        part_e, part_o = np.empty((2, len(t)))
         for i in range(0, len(t), AT_ONCE):
             at = slice(i, i + AT_ONCE)
             some = Slow(*(column[at] for column in slow))
-            dE[at], dO[at] = relative_part(
+            part_e[at], part_o[at] = relative_part(
                 body, torque_of(full, t[at], numbers), some, int(k.turning_nodes)
             )
         turning = slow.m1 > EDGE / 2
         turns = turn_frequency(body, unit * unit, side) / float(k.turning_scale)
-        E, O = (with_part(v, part * turning, turns) for v, part in ((E, dE), (O, dO)))
-    return stored_elements(SimpleNamespace(**turning_constants(body)), E, O, side, unit)
+        X_e, X_o = (
+            with_part(v, part * turning, turns) for v, part in ((X_e, part_e), (X_o, part_o))
+        )
+    return stored_elements(SimpleNamespace(**turning_constants(body)), X_e, X_o, side, unit)
 
 
 def relative_part(
     body: Body, torque: Torque, slow: Slow, nodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(E - mean E)/E and (O - mean O)/O (n,) of slow variables (n,); 0 where O is 0."""
+    """(X_e - mean X_e)/X_e and (X_o - mean X_o)/X_o (n,) of slow variables (n,); 0 where X_o
+    is 0."""
     with np.errstate(all="ignore"):  # nothing turns any more
         X, Y = periodic_part(body, torque, slow, nodes)
-    E, O = slow.pair
-    dE, dO = np.where(slow.side > 0, (X, Y), (Y, X))
-    return dE / E, np.divide(dO, O, out=np.zeros_like(dO), where=O > 0)
+    X_e, X_o = slow.pair
+    part_e, part_o = np.where(slow.side > 0, (X, Y), (Y, X))
+    return part_e / X_e, np.divide(part_o, X_o, out=np.zeros_like(part_o), where=X_o > 0)
 
 
 @dataclass(frozen=True)
 class AnyTorque(AveragedTurns):
     """A body-frame model averaged over the turns of its hodograph by quadrature.
 
-    (ln E)' and (ln O)' are the means over `nodes` even steps of a turn of the exact free motion.
-    The full equations are evaluated there with g = 0, which leaves the torque alone. Of the
+    (ln X_e)' and (ln X_o)' are the means over `nodes` even steps of a turn of the exact free
+    motion. The full equations are evaluated there with g = 0, which leaves the torque alone. Of the
     equations nothing is known but their numbers: so what the torque does at the separatrix, and
     whether the second order vanishes, is found there by trying.
     """
 
     full: ClassVar[type[BodyFrame]]
 
-    state = ("ln_E", "ln_O", "scaled_phase", "side", "sense")
+    state = ("ln_e", "ln_o", "scaled_phase", "side", "sense")
     batchable = False
 
     @classmethod
@@ -351,10 +357,10 @@ class AnyTorque(AveragedTurns):
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
         k = attributes(self.constants)
-        by_E, by_O, turning, _, _ = averaged_rates(self.full.rhs, 0.0, [*y.T], k)
+        by_e, by_o, turning, _, _ = averaged_rates(self.full.rhs, 0.0, [*y.T], k)
         # turning is scale n <dn>, and K is pi/(2 <dn>)
-        # Of amplitudes, whose squares E and O are.
-        fastest = np.maximum(np.abs(by_E), np.abs(by_O)) / 2
+        # Of amplitudes, whose squares X_e and X_o are.
+        fastest = np.maximum(np.abs(by_e), np.abs(by_o)) / 2
         return np.asarray(fastest * np.pi / 2 * k.turning_scale / np.abs(turning))
 
     @property
@@ -377,16 +383,16 @@ class AnyTorque(AveragedTurns):
 
 def looked_up(name: str, form: str, data: Mapping[str, Any]) -> BodyFrame:
     """The object of a form of a model with these data."""
-    found: BodyFrame = import_module(__package__.rpartition(".")[0]).find(name, form)(**data)
-    return found
+    model: BodyFrame = import_module(__package__.rpartition(".")[0]).find(name, form)(**data)
+    return model
 
 
 def logarithms(slow: Slow) -> tuple[Any, Any]:
-    """ln E and ln O; of an exact rotation about the enclosed axis, STEADY apart."""
-    E, O = slow.pair
+    """ln X_e and ln X_o; of an exact rotation about the enclosed axis, STEADY apart."""
+    X_e, X_o = slow.pair
     with np.errstate(divide="ignore"):
-        ln_E, ln_O = np.log(E), np.log(O)
-    return ln_E, np.where(O > 0, ln_O, ln_E - STEADY)
+        ln_e, ln_o = np.log(X_e), np.log(X_o)
+    return ln_e, np.where(X_o > 0, ln_o, ln_e - STEADY)
 
 
 def averaged_form(full: type[BodyFrame]) -> type[BodyFrame]:

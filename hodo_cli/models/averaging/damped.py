@@ -25,14 +25,14 @@ from .passage import on_side
 from .quadrature import damped_part
 
 NEVER = -1e4
-"""ln O of an exact rotation about the enclosed axis: it stays one, and exp of it is 0."""
+"""ln X_o of an exact rotation about the enclosed axis: it stays one, and exp of it is 0."""
 
 SYMMETRIC = 1e4
 """The size of ln((a - b)/(b - c)) for two equal moments: there m is 0, and one side is missing."""
 
 
 def logarithmic_offset(body: Body) -> float:
-    """ln((a - b)/(b - c)), in u = side * offset + ln E - ln O."""
+    """ln((a - b)/(b - c)), in u = side * offset + ln X_e - ln X_o."""
     outer, inner = body.a - body.b, body.b - body.c
     if outer and inner:
         return math.log(outer / inner)
@@ -47,38 +47,38 @@ def linear_band(lam: Sequence[float]) -> Band:
 
 def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The passage of a motion under linear resistance, which drives D alike in all regions."""
-    ln_E, ln_O, scaled_phase, side = y
+    ln_e, ln_o, scaled_phase, side = y
     lam = float(k.l1), float(k.l2), float(k.l3)
     bands = {region: linear_band(on_side(lam, region[0])) for region in REGIONS}
     # Without a torque nothing depends on the sense.
     region = int(side), 1
-    amplitudes = math.exp(float(ln_E) / 2), math.exp(float(ln_O) / 2)
-    u = float(ln_E - ln_O + side * k.turning_offset)
+    amplitudes = math.exp(float(ln_e) / 2), math.exp(float(ln_o) / 2)
+    u = float(ln_e - ln_o + side * k.turning_offset)
     arrival = Arrival(t, region, u, amplitudes, scaled_phase / k.scale)
     left = pass_separatrix(
         k, arrival, lambda _: bands, FREE, k.mean_start == "yes", max(map(abs, lam))
     )
-    E, O = (ln + by for ln, by in zip(left.in_order((ln_E, ln_O)), left.changes, strict=True))
-    return left.outcome(y, (E, O, k.scale * left.phase, left.region[0]))
+    pair = (ln + by for ln, by in zip(left.in_order((ln_e, ln_o)), left.changes, strict=True))
+    return left.outcome(y, (*pair, k.scale * left.phase, left.region[0]))
 
 
 @dataclass(frozen=True)
 class Damped(AveragedTurns):
     """Linear resistance, averaged over the turns of the hodograph about the enclosed axis e.
 
-    (ln E)' = -2 [l_m + (l_e - l_m) <dn^2>]
-    (ln O)' = -2 [l_m + (l_o - l_m) <cn^2>]
+    (ln X_e)' = -2 [l_m + (l_e - l_m) <dn^2>]
+    (ln X_o)' = -2 [l_m + (l_o - l_m) <cn^2>]
     phi' = n <dn>
 
-    k^2 = w_o O/(w_e E), with w_e, w_o = a - b, b - c or the reverse. The state is ln E, ln O,
-    scale * phi and the side: it has its digits however far the motion has decayed, at both axes and
-    at the separatrix.
+    k^2 = w_o X_o/(w_e X_e), with w_e, w_o = a - b, b - c or the reverse. The state is ln X_e, ln
+    X_o, scale * phi and the side: it has its digits however far the motion has decayed, at both
+    axes and at the separatrix.
 
     Source: L. D. Akulenko, D. D. Leshchenko, F. L. Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5, in
     other variables.
     """
 
-    state = ("ln_E", "ln_O", "scaled_phase", "side")
+    state = ("ln_e", "ln_o", "scaled_phase", "side")
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -93,30 +93,30 @@ class Damped(AveragedTurns):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        ln_E, ln_O, _, side = y
-        # The state holds logarithms: E and O themselves would be 0 long before the shape of the
-        # motion is lost.
-        m = k.e ** (ln_O - ln_E - side * k.turning_offset)
+        ln_e, ln_o, _, side = y
+        # The state holds logarithms: X_e and X_o themselves would be 0 long before the shape of
+        # the motion is lost.
+        m = k.e ** (ln_o - ln_e - side * k.turning_offset)
         mean = turn_means(m, 1 - m)
         lam = either(side, k.l1, k.l3), k.l2, either(side, k.l3, k.l1)
-        n = either(side, k.turns_a, k.turns_c) * k.e ** (ln_E / 2)
+        n = either(side, k.turns_a, k.turns_c) * k.e ** (ln_e / 2)
         return *linear_rates(lam, mean), k.scale * n * mean.pace, 0 * side
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        ln_E, ln_O, scaled_phase, side = y.T
-        # In units of E: the shape has its digits where E itself is below the smallest double.
-        E, O, unit, above = np.ones_like(ln_E), np.exp(ln_O - ln_E), np.exp(ln_E / 2), side > 0
+        ln_e, ln_o, scaled_phase, side = y.T
+        # In units of X_e: the shape has its digits where X_e itself is below the smallest double.
+        X_e, X_o, unit = np.ones_like(ln_e), np.exp(ln_o - ln_e), np.exp(ln_e / 2)
         if k.mean_start == "yes":
             body, square = Body(k.a, k.b, k.c, (0, 1, 2), 1), unit * unit
-            X, Y = np.where(above, square, O * square), np.where(above, O * square, square)
-            m1 = -np.expm1(ln_O - ln_E - side * k.turning_offset)
+            X, Y = np.where(side > 0, (square, X_o * square), (X_o * square, square))
+            m1 = -np.expm1(ln_o - ln_e - side * k.turning_offset)
             with np.errstate(divide="ignore", invalid="ignore"):  # nothing turns any more
                 slow = Slow(X, Y, side, m1, 1, scaled_phase / k.scale)
-                dE, dO = damped_part(body, (k.l1, k.l2, k.l3), slow)
+                part_e, part_o = damped_part(body, (k.l1, k.l2, k.l3), slow)
             turns = turn_frequency(body, square, side) / k.scale
-            E, O = with_part(E, dE, turns), with_part(O, dO, turns)
-        return stored_elements(k, E, O, side, unit)
+            X_e, X_o = with_part(X_e, part_e, turns), with_part(X_o, part_o, turns)
+        return stored_elements(k, X_e, X_o, side, unit)
 
     @cached_property
     def constants(self) -> Constants:
@@ -143,11 +143,11 @@ class Damped(AveragedTurns):
         return damped_part(self.body, self.sorted_coefficients, slow)
 
     def states(self, slow: Slow) -> np.ndarray:
-        ln_E, ln_O = (
+        ln_e, ln_o = (
             np.log(value, out=np.full(np.shape(value), NEVER), where=value > 0)
             for value in slow.pair
         )
-        return np.stack((ln_E, ln_O, self.scale * slow.phase, slow.side + 0.0))
+        return np.stack((ln_e, ln_o, self.scale * slow.phase, slow.side + 0.0))
 
     @property
     def rate(self) -> float:
@@ -155,10 +155,10 @@ class Damped(AveragedTurns):
         return max(map(abs, self.coefficients))
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
-        ln_E, ln_O, _, side = y.T
-        m1 = -np.expm1(ln_O - ln_E - side * logarithmic_offset(self.body))
+        ln_e, ln_o, _, side = y.T
+        m1 = -np.expm1(ln_o - ln_e - side * logarithmic_offset(self.body))
         pace = turn_means(1 - m1, m1, LANDEN).pace
-        n = turn_frequency(self.body, np.exp(ln_E), side)
+        n = turn_frequency(self.body, np.exp(ln_e), side)
         return np.asarray(self.rate * np.pi / 2 / (pace * n))
 
     @property

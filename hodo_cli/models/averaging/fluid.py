@@ -1,8 +1,8 @@
 """The averaged motion of a body with a fluid-filled cavity under a constant torque.
 
-State: g = s sqrt(E), f = sqrt(O), both in units of the start, the phase, the side and s. E itself
-would be singular where a torque reverses the spin of a symmetric body, which g passes as any other
-value. With L = -h'/O, h = 2T,
+State: g = s sqrt(X_e), f = sqrt(X_o), both in units of the start, the phase, the side and s. X_e
+itself would be singular where a torque reverses the spin of a symmetric body, which g passes as any
+other value. With L = -h'/X_o, h = 2T,
 
     g' = t L f^2/(2 g) + sqrt((a - c)/A_e) M_e <dn>
     f' = t' L f/2,    t, t' = c, -a or -a, c
@@ -55,12 +55,12 @@ def fluid_rates(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
     mean = turn_means(m, 1 - m)
     weights = [either(side, x, z) for x, z in zip(k.weights_a, k.weights_c, strict=True)]
     loss = fluid_loss(weights, m, mean, g * g, f * f)
-    to_E, to_O = either(side, k.c, -k.a), either(side, -k.a, k.c)
+    to_e, to_o = either(side, k.c, -k.a), either(side, -k.a, k.c)
     torque = either(side, k.torque_a, k.torque_c) * mean.pace
     n = either(side, k.turns_a, k.turns_c) * k.unit * g
     return (
-        to_E * loss * f * f / (2 * g) + torque,
-        to_O * loss * f / 2,
+        to_e * loss * f * f / (2 * g) + torque,
+        to_o * loss * f / 2,
         k.scale * n * mean.pace,
         0 * side,
         0 * sense,
@@ -86,9 +86,9 @@ def fluid_band(k: Any, region: Region, amplitudes: Pair) -> Band:
     (side, sense), (g, f) = region, amplitudes
     cd, sd, sc = k.weights_a if side > 0 else k.weights_c
     loss = (2 * cd + sd) / 3 * g * g + sc / 3 * f * f
-    to_E, to_O = (k.c, -k.a) if side > 0 else (-k.a, k.c)
+    to_e, to_o = (k.c, -k.a) if side > 0 else (-k.a, k.c)
     torque = sense * (k.torque_a if side > 0 else k.torque_c) * math.pi
-    return Band(0.0, float(to_E * loss * f * f / (g * g) + torque / g), float(to_O * loss))
+    return Band(0.0, float(to_e * loss * f * f / (g * g) + torque / g), float(to_o * loss))
 
 
 def fluid_bands(k: Any, side: int, amplitudes: Pair) -> Bands:
@@ -123,15 +123,15 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOut
 
 
 def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
-    """(E - mean E)/E and (O - mean O)/O, times `unit`, at the phase of `slow` (...); 0 where O
-    is 0.
+    """(X_e - mean X_e)/X_e and (X_o - mean X_o)/X_o, times `unit`, at the phase of `slow` (...); 0
+    where X_o is 0.
 
     Of sn^2 and of m sn^4 the integrals of zero mean, over n t, are -Z/m and (sn cn dn - 2 (1 + m)
-    Z/m)/3, with Jacobi's zeta. sn^4 comes with a factor m everywhere: in the last term because O =
-    m E/ratio. Those of dn, sn and cn, in which a constant torque comes, are am - phi, -artanh(k
+    Z/m)/3, with Jacobi's zeta. sn^4 comes with a factor m everywhere: in the last term because X_o
+    = m X_e/ratio. Those of dn, sn and cn, in which a constant torque comes, are am - phi, -artanh(k
     cn/dn)/k and arcsin(k sn)/k.
     """
-    E, O = slow.pair
+    X_e, X_o = slow.pair
     above, m = np.asarray(slow.side) > 0, 1 - slow.m1
     am, zeta = amplitude(slow.phase, slow.m1)
     sn, cn = np.sin(am), np.cos(am)
@@ -140,20 +140,21 @@ def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
     last = np.where(above, k.last_a, k.last_c)
     total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - last * fourth
     body = Body(k.a, k.b, k.c, (0, 1, 2), 1)
-    n, (w_e, w_o) = turn_frequency(body, E, slow.side), body.weight(slow.side)
-    change = (E * total - sc * O * zeta) / n
-    dE, dO = np.where(above, k.c, -k.a) * change * O / E, np.where(above, -k.a, k.c) * change
+    n, (w_e, w_o) = turn_frequency(body, X_e, slow.side), body.weight(slow.side)
+    change = (X_e * total - sc * X_o * zeta) / n
+    part_e = np.where(above, k.c, -k.a) * change * X_o / X_e
+    part_o = np.where(above, -k.a, k.c) * change
     # A modulus of 0 is as good as one whose square is lost beside 1.
-    modulus, g, f = np.sqrt(np.maximum(m, 1e-30)), np.sqrt(E), np.sqrt(O)
+    modulus, g, f = np.sqrt(np.maximum(m, 1e-30)), np.sqrt(X_e), np.sqrt(X_o)
     dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
     swing = np.arctanh(modulus * cn / dn) / modulus * slow.sense * k.torque_b
     about = np.where(above, k.torque_a, k.torque_c)
     across = np.where(above, k.torque_c, k.torque_a)
     root = np.sqrt(w_e)
-    pushed = slow.sense * about * (am - slow.phase) / g + w_o / root * f / E * swing
+    pushed_e = slow.sense * about * (am - slow.phase) / g + w_o / root * f / X_e * swing
     aside = root * swing + across * np.arcsin(modulus * sn) / modulus
-    scaled_phase = np.divide(aside, f, out=np.zeros_like(f), where=f > 0)
-    return dE + 2 / n * pushed, dO + 2 / n * scaled_phase
+    pushed_o = np.divide(aside, f, out=np.zeros_like(f), where=f > 0)
+    return part_e + 2 / n * pushed_e, part_o + 2 / n * pushed_o
 
 
 def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
@@ -163,18 +164,18 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
     phase.
     """
     g, f, scaled_phase, side, _ = y.T
-    E, O, above = g * g, f * f, side > 0
+    X_e, X_o, above = g * g, f * f, side > 0
     if k.mean_start == "yes" and k.branch in (FREE, STOP):
         # Not the sense that the state has: a symmetric body's spin may have reversed since.
         ratio, sense = np.where(above, k.ratio_a, k.ratio_c), np.where(g > 0, 1, -1)
-        X, Y = np.where(above, E, O), np.where(above, O, E)
+        X, Y = np.where(above, X_e, X_o), np.where(above, X_o, X_e)
         # A motion that has stopped at the separatrix does not turn any more, nor one at its end of
         # spin.
         with np.errstate(divide="ignore", invalid="ignore"):
-            m1 = np.maximum((E - ratio * O) / E, EDGE / 2)
+            m1 = np.maximum((X_e - ratio * X_o) / X_e, EDGE / 2)
             slow = Slow(X, Y, side, m1, sense, sense * scaled_phase / k.scale)
-            dE, dO = np.where(m1 > EDGE / 2, fluid_part(k, slow), 0)
-        # `turn_frequency` takes E in true units, where n is larger by `unit`.
+            part_e, part_o = np.where(m1 > EDGE / 2, fluid_part(k, slow), 0)
+        # `turn_frequency` takes X_e in true units, where n is larger by `unit`.
         turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale
-        E, O = with_part(E, dE / k.unit, turns), with_part(O, dO / k.unit, turns)
-    return stored_elements(k, E, O, side, k.unit)
+        X_e, X_o = with_part(X_e, part_e / k.unit, turns), with_part(X_o, part_o / k.unit, turns)
+    return stored_elements(k, X_e, X_o, side, k.unit)

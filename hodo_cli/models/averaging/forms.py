@@ -1,8 +1,8 @@
 """What the averaged forms share: what they store, when they apply, how they pass the separatrix.
 
-Their state is (e, o, scaled_phase, side), or (..., sense) where that counts: two measures of E and
-O; the phase in units of the slow time, so that it is of the size of the others; the side and the
-sense of rotation, +1 or -1, which only a passage changes.
+Their state is (e, o, scaled_phase, side), or (..., sense) where that counts: two measures of X_e
+and X_o; the phase in units of the slow time, so that it is of the size of the others; the side and
+the sense of rotation, +1 or -1, which only a passage changes.
 """
 
 import math
@@ -43,14 +43,16 @@ STORED = {
 }
 
 
-def stored_elements(k: Any, E: Any, O: Any, side: Any, unit: Any = 1.0) -> dict[str, np.ndarray]:
-    """The variables of STORED from E and O in units of unit**2 and the side, each (n,).
+def stored_elements(
+    k: Any, X_e: Any, X_o: Any, side: Any, unit: Any = 1.0
+) -> dict[str, np.ndarray]:
+    """The variables of STORED from X_e and X_o in units of unit**2 and the side, each (n,).
 
     k has a, b, c and the body axes `largest` and `smallest`. The unit may be below the smallest
     double: J and k^2 do not know it.
     """
     a, b, c, above = k.a, k.b, k.c, side > 0
-    X, Y = np.where(above, E, O), np.where(above, O, E)
+    X, Y = np.where(above, X_e, X_o), np.where(above, X_o, X_e)
     double_energy, square = (X + Y) / (a - c), (a * X + c * Y) / (a - c)
     outer, inner = (a - b) * X, (b - c) * Y
     most = np.maximum(outer, inner)
@@ -73,8 +75,8 @@ def with_part(mean: Any, part: Any, turns: Any) -> Any:
 
 
 def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """u less EDGE, of states with ln E, ln O and, fourth, the side that the motion is on: a signed
-    u would change sides in one step."""
+    """u less EDGE, of states with ln X_e, ln X_o and, fourth, the side that the motion is on: a
+    signed u would change sides in one step."""
     return y[0] - y[1] + y[3] * k.turning_offset - EDGE
 
 
@@ -85,7 +87,7 @@ def left_and_entered(k: Any, before: int, after: int) -> dict[str, float]:
 
 
 def turning_constants(body: Body) -> dict[str, float]:
-    """The constants that every averaged form has: the body, and n/sqrt(E) on either side."""
+    """The constants that every averaged form has: the body, and n/sqrt(X_e) on either side."""
     volume = body.a * body.b * body.c
     return {
         "a": body.a,
@@ -147,7 +149,7 @@ class AveragedTurns(BodyFrame):
         return Body.of(self.inertia)
 
     def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
-        """The periodic parts (...) of E and O relative to them, at starts (...)."""
+        """The periodic parts (...) of X_e and X_o relative to them, at starts (...)."""
         raise NotImplementedError
 
     def states(self, slow: Slow) -> np.ndarray:
@@ -180,7 +182,7 @@ class AveragedTurns(BodyFrame):
         return self.at_distance(y, np.longdouble(slow.m1)) if near else y
 
     def at_distance(self, y: np.ndarray, m1: Any) -> np.ndarray:
-        """A state with ln E, ln O and, fourth, the side, at 1 - m = gap beside the separatrix,
+        """A state with ln X_e, ln X_o and, fourth, the side, at m1 = 1 - m beside the separatrix,
         whose digits the difference of two logarithms does not keep."""
         u = -np.log1p(-m1)
         return np.array([y[0], y[0] + y[3] * self.constants["turning_offset"] - u, *y[2:]])
@@ -209,20 +211,20 @@ class AveragedTurns(BodyFrame):
 
 
 def shifted(body: Body, slow: Slow, part: tuple[np.ndarray, np.ndarray]) -> tuple[Slow, np.ndarray]:
-    """Slow variables (...) with the periodic parts of E and O, relative to them, taken off, and
+    """Slow variables (...) with the periodic parts of X_e and X_o, relative to them, taken off, and
     where that was done.
 
-    It is no correction any more where it takes the motion half the way to the separatrix.
+    It is no correction any more where it takes the motion halfway to the separatrix.
     """
-    E, O = (value * (1 - more) for value, more in zip(slow.pair, part, strict=True))
+    X_e, X_o = (value * (1 - more) for value, more in zip(slow.pair, part, strict=True))
     w_e, w_o = body.weight(slow.side)
     with np.errstate(all="ignore"):  # of what is not turning there is no mean
-        m1 = 1 - w_o * O / (w_e * E)
-        # Half the way: nearer, the mean element would hang on terms that the first order leaves
+        m1 = 1 - w_o * X_o / (w_e * X_e)
+        # Halfway: nearer, the mean element would hang on terms that the first order leaves
         # out.
-        right = (E >= 0) & (O >= 0) & (m1 > 0)
+        right = (X_e >= 0) & (X_o >= 0) & (m1 > 0)
         right &= shape_distance(m1) >= shape_distance(slow.m1) / 2
-    X, Y = np.where(slow.side > 0, (E, O), (O, E))
+    X, Y = np.where(slow.side > 0, (X_e, X_o), (X_o, X_e))
     mean = slow._replace(X=X, Y=Y, m1=m1)
     chosen = (np.where(right, new, old) for new, old in zip(mean, slow, strict=True))
     return Slow(*chosen), right

@@ -18,8 +18,8 @@ and on side -1
     of n t, n^2 = (b-c) Y/(abc)
 
 with the sense of rotation s = +1 or -1. The phase is phi = pi n t/(2K): 0 where q = 0, and 2 pi
-more after a turn. The two sides are one formula in E = X, O = Y (side +1) and E = Y, O = X (side
--1): e is the enclosed axis, o the other.
+more after a turn. The two sides are one formula in X_e = X, X_o = Y (side +1) and X_e = Y, X_o = X
+(side -1): e is the enclosed axis, o the other.
 
 Source: L. D. Landau and E. M. Lifshitz, Mechanics, section 37.
 """
@@ -66,8 +66,8 @@ class Body(NamedTuple):
         return cls(a, b, c, order, parity_of(order))
 
     def weight(self, side: Any) -> tuple[Any, Any]:
-        """(w_e, w_o) with m = w_o O/(w_e E): a - b and b - c on side +1, exchanged on side -1; side
-        of any shape."""
+        """(w_e, w_o) with m = w_o X_o/(w_e X_e): a - b and b - c on side +1, exchanged on side -1;
+        side of any shape."""
         above = np.asarray(side) > 0
         outer, inner = self.a - self.b, self.b - self.c
         return np.where(above, outer, inner), np.where(above, inner, outer)
@@ -96,7 +96,7 @@ class Slow(NamedTuple):
 
     @property
     def pair(self) -> tuple[Any, Any]:
-        """E and O."""
+        """X_e and X_o."""
         above = np.asarray(self.side) > 0
         return np.where(above, self.X, self.Y), np.where(above, self.Y, self.X)
 
@@ -125,14 +125,14 @@ def slow_elements(body: Body, omega: Any) -> Slow:
     return Slow(X, Y, side, m1, sense, phase_of(am, m1))
 
 
-def turn_frequency(body: Body, E: Any, side: Any) -> Any:
-    """n = sqrt(w_e E/(a b c)), the factor of t in sn, cn, dn; a turn takes 4 K/n. E and side of any
-    shape."""
-    return np.sqrt(body.weight(side)[0] * E / (body.a * body.b * body.c))
+def turn_frequency(body: Body, X_e: Any, side: Any) -> Any:
+    """n = sqrt(w_e X_e/(a b c)), the factor of t in sn, cn, dn; a turn takes 4 K/n. X_e and side
+    of any shape."""
+    return np.sqrt(body.weight(side)[0] * X_e / (body.a * body.b * body.c))
 
 
 def landen(m1: Any) -> list[tuple[Any, Any, Any]]:
-    """(a_n, b_n, c_n/m) of the arithmetic-geometric mean from (1, k', k) for 1 - m = gap (...), n =
+    """(a_n, b_n, c_n/m) of the arithmetic-geometric mean from (1, k', k) for m1 = 1 - m (...), n =
     0 ... LANDEN.
 
     c_{n+1}/m = m (c_n/m)^2/(2(a_n + b_n)): no difference of near numbers, and no division by a
@@ -151,7 +151,7 @@ def landen(m1: Any) -> list[tuple[Any, Any, Any]]:
 
 
 def phase_of(am: Any, m1: Any) -> Any:
-    """phi = pi F(am)/(2K) of an amplitude am (...); on the whole real line, for 1 - m = gap
+    """phi = pi F(am)/(2K) of an amplitude am (...); on the whole real line, for m1 = 1 - m
     (...)."""
     levels = landen(m1)
     for a, b, _ in levels[:-1]:
@@ -162,7 +162,7 @@ def phase_of(am: Any, m1: Any) -> Any:
 
 
 def amplitude(phase: Any, m1: Any) -> tuple[Any, Any]:
-    """am and Z/m, Z = E(am) - F(am) E/K, at a phase (...) for 1 - m = gap (...).
+    """am and Z/m, Z = E(am) - F(am) E/K, at a phase (...) for m1 = 1 - m (...).
 
     Z/m = sum of (c_n/m) sin phi_n, over Landen's amplitudes, is as good at m = 0 as anywhere.
 
@@ -188,12 +188,12 @@ def free_motion_by_phase(body: Body, slow: Slow, phase: Any) -> np.ndarray:
     sn, cn = np.sin(am), np.cos(am)
     # A sum of squares: 1 - m sn^2 would cancel at the separatrix.
     dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
-    above, (E, O) = np.asarray(slow.side) > 0, slow.pair
+    above, (X_e, X_o) = np.asarray(slow.side) > 0, slow.pair
     outer, inner = np.where(above, a, c), np.where(above, c, a)
     with np.errstate(divide="ignore", invalid="ignore"):
         # For two equal moments the other side, with its division by 0, is not there.
-        across = np.sqrt(O / (b * body.weight(slow.side)[0]))
-    w_e = slow.sense * np.sqrt(E / (outer * (a - c))) * dn
+        across = np.sqrt(X_o / (b * body.weight(slow.side)[0]))
+    w_e = slow.sense * np.sqrt(X_e / (outer * (a - c))) * dn
     w_m = -slow.sense * across * sn
-    w_o = np.sqrt(O / (inner * (a - c))) * cn
+    w_o = np.sqrt(X_o / (inner * (a - c))) * cn
     return np.stack((np.where(above, w_e, w_o), w_m, np.where(above, w_o, w_e)), axis=-1)

@@ -24,7 +24,7 @@ class Means(NamedTuple):
 
 
 def turn_means(m: Any, m1: Any, steps: int = AGM) -> Means:
-    """The means of a turn for the modulus m = k^2 and gap = 1 - m.
+    """The means of a turn for the modulus m = k^2 and m1 = 1 - m.
 
     <sn^2> = 1/2 + m S with S = sum of 2^(n-1) c_n^2/m^2, and c_{n+1} = c_n^2/(4 a_{n+1}). Then
     <sn^4> = (2(1 + m) <sn^2> - 1)/(3m) is (1 + 2(1 + m) S)/3, without its division.
@@ -68,8 +68,8 @@ def by_steps(m: Any, m1: Any, steps: int) -> tuple[Any, Any]:
 
 
 def linear_rates(lam: Sequence[Any], mean: Means) -> tuple[Any, Any]:
-    """(ln E)' and (ln O)' under linear resistance lam = (lambda_e, lambda_m, lambda_o). No moment
-    of inertia occurs."""
+    """(ln X_e)' and (ln X_o)' under linear resistance lam = (lambda_e, lambda_m, lambda_o). No
+    moment of inertia occurs."""
     l_e, l_m, l_o = lam
     return -2 * (l_m + (l_e - l_m) * mean.dd), -2 * (l_m + (l_o - l_m) * mean.cc)
 
@@ -77,8 +77,8 @@ def linear_rates(lam: Sequence[Any], mean: Means) -> tuple[Any, Any]:
 def shape_rate(lam: Sequence[Any], mean: Means) -> Any:
     """u' of u = |u| under linear resistance: a function of u alone, the same on both sides.
 
-    Its terms stay apart: with <sn^2> in it, as (ln E)' - (ln O)' has by way of C, it cancels to 0
-    at u = 0, where it tends to -2 (lambda_e - lambda_o)/K.
+    Its terms stay apart: with <sn^2> in it, as (ln X_e)' - (ln X_o)' has through C, it cancels to
+    0 at u = 0, where it tends to -2 (lambda_e - lambda_o)/K.
 
     Source: Akulenko, Leshchenko and Chernousko, Izv. AN SSSR MTT 1982 no. 3, 5: their k^2 equation,
     on both sides.
@@ -87,17 +87,17 @@ def shape_rate(lam: Sequence[Any], mean: Means) -> Any:
     return -2 * ((l_e - l_m) * mean.dd + (l_m - l_o) * mean.cc)
 
 
-def fluid_loss(weights: Sequence[Any], m: Any, mean: Means, E: Any, O: Any) -> Any:
-    """-h'/O of the fluid's torque, h = 2T, with `weights` = those of E cn^2 dn^2, E sn^2 dn^2 and O
-    sn^2 cn^2.
+def fluid_loss(weights: Sequence[Any], m: Any, mean: Means, X_e: Any, X_o: Any) -> Any:
+    """-h'/X_o of the fluid's torque, h = 2T, with `weights` = those of X_e cn^2 dn^2, X_e sn^2 dn^2
+    and X_o sn^2 cn^2.
 
-    O is a factor of h': a steady rotation about the enclosed axis loses nothing. G is kept:
+    X_o is a factor of h': a steady rotation about the enclosed axis loses nothing. G is kept:
     X' = -c h', Y' = a h'.
     """
     cd, sd, sc = weights
     # <sn^2 cn^2> and <sn^2 dn^2>, by sn^2 + cn^2 = 1 and dn^2 = 1 - m sn^2.
     ss_cc, ss_dd = mean.ss - mean.ssss, mean.ss - m * mean.ssss
-    return (cd * (mean.cc - m * ss_cc) + sd * ss_dd) * E + sc * ss_cc * O
+    return (cd * (mean.cc - m * ss_cc) + sd * ss_dd) * X_e + sc * ss_cc * X_o
 
 
 def fluid_weights(

@@ -1,4 +1,4 @@
-"""The way of an averaged motion through the separatrix, and what is known of the true motion's.
+"""When an averaged motion comes to the separatrix, and when and how the true motion passes it.
 
 Under linear resistance u' depends on u alone, so the time t* at which u reaches 0 is a quadrature.
 It is finite, as 1/K ~ 2/ln(16/u) stops the motion no more than a logarithm can. The true motion
@@ -90,20 +90,20 @@ def farthest_that_crosses(lam: Sequence[float], side: int) -> float:
     if (lam[0] - lam[2]) * side <= 0:
         return 0.0
     rest = resting_shape(lam)
-    # Without a root of u', every shape goes the way of those near the separatrix.
+    # Without a root of u', every shape moves as those near the separatrix do.
     return -math.log(rest[1]) if rest and rest[0] == side else math.inf
 
 
 class SeparatrixApproach(NamedTuple):
-    """From |u| = u (...) to the separatrix: the time it takes, and by how much ln E and ln O
-    fall."""
+    """From |u| = u (...) to the separatrix: the time it takes, and by how much ln X_e and
+    ln X_o fall."""
 
     time: Any
-    E: Any
-    O: Any
+    fall_e: Any
+    fall_o: Any
 
 
-def way_to_separatrix(lam: Sequence[float], side: int, u: Any) -> SeparatrixApproach:
+def separatrix_approach(lam: Sequence[float], side: int, u: Any) -> SeparatrixApproach:
     """The quadratures from u (...); meaningless, without a warning, beyond `farthest_that_crosses`.
     lam as sorted."""
     at = np.asarray(u, dtype=float)[..., None] * FRACTIONS
@@ -111,8 +111,10 @@ def way_to_separatrix(lam: Sequence[float], side: int, u: Any) -> SeparatrixAppr
     local = on_side(lam, side)
     with np.errstate(divide="ignore", invalid="ignore"):
         seconds = np.asarray(u, dtype=float)[..., None] * WEIGHTS / np.abs(shape_rate(local, mean))
-    E, O = linear_rates(local, mean)
-    return SeparatrixApproach(seconds.sum(-1), (-E * seconds).sum(-1), (-O * seconds).sum(-1))
+    rate_e, rate_o = linear_rates(local, mean)
+    return SeparatrixApproach(
+        seconds.sum(-1), (-rate_e * seconds).sum(-1), (-rate_o * seconds).sum(-1)
+    )
 
 
 def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
@@ -121,13 +123,13 @@ def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
     with np.errstate(invalid="ignore"):
         return np.where(
             np.asarray(u) < farthest_that_crosses(lam, side),
-            way_to_separatrix(lam, side, u).time,
+            separatrix_approach(lam, side, u).time,
             np.inf,
         )
 
 
 def shape_distance(m1: Any) -> Any:
-    """u = -ln m from 1 - m = gap (...)."""
+    """u = -ln m from m1 = 1 - m (...)."""
     with np.errstate(divide="ignore"):
         return -np.log1p(-np.asarray(m1))
 

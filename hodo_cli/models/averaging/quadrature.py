@@ -35,7 +35,7 @@ def exact_rates(body: Body, omega: np.ndarray, torque: np.ndarray) -> tuple[np.n
 
 
 def nodes_for(m1: float) -> int:
-    """The nodes that bring the mean over a turn to 1e-16 for 1 - m = gap: its error is exp(-pi N
+    """The nodes that bring the mean over a turn to 1e-16 for m1 = 1 - m: its error is exp(-pi N
     K'/(2 K))."""
     m1 = min(max(m1, SMALLEST_M1), 1 - SMALLEST_M1)
     K, other = (
@@ -84,11 +84,11 @@ def periodic_part(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) ->
 
 
 def damped_part(body: Body, lam: Sequence[float], slow: Slow) -> tuple[Any, Any]:
-    """`periodic_part` relative to E and O (not X and Y) for linear resistance lam = (l1, l2, l3) as
-    sorted, closed.
+    """`periodic_part` relative to X_e and X_o (not X and Y) for linear resistance lam = (l1, l2,
+    l3) as sorted, closed.
 
-    (E - mean E)/E = -2 (l_e - l_m) Z/n,  (O - mean O)/O = -2 (l_o - l_m) Z/(m n), Z Jacobi's zeta
-    at the phase.
+    (X_e - mean X_e)/X_e = -2 (l_e - l_m) Z/n,  (X_o - mean X_o)/X_o = -2 (l_o - l_m) Z/(m n), Z
+    Jacobi's zeta at the phase.
     """
     l1, l2, l3 = lam
     above = np.asarray(slow.side) > 0
