@@ -11,11 +11,11 @@ import pytest
 from conftest import Hodo
 
 from hodo_cli.cases.config import parse
-from hodo_cli.commands import bench
-from hodo_cli.commands.bench import Bench, fastest
-from hodo_cli.commands.trials import Trial, perturbed, trial, truth, verdict
+from hodo_cli.commands import bench, trials
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration import solve
+
+pytestmark = pytest.mark.engines
 
 CONFIG = """
 title: t
@@ -31,73 +31,81 @@ CASES = parse(CONFIG, "x.yaml").cases
 
 def test_each_verdict() -> None:
     motion = solve.solve(replace(CASES["a"], tol=1e-4), "DOP853", tol=1e-4)
-    assert verdict(motion, 9e-4, 0.0) == "accurate"
-    assert verdict(motion, 1e-2, 1e-3) == "limited by the data"
-    assert verdict(replace(motion, status=Status.TIMEOUT), 0.0, 0.0) == "timeout"
-    assert verdict(replace(motion, status=Status.FAILED), 0.0, 0.0) == "failed with a message"
+    assert trials.verdict(motion, 9e-4, 0.0) == "accurate"
+    assert trials.verdict(motion, 1e-2, 1e-3) == "limited by the data"
+    assert trials.verdict(replace(motion, status=Status.TIMEOUT), 0.0, 0.0) == "timeout"
+    assert (
+        trials.verdict(replace(motion, status=Status.FAILED), 0.0, 0.0) == "failed with a message"
+    )
     # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger
     # one is silent.
-    assert verdict(motion, 1e-2, 0.0) == "SILENT"
+    assert trials.verdict(motion, 1e-2, 0.0) == "SILENT"
     wrong = replace(motion, state=motion.state * 1.1)
-    assert verdict(wrong, 0.1, 0.0) == "inaccurate, said so"
+    assert trials.verdict(wrong, 0.1, 0.0) == "inaccurate, said so"
 
 
 def test_one_ulp_moves_every_number_that_is_not_zero() -> None:
-    up, mixed = perturbed(CASES["a"])
-    for one in (up, mixed):
+    up, mixed = trials.perturbed(CASES["a"])
+    for moved in (up, mixed):
         assert all(
-            a != b for a, b in zip(one.data["inertia"], CASES["a"].data["inertia"], strict=True)
+            a != b for a, b in zip(moved.data["inertia"], CASES["a"].data["inertia"], strict=True)
         )
-        assert one.data["initial"]["p"] == pytest.approx(0.8, rel=3e-16)
+        assert moved.data["initial"]["p"] == pytest.approx(0.8, rel=3e-16)
     assert up != mixed
-    assert next(perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
+    assert next(trials.perturbed(CASES["b"])).data["damping"] == (0.0, 0.0, 0.0)
 
 
-def test_a_trial_that_has_no_time_for_a_sample_is_told() -> None:
+def test_a_trial_that_has_no_time_for_a_sample_is_named() -> None:
     case = CASES["b"]
-    found = trial(case, truth(case), "exact", None, 1, 1e-9)
-    assert (found.status, np.isnan(found.drift)) == ("timeout", True)
+    tried = trials.trial(case, trials.truth(case), "exact", None, 1, 1e-9)
+    assert (tried.status, np.isnan(tried.drift)) == ("timeout", True)
 
 
 def test_a_symmetric_body_stays_symmetric_when_its_numbers_are_moved() -> None:
     body = replace(CASES["a"], data={**CASES["a"].data, "inertia": (8.0, 8.0, 4.0)})
-    for one in perturbed(body):
-        A, B, C = one.data["inertia"]
+    for moved in trials.perturbed(body):
+        A, B, C = moved.data["inertia"]
         assert A == B != 8
         assert C != 4
 
 
 def test_the_floor_is_that_of_the_phase() -> None:
     # An ulp in the data turns the motion by about its angle of 10 times 1e-16.
-    assert 1e-16 < truth(CASES["b"]).floor < 1e-14
+    assert 1e-16 < trials.truth(CASES["b"]).floor < 1e-14
 
 
 def test_a_trial_measures_the_true_error_and_the_drift() -> None:
-    found = trial(CASES["b"], truth(CASES["b"]), "DOP853", 1e-6, 3, 10.0)
-    assert 1e-7 < found.error < 1e-4
-    assert 1e-9 < found.drift < found.error
-    assert found.rhs_evaluations >= 12 * found.steps
-    assert np.isnan(trial(CASES["a"], truth(CASES["a"]), "DOP853", 1e-6, 1, 10.0).drift)
+    tried = trials.trial(CASES["b"], trials.truth(CASES["b"]), "DOP853", 1e-6, 3, 10.0)
+    assert 1e-7 < tried.error < 1e-4
+    assert 1e-9 < tried.drift < tried.error
+    assert tried.rhs_evaluations >= 12 * tried.steps
+    assert np.isnan(
+        trials.trial(CASES["a"], trials.truth(CASES["a"]), "DOP853", 1e-6, 1, 10.0).drift
+    )
 
 
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:
-    trials = tuple(
-        Trial(error=e, run_time=t)
+    tried = tuple(
+        trials.Trial(error=e, run_time=t)
         for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)]
     )
-    made = Bench(("a",), ("m", "n"), (1e-4, 1e-8), trials)
-    assert [fastest(made, 0, digits) for digits in (3, 6, 9)] == [
+    made = bench.Bench(("a",), ("m", "n"), (1e-4, 1e-8), tried)
+    assert [bench.fastest(made, 0, digits) for digits in (3, 6, 9)] == [
         ("m", 1e-4, 1.0),
         ("n", 1e-4, 2.0),
         None,
     ]
-    assert bench.auto_failed(Bench(("a",), ("auto",), (np.nan,), (Trial(status="SILENT"),)))
-    assert not bench.auto_failed(Bench(("a",), ("DOP853",), (np.nan,), (Trial(status="timeout"),)))
+    assert bench.auto_failed(
+        bench.Bench(("a",), ("auto",), (np.nan,), (trials.Trial(status="SILENT"),))
+    )
+    assert not bench.auto_failed(
+        bench.Bench(("a",), ("DOP853",), (np.nan,), (trials.Trial(status="timeout"),))
+    )
 
 
 def test_one_tolerance_gives_a_table_of_verdicts_and_several_one_of_speeds() -> None:
-    trials = tuple(
-        Trial(status="accurate", error=e, run_time=t, method=m)
+    tried = tuple(
+        trials.Trial(status="accurate", error=e, run_time=t, method=m)
         for m, e, t in [
             ("taylor", 1e-14, 0.5),
             ("m", 1e-14, 0.3),
@@ -105,13 +113,13 @@ def test_one_tolerance_gives_a_table_of_verdicts_and_several_one_of_speeds() -> 
             ("m", 1, 0.1),
         ]
     )
-    one = Bench(("a", "b"), ("auto", "m"), (np.nan,), trials)
-    verdicts = bench.printed(one, markdown=False)
+    several = bench.Bench(("a", "b"), ("auto", "m"), (np.nan,), tried)
+    verdicts = bench.printed(several, markdown=False)
     rows = [line.split() for line in verdicts.splitlines()]
     assert rows[0][:3] == ["case", "auto", "takes"]
     assert [(row[0], row[1]) for row in rows[1:]] == [("a", "taylor"), ("b", "exact")]
     assert [row[-2:] for row in rows[1:]] == [["300", "ms"], ["accurate", "-"]]
-    speeds = bench.printed(Bench(("a",), ("auto", "m"), (1e-4, 1e-8), trials), markdown=True)
+    speeds = bench.printed(bench.Bench(("a",), ("auto", "m"), (1e-4, 1e-8), tried), markdown=True)
     assert speeds.startswith("| case | 3 digits | ")
 
 
