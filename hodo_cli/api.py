@@ -28,7 +28,7 @@ from .figures import draw
 from .progress import Progress
 from .results.dataset import Opened, dataset, group_of
 from .results.motion import UNSAVED, Results, case_of
-from .schema.kinds import Wrong, resolve, unknown
+from .schema.kinds import Wrong, check_keys, unknown
 from .storage.hdf5 import open_run
 from .storage.writer import Writer
 
@@ -109,7 +109,7 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     cases = {case: group_of(each) for case, each in _named(several).items()}
     # A sketch of quadrants draws bodies and takes no cases.
     given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
-    spec, mistakes = resolve(FIGURE_KINDS[kind], given | _plain(keys))
+    spec, mistakes = check_keys(FIGURE_KINDS[kind], given | _plain(keys))
     spec = {"kind": kind, **spec}
     mistakes += check_figure(spec)
     if not mistakes:

@@ -37,15 +37,15 @@ from hodo_cli.schema.kinds import (
     Key,
     KeyPath,
     ListOf,
-    Matrix,
     Mistake,
     Number,
     Table,
     Text,
     Variant,
-    Vector,
     Wrong,
-    resolve,
+    check_keys,
+    matrix,
+    vector,
 )
 from hodo_cli.schema.mistakes import MAX_MISTAKES, Mistakes
 from hodo_cli.schema.write import write
@@ -575,7 +575,7 @@ def test_mistakes_of_overrides_follow_those_of_the_file() -> None:
 # Kinds
 
 
-ONE_OF_TWO = Either(Matrix(1), Table({"d": Key(Number(), "")}))
+ONE_OF_TWO = Either(matrix(1), Table({"d": Key(Number(), "")}))
 LAW = Variant("law", {"exp": {"k": Key(Number(), "")}, "f": {}}, "which law")
 
 
@@ -599,8 +599,8 @@ def refused(kind: Any, value: Any) -> tuple[Mistake, ...]:
         (Angle(), 1.5, 1.5), (Angle(), "60 deg", math.radians(60)), (Angle(), "-1e2deg",
                                                                      math.radians(-100)),
         (Angle(), "0.5 rad", 0.5),
-        (Vector(2, above=0, scalar=True), 2, (2.0, 2.0)), (Vector(2), [1, 2], (1.0, 2.0)),
-        (Matrix(2), [[1, 2], [3, 4]], ((1.0, 2.0), (3.0, 4.0))),
+        (vector(2, above=0, scalar=True), 2, (2.0, 2.0)), (vector(2), [1, 2], (1.0, 2.0)),
+        (matrix(2), [[1, 2], [3, 4]], ((1.0, 2.0), (3.0, 4.0))),
         (ListOf(Number()), [1, 2, 3], (1.0, 2.0, 3.0)),
         (NAMES, "a", ("a",)), (NAMES, ["a", "b"], ("a", "b")),
         (ONE_OF_TWO, {"d": 1}, {"d": 1.0}),
@@ -629,8 +629,8 @@ def test_a_kind_resolves(kind: Any, given: Any, value: Any) -> None:
          "expected an angle in radians, or such as '60 deg', got '1e999 deg'"),
         (Angle(), "1.2.3 deg", (),
          "expected an angle in radians, or such as '60 deg', got '1.2.3 deg'"),
-        (Matrix(2), [[1, 2], [3]], (1,), "expected 2 numbers, got a list of 1"),
-        (Matrix(2), [[1, 2], [3, "x"]], (1, 1), "expected a finite number, got 'x'"),
+        (matrix(2), [[1, 2], [3]], (1,), "expected 2 numbers, got a list of 1"),
+        (matrix(2), [[1, 2], [3, "x"]], (1, 1), "expected a finite number, got 'x'"),
         (ListOf(Number()), [], (), "expected a list of one or more: number, got a list of 0"),
         (NAMES, [1], (0,), "expected text, got 1; put it in quotes"),
         (Text(), None, (), "expected text, got an empty value"),
@@ -653,13 +653,13 @@ def test_resolve_leaves_out_what_is_wrong() -> None:
         "b": Key(Number(), "", default=2.0),
         "c": Key(Number(), "", default=None),
     }
-    values, found = resolve(keys, {"a": "x", "d": 1})
+    values, found = check_keys(keys, {"a": "x", "d": 1})
     assert values == {"b": 2.0, "c": None}
     assert sorted(at for at, _ in found) == [("a",), ("d",)]
 
 
 def test_mistakes_are_named_from_the_outside_inwards() -> None:
-    bodies = Table({"bodies": Key(ListOf(Vector(2)), ""), "tol": Key(Number(above=0), "")})
+    bodies = Table({"bodies": Key(ListOf(vector(2)), ""), "tol": Key(Number(above=0), "")})
     assert refused(bodies, {"bodies": [[1, 2], [3, "x"], 4], "tol": 0, "tal": 1}) == (
         (("bodies", 1, 1), "expected a finite number, got 'x'"),
         (("bodies", 2), "expected 2 numbers, got 4"),

@@ -17,7 +17,7 @@ from .. import HodoError, models
 from ..models.base import Model
 from ..schema.document import Block, locate, read
 from ..schema.frozen import frozen
-from ..schema.kinds import Key, KeyPath, Misnamed, Mistake, Wrong, resolve, shown, unknown
+from ..schema.kinds import Key, KeyPath, Mistake, Wrong, WrongKey, check_keys, shown, unknown
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
 from .keys import COMMON, REMARKS, all_keys, keys_in
@@ -163,7 +163,7 @@ def checked_case(name: str, block: Block) -> Case:
     """The case that a merged block describes. Raises Wrong with all that is wrong with it."""
     model, keys = keys_in(block)
     own, mistakes = _own(block, model, keys)
-    values, more = resolve(keys, own)
+    values, more = check_keys(keys, own)
     mistakes += [*more, *_of_time(values)]
     if model is None:
         raise Wrong(*mistakes)
@@ -224,7 +224,7 @@ def _own(
             continue
         elif model and others:
             said = f"is a key of form {others}, and this is form {model.form}"
-            mistakes.append(((Misnamed(key),), said))
+            mistakes.append(((WrongKey(key),), said))
         else:
             own[key] = value
     return own, mistakes

@@ -13,13 +13,13 @@ from ..schema.kinds import (
     Key,
     KeyPath,
     ListOf,
-    Misnamed,
     Mistake,
     Number,
     Table,
     Text,
     Variant,
-    resolve,
+    WrongKey,
+    check_keys,
     unknown,
 )
 from .sweep_block import SWEEP, axes_of
@@ -271,7 +271,7 @@ def _entries(given: Any, keys: Mapping[str, Key]) -> Iterator[tuple[int, dict[st
     """What is right in each entry of a section that is a mapping, with its position."""
     for i, item in enumerate(given if isinstance(given, list) else ()):
         if isinstance(item, Mapping):
-            yield i, resolve(keys, item)[0]
+            yield i, check_keys(keys, item)[0]
 
 
 def _within(place: KeyPath, found: Iterable[Mistake]) -> Iterator[Mistake]:
@@ -336,7 +336,7 @@ def _check_bounds(check: Mapping[str, Any]) -> Iterator[Mistake]:
 def _check_values(values: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     for name, numbers in values.items():
         if name not in QUANTITY_NAMES:
-            yield (Misnamed(name),), unknown("quantity", name, QUANTITY_NAMES)
+            yield (WrongKey(name),), unknown("quantity", name, QUANTITY_NAMES)
         elif len(numbers) != count:
             yield (name,), f"expected {count} numbers, one for each case, got {len(numbers)}"
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import HodoError
 from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block
-from ..schema.kinds import Misnamed, Mistake, Wrong, nearest, resolve, shown, unknown
+from ..schema.kinds import Mistake, Wrong, WrongKey, check_keys, nearest, shown, unknown
 from ..schema.mistakes import Mistakes, Place
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
@@ -145,7 +145,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         for section, value in document.items()
         if value is not None or section not in SECTIONS
     }
-    sections, found = resolve(SECTIONS, given)
+    sections, found = check_keys(SECTIONS, given)
     if "cases" not in given:
         # Every name of a case would be a mistake besides, and hide this one.
         note(found, document, (), Place(1, 1), mistakes)
@@ -198,7 +198,7 @@ def _entries(section: str, given: Mapping[str, Any]) -> tuple[dict[str, Block], 
     mistakes: list[Mistake] = []
     for name, value in given.items():
         if not NAME.fullmatch(name):
-            mistakes.append(((section, Misnamed(name)), NAME_RULE))
+            mistakes.append(((section, WrongKey(name)), NAME_RULE))
         elif not isinstance(value, Block):
             mistakes.append(((section, name), f"expected a mapping, got {shown(value)}"))
         else:
@@ -235,7 +235,7 @@ def _of_defaults(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
             continue
         known = key in all_keys()
         said = "no case here takes this key" if known else unknown("key", key, sorted(taken))
-        yield ("defaults", Misnamed(key)), said
+        yield ("defaults", WrongKey(key)), said
 
 
 def _of_figures(
@@ -277,7 +277,7 @@ def _figures(
     entries, mistakes = _entries("figures", given)
     figures = {}
     for name, block in entries.items():
-        figures[name], wrong = FIGURE.resolve(block)
+        figures[name], wrong = FIGURE.check_keys(block)
         wrong += check_figure(figures[name])
         mistakes += [(("figures", name, *at), said) for at, said in wrong]
         if figures[name].get("cases") == ():

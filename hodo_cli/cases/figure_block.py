@@ -18,8 +18,8 @@ from ..schema.kinds import (
     Table,
     Text,
     Variant,
-    Vector,
     unknown,
+    vector,
 )
 from .sweep_block import AXIS_LABELS, Axis
 
@@ -60,7 +60,7 @@ STYLES = Key(
 CAPTION = Key(Text(), "what the figure shows; assumptions and misprints of its cases", default="")
 TIME_SYMBOL = Key(Text(), "symbol of time, in TeX", default=r"\tau")
 VIEW = Key(
-    Vector(2),
+    vector(2),
     "direction of view: elevation above the x1 x2 plane, azimuth from x1",
     "degree",
     (24.0, 35.0),
@@ -77,9 +77,9 @@ INSET = Table(
         "panel": Key(Text(), "panel that holds it: a variable or, with `panels: case`, a case"),
         "case": Key(Text(), "case drawn in it"),
         "variables": Key(NAMES, "variables drawn in it"),
-        "span": Key(Vector(2), "part of the time axis drawn (default: all)", "time", None),
+        "span": Key(vector(2), "part of the time axis drawn (default: all)", "time", None),
         "box": Key(
-            Vector(4),
+            vector(4),
             "left, bottom, width, height within the panel, as fractions",
             default=(0.5, 0.5, 0.46, 0.38),
         ),
@@ -109,7 +109,7 @@ QUADRANTS = {
 
 SKETCH = {
     "bodies": Key(
-        ListOf(Vector(3, above=0)), "principal moments of inertia of each body, a panel each"
+        ListOf(vector(3, above=0)), "principal moments of inertia of each body, a panel each"
     ),
     "labels": Key(NAMES, "title of each panel, in the order of `bodies`", default=()),
     "title": TITLE,
@@ -122,7 +122,7 @@ SERIES = {
         Choice("variable", "case"), "one panel a variable, or one panel a case", default="variable"
     ),
     "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),
-    "span": Key(Vector(2), "part of the time axis to draw (default: all)", "time", None),
+    "span": Key(vector(2), "part of the time axis to draw (default: all)", "time", None),
     "level": Key(Number(), "draws a horizontal line at this value", default=None),
     "passages": Key(
         Choice("yes", "no"),
@@ -163,7 +163,7 @@ MAP = {
         default=(),
     ),
     "range": Key(
-        Vector(2), "ends of the colour scale (default: those of the values)", default=None
+        vector(2), "ends of the colour scale (default: those of the values)", default=None
     ),
     "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
 }

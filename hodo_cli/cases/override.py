@@ -7,7 +7,7 @@ from typing import Any
 from .. import HodoError
 from ..schema import kinds
 from ..schema.document import Block, Items, read
-from ..schema.kinds import Kind, Table
+from ..schema.kinds import Kind, ListOf, Table
 from ..schema.mistakes import Mistakes, Place
 from .keys import keys_in
 
@@ -54,9 +54,9 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
     if not path:
         return new
     head, *rest = path
-    if isinstance(kind, kinds.Vector) and kind.scalar and isinstance(node, int | float):
+    if isinstance(node, int | float) and isinstance(kind, ListOf) and kind.takes(node):
         # `damping: 0.004` has no component 2 until it is written out.
-        node = (node,) * kind.n
+        node = (node,) * (kind.length or 1)
     if isinstance(node, tuple):
         node = Items(list(node), [place] * len(node))
     if isinstance(node, Items):

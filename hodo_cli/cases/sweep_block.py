@@ -31,16 +31,14 @@ from ..schema.kinds import (
     KeyPath,
     Kind,
     ListOf,
-    Matrix,
     Mistake,
     Number,
     OneOf,
     Table,
     Variant,
-    Vector,
+    all_right,
+    check_parts,
     expected,
-    gather,
-    gathered,
     is_list,
     unknown,
 )
@@ -107,7 +105,8 @@ class Span(Kind):
         if not is_list(value) or len(value) != 3:
             raise expected(self, value)
         kinds = (self._ends(), self._ends(), Integer(least=1, most=MOST))
-        first, last, number = gathered(zip(range(3), kinds, value, strict=True)).values()
+        parts = zip(range(3), kinds, value, strict=True)
+        first, last, number = all_right(*check_parts(parts)).values()
         return first, last, number
 
     def schema(self) -> dict[str, Any]:
@@ -288,33 +287,33 @@ def _check_range(given: Mapping[str, Any], key: str, kind: Kind, data: Any) -> I
             yield (), unknown(f"key {key!r}", str(path[0]), known)
             return
         inner = found
-    if not isinstance(inner, Number | Integer | Angle | Vector) or not inner.takes(0.0):
+    of_numbers = isinstance(inner, ListOf) and inner.length is not None
+    is_number = isinstance(inner, Number | Integer | Angle)
+    if not (is_number or of_numbers) or not inner.takes(0.0):
         yield (), "is not a number, so it cannot be swept"
         return
     ((word, value),) = given.items()
     values = value if word == "values" else value[:2]  # a span ends with the number of values
     if not isinstance(inner, Angle) and any(isinstance(each, InDegrees) for each in values):
         yield (word,), "expected numbers, got an angle in degrees"
-    mistakes = gather((i, inner, each) for i, each in enumerate(values))[1]
+    _, mistakes = check_parts((i, inner, item) for i, item in enumerate(values))
     yield from (((word, *at), said) for at, said in mistakes)
 
 
 def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
     """The kind and value of one part of a value; no kind where there is no such part."""
     if isinstance(kind, Either):
-        nested = Table | Variant if isinstance(data, Mapping) else Vector | Matrix | ListOf
+        nested = Table | Variant if isinstance(data, Mapping) else ListOf
         kind = next((each for each in kind.kinds if isinstance(each, nested)), kind)
     if isinstance(kind, Variant):
         kind = Table(kind.tables[data[kind.tag]])
-    if isinstance(kind, ListOf) and isinstance(part, int) and part < len(data):
+    if isinstance(kind, ListOf) and isinstance(part, int) and part < len(data or ()):
         return kind.kind, data[part]
     if isinstance(kind, Table) and part in kind.keys:
         key = kind.keys[str(part)]
         given = data.get(part) if isinstance(data, Mapping) else None
         if isinstance(data, Mapping) or key.default is not REQUIRED:
             return key.kind, given
-    if isinstance(kind, Vector | Matrix) and isinstance(part, int) and part < kind.n:
-        return (Number(kind.above) if isinstance(kind, Vector) else Vector(kind.n)), data[part]
     return None, None
 
 

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..arithmetic import isfinite, sqrt
-from ..schema.kinds import Key, Mistake, Number, Table, Vector
+from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 
@@ -122,7 +122,7 @@ class Cavity(Model):
         "cavity": CAVITY,
         "kappa": kappa_instead_of("`cavity`"),
         "torque": Key(
-            Vector(3),
+            vector(3),
             "constant torque M1, M2, M3",
             unit="moment of inertia / time^2",
             default=(0.0, 0.0, 0.0),

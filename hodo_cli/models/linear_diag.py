@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..schema.kinds import Key, Vector
+from ..schema.kinds import Key, vector
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
@@ -39,7 +39,7 @@ class LinearDiag(BodyFrame):
     keys = {
         "inertia": INERTIA,
         "damping": Key(
-            Vector(3, scalar=True),
+            vector(3, scalar=True),
             "coefficients of resistance lambda_i; a scalar means all three equal",
             unit="1/time",
             default=(0.0, 0.0, 0.0),

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .. import HodoError
-from ..schema.kinds import Key, Mistake, Number, Table, Vector
+from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Event, Label, Model, mistake_of
 
 UNDETERMINED, SEPARATRIX = -1, 0
@@ -199,7 +199,7 @@ SMALLEST = 1e-100
 """The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
 
 INERTIA = Key(
-    Vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia"
+    vector(3, above=0), "principal moments of inertia A1, A2, A3", unit="moment of inertia"
 )
 """Three moments in any order; `BodyFrame.check` asks for the triangle inequality and the range of
 SMALLEST besides."""

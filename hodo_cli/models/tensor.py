@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..schema.kinds import Either, Key, Matrix, Number, Table
+from ..schema.kinds import Either, Key, Number, Table, matrix
 from . import rigid_body
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
@@ -37,7 +37,7 @@ class Tensor(BodyFrame):
         "inertia": INERTIA,
         "resistance": Key(
             Either(
-                Matrix(3),
+                matrix(3),
                 Table(
                     {
                         "diagonal": Key(Number(), "every I_ii", unit="moment of inertia / time"),

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from .kinds import KeyPath, Misnamed, shown
+from .kinds import KeyPath, WrongKey, shown
 from .mistakes import Mistakes, Place
 
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -95,7 +95,7 @@ def locate(root: Any, at: KeyPath, place: Place) -> tuple[Place, bool]:
     for part in at:
         if isinstance(node, Block) and isinstance(part, str) and part in node:
             inherited = inherited or part in node.inherited
-            place = (node.key_places if isinstance(part, Misnamed) else node.value_places)[part]
+            place = (node.key_places if isinstance(part, WrongKey) else node.value_places)[part]
             node = node[part]
         elif isinstance(node, Items) and isinstance(part, int) and part < len(node):
             place, node = node.places[part], node[part]

@@ -8,7 +8,7 @@ Schema, `str(kind)` the same in a few words.
 import math
 import operator
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -30,11 +30,11 @@ class Wrong(Exception):
 
     def __str__(self) -> str:
         """A line for each: the key, and what is right."""
-        lines = ((".".join(map(str, at)), said) for at, said in self.mistakes)
-        return "\n".join(f"{at}: {said}" if at else said for at, said in lines)
+        lines = ((".".join(map(str, at)), sentence) for at, sentence in self.mistakes)
+        return "\n".join(f"{at}: {sentence}" if at else sentence for at, sentence in lines)
 
 
-class Misnamed(str):
+class WrongKey(str):
     """The last part of a path whose mistake is the key itself, not its value."""
 
 
@@ -92,13 +92,12 @@ class Key:
         }
 
 
-Placed = tuple[str | int, Kind, Any]
-"""A value, with the key or the position at which it stands and the kind that it should be."""
+Part = tuple[str | int, Kind, Any]
+"""A value within another: its key or position, the kind that it should be, and itself."""
 
 
-def gather(parts: Iterable[Placed]) -> tuple[dict[Any, Any], list[Mistake]]:
-    """Every part checked: the resolved values by key, without those that are wrong, and all
-    mistakes."""
+def check_parts(parts: Iterable[Part]) -> tuple[dict[Any, Any], list[Mistake]]:
+    """The resolved values by key, without those that are wrong, and all mistakes."""
     values: dict[Any, Any] = {}
     mistakes: list[Mistake] = []
     for key, kind, value in parts:
@@ -109,28 +108,23 @@ def gather(parts: Iterable[Placed]) -> tuple[dict[Any, Any], list[Mistake]]:
     return values, mistakes
 
 
-def faultless(values: dict[Any, Any], mistakes: Iterable[Mistake]) -> dict[Any, Any]:
+def all_right(values: dict[Any, Any], mistakes: Sequence[Mistake]) -> dict[Any, Any]:
     """The values, where there is no mistake. Raises Wrong."""
-    if found := [*mistakes]:
-        raise Wrong(*found)
+    if mistakes:
+        raise Wrong(*mistakes)
     return values
 
 
-def gathered(parts: Iterable[Placed]) -> dict[Any, Any]:
-    """`gather` where all parts are right. Raises Wrong."""
-    return faultless(*gather(parts))
-
-
-def resolve(
+def check_keys(
     keys: Mapping[str, Key], given: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[Mistake]]:
     """The values of `keys` with defaults filled in, without those that are missing or wrong, and
     all mistakes."""
-    values, mistakes = gather(
+    values, mistakes = check_parts(
         (name, key.kind, given[name]) for name, key in keys.items() if name in given
     )
     mistakes += [
-        ((Misnamed(name),), unknown("key", name, keys)) for name in given if name not in keys
+        ((WrongKey(name),), unknown("key", name, keys)) for name in given if name not in keys
     ]
     absent = {name: key.default for name, key in keys.items() if name not in given}
     # One that is misspelt is not missing as well.
@@ -159,8 +153,8 @@ have a thousand names that are none of another thousand."""
 
 def nearest(name: str, valid: Iterable[str]) -> str:
     """'; did you mean ...?', or nothing when no name is near."""
-    found = near(name, valid)
-    return "" if found is None else f"; did you mean {found!r}?"
+    spelling = near(name, valid)
+    return "" if spelling is None else f"; did you mean {spelling!r}?"
 
 
 def near(name: str, valid: Iterable[str]) -> str | None:
@@ -360,89 +354,49 @@ class Angle(Kind):
         return "an angle in radians, or such as '60 deg'"
 
 
-def several(kind: Kind, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Values of one kind. Raises Wrong."""
-    return tuple(gathered((i, kind, value) for i, value in enumerate(values)).values())
-
-
-@dataclass(frozen=True)
-class Vector(Kind):
-    """A list of n numbers, resolved to a tuple; with `scalar` one number means that all are
-    equal."""
-
-    n: int
-    above: float | None = None
-    scalar: bool = False
-
-    def check(self, value: Any) -> tuple[float, ...]:
-        if self.scalar and is_scalar(value):
-            return (Number(self.above).check(value),) * self.n
-        if not is_list(value) or len(value) != self.n:
-            raise expected(self, value)
-        return several(Number(self.above), value)
-
-    def schema(self) -> dict[str, Any]:
-        one = Number(self.above).schema()
-        many = {"type": "array", "items": one, "minItems": self.n, "maxItems": self.n}
-        return {"anyOf": [one, many]} if self.scalar else many
-
-    def takes(self, value: Any) -> bool:
-        return is_list(value) or (self.scalar and is_scalar(value))
-
-    def __str__(self) -> str:
-        word, _, limits = str(Number(self.above)).partition("number")
-        return f"{self.n} {word}numbers{limits}" + (" or one for all" if self.scalar else "")
-
-
-@dataclass(frozen=True)
-class Matrix(Kind):
-    """A list of n rows of n numbers, resolved to a tuple of tuples."""
-
-    n: int
-
-    def check(self, value: Any) -> tuple[tuple[float, ...], ...]:
-        if not is_list(value) or len(value) != self.n:
-            raise expected(self, value)
-        return several(Vector(self.n), value)
-
-    def schema(self) -> dict[str, Any]:
-        row = Vector(self.n).schema()
-        return {"type": "array", "items": row, "minItems": self.n, "maxItems": self.n}
-
-    def takes(self, value: Any) -> bool:
-        return is_list(value)
-
-    def __str__(self) -> str:
-        return f"{self.n} rows of {self.n} numbers"
-
-
 @dataclass(frozen=True)
 class ListOf(Kind):
-    """A list of at least so many values of a kind, resolved to a tuple; with `alone` a value by
-    itself means a list of one."""
+    """A list of values of a kind, resolved to a tuple: at least so many, or exactly `length`; with
+    `alone` a value by itself means a list of one, or that all `length` are equal."""
 
     kind: Kind
     least: int = 1
+    length: int | None = None
     alone: bool = False
     title: str = ""
 
     def check(self, value: Any) -> tuple[Any, ...]:
         if self.alone and self.kind.takes(value):
-            return (self.kind.check(value),)
-        if not is_list(value) or len(value) < self.least:
+            return (self.kind.check(value),) * (self.length or 1)
+        if not is_list(value) or not self.least <= len(value) == (self.length or len(value)):
             raise expected(self, value)
-        return several(self.kind, value)
+        parts = ((i, self.kind, item) for i, item in enumerate(value))
+        return tuple(all_right(*check_parts(parts)).values())
 
     def schema(self) -> dict[str, Any]:
-        one = self.kind.schema()
-        many = {"type": "array", "items": one} | ({"minItems": self.least} if self.least else {})
-        return {"anyOf": [one, many]} if self.alone else many
+        item = self.kind.schema()
+        bounds = {"minItems": self.length or self.least, "maxItems": self.length}
+        several = {"type": "array", "items": item} | {k: n for k, n in bounds.items() if n}
+        return {"anyOf": [item, several]} if self.alone else several
 
     def takes(self, value: Any) -> bool:
         return is_list(value) or (self.alone and self.kind.takes(value))
 
     def __str__(self) -> str:
         return self.title or f"a list{' of one or more' if self.least else ''}: {self.kind}"
+
+
+def vector(n: int, above: float | None = None, scalar: bool = False) -> ListOf:
+    """A list of n numbers; with `scalar` one number means that all are equal."""
+    number = Number(above)
+    word, _, limits = str(number).partition("number")
+    title = f"{n} {word}numbers{limits}" + (" or one for all" if scalar else "")
+    return ListOf(number, length=n, alone=scalar, title=title)
+
+
+def matrix(n: int) -> ListOf:
+    """A list of n rows of n numbers."""
+    return ListOf(vector(n), length=n, title=f"{n} rows of {n} numbers")
 
 
 NAMES = ListOf(Text(), least=0, alone=True, title="a name or a list of names")
@@ -475,7 +429,7 @@ class Table(Mapped):
     keys: Mapping[str, Key]
 
     def check(self, value: Any) -> dict[str, Any]:
-        return faultless(*resolve(self.keys, super().check(value)))
+        return all_right(*check_keys(self.keys, super().check(value)))
 
     def schema(self) -> dict[str, Any]:
         required = [name for name, key in self.keys.items() if key.default is REQUIRED]
@@ -498,15 +452,15 @@ class Variant(Mapped):
     doc: str
 
     def check(self, value: Any) -> dict[str, Any]:
-        return faultless(*self.resolve(super().check(value)))
+        return all_right(*self.check_keys(super().check(value)))
 
-    def resolve(self, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
+    def check_keys(self, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
         """The values with defaults filled in, and all mistakes, as those of fixed keys."""
         name = value.get(self.tag)
         if isinstance(name, str) and name in self.tables:
-            return resolve({**self.head(*self.tables), **self.tables[name]}, value)
+            return check_keys({**self.head(*self.tables), **self.tables[name]}, value)
         # Which other keys are right is not known without the name.
-        return resolve(self.head(*self.tables), {key: name for key in value if key == self.tag})
+        return check_keys(self.head(*self.tables), {key: name for key in value if key == self.tag})
 
     def head(self, *names: str) -> dict[str, Key]:
         """The key that names the others, where it may be one of these names."""
@@ -530,7 +484,8 @@ class Each(Mapped):
     def check(self, value: Any) -> dict[str, Any]:
         if not super().check(value):
             raise expected(self, value)
-        return gathered((name, self.kind, item) for name, item in value.items())
+        parts = ((name, self.kind, item) for name, item in value.items())
+        return all_right(*check_parts(parts))
 
     def schema(self) -> dict[str, Any]:
         return {"type": "object", "additionalProperties": self.kind.schema(), "minProperties": 1}
@@ -552,7 +507,7 @@ class OneOf(Mapped):
         ((name, item),) = value.items()
         if name not in self.kinds:
             raise Wrong(((name,), unknown(self.what, name, self.kinds)))
-        return gathered([(name, self.kinds[name], item)])
+        return all_right(*check_parts([(name, self.kinds[name], item)]))
 
     def schema(self) -> dict[str, Any]:
         singles = [Table({name: Key(kind, "")}) for name, kind in self.kinds.items()]

@@ -186,11 +186,9 @@ def band_of(body: Body, torque: Torque, region: Region, X_e: float) -> Band:
         X, Y = (X_e, X_o) if side > 0 else (X_o, X_e)
         slow = Slow(X, Y, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
         dX, dY = mean_rates(body, torque, slow, nodes_for(m1))
-        part_e, part_o = (dX, dY) if side > 0 else (dY, dX)
+        dX_e, dX_o = (dX, dY) if side > 0 else (dY, dX)
         # <dn> is pi/(2 K)
-        rates.append(
-            (part_e / X_e, part_o / X_o, 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace)
-        )
+        rates.append((dX_e / X_e, dX_o / X_o, 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace))
     (e1, o1, inverse), (e2, o2, nearer) = rates
     by_e, by_o = (e1 - e2) / (inverse - nearer), (o1 - o2) / (inverse - nearer)
     return Band(float(e1 - by_e * inverse), float(by_e), float(by_o))
