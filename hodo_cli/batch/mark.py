@@ -48,7 +48,7 @@ def code(swept: bool, model: str = "") -> str:
     where hodo does not have it."""
     parts = SWEPT if swept else SINGLE
     lines = [f"{name} {hash}\n" for name, hash in _BEGUN.items() if name.startswith(parts)]
-    return digest("".join(lines) + (models.foreign_mark(model) if model else ""))
+    return digest("".join(lines) + (models.added_models_hash(model) if model else ""))
 
 
 @cache
@@ -61,7 +61,7 @@ def libraries() -> str:
 
 def process_mark() -> str:
     """What this process computes with, in one word; it travels with every result."""
-    return f"{code(swept=True)}-{libraries()}{models.foreign_mark()}"
+    return f"{code(swept=True)}-{libraries()}{models.added_models_hash()}"
 
 
 def digest(text: str) -> str:

@@ -102,7 +102,7 @@ class Case:
     @cached_property
     def lines(self) -> Mapping[str, str]:
         """The case as YAML, complete: its lines by their keys. They are its text and, but for the
-        remarks, its mark."""
+        remarks, its digest."""
         entries = {"name": self.name, "model": self.model, "form": self.form}
         entries |= _without_none(self.data)
         common = {key: getattr(self, key) for key in COMMON} | {"time": asdict(self.time)}
@@ -113,7 +113,7 @@ class Case:
 def dump(case: Case, remarks: bool = True) -> str:
     """The case as YAML, complete, one key a line; `parse_case` returns an equal case.
 
-    Without `remarks`, what is left is what decides its numbers.
+    Without `remarks` only the keys that decide its numbers are written.
     """
     return "".join(line for key, line in case.lines.items() if remarks or key not in REMARKS)
 
@@ -139,8 +139,8 @@ def read_mapping(text: str, mistakes: Mistakes) -> Block:
     document = read(text, mistakes)
     if isinstance(document, Block):
         return document
-    said = f"expected a mapping of keys to values, got {shown(document)}"
-    raise mistakes.fatal(Place(1, 1), said)
+    message = f"expected a mapping of keys to values, got {shown(document)}"
+    raise mistakes.fatal(Place(1, 1), message)
 
 
 def _without_none(data: Any) -> Any:
@@ -151,10 +151,10 @@ def _without_none(data: Any) -> Any:
 
 
 def note(
-    found: Iterable[Mistake], root: Block, label: KeyPath, place: Place, mistakes: Mistakes
+    faults: Iterable[Mistake], root: Block, label: KeyPath, place: Place, mistakes: Mistakes
 ) -> None:
-    """Add what is wrong within `root`, which stands at `place` and is called `label`."""
-    for at, sentence in found:
+    """Add the faults within `root`, which stands at `place` and is called `label`."""
+    for at, sentence in faults:
         where, inherited = locate(root, at, place)
         mistakes.add(where, sentence, ("defaults", *at) if inherited else (*label, *at))
 
@@ -162,19 +162,19 @@ def note(
 def checked_case(name: str, block: Block) -> Case:
     """The case that a merged block describes. Raises Wrong with all that is wrong with it."""
     model, keys = keys_in(block)
-    own, mistakes = _own(block, model, keys)
-    values, more = check_keys(keys, own)
+    entries, mistakes = _entries_taken(block, model, keys)
+    values, more = check_keys(keys, entries)
     mistakes += [*more, *_of_time(values)]
     if model is None:
         raise Wrong(*mistakes)
     data = {key: values[key] for key in model.keys if key in values}
     mistakes += model.check(data)
-    # What is stored hangs on the class that stands in for a form with these data.
+    # The stored variables are those of the class that stands in for a form with these data.
     system = None if mistakes else model.of(data)
     concrete_model = type(system) if system else model
     mistakes += _of_store(concrete_model, values)
-    if system and (said := models.mistake_in(system)):
-        mistakes.append((("model",), said))
+    if system and (message := models.mistake_in(system)):
+        mistakes.append((("model",), message))
     if values.get("sweep") and not mistakes:
         mistakes += check_axes(values["sweep"], concrete_model, data)
     if mistakes:
@@ -184,12 +184,13 @@ def checked_case(name: str, block: Block) -> Case:
 
 
 def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:
-    """What keeps a case from making a sweep that is not its own."""
+    """The mistakes of a sweep that is not the case's own, such as a claim's."""
     return check_axes(sweep, type(case.system), case.data)
 
 
 def _of_time(values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """An end before the start, or so far behind it that the span is no double."""
+    """A mistake where the end lies before the start, or so far behind it that the span is no
+    double."""
     if time := values.get("time"):
         start, end = time["start"], time["end"]
         if not 0 <= end - start < math.inf:
@@ -197,7 +198,7 @@ def _of_time(values: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _of_store(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Variables that the model does not have."""
+    """Mistakes: variables that the model does not have."""
     valid = list(model.variables)
     if values.get("sweep"):
         valid = storable(model)
@@ -206,31 +207,31 @@ def _of_store(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake
             yield ("store", i), unknown(f"variable {name!r}", name, valid)
 
 
-def _own(
+def _entries_taken(
     block: Block, model: type[Model] | None, keys: Mapping[str, Key]
 ) -> tuple[dict[str, Any], list[Mistake]]:
-    """The entries of a case that are to be resolved, and keys of another form of its model.
+    """The entries of a case that are to be checked, and a mistake for each key of another form.
 
     Left out besides are defaults that its model does not take; the keys of every model where none
     is named; and all keys of a model that is not known, which may be its own.
     """
-    own: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     mistakes: list[Mistake] = []
     for key, value in block.items():
-        others = _takers(model, key) if model and key not in keys else ""
+        others = _forms_with(model, key) if model and key not in keys else ""
         if key in keys:
-            own[key] = value
+            entries[key] = value
         elif key in block.inherited or (model is None and ("model" in block or key in all_keys())):
             continue
         elif model and others:
-            said = f"is a key of form {others}, and this is form {model.form}"
-            mistakes.append(((WrongKey(key),), said))
+            message = f"is a key of form {others}, and this is form {model.form}"
+            mistakes.append(((WrongKey(key),), message))
         else:
-            own[key] = value
-    return own, mistakes
+            entries[key] = value
+    return entries, mistakes
 
 
-def _takers(model: type[Model], key: str) -> str:
+def _forms_with(model: type[Model], key: str) -> str:
     """The forms of a model that take a key."""
     forms = models.catalogue()[model.name].items()
     return " or ".join(name for name, form in forms if key in form.keys)

@@ -230,30 +230,32 @@ ERRATUM_KEYS = {
 """The keys of an erratum."""
 
 SweepCheck = Callable[[Mapping[str, Any]], Iterable[Mistake]]
-"""What keeps a case from making a sweep."""
+"""The mistakes of a sweep of a case."""
 
 
 def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claim under each of its readings, by name; under none, the claim itself."""
-    found: dict[str, Mapping[str, Any]] = {}
+    merged: dict[str, Mapping[str, Any]] = {}
     for name, reading in claim["readings"].items():
         own = {key: value for key, value in reading.items() if value is not None}
-        found[name] = {**claim, **own, "readings": {}}
-    return found or {"": claim}
+        merged[name] = {**claim, **own, "readings": {}}
+    return merged or {"": claim}
 
 
 def cases_of(claim: Mapping[str, Any]) -> list[str]:
     """The cases of a claim under all its readings, each once."""
-    return list(dict.fromkeys(name for one in readings(claim).values() for name in one["cases"]))
+    return list(
+        dict.fromkeys(name for reading in readings(claim).values() for name in reading["cases"])
+    )
 
 
 def cross_check(
     claims: Any, errata: Any, cases: Mapping[str, SweepCheck | None]
 ) -> Iterator[Mistake]:
-    """What is wrong with several keys of the claims and errata, as they are given, together.
+    """The mistakes that only several keys of the claims and errata show together: ids given twice,
+    cases that are not there, quantities and their numbers, sweeps that a case cannot make.
 
-    That is ids given twice, cases that are not there, quantities and their numbers, sweeps that a
-    case cannot make. A case with mistakes of its own is None.
+    A case with mistakes of its own is None.
     """
     known: list[str] = []
     for at, erratum in _entries(errata, ERRATUM_KEYS):
@@ -268,16 +270,16 @@ def cross_check(
 
 
 def _entries(given: Any, keys: Mapping[str, Key]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """What is right in each entry of a section that is a mapping, with its position."""
+    """The valid values of each entry of a section that is a mapping, with its position."""
     for i, item in enumerate(given if isinstance(given, list) else ()):
         if isinstance(item, Mapping):
             yield i, check_keys(keys, item)[0]
 
 
-def _within(place: KeyPath, found: Iterable[Mistake]) -> Iterator[Mistake]:
+def _within(place: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
     """Mistakes in what stands at a place."""
-    for at, said in found:
-        yield (*place, *at), said
+    for at, message in mistakes:
+        yield (*place, *at), message
 
 
 def _check_id(entry: Mapping[str, Any], seen: list[str]) -> Iterator[Mistake]:
@@ -291,7 +293,7 @@ def _check_claim(
     claim: Mapping[str, Any], cases: Mapping[str, SweepCheck | None]
 ) -> Iterator[Mistake]:
     """One claim, under each of its readings."""
-    # What is wrong in itself has been noted, and is left out; nothing follows from its absence.
+    # A key that is wrong by itself has been noted; nothing follows from its absence here.
     if not {"readings", "cases", "check"} <= claim.keys():
         return
     given = claim["readings"]
@@ -346,10 +348,10 @@ MOST_MEMBERS = 100_000
 
 
 def _check_over(ranges: Mapping[str, Any], checks: list[SweepCheck | None]) -> Iterator[Mistake]:
-    """The sweep of a claim against each of its cases; what several lack is said once."""
+    """The sweep of a claim against each of its cases; a mistake in several is noted once."""
     if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
-        found = dict(mistake for check in checks if check for mistake in check(ranges))
+        by_path = dict(mistake for check in checks if check for mistake in check(ranges))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
-        yield from ((at[1:], said) for at, said in found.items())
+        yield from ((at[1:], message) for at, message in by_path.items())

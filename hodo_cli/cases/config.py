@@ -36,8 +36,8 @@ class Config:
     def figure(self, name: str) -> dict[str, Any]:
         """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
         if name not in self.figures:
-            said = unknown(f"figure {name!r}", name, self.figures)
-            raise HodoError(f"{self.path}: {said}")
+            message = unknown(f"figure {name!r}", name, self.figures)
+            raise HodoError(f"{self.path}: {message}")
         return self.figures[name]
 
     def matching(self, globs: Sequence[str]) -> list[str]:
@@ -62,13 +62,13 @@ def is_bare(name: str | Path) -> bool:
     return path.name == str(name) and not path.suffix and not path.exists()
 
 
-def _found(path: str) -> tuple[Path, str]:
-    """The file that a name stands for, and what messages call it. A bare name may be
+def _path_and_label(path: str) -> tuple[Path, str]:
+    """The file that a name stands for, and its name in messages. A bare name may be
     that of NAME.yaml in the working folder, or else of a case file that comes with hodo."""
     if is_bare(path) and Path(f"{path}.yaml").exists():
         return Path(f"{path}.yaml"), f"{path}.yaml"
-    if is_bare(path) and (brought := BUNDLED_CONFIGS / f"{path}.yaml").exists():
-        return brought, path
+    if is_bare(path) and (bundled := BUNDLED_CONFIGS / f"{path}.yaml").exists():
+        return bundled, path
     return Path(path), path
 
 
@@ -99,7 +99,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     positions within its value, and a value in YAML. It may add a key. Raises HodoError, one line
     for each mistake.
     """
-    file_path, name = _found(str(path))
+    file_path, name = _path_and_label(str(path))
     try:
         with open(file_path, "rb") as file:
             # One byte more than allowed tells a file that is too large without reading it.
@@ -108,7 +108,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
         # In lower case, as where a result is missing.
         reason = str(getattr(error, "strerror", None) or error).lower()
         shown_name = name if name.isprintable() else repr(name)
-        near = nearest(name, [brought.stem for brought in BUNDLED_CONFIGS.glob("*.yaml")])
+        near = nearest(name, [bundled.stem for bundled in BUNDLED_CONFIGS.glob("*.yaml")])
         raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")
@@ -121,8 +121,8 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         column = error.start - raw.rfind(b"\n", 0, error.start)
-        said = f"not UTF-8 text (byte {raw[error.start]:#04x})"
-        raise mistakes.fatal(Place(line, column), said) from None
+        message = f"not UTF-8 text (byte {raw[error.start]:#04x})"
+        raise mistakes.fatal(Place(line, column), message) from None
     return parse(text, name, overrides)
 
 
@@ -145,25 +145,30 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         for section, value in document.items()
         if value is not None or section not in SECTIONS
     }
-    sections, found = check_keys(SECTIONS, given)
+    sections, faults = check_keys(SECTIONS, given)
     if "cases" not in given:
         # Every name of a case would be a mistake besides, and hide this one.
-        note(found, document, (), Place(1, 1), mistakes)
+        note(faults, document, (), Place(1, 1), mistakes)
         raise mistakes.error()
     named, defaults = sections.get("cases", Block()), sections.get("defaults") or Block()
     if "cases" in sections and not named:
-        found.append((("cases",), "there is no case"))
-    entries, not_cases = _entries("cases", named)
+        faults.append((("cases",), "there is no case"))
+    entries, case_faults = _entries("cases", named)
     blocks = {case: _merge(defaults, block) for case, block in entries.items()}
     for override in overrides:
         apply_override(override, blocks, mistakes)
     cases = _checked(blocks, named.value_places, mistakes)
-    figures, not_figures = _figures(sections.get("figures") or {}, named)
-    not_figures += _of_figures(figures, cases, steady=not overrides)
+    figures, figure_faults = _figures(sections.get("figures") or {}, named)
+    figure_faults += _of_figures(figures, cases, steady=not overrides)
     checks = {case: partial(check_sweep, cases[case]) if case in cases else None for case in named}
-    of_claims = claim_block.cross_check(given.get("claims"), given.get("errata"), checks)
-    found += [*not_cases, *_of_defaults(defaults, blocks.values()), *not_figures, *of_claims]
-    note(found, document, (), Place(1, 1), mistakes)
+    claim_faults = claim_block.cross_check(given.get("claims"), given.get("errata"), checks)
+    faults += [
+        *case_faults,
+        *_of_defaults(defaults, blocks.values()),
+        *figure_faults,
+        *claim_faults,
+    ]
+    note(faults, document, (), Place(1, 1), mistakes)
     mistakes.raise_any()
     return Config(
         path=name,
@@ -223,19 +228,20 @@ def _merge(defaults: Block, given: Block) -> Block:
 
 
 def _of_defaults(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
-    """The defaults that no case takes."""
-    found = [(block, *keys_in(block)) for block in blocks]
-    if any(model is None and "model" in block for block, model, _ in found):
+    """Mistakes: the defaults that no case takes."""
+    models_of_blocks = [(block, *keys_in(block)) for block in blocks]
+    if any(model is None and "model" in block for block, model, _ in models_of_blocks):
         return  # it may have keys of its own
+    taken = {key for _, _, keys in models_of_blocks for key in keys}
     # A case without a model may take any key that there is.
-    models_known = all(model is not None for _, model, _ in found)
-    taken = {key for _, _, keys in found for key in keys} if models_known else set(all_keys())
+    if any(model is None for _, model, _ in models_of_blocks):
+        taken = set(all_keys())
     for key in defaults:
         if key in taken:
             continue
         known = key in all_keys()
-        said = "no case here takes this key" if known else unknown("key", key, sorted(taken))
-        yield ("defaults", WrongKey(key)), said
+        message = "no case here takes this key" if known else unknown("key", key, sorted(taken))
+        yield ("defaults", WrongKey(key)), message
 
 
 def _of_figures(

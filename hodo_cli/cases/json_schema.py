@@ -13,7 +13,7 @@ from .keys import COMMON, SECTIONS
 def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:
     """JSON Schema of a case of one of some forms of a model."""
     own: dict[str, list[dict[str, Any]]] = {}
-    for name, key in (item for found in classes for item in found.keys.items()):
+    for name, key in (item for form_class in classes for item in form_class.keys.items()):
         if (rule := key.schema()) not in own.setdefault(name, []):
             own[name].append(rule)
     rules = {name: some[0] if len(some) == 1 else {"anyOf": some} for name, some in own.items()}
@@ -40,9 +40,11 @@ def schema() -> dict[str, Any]:
         rules.append(
             {"if": named, "then": _closed({"form": {"enum": list(forms)}}, forms.values())}
         )
-        for form, found in forms.items():
+        for form, form_class in forms.items():
             this = {"properties": {"form": {"const": form}}, "required": ["form"]}
-            rules.append({"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [found])})
+            rules.append(
+                {"if": {"allOf": [named, this]}, "then": _closed({"form": True}, [form_class])}
+            )
     sections = {name: key.schema() for name, key in SECTIONS.items()}
     names = {"propertyNames": {"pattern": f"^{NAME.pattern}$"}}
     sections["cases"] |= names | {

@@ -143,8 +143,8 @@ def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, di
     if forms:
         head["form"] = Key(Choice(*forms), "form of the equations", default=next(iter(forms)))
     named = next(iter(forms), "") if form is None else form
-    found = forms.get(named)
-    return found, head | (found.keys if found else {}) | COMMON
+    form_class = forms.get(named)
+    return form_class, head | (form_class.keys if form_class else {}) | COMMON
 
 
 def keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:

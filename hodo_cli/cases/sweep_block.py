@@ -68,14 +68,14 @@ REDUCED = (
 axis."""
 
 AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis")
-"""What of that says which axis: its mean would mean nothing."""
+"""Those of them that are labels of axes, whose mean would mean nothing."""
 
 PASSED = (
     *("crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings"),
     *("start_axis", "end_axis"),
     *("event_predicted", "event_scatter", "event_sense", "event_probability"),
 )
-"""What it is reduced to where the motion itself stores its axis and its passages."""
+"""What a member is reduced to where the motion itself stores its axis and its passages."""
 
 
 class InDegrees(float):
@@ -177,7 +177,7 @@ class Axis:
     def directions(self, index: np.ndarray) -> np.ndarray:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
         assert self.sphere is not None
-        found = np.empty((len(index), 3))
+        directions = np.empty((len(index), 3))
         blocks = index // DRAWN_AT_ONCE
         for block in np.unique(blocks):
             here = blocks == block
@@ -186,8 +186,8 @@ class Axis:
             vectors = np.random.default_rng([self.sphere["seed"], int(block)]).standard_normal(
                 (DRAWN_AT_ONCE, 3)
             )
-            found[here] = vectors[index[here] % DRAWN_AT_ONCE]
-        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+            directions[here] = vectors[index[here] % DRAWN_AT_ONCE]
+        return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def _length(given: Mapping[str, Any]) -> int:
@@ -218,15 +218,15 @@ def storable(model: type[Model]) -> list[str]:
 
 def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
     """The axes of a checked `sweep:` block, in order."""
-    found = []
+    axes = []
     for name, entry in sweep.items():
         ((word, value),) = entry.items()
         if word == "sphere":
-            found.append(Axis(name, (), value))
+            axes.append(Axis(name, (), value))
         else:
             ranges = value if word == "zip" else {name: entry}
-            found.append(Axis(name, tuple((path_of(key), each) for key, each in ranges.items())))
-    return found
+            axes.append(Axis(name, tuple((path_of(key), given) for key, given in ranges.items())))
+    return axes
 
 
 def path_of(key: str) -> KeyPath:
@@ -237,16 +237,14 @@ def path_of(key: str) -> KeyPath:
 def check_axes(
     sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
 ) -> Iterator[Mistake]:
-    """What a checked `sweep:` block says against a case with these data.
-
-    That is keys that are not there or no numbers, values that the keys do not take, zipped ranges
-    of unequal lengths, too many members.
-    """
+    """The mistakes of a checked `sweep:` block in a case with these data: keys that are not there
+    or no numbers, values that the keys do not take, zipped ranges of unequal lengths, too many
+    members."""
     axes = axes_of(sweep)
     for axis in axes:
         if axis.name in RESERVED:
-            said = f"{axis.name} is a dimension of every result; call the axis otherwise"
-            yield ("sweep", axis.name), said
+            message = f"{axis.name} is a dimension of every result; call the axis otherwise"
+            yield ("sweep", axis.name), message
     yield from _check_spheres(axes, model.oriented)
     swept: dict[KeyPath, str] = {}
     for axis in axes:
@@ -260,33 +258,33 @@ def check_axes(
             if path in swept:
                 yield at, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            for inner, said in _check_range(given, key, Table(model.keys), data):
-                yield (*at, *inner), said
+            for inner, message in _check_range(given, key, Table(model.keys), data):
+                yield (*at, *inner), message
     if math.prod(map(len, axes)) > MOST:
         yield ("sweep",), f"more than {MOST:.0e} members"
 
 
 def _check_spheres(axes: Iterable[Axis], oriented: bool) -> Iterator[Mistake]:
-    """Directions of a start that has none, and spheres beyond the first."""
+    """Mistakes: directions of a start that has none, and spheres beyond the first."""
     for i, axis in enumerate(axis for axis in axes if axis.sphere is not None):
         if not oriented:
-            said = "only the start of a body-frame model has a direction"
-            yield ("sweep", axis.name, "sphere"), said
+            message = "only the start of a body-frame model has a direction"
+            yield ("sweep", axis.name, "sphere"), message
         elif i:
             yield ("sweep", axis.name, "sphere"), "one axis may be a sphere"
 
 
 def _check_range(given: Mapping[str, Any], key: str, kind: Kind, data: Any) -> Iterator[Mistake]:
-    """A key that is not there or takes no number, or the values of a range that it does not
+    """Mistakes: a key that is not there or takes no number, and values of a range that it does not
     take."""
     inner, path = kind, path_of(key)
     for i, part in enumerate(path):
-        found, data = _within(inner, part, data)
-        if found is None:
+        nested, data = _within(inner, part, data)
+        if nested is None:
             known = list(kind.keys) if i == 0 and isinstance(kind, Table) else []
             yield (), unknown(f"key {key!r}", str(path[0]), known)
             return
-        inner = found
+        inner = nested
     of_numbers = isinstance(inner, ListOf) and inner.length is not None
     is_number = isinstance(inner, Number | Integer | Angle)
     if not (is_number or of_numbers) or not inner.takes(0.0):
@@ -294,17 +292,17 @@ def _check_range(given: Mapping[str, Any], key: str, kind: Kind, data: Any) -> I
         return
     ((word, value),) = given.items()
     values = value if word == "values" else value[:2]  # a span ends with the number of values
-    if not isinstance(inner, Angle) and any(isinstance(each, InDegrees) for each in values):
+    if not isinstance(inner, Angle) and any(isinstance(item, InDegrees) for item in values):
         yield (word,), "expected numbers, got an angle in degrees"
     _, mistakes = check_parts((i, inner, item) for i, item in enumerate(values))
-    yield from (((word, *at), said) for at, said in mistakes)
+    yield from (((word, *at), message) for at, message in mistakes)
 
 
 def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
     """The kind and value of one part of a value; no kind where there is no such part."""
     if isinstance(kind, Either):
         nested = Table | Variant if isinstance(data, Mapping) else ListOf
-        kind = next((each for each in kind.kinds if isinstance(each, nested)), kind)
+        kind = next((option for option in kind.kinds if isinstance(option, nested)), kind)
     if isinstance(kind, Variant):
         kind = Table(kind.tables[data[kind.tag]])
     if isinstance(kind, ListOf) and isinstance(part, int) and part < len(data or ()):

@@ -136,7 +136,7 @@ def _config_of(run: ResultFile) -> Config | None:
 def package_digest() -> str:
     """The hash of all sources of hodo, of models that are not its own, and of the libraries that
     compute."""
-    sources = hashlib.sha256((libraries() + models.foreign_mark()).encode())
+    sources = hashlib.sha256((libraries() + models.added_models_hash()).encode())
     for file in sorted(PACKAGE.rglob("*.py")):
         sources.update(file.read_bytes())
     return sources.hexdigest()

@@ -28,8 +28,8 @@ GROUP = "hodo.models"
 
 
 def _is_form(item: type[Model]) -> bool:
-    """Whether a class states a form that a case can name: what only stands in for one, or has no
-    model's name yet, does not."""
+    """Whether a class states a form that a case can name: a class that only stands in for one, or
+    has no model's name yet, does not."""
     return "form" in vars(item) and hasattr(item, "name")
 
 
@@ -48,20 +48,20 @@ def catalogue() -> dict[str, dict[str, type[Model]]]:
 
     Raises HodoError if an installed package's models cannot be loaded, or one is there already.
     """
-    found: dict[str, dict[str, type[Model]]] = {}
+    forms_by_name: dict[str, dict[str, type[Model]]] = {}
     for info in pkgutil.iter_modules(__path__):
         for item in _forms(import_module(f"{__name__}.{info.name}")):
-            found.setdefault(item.name, {})[item.form] = item
-    for source, module, _ in _foreign():
+            forms_by_name.setdefault(item.name, {})[item.form] = item
+    for source, module, _ in _added_modules():
         for item in _forms(module):
             # Which of two is meant would depend on the order of files.
-            if item.form in found.get(item.name, {}):
-                said = f"there is already a model {item.name!r} with the form {item.form!r}"
-                raise HodoError(f"{source}: {said}")
-            found.setdefault(item.name, {})[item.form] = item
-    for forms in found.values():
+            if item.form in forms_by_name.get(item.name, {}):
+                message = f"there is already a model {item.name!r} with the form {item.form!r}"
+                raise HodoError(f"{source}: {message}")
+            forms_by_name.setdefault(item.name, {})[item.form] = item
+    for forms in forms_by_name.values():
         add_averaged(forms)
-    return found
+    return forms_by_name
 
 
 def add_averaged(forms: dict[str, type[Model]]) -> None:
@@ -74,20 +74,20 @@ def add_averaged(forms: dict[str, type[Model]]) -> None:
 
 
 @cache
-def foreign_mark(name: str = "") -> str:
+def added_models_hash(name: str = "") -> str:
     """The hash of the sources of models that are not hodo's: of those with a name, or of all; empty
     if there are none."""
-    return " ".join(mark for _, _, mark in (_stating(name) if name else _foreign()))
+    return " ".join(digest for _, _, digest in (_modules_with(name) if name else _added_modules()))
 
 
-Foreign = tuple[str, ModuleType, str]
+AddedModule = tuple[str, ModuleType, str]
 """Where a module with models comes from, the module, and the hash of its source."""
 
 
 @cache
-def _foreign() -> tuple[Foreign, ...]:
+def _added_modules() -> tuple[AddedModule, ...]:
     """The modules of the user's own files and of installed packages, all with a model."""
-    found = list(_own)
+    added = list(_own_modules)
     for point in entry_points(group=GROUP):
         source = f"{point.value} (entry point {point.name})"
         try:
@@ -95,19 +95,18 @@ def _foreign() -> tuple[Foreign, ...]:
             text = Path(str(module.__file__)).read_bytes()
         except Exception as error:
             raise HodoError(f"{source}: {type(error).__name__}: {error}") from error
-        found.append((source, module, hashlib.sha256(text).hexdigest()))
-    for source, module, _ in found:
+        added.append((source, module, hashlib.sha256(text).hexdigest()))
+    for source, module, _ in added:
         if not (forms := [*_forms(module)]):
             raise HodoError(f"{source}: there is no model in it (a class with `name` and `form`)")
         for form in forms:
-            if said := _misstated(form):
-                raise HodoError(f"{source}: {form.__name__}: {said}")
-    return tuple(found)
+            if message := _class_mistake(form):
+                raise HodoError(f"{source}: {form.__name__}: {message}")
+    return tuple(added)
 
 
-def _misstated(form: type[Model]) -> str:
-    """What is wrong with what a class states besides its equations; an empty string if nothing
-    is."""
+def _class_mistake(form: type[Model]) -> str:
+    """The mistake in the attributes of a class; empty if there is none."""
     for name in ("name", "form"):
         if not isinstance(getattr(form, name), str):
             return f"its {name} is no text: {getattr(form, name)!r}"
@@ -118,12 +117,14 @@ def _misstated(form: type[Model]) -> str:
     return ""
 
 
-def _stating(name: str) -> list[Foreign]:
+def _modules_with(name: str) -> list[AddedModule]:
     """The modules that are not hodo's and state a model of this name."""
-    return [one for one in _foreign() if name in {form.name for form in _forms(one[1])}]
+    return [
+        module for module in _added_modules() if name in {form.name for form in _forms(module[1])}
+    ]
 
 
-def _load(path: str, name: str) -> Foreign:
+def _load(path: str, name: str) -> AddedModule:
     """A file of the user's own as a module of this package.
 
     Raises HodoError, one line with the place, if it cannot be read or run.
@@ -133,7 +134,7 @@ def _load(path: str, name: str) -> Foreign:
     # Before it runs, because `dataclass` looks its module up.
     sys.modules[module.__name__] = module
     try:
-        # What is hashed is what is run, even if the file is edited meanwhile.
+        # Read once, so that the text hashed is the text run, even if the file is edited meanwhile.
         text = Path(path).read_bytes()
         exec(compile(text, path, "exec"), vars(module))
     except OSError as error:
@@ -141,40 +142,41 @@ def _load(path: str, name: str) -> Foreign:
     except SyntaxError as error:
         raise HodoError(f"{path}:{error.lineno or 1}: {error.msg}") from None
     except Exception as error:
-        raise HodoError(_said_of(error, path)) from error
+        raise HodoError(_located(error, path)) from error
     return path, module, hashlib.sha256(text).hexdigest()
 
 
-def _said_of(error: Exception, path: str) -> str:
-    """What went wrong in a file, after the line where it did."""
+def _located(error: Exception, path: str) -> str:
+    """An error that a file raises, after the line where it did."""
     lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at[0] == path]
-    said = f"{type(error).__name__}: {error}".partition("\n")[0]
+    message = f"{type(error).__name__}: {error}".partition("\n")[0]
     if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
         known = ", ".join(vars(error.obj))
-        said = f"there is no constant {error.name!r} (`constants` has: {known})"
-    return f"{path}:{lines[-1] if lines else 1}: {said}"
+        message = f"there is no constant {error.name!r} (`constants` has: {known})"
+    return f"{path}:{lines[-1] if lines else 1}: {message}"
 
 
 def mistake_in(system: Model) -> str:
-    """What is wrong with equations that are not hodo's, tried at the start of a motion; an empty
-    string if nothing is."""
-    stating = _stating(system.name)
-    if not stating:
+    """The mistake in equations that are not hodo's, tried at the start of a motion; empty if there
+    is none."""
+    modules = _modules_with(system.name)
+    if not modules:
         return ""
-    path = str(stating[0][1].__file__)
+    path = str(modules[0][1].__file__)
     try:
-        said = _unfit(system)
+        message = _equations_mistake(system)
     except ArithmeticError:
         return ""  # that is for the numbers of a case to answer, not for its equations
     except NotImplementedError:
-        said = f"the model {system.name} states no rhs"
+        message = f"the model {system.name} states no rhs"
     except Exception as error:
-        return _said_of(error, path)
-    return f"{path}: {said}" if said else ""
+        return _located(error, path)
+    return f"{path}: {message}" if message else ""
 
 
-def _unfit(system: Model) -> str:
-    """How the rates of a motion at its start do not fit its state, or its `degree`."""
+def _equations_mistake(system: Model) -> str:
+    """Why the rates of a motion at its start do not fit its state or its `degree`; empty if they
+    do."""
     k: dict[str, Any] = {**system.constants}
     if strange := [name for name in system.degree if name not in k]:
         return f"`degree` names {strange[0]!r}, but `constants` has: {', '.join(k)}"
@@ -185,7 +187,7 @@ def _unfit(system: Model) -> str:
     # The same motion in a unit of velocity that is four times as large.
     other = k | {name: k[name] * 4.0 ** (degree - 1) for name, degree in system.degree.items()}
     again = system.rhs(0.0, [value / 4 for value in start], attributes(other))
-    apart = max(abs(one - 4 * two) for one, two in zip(rates, again, strict=True))
+    apart = max(abs(rate - 4 * scaled) for rate, scaled in zip(rates, again, strict=True))
     if system.degree and apart > 1e-9 * max(map(abs, rates)):
         return "`degree` does not fit rhs: with the constants of other units it gives other rates"
     return ""
@@ -203,7 +205,7 @@ def find(name: str, form: str) -> type[Model]:
 
 
 # At once, because a worker that is sent an object of such a class imports this package for it.
-_own = [
+_own_modules = [
     _load(path, f"own{i}")
     for i, path in enumerate(filter(None, os.environ.get(OWN, "").split(os.pathsep)))
 ]

@@ -34,7 +34,10 @@ def kappa_instead_of(others: str) -> Key:
 
 CAVITY = Key(
     Table(
-        {name: Key(Number(above=0), *told, default=None) for name, told in OF_THE_CAVITY.items()}
+        {
+            name: Key(Number(above=0), *meaning, default=None)
+            for name, meaning in OF_THE_CAVITY.items()
+        }
         | {"kappa": kappa_instead_of("the other keys")}
     ),
     "density, viscosity and P0 or radius; or kappa alone",

@@ -63,6 +63,6 @@ def jacobian(model: type[Model], k: SimpleNamespace, t: Any, y: np.ndarray) -> n
     """
     # Its square vanishes beside every double, so nothing is truncated, and no difference is taken,
     # so nothing cancels.
-    tiny, one = 1e-100, np.eye(len(y)).reshape(len(y), len(y), *[1] * (y.ndim - 1))
-    rows = model.rhs(t, list(y[:, None] + 1j * tiny * one), k)
+    tiny, unit_steps = 1e-100, np.eye(len(y)).reshape(len(y), len(y), *[1] * (y.ndim - 1))
+    rows = model.rhs(t, list(y[:, None] + 1j * tiny * unit_steps), k)
     return (np.array([np.broadcast_to(row, y.shape) for row in rows]).imag / tiny).astype(float)

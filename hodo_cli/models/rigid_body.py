@@ -87,11 +87,11 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
     with the digits of `omega` where its terms cancel: few places are that near, and ten times the
     work is to be done at each in long double.
     """
-    found = _margin(A, omega.astype(float), order)
-    near = np.abs(found) < CANCELLING
+    signed = _margin(A, omega.astype(float), order)
+    near = np.abs(signed) < CANCELLING
     if omega.dtype != np.float64 and near.any():
-        found[near] = _margin(np.asarray(A, dtype=omega.dtype), omega[near], order)
-    return found
+        signed[near] = _margin(np.asarray(A, dtype=omega.dtype), omega[near], order)
+    return signed
 
 
 def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
@@ -170,11 +170,11 @@ def growth_rates(A: np.ndarray, rates: np.ndarray) -> np.ndarray:
     constant shape on the same side.
     """
     # lambda_i less the mean of the other two.
-    found = rates - (rates.sum() - rates) / 2
+    growth = rates - (rates.sum() - rates) / 2
     # Equal rates cancel but for their rounding.
-    found = np.where(np.abs(found) <= 4 * np.finfo(float).eps * np.abs(rates).max(), 0, found)
+    growth = np.where(np.abs(growth) <= 4 * np.finfo(float).eps * np.abs(rates).max(), 0, growth)
     # Nor for an axis whose moment is the middle one too: a symmetric body has no such turn.
-    return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, found))
+    return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, growth))
 
 
 def absorbing_axes(A: np.ndarray, rates: np.ndarray) -> frozenset[int]:

@@ -108,16 +108,16 @@ class Tensor(BodyFrame):
     def warnings(self) -> list[str]:
         I = self.matrix
         values = np.linalg.eigvalsh(I / 2 + I.T / 2)
-        found = []
+        messages = []
         if values[0] < -1e-12 * abs(values[-1]):
             named = ", ".join(f"{value:.6g}" for value in values)
-            found.append(
+            messages.append(
                 f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"
             )
         # A tensor given in decimals, turned into other axes, is symmetric to its last digits.
         if np.abs(I - I.T).max() > 1e-9 * np.abs(I).max():
-            found.append("the tensor is not symmetric")
-        return found
+            messages.append("the tensor is not symmetric")
+        return messages
 
 
 @dataclass(frozen=True)

@@ -30,14 +30,14 @@ class Mistakes:
         self.name = name
         # A dict keeps each once: what is wrong in `defaults` is met again in every case that
         # inherits it. The flag sorts overrides behind the file's own mistakes.
-        self.found: dict[tuple[bool, Place, str], None] = {}
+        self.noted: dict[tuple[bool, Place, str], None] = {}
 
     def add(self, place: Place, message: str, path: KeyPath = ()) -> None:
         """Note a mistake; raises them all when there are too many to go on."""
         # An empty key would be a point without a name.
         where = ".".join(str(part) for part in path if part != "")
-        self.found[bool(place.override), place, f"{where}: {message}" if where else message] = None
-        if len(self.found) >= MAX_MISTAKES:
+        self.noted[bool(place.override), place, f"{where}: {message}" if where else message] = None
+        if len(self.noted) >= MAX_MISTAKES:
             raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
 
     def fatal(self, place: Place, message: str, path: KeyPath = ()) -> HodoError:
@@ -48,17 +48,17 @@ class Mistakes:
 
     def error(self, end: str = "") -> HodoError:
         """One line for each mistake, by line and column; those of overrides last."""
-        shown = sorted(self.found)[: len(self.found) if len(self.found) <= LISTED else FIRST]
+        shown = sorted(self.noted)[: len(self.noted) if len(self.noted) <= LISTED else FIRST]
         lines = [self._line(place, text) for _, place, text in shown]
-        if len(self.found) > len(shown):
+        if len(self.noted) > len(shown):
             lines.append(
-                f"{_one_line(self.name)}: and {len(self.found) - len(shown)} more mistakes"
+                f"{_one_line(self.name)}: and {len(self.noted) - len(shown)} more mistakes"
             )
         return HodoError("\n".join(lines) + end)
 
     def raise_any(self) -> None:
         """Raise what was noted, if anything was."""
-        if self.found:
+        if self.noted:
             raise self.error()
 
     def _line(self, place: Place, text: str) -> str:
