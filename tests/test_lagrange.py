@@ -23,7 +23,8 @@ from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.models import catalogue, lagrange
 from hodo_cli.models.base import Event
-from hodo_cli.models.lagrange import cubic_dissipation, first_integrals, mean_cosine, nutation
+from hodo_cli.models.top.nutation import first_integrals, mean_cosine, nutation
+from hodo_cli.models.top.torques import cubic_dissipation
 from hodo_cli.sweeps.chunk import Chunk, compute
 
 HERE = Path(__file__).parent

@@ -1,29 +1,27 @@
 """The Lagrange top under a small torque that changes slowly with time."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ..arithmetic import as_float, as_numpy_float, cos, isfinite, sin, sqrt
-from ..schema.kinds import (
-    Angle,
-    Choice,
-    Either,
-    Integer,
-    Key,
-    ListOf,
-    Mistake,
-    Number,
-    Table,
-    Variant,
-)
+from ..arithmetic import cos, sin, sqrt
+from ..schema.kinds import Angle, Integer, Key, Mistake, Number, Table
 from .base import Constants, Event, Label, Model, mistake_of
 from .constants import attributes
+from .top.nutation import (
+    Nutation,
+    drift,
+    first_integrals,
+    mean_cosine,
+    nutation,
+    nutation_at_start,
+)
+from .top.torques import LAW, LAWS, PERTURBATION, PERTURBATIONS, law
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
@@ -31,252 +29,12 @@ NEAR, TOO_NEAR = 1e-8, 1e-14
 MOST_NODES, UNRESOLVED = 1000, 1e-12
 """The nodes beyond which no quadrature is refined, and the error of one that is worth a word."""
 
-ROOT_ROUNDING = 1e-13
-"""How far below 0 the rounding of Gz, H and r may bring ((u2 - u1)/2)^2."""
-
-LAW = Either(
-    ListOf(Number(), alone=True, title="a number, or a polynomial in tau: [a0, a1, ...]"),
-    Variant(
-        "law",
-        {
-            "exponential": {
-                "value": Key(Number(), "value at tau = 0", "moment of inertia / time"),
-                "rate": Key(Number(), "the law is value exp(-rate tau)"),
-            },
-            "power": {
-                "value": Key(Number(), "value at tau = 0", "moment of inertia / time"),
-                "rate": Key(Number(least=0), "the law is value (1 + rate tau)^exponent"),
-                "exponent": Key(Number(), "the law is value (1 + rate tau)^exponent"),
-            },
-        },
-        "which law",
-    ),
-)
-"""A function of tau: a constant, the coefficients of 1, tau, tau^2, ..., or a law of LAWS with its
-parameters."""
-
-
-def polynomial_law(c: Sequence[Any], tau: Any) -> Any:
-    """c0 + c1 tau + c2 tau^2 + ..."""
-    total = c[-1]
-    for coefficient in c[-2::-1]:
-        total = coefficient + tau * total
-    return total
-
-
-def exponential_law(c: Sequence[Any], tau: Any) -> Any:
-    """value exp(-rate tau), from (value, rate, e)."""
-    # e comes as a constant, because equations know + - * / and ** only, and no exp.
-    value, rate, e = c
-    return value * e ** (-rate * tau)
-
-
-def power_law(c: Sequence[Any], tau: Any) -> Any:
-    """value (1 + rate tau)^exponent, from (value, rate, exponent)."""
-    value, rate, exponent = c
-    return value * (1 + rate * tau) ** exponent
-
-
-LAWS = {"polynomial": polynomial_law, "exponential": exponential_law, "power": power_law}
-
-
-def law(given: Any) -> tuple[str, tuple[float, ...]]:
-    """The name and the numbers of a law as given in a case."""
-    if not isinstance(given, Mapping):
-        return "polynomial", tuple(given)
-    name, *numbers = (given[key] for key in ("law", "value", "rate", "exponent") if key in given)
-    return name, (*numbers, math.e) if name == "exponential" else tuple(numbers)
-
-
-def linear_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
-    """M = (-a p, -a q, -b r), eq. (3.1)."""
-    return -LAWS[k.a_law](k.a, tau), -LAWS[k.b_law](k.b, tau) * r
-
-
-def cubic_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
-    """M = |omega|^2 (-a p, -a q, -b r)."""
-    f, M3 = linear_dissipation(tau, Gz, H, r, u, k)
-    square = (2 * (H - k.mu * u) - k.C * r * r) / k.A + r * r
-    return square * f, square * M3
-
-
-Perturbation = Callable[..., tuple[Any, Any]]
-
-PERTURBATIONS: dict[str, Perturbation] = {
-    "linear-dissipation": linear_dissipation,
-    "cubic-dissipation": cubic_dissipation,
-}
-"""Torques epsilon (p f, q f, M3), eq. (2.3): each returns (f, M3), both functions of tau, Gz, H, r
-and u = cos theta.
-
-To add one, write it with + - * / and ** and name it here; the forms averaged-quadrature and full
-take it.
-"""
-
-
-def mean_cosine(e: Any, w: Any) -> Any:
-    """-<cos phi>/e over one nutation, u = s - e cos phi and dt ~ dphi/sqrt(w + e cos phi): <u> is s
-    + e^2 times it.
-
-    By the arithmetic-geometric mean: analytic in e^2, also at e = 0 (regular precession), where the
-    elliptic integrals of v = u3 - (u3 - u1) E/K, eq. (3.5), cancel. Its six terms reach 1e-17 down
-    to 1 - k^2 = (w - e)/(w + e) = 1e-12.
-
-    Source: M. Abramowitz and I. A. Stegun, 17.6, with c_{n+1} = c_n^2/(4 a_{n+1}).
-    """
-    # Only d and w enter, both smooth at e = 0; each step of the mean doubles the digits.
-    d = e * e
-    b = ((w - e) * (w + e)) ** 0.5
-    a, b, c = ((w + b) / 2) ** 0.5, b**0.5, 1 / (2 * (w + b))
-    total, factor = c, 1
-    for _ in range(5):
-        a, b = (a + b) / 2, (a * b) ** 0.5
-        c, factor = d * c * c / (16 * a * a), 2 * factor
-        total = total + factor * c
-    return total
-
-
-def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
-    """X and w of the state: u1, u2, u3 = 1 - X - e, 1 - X + e, 1 - X + w.
-
-    T1 = x1 + x2 + x3 and T2 = x1 x2 + x1 x3 + x2 x3 are eqs (1.5) for x_i = 1 - u_i. With e known,
-    the cubic for the roots is a quadratic; X is written so that nothing cancels for a fast or for
-    an upright top.
-    """
-    U, Z, r, e = y
-    c = k.C * r
-    # With x1, x2 = X +- e and x3 = X - w these are T1 = 3 X - w and T2 = 3 X^2 - 2 X w - e^2; X
-    # drops out of T1^2 - 3 T2.
-    T1 = 2 - c * c / (2 * k.A * k.mu) + Z
-    T2 = c * U / (k.A * k.mu) + 2 * Z
-    w = (T1 * T1 - 3 * T2 - 3 * e * e) ** 0.5
-    # X = (T1 + w)/3 with 3 - 3 X + 2 w above and below: a fast top has T1 near -w, and the rounding
-    # of their sum is divided by 2 w.
-    return (T1 + w - T2 - e * e) / (3 - T1 + w), w
-
-
-def drift(
-    y: Sequence[Any], k: Any, means: Sequence[Any], shape: tuple[Any, Any]
-) -> tuple[Any, ...]:
-    """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over
-    one nutation.
-
-    The symbols are those of `AveragedTop`. U, Z and r follow from eqs (2.4). e follows from the
-    roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e by hand, so that
-    regular precession, e = 0, is as regular as any other motion.
-    """
-    U, Z, r, e = y
-    X, w = shape
-    f, f_cos, M3, M3_cos = means
-    A, C, mu = k.A, k.C, k.mu
-    # u = 1 - x turns Gz - C r u into U + c x, and 2 H - C r^2 - 2 mu u into 2 mu (x - Z).
-    c, G = C * r, U + C * r * X
-    # <f x> with x = X + e cos phi; U and Z lose their terms in M3 to C r' = M3.
-    fx = X * f + e * f_cos
-    dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
-    dZ = -2 * (fx - Z * f) / A
-    # From here on: the derivatives of the coefficients of the cubic, and by them that of e.
-    dT1 = dZ - c * M3 / (A * mu)
-    M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos) + G * M3_cos / (A * mu)
-    slope = 2 * dZ * (X - 1) - (c * (dU + M3 * X) + G * M3) / (A * mu)
-    # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
-    de = (w * (M + e * dT1) - e * slope) / (2 * (w - e) * (w + e))
-    return dU, dZ, M3 / C, de
-
-
-def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any]:
-    """Gz and H, eqs (1.2), from the components of omega and of the vertical in body axes; k has A,
-    C and mu."""
-    p, q, r = omega
-    Gz = k.A * (p * gamma[0] + q * gamma[1]) + k.C * r * gamma[2]
-    return Gz, (k.A * (p * p + q * q) + k.C * r * r) / 2 + k.mu * gamma[2]
-
-
-class Nutation(NamedTuple):
-    """The start of a top: its state (U, Z, r, e), and X and w of `nutation`."""
-
-    U: float
-    Z: float
-    r: float
-    e: float
-    X: float
-    w: float
-
-
-@np.errstate(all="ignore")  # what is out of range is said at the end
-def nutation_at_start(
-    inertia: Mapping[str, float], mu: float, initial: Mapping[str, Any]
-) -> Nutation:
-    """The nutation that the initial data make; w is not a number where no digit of it is left.
-
-    Raises ValueError, with a sentence, if they make none.
-    """
-    theta, r, Gz, H = (initial[name] for name in ("theta", "r", "Gz", "H"))
-    if (theta is None) == (Gz is None) or (Gz is None) != (H is None):
-        raise ValueError("give theta and r, or Gz, H and r")
-    A, C, mu = (as_numpy_float(value) for value in (inertia["A"], inertia["C"], mu))
-    c, scale = C * r, 2 * A * mu
-    excess = c * c / scale - 2
-    if theta is not None:
-        Z, e = released(theta, excess)
-        U = -c * Z
-    else:
-        U, Z = Gz - c, 1 - (2 * H - c * r) / (2 * mu)
-        e = root_spread(Z - excess, 2 * c * U / scale + 2 * Z, U * U / scale)
-    state = [as_numpy_float(value) for value in (U, Z, r, e)]
-    if not all(map(isfinite, [*state, excess])):
-        raise ValueError("the initial data are out of range")
-    return Nutation(*map(as_float, (*state, *nutation(state, SimpleNamespace(A=A, C=C, mu=mu)))))
-
-
-def released(theta: Any, excess: Any) -> tuple[Any, Any]:
-    """x = 1 - cos theta and e = (u2 - u1)/2 of a top let go with p = q = 0, where u2 = cos theta.
-
-    `excess` is C^2 r^2/(2 A mu) - 2. No digit is lost at theta = 0 or pi.
-    """
-    x = 2 * sin(theta / 2) ** 2
-    # The positive root of a quadratic, in the one of its two forms that adds what has the same
-    # sign.
-    root = sqrt(excess * excess + 4 * (excess + 2) * x)
-    ahead = (root + excess) / 2 if excess >= 0 else 2 * (excess + 2) * x / (root - excess)
-    gap = x + ahead
-    return x, sin(theta) ** 2 / (2 * gap) if gap > 0 else -excess / 2
-
-
-def root_spread(T1: Any, T2: Any, T3: Any) -> Any:
-    """e = (u2 - u1)/2 from the coefficients of the cubic for y = u3 - 1: y^3 + T1 y^2 + T2 y = T3.
-
-    Raises ValueError if u1 and u2 are not real numbers from -1 to 1: there is no such motion. What
-    the rounding of the data does to a double root is forgiven.
-    """
-    # Cauchy's bound. From above, Newton's method falls to the largest root and stops where rounding
-    # stops the fall.
-    y = 1 + max(abs(T1), abs(T2), T3)
-    while (slope := (3 * y + 2 * T1) * y + T2) > 0 and (
-        lower := y - (((y + T1) * y + T2) * y - T3) / slope
-    ) < y:
-        y = lower
-    # x1 x2 and x1 + x2: by a division where y is large, without one where it is small.
-    product = T3 / y if y > 1 else T2 + (T1 + y) * y
-    X = (product - T2) / (2 * y) if y > 1 else (T1 + y) / 2
-    d = X * X - product
-    e, slack = sqrt(max(d, 0.0)), math.sqrt(ROOT_ROUNDING)
-    if d >= -ROOT_ROUNDING and -slack <= X - e and X + e <= 2 + slack:
-        return e
-    raise ValueError("no motion has these Gz, H and r: -1 <= u1 <= u2 <= 1 cannot be met")
-
-
 INTEGRAL_LABELS = {
     "Gz": Label(("time",), "vertical component of the angular momentum"),
     "H": Label(("time",), "energy"),
     "r": Label(("time",), "angular velocity about the axis of symmetry"),
 }
 ROOT_LABELS = {f"u{i}": Label(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)}
-
-
-PERTURBATION = Key(
-    Choice(*PERTURBATIONS), "form of the torque M = (p f, q f, M3)", default="linear-dissipation"
-)
 
 
 @dataclass(frozen=True)

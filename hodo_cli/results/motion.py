@@ -24,7 +24,7 @@ from ..cases.figure_block import BODY_AXES
 from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
-from ..models.lagrange import first_integrals
+from ..models.top.nutation import first_integrals
 from ..storage.finished import open_batch
 from ..storage.group import Group
 from ..storage.hdf5 import ResultFile
