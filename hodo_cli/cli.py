@@ -66,8 +66,8 @@ class Hodo(click.Group):
         except MemoryError:
             _refuse(ctx, "the memory is exhausted, or the limit on it (ulimit -v) too low")
         except OSError as error:
-            # What a file is refused for is told where the file is written. This is the output, or a
-            # limit on descriptors or processes.
+            # Errors of files are reported where files are written. This is the output, or a limit
+            # on descriptors or processes.
             if error.errno not in RESOURCES:
                 raise
             _refuse(ctx, f"the operating system refuses it: {os.strerror(error.errno).lower()}")
@@ -110,9 +110,9 @@ def _open_standard_files() -> None:
 
 
 def _refuse(ctx: click.Context, line: str) -> NoReturn:
-    """Say why nothing more is done, where that can still be said, and end."""
+    """Print the reason, where that is still possible, and end."""
     _say(line)
-    # What is left to write, to an output that takes nothing, would end in a traceback at the exit.
+    # Output that is left for a stream that takes nothing would end in a traceback at the exit.
     with suppress(OSError, ValueError):
         sys.stdout.flush()
     if isinstance(sys.stdout, io.TextIOWrapper) and isinstance(
@@ -124,12 +124,12 @@ def _refuse(ctx: click.Context, line: str) -> NoReturn:
 
 
 def _once() -> Callable[..., None]:
-    """What says each warning once, however many places give it: a command may open a file twice."""
-    said = set()
+    """A function that prints each warning once: a command may open a file twice."""
+    printed = set()
 
     def show(message: Warning, *_: object) -> None:
-        if str(message) not in said:
-            said.add(str(message))
+        if str(message) not in printed:
+            printed.add(str(message))
             _say(message)
 
     return show
@@ -149,7 +149,7 @@ def _say(message: object) -> None:
     "own",
     multiple=True,
     metavar="FILE.py",
-    help="Take models of your own from a file too (repeatable).",
+    help="Use your own models from a file too (repeatable).",
 )
 def main(traceback: bool, own: tuple[str, ...]) -> None:
     """Run rigid-body rotation experiments from case files; classify, plot and check the results.
@@ -167,7 +167,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def _cases(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """The names of cases, of the configs that stand before, with which a shell completes --case."""
+    """The case names of the configs given so far, with which a shell completes --case."""
     from .cases.config import load
 
     names: list[str] = []
@@ -179,8 +179,8 @@ def _cases(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[
 
 
 def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-    """The names of figures, of the results and configs that stand before, with which a shell
-    completes a name that is that of no file."""
+    """The figure names of the results and configs given so far, for a shell to complete; file names
+    where no figure fits."""
     from click.shell_completion import CompletionItem
 
     from .cases.config import load, parse
@@ -195,13 +195,13 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
                     names += parse(result.text, run).figures
             elif run.endswith(YAML_SUFFIXES) or not names:
                 names += load(run).figures
-    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-    return found or _configs(ctx, param, incomplete)
+    items = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return items or _configs(ctx, param, incomplete)
 
 
 def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-    """The case files that come with hodo, with which a shell completes a name that no file begins
-    with; else its own files."""
+    """The case files that come with hodo, for a shell to complete; its own files where one begins
+    with these letters."""
     from glob import escape, glob
 
     from click.shell_completion import CompletionItem
@@ -209,10 +209,10 @@ def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     from .cases.config import BUNDLED_CONFIGS
 
     names = sorted(path.stem for path in BUNDLED_CONFIGS.glob("*.yaml"))
-    found = [CompletionItem(name) for name in names if incomplete and name.startswith(incomplete)]
-    if not found or glob(f"{escape(incomplete)}*"):
+    items = [CompletionItem(name) for name in names if incomplete and name.startswith(incomplete)]
+    if not items or glob(f"{escape(incomplete)}*"):
         return [CompletionItem(incomplete, type="file")]
-    return found
+    return items
 
 
 def _formats(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
@@ -237,7 +237,7 @@ GLOBS = click.option(
     multiple=True,
     metavar="GLOB",
     shell_complete=_cases,
-    help="Take only cases whose name matches (repeatable).",
+    help="Only cases whose name matches (repeatable).",
 )
 
 
@@ -280,11 +280,9 @@ def _init(name: Path) -> None:
 @click.option(
     "--force",
     is_flag=True,
-    help="Run finished cases again too, and replace what another config of this name left.",
+    help="Run finished cases again, and replace the result of another config of this name.",
 )
-@click.option(
-    "--prune", is_flag=True, help="Drop stored cases that are not in the config any more."
-)
+@click.option("--prune", is_flag=True, help="Drop stored cases that are no longer in the config.")
 @_jobs("Run in N processes.")
 @click.option(
     "--scheduler",
@@ -311,8 +309,8 @@ def _run(
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5.
 
-    A bare NAME is NAME.yaml in this folder, or a case file that comes with hodo: paper1.
-    Finished cases that have not changed are kept, and so are those that have left the config.
+    A bare NAME is NAME.yaml in this folder, or a case file that comes with hodo, such as paper1.
+    Finished cases are kept unless they have changed; cases that have left the config are kept too.
     With --set, the result is runs/NAME,CASE.KEY=VALUE.h5.
     """
     from . import tables, text
@@ -327,8 +325,8 @@ def _run(
     rows = run.execute(plans, jobs, scheduler, quiet, fail_fast)
     click.echo(text.as_json(rows) if as_json else tables.case_table(rows))
     if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
-        said = f"{len(failed)} of {len(rows)} cases did not end well: {', '.join(failed)}"
-        click.echo(said, err=True)
+        count = f"{len(failed)} of {len(rows)} cases did not end well"
+        click.echo(f"{count}: {', '.join(failed)}", err=True)
         sys.exit(1)
 
 
@@ -351,8 +349,7 @@ def _report(
 def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the enclosed axes, and find every separatrix crossing.
 
-    The labels of every sample and the crossings are added to RUNS: results (*.h5), or the configs
-    of results in runs/.
+    The label of each sample and the crossings are added to RUNS: results (*.h5), or configs with a result in runs/.
     """
     from . import tables
     from .commands import classify
@@ -366,9 +363,9 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
 def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     """Check the statements of RUNS against their results.
 
-    These are the `claims:` and `errata:` of the case file; the verdicts go into RUNS: results
-    (*.h5), or the configs of results in runs/, whose statements are taken as they are now.
-    Exit status 3 if a verdict is not the one that the case file expects.
+    The statements are the `claims:` and `errata:` of the case file. The verdicts go into RUNS:
+    results (*.h5), or configs with a result in runs/; a config's statements are read anew.
+    Exit status 3 if a verdict is not the expected one.
     """
     from . import tables, text
     from .commands import claims
@@ -397,16 +394,16 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     help="png, svg, pdf, csv or html (repeatable).",
 )
 @_folder("runs/figures")
-@click.option("--force", is_flag=True, help="Draw anew what has not changed too.")
+@click.option("--force", is_flag=True, help="Draw unchanged figures again too.")
 @_jobs("Draw in N processes.")
 def _plot(
     runs: tuple[str, ...], formats: tuple[str, ...], out: Path, force: bool, jobs: int
 ) -> None:
     """Draw the figures of each RUN.
 
-    Those named are drawn, or all, with a page that shows them. A figure is kept while its entry in
-    the case file, its cases and hodo are the same. RUN is a result (*.h5) or the config of one in
-    runs/, which is drawn with the figures of the config as it is now.
+    Without FIGURE all figures are drawn, and a page that shows them. A figure is drawn again when
+    its entry in the case file, its cases or hodo have changed. RUN is a result (*.h5), or a config
+    with a result in runs/; a config's figures are read anew.
     """
     from .commands import plot
 
@@ -432,10 +429,10 @@ def _plot(
 def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
     """Compare the result A with the reference B.
 
-    A and B are results (*.h5), or the configs of results in runs/. Each case, label, crossing and
+    A and B are results (*.h5), or configs with a result in runs/. Every case, label, crossing and
     value of B is compared.
     The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
-    Times of crossings and events may be off by 100 times rtol.
+    Times of crossings and events may differ by 100 times rtol.
     """
     from . import tables, text
     from .commands import compare
@@ -457,18 +454,18 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
 def _bench(
     config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool
 ) -> None:
-    """Measure error against run time.
+    """Measure error against run time for every case of CONFIG.
 
-    This is done for every case of CONFIG; its bench: section names the methods and tolerances.
-    The trials go into NAME.bench.h5 as one labelled dataset, and a figure of them into figures/.
-    Exit status 1 if auto gave a wrong result without saying so, or took longer than 10 s.
+    The methods and tolerances are those of its bench: section. The trials go into NAME.bench.h5 as
+    one labelled dataset, and a figure of the trials into figures/.
+    Exit status 1 if auto gave a wrong result without a warning, or took longer than 10 s.
     """
     from .cases.config import load
     from .commands import bench
 
-    found = bench.benchmark(load(config), globs, out, jobs, quiet)
-    click.echo(bench.printed(found, markdown))
-    if bench.auto_failed(found):
+    trials = bench.benchmark(load(config), globs, out, jobs, quiet)
+    click.echo(bench.printed(trials, markdown))
+    if bench.auto_failed(trials):
         sys.exit(1)
 
 
@@ -478,8 +475,8 @@ def _bench(
 def _show(runs: tuple[Path, ...], as_json: bool) -> None:
     """List the cases in RUNS.
 
-    These are results (*.h5), or the configs of results in runs/. Of each case: how it was
-    integrated, how it ended, its error and run time.
+    RUNS are results (*.h5), or configs with a result in runs/. A line says how a case was
+    integrated, how it ended, its error and its run time.
     """
     from . import tables
     from .commands import show

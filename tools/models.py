@@ -29,9 +29,9 @@ def accounts(cls: type[Model]) -> Iterator[str]:
     docstring = inspect.getdoc(cls) or ""
     yield markdown(docstring)
     for name in re.findall(r"`([A-Z]\w+)`", docstring):
-        other = getattr(sys.modules[cls.__module__], name, None)
-        if isinstance(other, type) and issubclass(other, Model) and other is not cls:
-            yield f"`{name}`: " + markdown(inspect.getdoc(other) or "")
+        named = getattr(sys.modules[cls.__module__], name, None)
+        if isinstance(named, type) and issubclass(named, Model) and named is not cls:
+            yield f"`{name}`: " + markdown(inspect.getdoc(named) or "")
 
 
 def sections() -> Iterator[str]:

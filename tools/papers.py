@@ -65,7 +65,7 @@ def figures_of(where: str, config: Config, stem: str) -> str:
     names = [
         name
         for name in config.figures
-        if (found := re.match(r"fig(\d+)(?!\d)", name)) and int(found[1]) in numbers
+        if (match := re.match(r"fig(\d+)(?!\d)", name)) and int(match[1]) in numbers
     ]
     return ", ".join(f"[{name}](../runs/figures/{stem}/{name}.png)" for name in names)
 
@@ -75,11 +75,11 @@ def statements(rows: Sequence[Mapping[str, Any]], config: Config, stem: str) -> 
     lines = []
     for row in rows:
         quoted = f"{cell(row['statement'])}<br>*{cell(row['original'])}*"
-        said = cell(row["statement"]) if not row["original"] else quoted
+        statement = cell(row["statement"]) if not row["original"] else quoted
         remarks = "; ".join(filter(None, (row["measured"], row["note"])))
         figures = figures_of(row["where"], config, stem)
         where = f"{cell(row['where'])}<br>{figures}" if figures else cell(row["where"])
-        lines.append([where, said, row["verdict"], cell(row["evidence"]), cell(remarks)])
+        lines.append([where, statement, row["verdict"], cell(row["evidence"]), cell(remarks)])
     header = ("where", "statement", "verdict", "decided by", "what is measured; notes")
     return table(header, lines)
 
@@ -120,28 +120,28 @@ def what_does_not_hold(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             measured = f"measured: {row['measured']}" if row["measured"] else ""
             parts = (row["evidence"], measured, row["note"])
             words = " ".join(filter(None, (plain(sentence(part)) for part in parts)))
-            said = f"{plain(row['statement'])} *{plain(row['original'])}*"
-            yield f"- **{verdict.capitalize()}** ({plain(row['where'])}). {said}<br>{words}"
+            statement = f"{plain(row['statement'])} *{plain(row['original'])}*"
+            yield f"- **{verdict.capitalize()}** ({plain(row['where'])}). {statement}<br>{words}"
 
 
 def names_used(rows: Sequence[Mapping[str, Any]]) -> str:
-    """What the names of quantities mean that stand in the evidence."""
+    """The meanings of the names of quantities in the evidence."""
     evidence = " ".join(row["evidence"] for row in rows)
-    told = [
+    meanings = [
         f"- `{name}`: {plain(meaning)}"
         for name, meaning in QUANTITY_NAMES.items()
         if "_" in name and re.search(rf"\b{name}\b", evidence)
     ]
-    return "\n".join(told)
+    return "\n".join(meanings)
 
 
 def page(run: ResultFile) -> str:
     """All that a result says about its paper."""
     config, stem = parse(run.text, str(run.path)), run.path.stem
     misprints = stored(run, "_errata")
-    told = stored(run, "_claims")
-    claims = [row for row in told if not row["where"].startswith(OURS)]
-    ours = [row for row in told if row["where"].startswith(OURS)]
+    rows = stored(run, "_claims")
+    claims = [row for row in rows if not row["where"].startswith(OURS)]
+    ours = [row for row in rows if row["where"].startswith(OURS)]
     errors = [run.row(name, {"error": float})["error"] for name in run.cases()]
     largest = max((error for error in errors if error == error), default=float("nan"))
     parts = [
@@ -158,7 +158,7 @@ def page(run: ResultFile) -> str:
     parts.append(f"### Every statement\n\n{statements(claims, config, stem)}")
     if ours:
         parts.append(f"### Not in the paper\n\n{statements(ours, config, stem)}")
-    if meanings := names_used(told):
+    if meanings := names_used(rows):
         parts.append(f"Names in the fourth column:\n\n{meanings}")
     return "\n\n".join(parts)
 

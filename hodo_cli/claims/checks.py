@@ -52,9 +52,9 @@ def values_given(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Values at start or end against those given; decided by the largest difference."""
     worst, differences, words = 0.0, [0.0], []
     for name, given in check["values"].items():
-        found = [number(m, name, check["at"]) for m in motions]
-        words.append(f"{name} = {listed(found)} (said: {listed(given)})")
-        for m, ours, theirs in zip(motions, found, given, strict=True):
+        values = [number(m, name, check["at"]) for m in motions]
+        words.append(f"{name} = {listed(values)} (said: {listed(given)})")
+        for m, ours, theirs in zip(motions, values, given, strict=True):
             differences.append(abs(ours - theirs))
             scale = range_of(m, name)
             # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
@@ -75,11 +75,11 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     """A quantity against a bound; decided by its value nearest to the bound, or farthest beyond."""
     name, least, most = check["of"], check["least"], check["most"]
     everywhere = check["at"] == "always"
-    found = [
+    values = [
         quantity(m, name) if everywhere else np.array([number(m, name, check["at"])])
         for m in motions
     ]
-    low, high = float(np.min([f.min() for f in found])), float(np.max([f.max() for f in found]))
+    low, high = (float(extreme(np.concatenate(values))) for extreme in (np.min, np.max))
     # -inf where there is no bound: nothing can violate it.
     violation = float(
         np.max(
@@ -94,7 +94,7 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     words = (
         f"{name} from {low:.6g} to {high:.6g}"
         if everywhere
-        else f"{name} = {listed(f[0] for f in found)}"
+        else f"{name} = {listed(x[0] for x in values)}"
     )
     # What is met is met at any scale: a time that is infinite has none.
     deviation = 0.0 if violation <= 0 else beyond(violation / scale, ROUNDING)
@@ -157,28 +157,28 @@ MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
 
 
 def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> Finding:
-    """Averages over the members of a sweep, at positions, or how much they vary along axes: bounds,
-    and how they follow each other; decided by the last of them.
+    """Averages over the members of a sweep, at positions, or how much they vary along axes, against
+    bounds, or how they follow each other; decided by the last average.
     """
     name = check["variable"]
-    found = [float(average(columns, axes, name, (), at)) for at in check["at"]]
+    means = [float(average(columns, axes, name, (), at)) for at in check["at"]]
     for along in check["along"]:
         values = average(columns, axes, name, (along,), {})
-        found.append(float(np.nanmax(values) - np.nanmin(values)))
-    wrong = [check["least"] - x for x in found if check["least"] is not None]
-    wrong += [x - check["most"] for x in found if check["most"] is not None]
-    steps = [b - a for a, b in itertools.pairwise(found)]
+        means.append(float(np.nanmax(values) - np.nanmin(values)))
+    wrong = [check["least"] - x for x in means if check["least"] is not None]
+    wrong += [x - check["most"] for x in means if check["most"] is not None]
+    steps = [b - a for a, b in itertools.pairwise(means)]
     senses = {
         "falls": steps,
         "rises": [-x for x in steps],
         "equal": [abs(x) - check["within"] for x in steps],
     }
     wrong += senses.get(check["sense"], [])
-    scale = max(map(abs, found)) or 1.0
-    words = f"{name} = {listed(found, 4)}"
+    scale = max(map(abs, means)) or 1.0
+    words = f"{name} = {listed(means, 4)}"
     if check["along"]:
         words = ", ".join(
             f"varies by {x:.3g} along {along}"
-            for x, along in zip(found, check["along"], strict=True)
+            for x, along in zip(means, check["along"], strict=True)
         )
-    return Finding(beyond(max(wrong, default=0.0) / scale, ROUNDING), found[-1], words)
+    return Finding(beyond(max(wrong, default=0.0) / scale, ROUNDING), means[-1], words)

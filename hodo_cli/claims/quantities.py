@@ -73,9 +73,9 @@ def number(m: Motion, name: str, at: str = "end") -> float:
 def swept_angle(m: Motion, about: int, where: slice | np.ndarray = slice(None)) -> float:
     """The turns that G makes about axis `about` (0, 1, 2) over the samples `where`, with their
     sign."""
-    one, other = ((m.inertia * m.omega)[where, i] for i in range(3) if i != about)
+    first_axis, second_axis = ((m.inertia * m.omega)[where, i] for i in range(3) if i != about)
     # Right while G turns by less than half a turn between two samples, as it does in every figure.
-    angle = np.unwrap(np.arctan2(other, one))
+    angle = np.unwrap(np.arctan2(second_axis, first_axis))
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0
 
 

@@ -136,7 +136,7 @@ def by_finding(claim: Mapping[str, Any], finding: Finding) -> Verdict:
 
 
 def unusable(cases: Sequence[str], run: ResultFile) -> str:
-    """Which of some cases has no result, and why; an empty string if each has one."""
+    """The case that has no result, and why; an empty string if every case has a result."""
     for name in cases:
         ended = {"status": "missing", "message": ""}
         if name in run:
@@ -175,28 +175,32 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
     return motion_of(group.variables, group.attributes, f"{run.path}: {name}", str(run.path))
 
 
-def gridded(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
+def gridded(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
     """The verdict over a grid of what the text does not print."""
-    worst = max(found, key=lambda member: found[member].deviation)
-    deviation, holds = found[worst].deviation, sum(f.holds for f in found.values())
-    part = 0 < holds < len(found)
+    worst = max(findings, key=lambda member: findings[member].deviation)
+    deviation, holds = findings[worst].deviation, sum(f.holds for f in findings.values())
+    part = 0 < holds < len(findings)
     size = f"{deviation:.2g} of the range " if deviation < math.inf else ""
-    violation = f"; largest violation {size}at {worst} ({found[worst].words})" if deviation else ""
-    words = f"holds on {holds} of {len(found)} members{spread(found)}{violation}"
-    verdict = UNDERDETERMINED if part else found[worst].degree
-    return Verdict(claim, verdict, found[worst].number, words)
+    violation = (
+        f"; largest violation {size}at {worst} ({findings[worst].words})" if deviation else ""
+    )
+    words = f"holds on {holds} of {len(findings)} members{spread(findings)}{violation}"
+    verdict = UNDERDETERMINED if part else findings[worst].degree
+    return Verdict(claim, verdict, findings[worst].number, words)
 
 
-def sampled(claim: Mapping[str, Any], found: Mapping[str, Finding]) -> Verdict:
+def sampled(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
     """The verdict over a sample of what the statement speaks of."""
-    holds = sum(f.holds for f in found.values())
-    share = holds / len(found)
+    holds = sum(f.holds for f in findings.values())
+    share = holds / len(findings)
     percent = f"{100 * share:.3g} %"
-    words = f"holds for {holds} of {len(found)} members of a sample ({percent}){spread(found)}"
+    words = (
+        f"holds for {holds} of {len(findings)} members of a sample ({percent}){spread(findings)}"
+    )
     return Verdict(claim, REPRODUCED if share >= claim["share"] else CONTRADICTED, share, words)
 
 
-def spread(found: Mapping[str, Finding]) -> str:
+def spread(findings: Mapping[str, Finding]) -> str:
     """The range of the deciding number over the members, where there is one."""
-    numbers = [finding.number for finding in found.values()]
+    numbers = [finding.number for finding in findings.values()]
     return f", {min(numbers):.6g} to {max(numbers):.6g}" if min(numbers) < max(numbers) else ""

@@ -182,10 +182,8 @@ def speed_table(bench: Bench) -> list[list[str]]:
     """A row per case: the fastest method, with its run time, for each number of digits."""
     rows = []
     for i, case in enumerate(bench.cases):
-        found = [fastest(bench, i, digits) for digits in DIGITS]
-        rows.append(
-            [case, *("-" if one is None else f"{one[0]} {seconds(one[2])}" for one in found)]
-        )
+        winners = [fastest(bench, i, digits) for digits in DIGITS]
+        rows.append([case, *("-" if w is None else f"{w[0]} {seconds(w[2])}" for w in winners)])
     return [["case", *(f"{digits} digits" for digits in DIGITS)], *rows]
 
 

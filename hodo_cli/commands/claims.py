@@ -47,8 +47,8 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
                 if digest and "_claims" in changes.run:
                     rows = changes.run.report("_claims", digest)
             if rows is None:
-                found = judged(config or parse(text, str(path)), changes.run)
-                rows = [[claim_row(verdict) for verdict in each] for each in found]
+                tables = judged(config or parse(text, str(path)), changes.run)
+                rows = [[claim_row(verdict) for verdict in verdicts] for verdicts in tables]
                 if rows[0]:
                     group = claim_group(rows[0], STATEMENT_COLUMNS)
                     changes.write(
@@ -74,7 +74,7 @@ STATEMENT_COLUMNS = (
     "note",
 )
 ERRATUM_COLUMNS = ("where", "printed", "should_be", "verdict", "evidence", "note")
-"""What is stored of a claim and of an erratum as text, besides its id."""
+"""The texts that are stored of a claim and of an erratum, besides its id."""
 
 
 def judged(config: Config, run: ResultFile) -> tuple[list[Verdict], list[Verdict]]:
@@ -91,12 +91,14 @@ def judged(config: Config, run: ResultFile) -> tuple[list[Verdict], list[Verdict
 def claim_row(verdict: Verdict) -> dict[str, Any]:
     """A verdict as plain data."""
     entry = {key: value for key, value in verdict.claim.items() if isinstance(value, str)}
-    readings = {
-        name: {"verdict": each.verdict, "number": each.number, "evidence": each.evidence}
-        for name, each in verdict.readings.items()
-    }
-    found = {"verdict": verdict.verdict, "number": verdict.number, "evidence": verdict.evidence}
-    return {**entry, **found, "cases": list(verdict.claim["cases"]), "readings": readings}
+    readings = {name: decision(reading) for name, reading in verdict.readings.items()}
+    cases = list(verdict.claim["cases"])
+    return {**entry, **decision(verdict), "cases": cases, "readings": readings}
+
+
+def decision(verdict: Verdict) -> dict[str, Any]:
+    """A verdict without its claim."""
+    return {"verdict": verdict.verdict, "number": verdict.number, "evidence": verdict.evidence}
 
 
 def as_expected(row: Mapping[str, Any]) -> bool:

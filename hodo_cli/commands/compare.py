@@ -109,7 +109,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Line:
-    """What the comparison found of one variable of one case.
+    """The comparison of one variable of one case.
 
     `scaled` is max|a - b| / (atol + rtol max|b|): above 1 it is a difference, and infinite where
     there is no degree (labels, counts, what is missing). `place` says where it is the largest, or
@@ -131,9 +131,9 @@ class Line:
 def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Line]:
     """The result `a` against the reference `b`, as `compare` does it; each may be named by its
     config."""
-    (ours, config), (theirs, other) = map(result_named, (a, b))
+    (ours, config), (theirs, reference_config) = map(result_named, (a, b))
     with open_run(ours) as run, open_run(theirs) as reference:
-        for result, named in ((run, config), (reference, other)):
+        for result, named in ((run, config), (reference, reference_config)):
             if named:
                 warn_of_changes(result, named)
         return compare(run, reference, tolerance)
@@ -168,7 +168,7 @@ def sound(run: ResultFile, name: str) -> Group:
 
 
 def damage_of(variables: Mapping[str, Variable]) -> str:
-    """What keeps variables from being compared; an empty string if nothing does."""
+    """The damage that keeps variables from being compared; an empty string if there is none."""
     time = variables.get("time")
     if time and (time.data.dtype.kind != "f" or time.data.ndim != 1):
         return "its times are no numbers"
@@ -196,17 +196,17 @@ def differing_computation(name: str, a: Group, b: Group) -> Iterator[Line]:
         asked = [getattr(case, key) for case in cases]
         if asked[0] != asked[1]:
             got = [group.attributes.get(key) for group in (a, b)]
-            said = [g if each is None else each for each, g in zip(asked, got, strict=True)]
-            yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
+            ours, theirs = (g if a is None else a for a, g in zip(asked, got, strict=True))
+            yield Line(name, key, math.inf, f"{ours}, not {theirs}")
 
 
 def variable_lines(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
-    """What differs in one case, and each of its variables."""
+    """Every difference in one case, and a line for each of its variables."""
     yield from differing_settings(name, a, b)
     for key in EXACT:
-        said = [str(group.attributes.get(key)) for group in (a, b)]
-        if said[0] != said[1]:
-            yield Line(name, key, math.inf, f"{said[0]}, not {said[1]}")
+        words = [str(group.attributes.get(key)) for group in (a, b)]
+        if words[0] != words[1]:
+            yield Line(name, key, math.inf, f"{words[0]}, not {words[1]}")
     alike = all(a.attributes.get(key) == b.attributes.get(key) for key in ("method", "tol"))
     error_a, error_b = (float(group.attributes.get("error", math.nan)) for group in (a, b))
     # Errors of different methods, or tolerances, have no reason to agree.
@@ -283,7 +283,7 @@ def settings(case: Case) -> dict[str, Any]:
 
 
 LABELS_STORED = ("enclosed_axis", *CROSSING_COLUMNS, "growth_rate", "final_axis")
-"""What `classify` adds to a case."""
+"""The variables that `classify` adds to a case."""
 
 
 def same_magnitude(a: np.ndarray, b: np.ndarray) -> bool:

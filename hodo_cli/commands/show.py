@@ -1,4 +1,4 @@
-"""`hodo show`: what is in result files."""
+"""`hodo show`: the cases in result files."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,8 +14,8 @@ LISTED = SUMMARY | typed_as("case")
 
 
 def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]]:
-    """The cases of result files, with the attributes that a line of the table shows, and what is
-    wrong with those that are damaged.
+    """The cases of result files, with the attributes that a line of the table shows, and a line for
+    every damaged case.
 
     A path may be that of a config. Raises HodoError as `open_batch` does, or if a case has
     no such attributes.
@@ -36,10 +36,10 @@ def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]
 
 
 def assumes_of(text: str) -> str:
-    """What a stored case takes that its source does not print, in one line."""
+    """The values that a stored case takes and its source does not print, in one line."""
     if "\nassumes:" not in text:  # so that of many cases those few are parsed that assume something
         return ""
     try:
-        return "; ".join(f"{name}: {said}" for name, said in parse_case(text).assumes.items())
+        return "; ".join(f"{name}: {value}" for name, value in parse_case(text).assumes.items())
     except HodoError:  # its model is in a file that has not been named
         return ""

@@ -101,9 +101,9 @@ def truth(case: Case) -> Truth:
     method, _ = best(case, "extended")
     # In long double, where the rounding of the integration is far below one ulp of the data.
     motion, *moved = [
-        solve(each, method, "extended", times=times) for each in (case, *perturbed(case))
+        solve(variant, method, "extended", times=times) for variant in (case, *perturbed(case))
     ]
-    floor = max(worst(errors_against(case, other, motion)) for other in moved)
+    floor = max(worst(errors_against(case, perturbation, motion)) for perturbation in moved)
     kind = f"{method}, extended"
     if method == "taylor" and taylor_steps(case) < AFFORDABLE:
         motion, kind = solve(case, method, "quadruple", times=times), f"{method}, quadruple"
@@ -138,7 +138,7 @@ def perturbed(case: Case) -> Iterator[Case]:
 
 
 def _moved(value: Any, towards: Iterator[float]) -> Any:
-    """A copy of case data, each of whose numbers goes one ulp the way that is next."""
+    """A copy of case data in which each number goes one ulp towards the next of `towards`."""
     if isinstance(value, Mapping):
         return {key: _moved(item, towards) for key, item in value.items()}
     if isinstance(value, tuple):
@@ -221,12 +221,12 @@ def crossing_error(motion: Trajectory, sure: Truth) -> float:
     ones."""
     if not (sure.crossings and motion.whole):
         return math.nan
-    found = cross(motion.case, motion.method, motion.case.precision, motion.tol)[1]
-    if [(c.start, c.end) for c in found] != [(c.start, c.end) for c in sure.crossings]:
+    crossings = cross(motion.case, motion.method, motion.case.precision, motion.tol)[1]
+    if [(c.start, c.end) for c in crossings] != [(c.start, c.end) for c in sure.crossings]:
         # Times of crossings that are not the true ones cannot be compared.
         return math.inf
     return max(
-        abs(a.time - b.time) / abs(b.time) for a, b in zip(found, sure.crossings, strict=True)
+        abs(a.time - b.time) / abs(b.time) for a, b in zip(crossings, sure.crossings, strict=True)
     )
 
 
@@ -237,11 +237,11 @@ def trials_of(
     seconds they took."""
     began = perf_counter()
     tried = list(product(methods, tols or (None,)))
-    found = []
+    trials: list[Trial] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
         sure = truth(case)
         for method, tol in tried:
             patience = PATIENCE if method == "auto" else max_seconds
-            found.append(trial(case, sure, method, tol, repeats, patience))
-    return found, perf_counter() - began
+            trials.append(trial(case, sure, method, tol, repeats, patience))
+    return trials, perf_counter() - began

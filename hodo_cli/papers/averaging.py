@@ -43,10 +43,9 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
 def first_order(motions: Sequence[Motion]) -> Finding:
     """Averaged motions are as near to the full ones as the first order makes them, and no
     nearer."""
-    found = order_finding(motions, 1)
-    return Finding(
-        max(found.deviation, if_true(found.number < 1 + ORDER_WITHIN)), found.number, found.words
-    )
+    order = order_finding(motions, 1)
+    no_nearer = if_true(order.number < 1 + ORDER_WITHIN)
+    return Finding(max(order.deviation, no_nearer), order.number, order.words)
 
 
 @Check

@@ -42,8 +42,8 @@ def free_rotation(motions: Sequence[Motion]) -> Finding:
 @Check
 def no_closed_form(motions: Sequence[Motion]) -> Finding:
     """There is no closed form: holds where that of `free_rotation` fails."""
-    found = free_rotation.judge(motions)
-    return Finding(if_true(found.deviation > 0), found.number, f"the closed form {found.words}")
+    free = free_rotation.judge(motions)
+    return Finding(if_true(free.deviation > 0), free.number, f"the closed form {free.words}")
 
 
 @Check
@@ -395,5 +395,5 @@ def as_in_equation_6(m: Motion) -> np.ndarray:
     omega = numerical_motion(m)
     return min(
         (decay[:, None] * shape for shape in shapes),
-        key=lambda found: float(np.abs(found - omega).max()),
+        key=lambda printed: float(np.abs(printed - omega).max()),
     )

@@ -105,9 +105,10 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
         p = np.ptp(quantity(turns[-1], "p"))
         words.append(f"{listed(changes, 3)} (p by {p:.3g})")
     power = min(powers)
-    found = f"x or y changes by {'; '.join(words)} at factors {listed(SMALLER)}: power {power:.3g}"
+    changed_by = "; ".join(words)
+    evidence = f"x or y changes by {changed_by} at factors {listed(SMALLER)}: power {power:.3g}"
     # x and y are 1 at the start; the second order still bends the power at these factors.
-    return Finding(if_true(power >= 0.9), power, found)
+    return Finding(if_true(power >= 0.9), power, evidence)
 
 
 def first_turn(m: Motion, factor: float) -> Motion:
@@ -170,10 +171,12 @@ def sign_of_x(motions: Sequence[Motion]) -> Finding:
     """
     full, printed, corrected, internal_printed, internal = motions
     changes = [float(np.ptp(m["G"]) / m["G"].max()) for m in (internal_printed, internal)]
-    found = erratum(apart(full, printed), apart(full, corrected), 1e-10)
-    words = f"{found.words}; |G| without a torque changes by {changes[0]:.4g} and {changes[1]:.2g}"
-    holds = found.deviation == 0 and changes[1] < 1e-12 < changes[0]
-    return Finding(if_true(holds), found.number, words)
+    by_sign = erratum(apart(full, printed), apart(full, corrected), 1e-10)
+    words = (
+        f"{by_sign.words}; |G| without a torque changes by {changes[0]:.4g} and {changes[1]:.2g}"
+    )
+    holds = by_sign.deviation == 0 and changes[1] < 1e-12 < changes[0]
+    return Finding(if_true(holds), by_sign.number, words)
 
 
 @Check

@@ -75,8 +75,8 @@ def roots_of_1_5(m: Motion, integrals: np.ndarray) -> np.ndarray:
     Gz, H, r = integrals
     total = H / mu - C * r**2 / (2 * mu) + C**2 * r**2 / (2 * A * mu)
     product = -H / mu + C * r**2 / (2 * mu) + Gz**2 / (2 * A * mu)
-    found = np.roots([1.0, -total, Gz * C * r / (A * mu) - 1, -product])
-    return np.asarray(np.sort(found.real))
+    roots = np.roots([1.0, -total, Gz * C * r / (A * mu) - 1, -product])
+    return np.asarray(np.sort(roots.real))
 
 
 def coefficients_2_7(m: Motion, integrals: np.ndarray) -> np.ndarray:
@@ -129,7 +129,7 @@ def by_2_5(m: Motion, frozen: bool) -> list[Pair]:
     followed = signs(m)
     taken = tuple(np.full(len(s), s[0]) for s in followed) if frozen else followed
     values = from_roots(m, [quantity(m, name) for name in ROOTS], *taken)
-    return [(quantity(m, name), found) for name, found in zip(INTEGRALS, values, strict=True)]
+    return [(quantity(m, name), value) for name, value in zip(INTEGRALS, values, strict=True)]
 
 
 @Check
@@ -281,13 +281,13 @@ def roughness(m: Motion) -> float:
     9/10 of it.
     """
 
-    def one(values: np.ndarray) -> float:
-        way = np.abs(values - values[0])
-        span = m.time[np.argmax(way >= 0.9 * np.ptp(values))] - m.time[0]
+    def of_series(values: np.ndarray) -> float:
+        path = np.abs(values - values[0])
+        span = m.time[np.argmax(path >= 0.9 * np.ptp(values))] - m.time[0]
         steps = span / (m.time[1] - m.time[0])
         return float(np.abs(np.diff(values, 2)).max() * steps**2 / np.ptp(values))
 
-    return max(one(quantity(m, name)) for name in ("Gz", "H", *ROOTS))
+    return max(of_series(quantity(m, name)) for name in ("Gz", "H", *ROOTS))
 
 
 @Check
@@ -311,11 +311,11 @@ def period(motions: Sequence[Motion]) -> Finding:
     theta, r = (m.case.data["initial"][name] for name in ("theta", "r"))
     epsilon = 1e-3
     free = {"a": 0.0, "b": 0.0, "epsilon": epsilon}
-    found = integrated_motion(changed(m.case, {**free, "time.end": 0.05, "time.samples": 20001}))
-    u = found.stored("gamma")[:, 2]
+    top = integrated_motion(changed(m.case, {**free, "time.end": 0.05, "time.samples": 20001}))
+    u = top.stored("gamma")[:, 2]
     # The top is released at u2, its highest point, to which it comes back after each period.
     i = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:]))[:2] + 1
-    true = float(np.diff([peak(found.time, u, j) for j in i])[0] / epsilon)
+    true = float(np.diff([peak(top.time, u, j) for j in i])[0] / epsilon)
     half = half_period(A, m.inertia[2], mu, math.cos(theta), r)
     return erratum(abs(half - true) / true, abs(2 * half - true) / true, 1e-4)
 
