@@ -22,7 +22,7 @@ from .cases.case import Case
 from .cases.config import Config, drawable
 from .cases.figure_block import FIGURE_KINDS, check_drawn, check_figure
 from .commands.classify import classified
-from .commands.resume import fingerprint
+from .commands.resume import case_digest
 from .commands.run import finish
 from .figures import draw
 from .progress import Progress
@@ -54,7 +54,7 @@ def run(case: Given, *, name: str = "case", classify: bool = True) -> xr.Dataset
     check_memory(made)
     group = finish(made)
     if classify and (labels := classified(made.name, group)[0]) is not None:
-        group = group.with_part(labels)
+        group = group.with_addition(labels)
     return dataset(group)
 
 
@@ -79,7 +79,7 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
         path = Path(folder) / "sweep.h5"
         with pool(jobs, None) as workers, Writer(path, {}) as writer:
             quietly = Progress(1, quiet=True)
-            group = sweeps.run_sweep(made, fingerprint(made), workers, writer, False, quietly)
+            group = sweeps.run_sweep(made, case_digest(made), workers, writer, False, quietly)
             writer.add(made.name, group)
         with open_run(path) as result:
             return dataset(result.read(made.name))

@@ -21,7 +21,7 @@ from faults import CONFIG, Motions, hodo
 from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases.config import parse
-from hodo_cli.commands.resume import fingerprint
+from hodo_cli.commands.resume import case_digest
 from hodo_cli.storage import disk, writer
 from hodo_cli.storage.disk import Disk
 from hodo_cli.storage.finished import finished
@@ -217,12 +217,12 @@ def test_a_piece_that_cannot_be_linked_is_copied(
     path = tmp_path / "x.h5"
     with pytest.raises(KeyboardInterrupt), Writer(path, {}) as first:  # noqa: PT012
         first.add("a", group)
-        first.add_part("stamp", 0, group)
+        first.add_chunk("stamp", 0, group)
         raise KeyboardInterrupt
     monkeypatch.setattr(os, "link", refuse)
     with Writer(path, {}) as second:
         assert second.keep(second.finished["a"][0])
-        assert second.parts("stamp") == {0}
+        assert second.chunks("stamp") == {0}
     with open_run(path) as run:
         assert run.cases() == ["a"]
     monkeypatch.setattr(shutil, "copyfile", refuse)  # nor may another user's file be read
@@ -245,14 +245,14 @@ def test_the_parts_of_a_sweep_that_has_not_ended_stay(
     """Also when other cases are run meanwhile."""
     config = tmp_path / "x.yaml"
     config.write_text(CONFIG)
-    add, count = Writer.add_part, iter(range(100))
+    add, count = Writer.add_chunk, iter(range(100))
 
     def full(*arguments: object) -> None:
         if next(count):
             raise BatchError("cannot write x.h5: no space left on device")
         add(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Writer, "add_part", full)
+    monkeypatch.setattr(Writer, "add_chunk", full)
     done = hodo("run", config, "--out", tmp_path)
     assert done.exit_code == 2
     assert "no space left" in done.stderr
@@ -360,18 +360,18 @@ def test_a_case_that_is_more_than_plain_datasets_is_refused(
 ) -> None:
     with h5py.File(result, "r+") as file:
         how(file, result.parent)
-    for sealed in (False, True):
-        if sealed:  # a seal is no signature: a stranger can put one there too
+    for checked in (False, True):
+        if checked:  # a checksum is no signature: a stranger can put one there too
             with open(result, "r+b", buffering=0) as raw:
-                disk.seal(raw)  # type: ignore[arg-type]
+                disk.append_checksum(raw)  # type: ignore[arg-type]
         done = hodo("plot", result, "--format", "csv", "--out", result.parent / "figures")
         assert done.exit_code in (1, 2)
         assert "a is damaged (" in done.stderr
         assert not (result.parent / "figures" / "x" / "both.csv").exists()
         labelled = hodo("classify", result)
-        # Under a seal that fits, it repeats its stored line, and reads nothing of the case.
-        assert sealed or labelled.exit_code == 1
-        assert sealed or "a is damaged (" in labelled.stderr
+        # Under a checksum that fits, it repeats its stored line, and reads nothing of the case.
+        assert checked or labelled.exit_code == 1
+        assert checked or "a is damaged (" in labelled.stderr
 
 
 def test_a_group_whose_name_is_no_word_is_refused(result: Path) -> None:
@@ -404,14 +404,14 @@ def label_of_no_axis_in_a_sweep(file: h5py.File) -> None:
         (label_of_no_axis_in_a_sweep, "s is damaged (its end_axis holds labels that are none)"),
     ],
 )
-def test_compare_names_what_cannot_be_under_a_seal_that_fits(
+def test_compare_names_what_cannot_be_under_a_checksum_that_fits(
     result: Path, how: Callable[[h5py.File], None], said: str
 ) -> None:
     right = shutil.copy(result, result.with_name("right.h5"))
     with h5py.File(result, "r+") as file:
         how(file)
     with open(result, "r+b", buffering=0) as raw:
-        disk.seal(raw)  # type: ignore[arg-type]
+        disk.append_checksum(raw)  # type: ignore[arg-type]
     done = hodo("compare", result, right)
     assert (done.exit_code, done.stderr) == (2, f"{result}: {said}\n")
 
@@ -419,11 +419,11 @@ def test_compare_names_what_cannot_be_under_a_seal_that_fits(
 def test_a_line_on_a_damaged_case_names_its_file_once(result: Path) -> None:
     with h5py.File(result, "r+") as file:
         label_of_no_axis(file)
-    (unsealed,) = hodo("classify", result).stderr.splitlines()
+    (unchecked,) = hodo("classify", result).stderr.splitlines()
     with open(result, "r+b", buffering=0) as raw:
-        disk.seal(raw)  # type: ignore[arg-type]
-    (sealed,) = hodo("claims", result).stderr.splitlines()
-    for line in (unsealed, sealed):
+        disk.append_checksum(raw)  # type: ignore[arg-type]
+    (checked,) = hodo("claims", result).stderr.splitlines()
+    for line in (unchecked, checked):
         assert "a is damaged (" in line
         assert line.count(str(result)) == 1
 
@@ -562,11 +562,11 @@ def test_a_thousand_wrong_names_show_the_first_twenty_at_once() -> None:
     assert "did you mean 'name0'?" in lines[0]
 
 
-def test_a_fingerprint_is_that_of_every_process() -> None:
+def test_a_digest_is_that_of_every_process() -> None:
     case = parse(CONFIG, "x").cases["a"]
     with pool(2) as workers:
-        ((_, theirs),) = workers.map(fingerprint, [case])
-    assert theirs == fingerprint(case)
+        ((_, theirs),) = workers.map(case_digest, [case])
+    assert theirs == case_digest(case)
 
 
 def test_what_a_disk_holds_and_what_it_refused_is_read_back(

@@ -111,9 +111,9 @@ def test_the_staging_folder_of_a_living_process_is_not_taken(
     monkeypatch.setattr(staging, "HAVE_FLOCK", flock)
     living, other = staging.Staging(tmp_path / "a.h5"), staging.Staging(tmp_path / "a.h5")
     (living / "piece").write_text("x")
-    assert other.take_orphans() == []
+    assert other.take_over_dead() == []
     living.close()
-    assert other.take_orphans() == [living.folder]
+    assert other.take_over_dead() == [living.folder]
     with other.publishing():
         assert staging._lock(tmp_path) is None
     lock = staging._lock(tmp_path)

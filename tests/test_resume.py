@@ -13,11 +13,11 @@ import pytest
 from conftest import ROOT
 
 from hodo_cli import HodoError
-from hodo_cli.batch import mark, pool
+from hodo_cli.batch import digests, pool
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
 from hodo_cli.commands.classify import classify_results
-from hodo_cli.commands.resume import fingerprint
+from hodo_cli.commands.resume import case_digest
 from hodo_cli.commands.run import IS_KEPT
 from hodo_cli.integration import choice
 from hodo_cli.progress import Progress
@@ -97,12 +97,12 @@ def test_one_line_in_a_folder_reruns_what_it_computes(
 
 def test_every_folder_that_computes_is_hashed(tmp_path: Path) -> None:
     """A file that is new in one of the folders counts as well as one that is there."""
-    assert {name.partition("/")[0] for name in mark._BEGUN} == {
+    assert {name.partition("/")[0] for name in digests.SOURCES_AT_START} == {
         *("arithmetic.py", "cases", "engines", "integration", "models", "sweeps")
     }
-    for folder in mark.SINGLE:
-        files = {f"{folder}/{path.name}" for path in (mark.PACKAGE / folder).glob("*.py")}
-        assert files <= mark._BEGUN.keys()
+    for folder in digests.SINGLE:
+        files = {f"{folder}/{path.name}" for path in (digests.PACKAGE / folder).glob("*.py")}
+        assert files <= digests.SOURCES_AT_START.keys()
 
 
 def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
@@ -123,14 +123,16 @@ def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
 
 def test_another_version_of_a_library_reruns(monkeypatch: pytest.MonkeyPatch) -> None:
     case = parse(CONFIG, "x").cases["single"]
-    before = fingerprint(case)
-    for name in mark.COMPUTING_LIBRARIES:
-        mark.libraries.cache_clear()
-        monkeypatch.setattr(mark, "library_version", lambda library, new=name: str(library == new))
-        assert fingerprint(case) != before
+    before = case_digest(case)
+    for name in digests.COMPUTING_LIBRARIES:
+        digests.library_digest.cache_clear()
+        monkeypatch.setattr(
+            digests, "library_version", lambda library, new=name: str(library == new)
+        )
+        assert case_digest(case) != before
         monkeypatch.undo()
-    mark.libraries.cache_clear()
-    assert fingerprint(case) == before
+    digests.library_digest.cache_clear()
+    assert case_digest(case) == before
 
 
 def test_nothing_is_integrated_to_see_what_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,7 +141,7 @@ def test_nothing_is_integrated_to_see_what_runs(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(choice, "solve", no_integration)
     text = CONFIG.replace("method: collocation", "method: auto").replace("0.005, 0.004", "1e7, 1")
-    assert fingerprint(parse(text, "x").cases["single"])
+    assert case_digest(parse(text, "x").cases["single"])
 
 
 def compute(task: int) -> int:
@@ -149,7 +151,7 @@ def compute(task: int) -> int:
 def test_a_result_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers are processes of their own: they have the mark of the sources, this process
     another."""
-    monkeypatch.setattr(pool, "process_mark", lambda: "another")
+    monkeypatch.setattr(pool, "process_digest", lambda: "another")
     with pool.pool(2) as workers, pytest.raises(HodoError, match="computes with other code"):
         next(workers.map(compute, [1]))
 

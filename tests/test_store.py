@@ -635,10 +635,10 @@ def test_parts_are_written_while_cases_are_stored(
     with Writer(path, ROOT_ATTRIBUTES) as writer:
         for i in range(many):
             writer.add(f"c{i}", group(seed=i))
-            writer.add_part("stamp", i, group(200, i))
-        assert writer.parts("stamp") == set(range(many))
+            writer.add_chunk("stamp", i, group(200, i))
+        assert writer.chunks("stamp") == set(range(many))
         for i in range(many):
-            with writer.part("stamp", i) as run:
+            with writer.chunk("stamp", i) as run:
                 assert_same(run.read("part"), group(200, i))
     with open_run(path) as run:
         assert run.cases() == [f"c{i}" for i in range(many)]

@@ -13,7 +13,7 @@ from hodo_cli.commands.plot import draw_results
 from hodo_cli.commands.run import finish
 from hodo_cli.commands.show import stored_cases
 from hodo_cli.results.motion import open_results
-from hodo_cli.storage.finished import finished, in_order, latest, open_batch, parts_in
+from hodo_cli.storage.finished import chunks_in, finished, in_order, latest, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import Writer, publish_finished
@@ -87,8 +87,8 @@ def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
     interrupted(other, {"first": stored(1)})
     with Writer(other, {"config": text}) as writer:
         assert writer.keep(writer.finished["first"][0])
-        pieces = path.parent.glob(".b.h5.*/[0-9].h5")
-        texts = [latest({"first": piece})["config"] for piece in pieces]
+        shards = path.parent.glob(".b.h5.*/[0-9].h5")
+        texts = [latest({"first": piece})["config"] for piece in shards]
         assert sorted(texts) == sorted([CONFIG, text])
 
 
@@ -155,20 +155,20 @@ def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
 
 def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
     with suppress(KeyboardInterrupt), run_of(path, {"first": stored(1)}) as writer:
-        writer.add_part("stamp", 0, stored(1))
+        writer.add_chunk("stamp", 0, stored(1))
         raise KeyboardInterrupt
     publish_finished(path)
     with open_run(path) as run:
         assert run.cases() == ["first"]
     with Writer(path, {}) as writer:
-        assert writer.parts("stamp") == {0}
+        assert writer.chunks("stamp") == {0}
         writer.keep(writer.finished["first"][0])
-        assert any(map(parts_in, path.parent.glob(".*")))
+        assert any(map(chunks_in, path.parent.glob(".*")))
 
 
 def test_of_a_sweep_that_is_half_done_this_is_said(path: Path) -> None:
     with suppress(KeyboardInterrupt), run_of(path, {}) as writer:
-        writer.add_part("stamp", 0, stored(1))
+        writer.add_chunk("stamp", 0, stored(1))
         raise KeyboardInterrupt
     with pytest.raises(HodoError, match="no case is there yet: a run has finished parts"):
         stored_cases([path])

@@ -35,8 +35,8 @@ def check_memory(case: Case, processes: int = 1) -> None:
     if need(case) > have:
         share = f" for each of {processes} processes" if processes > 1 else ""
         there = f"there are {in_bytes(have)}{share}"
-        said = f"would take about {in_bytes(need(case))} of memory, and {there}"
-        raise HodoError(f"{case.name}: {case.time.samples:,} samples {said}")
+        needs = f"would take about {in_bytes(need(case))} of memory, and {there}"
+        raise HodoError(f"{case.name}: {case.time.samples:,} samples {needs}")
 
 
 def check_disk(case: Case, stored: int, folder: Path) -> None:
@@ -47,5 +47,5 @@ def check_disk(case: Case, stored: int, folder: Path) -> None:
     taken, free = 2 * stored, shutil.disk_usage(folder).free
     if taken > free:
         there = f"{in_bytes(free)} are free"
-        said = f"would take about {in_bytes(taken)} on the disk of {folder}, and {there}"
-        raise HodoError(f"{case.name}: {said}")
+        needs = f"would take about {in_bytes(taken)} on the disk of {folder}, and {there}"
+        raise HodoError(f"{case.name}: {needs}")

@@ -8,7 +8,7 @@ from typing import Any, Self, TypeVar
 
 from .. import BatchError, HodoError
 from . import WorkerLost
-from .mark import process_mark
+from .digests import process_digest
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -94,7 +94,7 @@ class Pool:
     def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[tuple[str, Result]]:
         assert self._make is not None
         self._executor = self._executor or self._make()
-        return self._executor.submit(_marked, function, task)
+        return self._executor.submit(_with_digest, function, task)
 
 
 def _is_lost(future: Future[Any]) -> bool:
@@ -103,26 +103,22 @@ def _is_lost(future: Future[Any]) -> bool:
 
 def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
-        return _marked(function, task)[1]
+        return _with_digest(function, task)[1]
     except NOT_OF_A_TASK:
         raise
     except Exception as error:
         return error
 
 
-def _marked(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
-    """What a worker does: the result, with the mark of what has computed it.
-
-    The mark is taken before the work: a source that changes meanwhile has not computed it.
-    """
-    taken = process_mark()
+def _with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, Result]:
+    """What a worker does: the result, with the digest of what has computed it."""
     try:
         result = function(task)
     except ModuleNotFoundError:
         raise
     except ImportError as error:  # too large for a limit on memory, say
         raise BatchError(f"a library cannot be loaded: {error}") from None
-    return taken, result
+    return process_digest(), result
 
 
 def _outcome(future: Future[tuple[str, Any]]) -> Any:
@@ -135,7 +131,7 @@ def _outcome(future: Future[tuple[str, Any]]) -> Any:
     if isinstance(error, Exception):
         return error
     theirs, result = future.result()
-    if theirs != process_mark():
+    if theirs != process_digest():
         raise BatchError(
             "a worker computes with other code or libraries (hodo, heyoka, numpy, scipy) than this "
             "process: start both anew"

@@ -67,8 +67,8 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         found = Classification(motion.labels, motion.crossings, end_before_time(group))
         return None, row_of(name, found)
     if remark := inapplicable(case, group):
-        said = [remark, *end_before_time(group)]
-        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": said}
+        remarks = [remark, *end_before_time(group)]
+        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": remarks}
     # Classifying may take five times the memory of integrating: labels and crossings are found in
     # long double.
     check_memory(case)
@@ -139,13 +139,13 @@ def tabulated(case: Case, group: Group) -> dict[str, Any]:
         lacking = '"crossings", their number, is not stored'
         return {**row, "warnings": [case.system.no_axis_reason or lacking]}
     crossing = ok & (counts.data > 0)
-    said = f"{crossing.sum()} of {ok.sum()} members cross"
+    remarks = f"{crossing.sum()} of {ok.sum()} members cross"
     if (most := counts.data[ok].max(initial=0)) > 1:
-        said += f", up to {most} times"
+        remarks += f", up to {most} times"
     if (times := group.variables.get("crossing_time")) is not None and crossing.any():
         first, median, last = np.quantile(times.data[crossing], (0, 0.5, 1))
-        said += f", first at {first:.6g} to {last:.6g}, median {median:.6g}"
-    return {**row, "warnings": [said]}
+        remarks += f", first at {first:.6g} to {last:.6g}, median {median:.6g}"
+    return {**row, "warnings": [remarks]}
 
 
 def _shares(labels: np.ndarray) -> str:

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from .. import HodoError, models
-from ..batch.mark import PACKAGE, code, digest, libraries
+from ..batch.digests import PACKAGE, code_digest, digest, library_digest
 from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse
 from ..schema.document import YAML_SUFFIXES
@@ -31,17 +31,19 @@ REASONS = (
 )
 
 
-def fingerprint(case: Case) -> str:
-    """What a result depends on, as three hashes: the code of models, engines and integration (of
+def case_digest(case: Case) -> str:
+    """What a result depends on, as three digests: the code of models, engines and integration (of
     sweeps too, where the case is one), the libraries, and the case without its remarks.
 
     Nothing is integrated for it: the method that `auto` takes follows from the three.
     """
-    return "-".join((code(bool(case.sweep), case.model), libraries(), _content(case)))
+    return "-".join(
+        (code_digest(bool(case.sweep), case.model), library_digest(), _bare_digest(case))
+    )
 
 
-def _content(case: Case) -> str:
-    """The hash of a case without its remarks."""
+def _bare_digest(case: Case) -> str:
+    """The digest of a case without its remarks."""
     return digest(dump(case, remarks=False))
 
 
@@ -56,7 +58,7 @@ def why(case: Case, done: Finished | None, force: bool) -> str:
     # A timeout may be due to another program's work, so what did not end well is tried again.
     if (status := str(done.attributes.get("status"))) != "ok":
         return f"its status is {status}"
-    ours, theirs = fingerprint(case).split("-"), str(done.attributes.get("hash")).split("-")
+    ours, theirs = case_digest(case).split("-"), str(done.attributes.get("hash")).split("-")
     for i, reason in enumerate(REASONS):
         if theirs[i : i + 1] != ours[i : i + 1]:
             return reason
@@ -93,8 +95,8 @@ def check_origin(config: Config, run: ResultFile, remedy: str = "") -> None:
     origin = str(run.attributes.get(CONFIG_PATH, ""))
     if origin and origin != path_from(config, run.path) and run.text != config.text:
         made_from = os.path.relpath(os.path.join(os.path.realpath(run.path.parent), origin))
-        said = f"holds the results of {made_from}, not of {config.path}"
-        raise HodoError(f"{run.path} {said}{remedy}")
+        message = f"holds the results of {made_from}, not of {config.path}"
+        raise HodoError(f"{run.path} {message}{remedy}")
 
 
 def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -> None:
@@ -110,17 +112,19 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     if config is None:
         return
     if section and getattr(parse(run.text, str(run.path)), section) != getattr(config, section):
-        said = f"the {section} of {config.path} have changed since its run"
-        warnings.warn(f"{run.path}: {said}: hodo {command} {config.path} takes them", stacklevel=2)
+        message = f"the {section} of {config.path} have changed since its run"
+        warnings.warn(
+            f"{run.path}: {message}: hodo {command} {config.path} takes them", stacklevel=2
+        )
     changed = [
         name
         for name in run.cases()
         if name in config.cases and name not in run.damaged
-        if _content(config.cases[name]) not in str(run.summary(name, ("hash",)).get("hash"))
+        if _bare_digest(config.cases[name]) not in str(run.summary(name, ("hash",)).get("hash"))
     ]
     if changed:
-        said = f"changed in {config.path} since: {', '.join(changed)}"
-        warnings.warn(f"{run.path}: {said}: hodo run {config.path}", stacklevel=2)
+        message = f"changed in {config.path} since: {', '.join(changed)}"
+        warnings.warn(f"{run.path}: {message}: hodo run {config.path}", stacklevel=2)
 
 
 def _config_of(run: ResultFile) -> Config | None:
@@ -134,16 +138,16 @@ def _config_of(run: ResultFile) -> Config | None:
 
 @cache
 def package_digest() -> str:
-    """The hash of all sources of hodo, of models that are not its own, and of the libraries that
+    """The digest of all sources of hodo, of models that are not its own, and of the libraries that
     compute."""
-    sources = hashlib.sha256((libraries() + models.added_models_hash()).encode())
+    sources = hashlib.sha256((library_digest() + models.added_models_digest()).encode())
     for file in sorted(PACKAGE.rglob("*.py")):
         sources.update(file.read_bytes())
     return sources.hexdigest()
 
 
 def content_digest(checksums: Iterable[str], text: str = "") -> str:
-    """The hash of stored groups, by their checksums, of a text, and of the code that would compute
-    from them; empty if a group has no checksum to go by."""
+    """The digest of stored groups, by their checksums, of a text, and of the code that would
+    compute from them; empty if a group has no checksum to go by."""
     known = [package_digest(), text, *checksums]
     return hashlib.sha256(repr(known).encode()).hexdigest() if all(known[2:]) else ""

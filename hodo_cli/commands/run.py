@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import BatchError, HodoError
-from ..batch.mark import digest
+from ..batch.digests import digest
 from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..cases.case import Case, dump
@@ -27,7 +27,7 @@ from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import check_writable
 from ..storage.writer import Writer
-from .resume import CONFIG_PATH, FORCED, check_origin, fingerprint, path_from, why
+from .resume import CONFIG_PATH, FORCED, case_digest, check_origin, path_from, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
@@ -81,7 +81,7 @@ class Plan:
             lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
             # What has left the config cannot be run again.
             left = dict.fromkeys([*self.reasons, *(name for name in lost if name not in self.left)])
-            writer.unfinished = self._stamps(self.config.cases.keys() - self.kept.keys())
+            writer.unfinished = self._sweep_ids(self.config.cases.keys() - self.kept.keys())
             cases = [self.config.cases[name] for name in left]
             rows: dict[str, dict[str, Any]] = {}
             for case, outcome in outcomes(cases, pool, writer, self, progress):
@@ -96,7 +96,7 @@ class Plan:
                     stays = "; its earlier result is kept"
                     progress.done(case.name, problem(group, outcome) + stays)
                 if is_ok:
-                    writer.unfinished -= self._stamps([case.name])
+                    writer.unfinished -= self._sweep_ids([case.name])
                 if fail_fast and not is_ok:
                     break
             # Cases that the batch has not reached keep the results that they had.
@@ -105,8 +105,8 @@ class Plan:
                     writer.keep(self.old[name])
         still = labelled(self.path, before)
         if gone := [name for name in before if name not in still]:
-            said = f"the labels of {', '.join(gone)} are gone with the old results"
-            progress.say(f"{said}: hodo classify {self.path}")
+            message = f"the labels of {', '.join(gone)} are gone with the old results"
+            progress.say(f"{message}: hodo classify {self.path}")
         return self._rows(rows)
 
     def _announce(self, progress: Progress) -> None:
@@ -139,13 +139,13 @@ class Plan:
         if done.name in self.left:
             return writer.keep(done)
         case = self.config.cases[done.name]
-        is_same = done.attributes.get("hash") == fingerprint(case)
+        is_same = done.attributes.get("hash") == case_digest(case)
         return writer.keep(done, dump(case) if is_same else "")
 
-    def _stamps(self, names: Iterable[str]) -> set[str]:
-        """What the stored parts of sweeps are known by, of those among these cases."""
+    def _sweep_ids(self, names: Iterable[str]) -> set[str]:
+        """The digests by which the stored chunks of the sweeps among these cases are known."""
         cases = [self.config.cases[name] for name in names]
-        return {digest(fingerprint(case)) for case in cases if case.sweep}
+        return {digest(case_digest(case)) for case in cases if case.sweep}
 
     def _had_ended_well(self, name: str) -> bool:
         """Whether there is a result that a failure must not replace."""
@@ -281,8 +281,8 @@ def outcomes(
 
             resume = plan.reasons.get(case.name) != FORCED
             try:
-                mark = fingerprint(case)
-                yield case, sweep.run_sweep(case, mark, pool, writer, resume, progress)
+                id = case_digest(case)
+                yield case, sweep.run_sweep(case, id, pool, writer, resume, progress)
             except BatchError:
                 raise
             except Exception as error:
@@ -291,13 +291,13 @@ def outcomes(
 
 def finish(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method is not available here."""
-    return case_group(integrate(case), fingerprint(case))
+    return case_group(integrate(case), case_digest(case))
 
 
 def failure(case: Case, error: Exception) -> Group:
     """A case that could not be integrated, as it is stored."""
     message = str(error) if isinstance(error, HodoError) else f"{type(error).__name__}: {error}"
-    return case_group(Trajectory.failed(case, message), fingerprint(case))
+    return case_group(Trajectory.failed(case, message), case_digest(case))
 
 
 def problem(group: Group, outcome: Group | Exception) -> str:

@@ -1,2 +1,13 @@
 """Files of labelled arrays: how they are written, checked, resumed, changed and read, so that no
-kill and no damage loses anything. The only importer of h5py; knows no mechanics."""
+kill and no damage loses anything. The only importer of h5py; knows no mechanics.
+
+Before a result has its name, there are files of four kinds beside it:
+
+- a *staging folder*, hidden and locked, holds what one process makes;
+- a *draft* is a file that is being written, and takes its name when it is complete;
+- a *shard* is a complete file with finished cases, of which the result is joined;
+- a *chunk* is a complete file with finished members of a sweep.
+
+A *checksum* is the hash of what is stored: of a file's bytes, of a group, of a variable's values. A
+*digest* is the hash of what a result depends on; this folder stores and compares it only.
+"""

@@ -2,9 +2,10 @@
 how damage is noticed.
 
 HDF5 trusts what it reads: a wrong byte can make it loop for ever, deaf to signals, or take the
-process down. A seal over the bytes that fits says that no byte has changed, before HDF5 sees any.
-Where there is none, or it does not fit, each group is read in another process first, which may hang
-or crash, and its checksum compared.
+process down. The checksum of the file says that no byte has changed, before HDF5 sees any. Where
+there is none, or it does not fit, each group is read in another process first, which may hang or
+crash, and its own checksum compared: so one wrong byte costs one case, and a file to which another
+program has added something can still be read.
 """
 
 import hashlib
@@ -77,17 +78,17 @@ def refusal(error: BaseException) -> str:
     """What the operating system said (no space, no permission), which HDF5 hides in its own errors;
     or nothing."""
     # HDF5 gives the errno in the text of its error, and nowhere else.
-    told = re.search(r"error message = '([^']*)'", str(error))
+    quoted = re.search(r"error message = '([^']*)'", str(error))
     number = getattr(error, "errno", None)
-    if told:
-        return told[1].lower()
+    if quoted:
+        return quoted[1].lower()
     return os.strerror(number).lower() if number else ""
 
 
-SEAL = b"\nhodo sha256 "
-SEALED = len(SEAL) + 64 + 1
-"""The bytes of a seal. It stands behind the end of the HDF5 file proper, where readers do not look,
-and goes when another program changes the file."""
+CHECKSUM_MARKER = b"\nhodo sha256 "
+TRAILER = len(CHECKSUM_MARKER) + 64 + 1
+"""The bytes of a file's checksum. It stands behind the end of the HDF5 file proper, where readers
+do not look, and goes when another program changes the file."""
 
 BLOCK_SIZE = 1 << 20
 """Bytes hashed at a time: between two blocks, Ctrl-C is heard."""
@@ -102,17 +103,17 @@ HANGS = 3
 """How many cases may hang or crash the reader before the file is given up as a whole."""
 
 
-def seal(file: io.FileIO) -> None:
-    """Put a seal behind what a file holds."""
+def append_checksum(file: io.FileIO) -> None:
+    """Put the checksum of a file behind what it holds."""
     size = file.seek(0, os.SEEK_END)
     file.seek(0)
     hashed = _hash(file, size)
     file.seek(size)
-    file.write(SEAL + hashed.encode() + b"\n")
+    file.write(CHECKSUM_MARKER + hashed.encode() + b"\n")
 
 
-def is_sealed(path: Path) -> bool:
-    """Whether a file has a seal that fits. Raises OSError if it cannot be read."""
+def checksum_fits(path: Path) -> bool:
+    """Whether a file has a checksum that fits. Raises OSError if it cannot be read."""
     status = path.stat()
     return _fits(str(path), status.st_ino, status.st_mtime_ns, status.st_size)
 
@@ -121,12 +122,12 @@ def is_sealed(path: Path) -> bool:
 def _fits(path: str, inode: int, changed: int, size: int) -> bool:
     """Reading a file again that has not changed would show nothing new."""
     with open(path, "rb", buffering=0) as file:
-        file.seek(max(size - SEALED, 0))
-        tail = file.read(SEALED)
-        if not tail.startswith(SEAL):
+        file.seek(max(size - TRAILER, 0))
+        tail = file.read(TRAILER)
+        if not tail.startswith(CHECKSUM_MARKER):
             return False
         file.seek(0)
-        return tail[len(SEAL) : -1] == _hash(file, size - SEALED).encode()
+        return tail[len(CHECKSUM_MARKER) : -1] == _hash(file, size - TRAILER).encode()
 
 
 def _hash(file: io.FileIO, size: int) -> str:
@@ -137,24 +138,24 @@ def _hash(file: io.FileIO, size: int) -> str:
     return hashed.hexdigest()
 
 
-class Checksum:
+class GroupChecksum:
     """The checksum of a group: of its attributes and of its variables, in the order in which they
     are stored. What is added to the group later is not covered, and does not disturb it."""
 
     def __init__(self, attributes: Mapping[str, Any]) -> None:
         self._lines = [_described(attributes)]
 
-    def add(self, name: str, dims: tuple[str, ...], digest: str, attrs: Mapping[str, Any]) -> None:
-        """A variable, with the digest of its values."""
-        self._lines.append(f"{name} {dims} {digest} {_described(attrs)}")
+    def add(self, name: str, dims: tuple[str, ...], values: str, attrs: Mapping[str, Any]) -> None:
+        """Take in a variable; `values` is the checksum of its values."""
+        self._lines.append(f"{name} {dims} {values} {_described(attrs)}")
 
     def __str__(self) -> str:
         hashed = hashlib.sha256("\n".join(self._lines).encode("utf-8", "replace"))
         return f"sha256:{len(self._lines) - 1}:{hashed.hexdigest()[:32]}"
 
 
-class Digest:
-    """The digest of an array's values, which may come block by block, in their order."""
+class ValuesChecksum:
+    """The checksum of an array's values, which may come block by block, in their order."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -172,11 +173,11 @@ class Digest:
         return f"{self._kind}{self._hash.hexdigest()}"
 
 
-def digest_of(values: np.ndarray) -> str:
-    """The digest of an array that is there as a whole."""
-    digest = Digest()
-    digest.add(values)
-    return str(digest)
+def checksum_of_values(values: np.ndarray) -> str:
+    """The checksum of an array that is there as a whole."""
+    checksum = ValuesChecksum()
+    checksum.add(values)
+    return str(checksum)
 
 
 def _described(attributes: Mapping[str, Any]) -> str:
@@ -251,7 +252,7 @@ def _look_and_exit(
     def say(*words: str) -> None:
         os.write(pipe, json.dumps(words).encode() + b"\n")
 
-    # What ends it is told by the line that is missing, not by its own last words.
+    # The line that is missing says where it has ended; its own last words say nothing more.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     # The system itself ends it at a signal, also in a loop of HDF5, and if nobody waits any more.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):

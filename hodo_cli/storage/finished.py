@@ -1,5 +1,5 @@
-"""What is finished: the cases of a result, and those of runs that have not ended, which wait in the
-pieces of their staging folders. A Batch shows both as one result."""
+"""What is finished: the cases of a result, and those of runs that have not ended, in the shards of
+their staging folders. A Batch shows both as one result."""
 
 import os
 import warnings
@@ -42,34 +42,34 @@ def finished(
     refuses it.
     """
     path = Path(path)
-    found: dict[str, list[Finished]] = {}
+    cases: dict[str, list[Finished]] = {}
     if os.path.lexists(path):
         with open_run(path) as run:
             check(run)
-            _collect(run, found)
-    for piece in (piece for folder in staging_folders(path) for piece in pieces(folder)):
+            _collect(run, cases)
+    for shard in (shard for folder in staging_folders(path) for shard in shards(folder)):
         # Gone by now, or torn by a loss of power: then the case is run anew.
-        with suppress(HodoError), open_run(piece) as run:
+        with suppress(HodoError), open_run(shard) as run:
             if not run.damaged:
-                _collect(run, found)
-    return found
+                _collect(run, cases)
+    return cases
 
 
 class Batch(ResultFile):
     """A result together with the cases that runs have finished which have not ended; made by
     `open_batch`.
 
-    `waiting` are the pieces of these cases; `result` is None where they are all there is.
+    `newer` are the shards of these cases; `result` is None where there are no others.
     """
 
-    def __init__(self, path: Path, result: ResultFile | None, waiting: Mapping[str, Path]) -> None:
+    def __init__(self, path: Path, result: ResultFile | None, newer: Mapping[str, Path]) -> None:
         self.path = path
         self.damaged = result.damaged if result else {}
-        self.attributes = latest(waiting)
+        self.attributes = latest(newer)
         self._result = result
-        self._waiting = waiting
+        self._newer = newer
         known = result.groups() if result else []
-        self._names = in_order([*known, *waiting], self.text)
+        self._names = in_order([*known, *newer], self.text)
         self._held = frozenset(self._names)
 
     def groups(self) -> list[str]:
@@ -80,14 +80,14 @@ class Batch(ResultFile):
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[Any]:
-        if self._result and name not in self._waiting:
+        if self._result and name not in self._newer:
             with self._result.open_group(name) as group:
                 yield group
         else:
             # One at a time: a batch may have more cases than a process may open files. The run may
             # have ended since, and then its result has the case.
-            piece = self._waiting.get(name, self.path)
-            file = piece if piece.exists() else self.path
+            shard = self._newer.get(name, self.path)
+            file = shard if shard.exists() else self.path
             with open_run(file) as run, run.open_group(name) as group:
                 yield group
 
@@ -100,37 +100,37 @@ def open_batch(path: Path | str) -> Iterator[ResultFile]:
     Raises HodoError as `open_run` does, if there is no such case either.
     """
     path = Path(path)
-    if not (waiting := unpublished(path)):
-        if not os.path.lexists(path) and any(map(parts_in, staging_folders(path))):
-            said = "a run has finished parts of a sweep, which the same command completes"
-            raise HodoError(f"{path}: no case is there yet: {said}")
+    if not (newer := unpublished(path)):
+        if not os.path.lexists(path) and any(map(chunks_in, staging_folders(path))):
+            message = "a run has finished parts of a sweep, which the same command completes"
+            raise HodoError(f"{path}: no case is there yet: {message}")
         with open_run(path) as run:
             yield run
         return
     with ExitStack() as stack:
         result = stack.enter_context(open_run(path)) if os.path.lexists(path) else None
-        batch = Batch(path, result, waiting)
-        names = [name for name in batch.cases() if name in waiting]
+        batch = Batch(path, result, newer)
+        names = [name for name in batch.cases() if name in newer]
         some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        said = f"{path}: {len(names)} finished in a run that has not ended: {some}"
-        warnings.warn(said, stacklevel=3)
+        message = f"{path}: {len(names)} finished in a run that has not ended: {some}"
+        warnings.warn(message, stacklevel=3)
         yield batch
 
 
 def unpublished(path: Path) -> dict[str, Path]:
-    """The pieces of runs that have not ended, by name: of the cases that the result lacks, or holds
+    """The shards of runs that have not ended, by name: of the cases that the result lacks, or holds
     from before a change."""
-    found: dict[str, Path] = {}
-    if not any(map(pieces, staging_folders(path))):
-        return found
+    cases: dict[str, Path] = {}
+    if not any(map(shards, staging_folders(path))):
+        return cases
     for name, items in finished(path).items():
         stored = items[0] if items[0].file == path else None
-        waiting = [item for item in items if item is not stored]
-        if waiting:
-            newest = max(waiting, key=lambda item: _changed(item.file))
+        others = [item for item in items if item is not stored]
+        if others:
+            newest = max(others, key=lambda item: _changed(item.file))
             if stored is None or _replaces(newest, stored):
-                found[name] = newest.file
-    return found
+                cases[name] = newest.file
+    return cases
 
 
 def _changed(file: Path) -> int:
@@ -140,7 +140,7 @@ def _changed(file: Path) -> int:
 
 def _replaces(newer: Finished, stored: Finished) -> bool:
     """Whether a case is another one than is stored, and not one that has failed instead."""
-    hashes, states = ([each.attributes.get(key) for each in (newer, stored)] for key in SAME)
+    hashes, states = ([case.attributes.get(key) for case in (newer, stored)] for key in SAME)
     return hashes[0] != hashes[1] and (states[0] == "ok" or states[1] != "ok")
 
 
@@ -148,17 +148,17 @@ SAME = ("hash", "status")
 """The attributes that tell a case that has changed, or failed, from the one before."""
 
 
-HEAD = "head.h5"
+ATTRIBUTES_FILE = "head.h5"
 """The file of a staging folder that holds the attributes of the result to be. Its text is the whole
-case file: in each of 10,000 pieces it would be some 10 GB."""
+case file: in each of 10,000 shards it would be some 10 GB."""
 
 
-def latest(waiting: Mapping[str, Path]) -> dict[str, Any]:
-    """The attributes of the result that the latest of some pieces will be part of."""
-    piece = max(waiting.values(), key=_changed)
-    head = piece.with_name(HEAD)
-    # Earlier versions have put them into each piece.
-    with open_run(head if head.exists() else piece) as run:
+def latest(shards: Mapping[str, Path]) -> dict[str, Any]:
+    """The attributes of the result that the latest of some shards will be part of."""
+    shard = max(shards.values(), key=_changed)
+    file = shard.with_name(ATTRIBUTES_FILE)
+    # Earlier versions have put them into each shard.
+    with open_run(file if file.exists() else shard) as run:
         return run.attributes
 
 
@@ -173,11 +173,11 @@ def in_order(names: Iterable[str], text: str) -> list[str]:
     return list(given)
 
 
-def _collect(run: ResultFile, found: dict[str, list[Finished]]) -> None:
+def _collect(run: ResultFile, cases: dict[str, list[Finished]]) -> None:
     for name in run.cases():
         damage = run.damaged.get(name, "")
         attributes = {} if damage else resume_attributes(run, name)
-        found.setdefault(name, []).append(Finished(name, run.path, attributes, damage))
+        cases.setdefault(name, []).append(Finished(name, run.path, attributes, damage))
 
 
 def resume_attributes(run: ResultFile, name: str) -> dict[str, str]:
@@ -185,12 +185,12 @@ def resume_attributes(run: ResultFile, name: str) -> dict[str, str]:
     return {key: str(value) for key, value in run.summary(name, RESUME).items()}
 
 
-def pieces(folder: Path) -> list[Path]:
+def shards(folder: Path) -> list[Path]:
     """The files with finished cases in a staging folder."""
     # By their numbers: a draft that a kill has left behind is not among them.
     return sorted(folder.glob("[0-9]*.h5"))
 
 
-def parts_in(folder: Path) -> list[Path]:
+def chunks_in(folder: Path) -> list[Path]:
     """The finished chunks of sweeps in a staging folder, a file each."""
     return sorted(folder.glob("part-*.h5"))

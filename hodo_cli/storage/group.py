@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .disk import Checksum, Digest, digest_of
+from .disk import GroupChecksum, ValuesChecksum, checksum_of_values
 
 Attribute = str | int | float | np.ndarray
 
@@ -48,10 +48,10 @@ class Group:
     late: Late | None = None
     report: Report | None = None
 
-    def with_part(self, part: "Group") -> "Group":
-        """This group with what a part adds to it or replaces, and with its report."""
-        attributes = {**self.attributes, **part.attributes}
-        return Group(attributes, {**self.variables, **part.variables}, report=part.report)
+    def with_addition(self, addition: "Group") -> "Group":
+        """This group with what another adds to it or replaces, and with its report."""
+        attributes = {**self.attributes, **addition.attributes}
+        return Group(attributes, {**self.variables, **addition.variables}, report=addition.report)
 
 
 def as_stored(attributes: Mapping[str, Attribute]) -> dict[str, Attribute]:
@@ -70,11 +70,11 @@ def is_number(dtype: np.dtype) -> bool:
     return dtype.kind in "iuf" and dtype.itemsize <= 8 and dtype != np.float16
 
 
-def checksum_of(group: Group, digests: Mapping[str, Digest]) -> str:
-    """The checksum that a group is stored with; some variables were digested as they were
-    written."""
-    found = Checksum(as_stored(group.attributes))
+def checksum_of(group: Group, checksums: Mapping[str, ValuesChecksum]) -> str:
+    """The checksum that a group is stored with; `checksums` are those of variables that were
+    written block by block."""
+    checksum = GroupChecksum(as_stored(group.attributes))
     for key, variable in group.variables.items():
-        digest = str(digests[key]) if key in digests else digest_of(variable.data)
-        found.add(key, variable.dims, digest, as_stored(variable.attrs))
-    return str(found)
+        values = str(checksums[key]) if key in checksums else checksum_of_values(variable.data)
+        checksum.add(key, variable.dims, values, as_stored(variable.attrs))
+    return str(checksum)

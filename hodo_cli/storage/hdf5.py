@@ -21,9 +21,9 @@ from ..text import in_bytes
 from .disk import (
     PATIENCE_OF_READER,
     SLOW_DISK,
-    Checksum,
-    digest_of,
-    is_sealed,
+    GroupChecksum,
+    checksum_fits,
+    checksum_of_values,
     look,
     refusal,
 )
@@ -32,7 +32,7 @@ from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
 TEXT_IN_MEMORY = h5t.py_create(STRING)
-# netCDF-4's own mark of a dimension without a coordinate; its readers look for these very words.
+# netCDF-4's own sign of a dimension without a coordinate; its readers look for these very words.
 NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable."
 REPORT_DIGEST, REPORT = "told_mark", "told"
 """The attributes that hold a report."""
@@ -103,9 +103,9 @@ class ResultFile:
 
     def check_root(self) -> str:
         """What is wrong with the root attributes; an empty string if nothing is."""
-        told, covered = _covered(self._file)
+        stored, covered = _covered(self._file)
         known = {key: self.attributes[key] for key in covered}
-        return "" if told in ("", _checksum(known, {}, told)) else "its head has changed"
+        return "" if stored in ("", _checksum(known, {}, stored)) else "its head has changed"
 
     def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
         """The attributes of a group (all, or those named), without reading an array.
@@ -172,10 +172,10 @@ class ResultFile:
         """What is wrong with a group, all of it read; an empty string if nothing is."""
         try:
             with self.open_group(name) as group:
-                told, covered = _covered(group)
+                stored, covered = _covered(group)
             found = self.read(name)
             known = {key: found.attributes[key] for key in covered}
-            return "" if told in ("", _checksum(known, found.variables, told)) else MISFIT
+            return "" if stored in ("", _checksum(known, found.variables, stored)) else MISFIT
         except HodoError as error:
             reason = str(error).removeprefix(f"{self.path}: ")
             return reason.removeprefix(f"{name} is damaged (").removesuffix(")")
@@ -184,7 +184,7 @@ class ResultFile:
         """The checksum that is stored with a group, which tells its content from any other without
         reading it.
 
-        Empty if there is none, or the file's seal does not fit: something may then have been added
+        Empty if there is none, or the file's own does not fit: something may then have been added
         that no checksum covers. Raises HodoError as `summary` does.
         """
         with self.open_group(name) as group:
@@ -212,12 +212,12 @@ def _covered(item: h5py.HLObject) -> tuple[str, list[str]]:
     return str(item.attrs["checksum"]), [name for name in before if name not in HIDDEN]
 
 
-def _checksum(attributes: Mapping[str, Any], variables: Mapping[str, Variable], told: str) -> str:
+def _checksum(attributes: Mapping[str, Any], variables: Mapping[str, Variable], stored: str) -> str:
     """The checksum of attributes and of so many variables as the checksum told covers."""
-    count = told.split(":")[1] if told.count(":") == 2 else ""
-    found = Checksum(attributes)
+    count = stored.split(":")[1] if stored.count(":") == 2 else ""
+    found = GroupChecksum(attributes)
     for name, variable in [*variables.items()][: int(count) if count.isdecimal() else 0]:
-        found.add(name, variable.dims, digest_of(variable.data), variable.attrs)
+        found.add(name, variable.dims, checksum_of_values(variable.data), variable.attrs)
     return str(found)
 
 
@@ -327,7 +327,7 @@ def _opened(path: Path) -> h5py.File:
 
 
 def _damage(path: Path) -> Mapping[str, str]:
-    """What is wrong with the groups of a file, by their names; nothing where its seal fits.
+    """What is wrong with the groups of a file, by their names; nothing where its checksum fits.
 
     Raises HodoError if it is no file.
     """
@@ -335,7 +335,7 @@ def _damage(path: Path) -> Mapping[str, str]:
         status = path.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             raise HodoError(f"{path} is a pipe or a device, not a file")
-        if stat.S_ISREG(status.st_mode) and not is_sealed(path):
+        if stat.S_ISREG(status.st_mode) and not checksum_fits(path):
             return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
     except OSError as error:
         raise HodoError(f"{path}: {_why_closed(path, error)}") from None
@@ -343,12 +343,12 @@ def _damage(path: Path) -> Mapping[str, str]:
 
 
 INTACT: Mapping[str, str] = {}
-"""What is wrong with a file whose seal fits."""
+"""What is wrong with a file whose checksum fits."""
 
 
 @lru_cache(maxsize=256)
 def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str]:
-    """What is wrong with the groups of a file that has no seal, or one that does not fit."""
+    """What is wrong with the groups of a file that has no checksum, or one that does not fit."""
     files: list[ResultFile] = []
 
     def names() -> list[str]:

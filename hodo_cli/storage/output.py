@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
-from .disk import Checksum, Digest, Disk, seal
+from .disk import Disk, GroupChecksum, ValuesChecksum, append_checksum
 from .group import Attribute, Group, as_stored, checksum_of, is_number
 from .hdf5 import (
     NO_VARIABLE,
@@ -73,7 +73,7 @@ class Output:
             if key not in sizes:
                 _attach(items, key, variable.dims)
         # Last, so that memory holds one block at a time.
-        late = {key: Digest() for key in late_ones}
+        late = {key: ValuesChecksum() for key in late_ones}
         for key, where, block in group.late.blocks() if group.late else ():
             item = h5py.Dataset(items[key])
             item[where] = block
@@ -94,7 +94,7 @@ class Output:
             dims = known or dimensions_of(old)
             h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINKS[name.isascii()])
             target = h5g.open(self._file.id, name.encode())
-            scales = dict.fromkeys(dim for each in dims.values() for dim in each)
+            scales = dict.fromkeys(dim for names in dims.values() for dim in names)
             items = {key: h5d.open(target, encoded(key)) for key in {**dims, **scales}}
             for item in items.values():
                 for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
@@ -122,14 +122,14 @@ def create(path: Path, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
             _set_root(file, attributes)
             yield Output(file, disk)
         disk.check()
-        seal(disk)
+        append_checksum(disk)
 
 
 @contextmanager
 def amend(path: Path, run: ResultFile, attributes: Mapping[str, Attribute]) -> Iterator[Output]:
     """A copy of a file that holds damaged groups, which HDF5 cannot copy: their bytes are kept, and
-    the groups that are written replace theirs and come last. It gets no seal, so that the damage is
-    seen again.
+    the groups that are written replace theirs and come last. It gets no checksum, so that the
+    damage is seen again.
 
     Raises OSError if the operating system does not let it be written.
     """
@@ -156,7 +156,7 @@ def _written(path: Path) -> Iterator[Disk]:
 
 def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:
     root = as_stored({"format_version": FORMAT_VERSION, **attributes})
-    _set_attributes(file.id, {**root, "checksum": str(Checksum(root))})
+    _set_attributes(file.id, {**root, "checksum": str(GroupChecksum(root))})
 
 
 def _file_type(name: str, data: np.ndarray) -> Any:

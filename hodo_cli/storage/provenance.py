@@ -57,14 +57,14 @@ def versions() -> dict[str, str]:
     checkout."""
     # Started first and read last: git takes longer than all the rest.
     git = _git_status()
-    found = {"python_version": sys.version.split()[0]}
-    found |= {f"{library}_version": library_version(library) for library in STORED_VERSIONS}
+    known = {"python_version": sys.version.split()[0]}
+    known |= {f"{library}_version": library_version(library) for library in STORED_VERSIONS}
     status = git.communicate()[0] if git else ""
     commit = re.search(r"^# branch.oid ([0-9a-f]+)$", status, re.MULTILINE)
     if commit:
         dirty = any(not line.startswith("#") for line in status.splitlines())
-        found |= {"git_commit": commit[1], "git_dirty": "yes" if dirty else "no"}
-    return found
+        known |= {"git_commit": commit[1], "git_dirty": "yes" if dirty else "no"}
+    return known
 
 
 def _git_status() -> "subprocess.Popen[str] | None":

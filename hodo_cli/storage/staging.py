@@ -1,8 +1,8 @@
 """Files that are written beside the place where they belong, and take it in one step.
 
-A name that exists is complete, and stays so: nothing is ever changed in place. Pieces of a
-run wait in a hidden folder beside the file; `writer` puts them into it. There are no lock
-files and no marks to go stale: what is being written belongs to the process that holds its `flock`,
+A name that exists is complete, and stays so: nothing is ever changed in place. Shards and
+chunks of a run wait in a staging folder; `writer` puts them into it. There are no lock
+files to go stale: what is being written belongs to the process that holds its `flock`,
 which ends with the process. Where there is no `flock` (Windows), a locked file beside it does.
 """
 
@@ -46,15 +46,15 @@ class Staging:
                 self.folder = folder if folder.exists() else None
         return self.folder / name
 
-    def take_orphans(self) -> list[Path]:
+    def take_over_dead(self) -> list[Path]:
         """The folders of processes that have died; from now on no other process takes them."""
-        found = []
+        folders = []
         for folder in staging_folders(self.path):
             with suppress(OSError):
                 if folder != self.folder and (lock := _lock(folder)) is not None:
                     self._hold(lock)
-                    found.append(folder)
-        return found
+                    folders.append(folder)
+        return folders
 
     def _hold(self, lock: Release | None) -> None:
         if lock is not None:
@@ -70,9 +70,9 @@ class Staging:
             if lock is not None:
                 lock()
 
-    def publish(self, whole: Path) -> None:
+    def publish(self, draft: Path) -> None:
         """Give a complete file the name `path`, and see it on the disk."""
-        _publish(whole, self.path)
+        _publish(draft, self.path)
 
     def remove(self, stay: Collection[str] = ()) -> None:
         """Delete the folder with what is in it; if anything stays, only the rest of it."""
@@ -98,11 +98,11 @@ def replacing(path: Path) -> Iterator[Path]:
     path = destination(path)
     with os_errors_as(path), ExitStack() as failed:
         path.parent.mkdir(parents=True, exist_ok=True)
-        for orphan in staging_folders(path):
+        for leftover in staging_folders(path):
             with suppress(OSError):  # it is a folder, or another process has just removed it
-                if (lock := _lock(orphan)) is not None:
+                if (lock := _lock(leftover)) is not None:
                     failed.callback(lock)
-                    orphan.unlink()
+                    leftover.unlink()
         draft = _beside(path)
         os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
         # Open for writing, without which NFS gives no lock.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .finished import parts_in, pieces, resume_attributes
+from .finished import chunks_in, resume_attributes, shards
 from .group import Attribute, Group
 from .hdf5 import ResultFile, open_run
 from .output import Output, amend, create
@@ -66,10 +66,10 @@ class Update:
 
     def __init__(self, run: ResultFile, draft: Draft | None) -> None:
         self.run = run
-        self.parts: dict[str, Group] = {}
+        self.additions: dict[str, Group] = {}
         self._draft = draft
 
-    def write(self, name: str, part: Group, old: Group | None = None) -> None:
+    def write(self, name: str, addition: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
         made anew. `old` is what the result holds of it, if that was read already.
 
@@ -77,10 +77,10 @@ class Update:
         """
         if old is None and name in self.run and name not in self.run.damaged:
             old = self.run.read(name)
-        if old is None or not _holds(old, part, whole=name.startswith("_")):
-            self.parts[name] = part
+        if old is None or not _holds(old, addition, is_complete=name.startswith("_")):
+            self.additions[name] = addition
             if self._draft:
-                self._draft.write(name, _changed(name, old, part))
+                self._draft.write(name, _changed(name, old, addition))
 
 
 @contextmanager
@@ -106,18 +106,18 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
         yield changes
         with os_errors_as(path, KEPT):
             # Those with finished cases wait for the next run, which takes them over.
-            for folder in staging.take_orphans():
-                if not pieces(folder) and not parts_in(folder):
+            for folder in staging.take_over_dead():
+                if not shards(folder) and not chunks_in(folder):
                     shutil.rmtree(folder, ignore_errors=True)
-            if changes.parts:
+            if changes.additions:
                 check_writable(path)
-                whole = draft.finished() if draft else staging / "whole.h5"
+                file = draft.finished() if draft else staging / "whole.h5"
                 with staging.publishing():
                     if draft is None or identity(path) != seen:
                         # Opened again: another process has replaced the result since.
                         with open_run(path) as now:
-                            _rewrite(whole, now, changes, history)
-                    staging.publish(whole)
+                            _rewrite(file, now, changes, history)
+                    staging.publish(file)
 
 
 def _with_history(run: ResultFile, history: str) -> dict[str, Attribute]:
@@ -125,12 +125,12 @@ def _with_history(run: ResultFile, history: str) -> dict[str, Attribute]:
     return {**run.attributes, "history": longer(run, history)}
 
 
-def _changed(name: str, old: Group | None, part: Group) -> Group:
+def _changed(name: str, old: Group | None, addition: Group) -> Group:
     """A group with its change."""
-    return part if old is None or name.startswith("_") else old.with_part(part)
+    return addition if old is None or name.startswith("_") else old.with_addition(addition)
 
 
-def _rewrite(whole: Path, now: ResultFile, changes: Update, history: str) -> None:
+def _rewrite(file: Path, now: ResultFile, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
     # Bytes of a case that cannot be read are kept: they may be all that is left of it.
@@ -150,33 +150,34 @@ def _rewrite(whole: Path, now: ResultFile, changes: Update, history: str) -> Non
             is_the_same(case) for case in now.cases() if case not in now.damaged
         )
 
-    parts = {name: part for name, part in changes.parts.items() if applies(name)}
+    additions = {name: addition for name, addition in changes.additions.items() if applies(name)}
     attributes = _with_history(now, history)
-    with amend(whole, now, attributes) if is_amended else create(whole, attributes) as output:
-        for name in dict.fromkeys([*now.groups(), *parts]):
-            if name not in parts:
+    with amend(file, now, attributes) if is_amended else create(file, attributes) as output:
+        for name in dict.fromkeys([*now.groups(), *additions]):
+            if name not in additions:
                 # Damaged verdicts are left out: `hodo claims` gives them again.
                 if not is_amended and name not in now.damaged:
                     output.copy(now, name)
             else:
                 old = None if name.startswith("_") else now.read(name)
-                output.write(name, _changed(name, old, parts[name]))
+                output.write(name, _changed(name, old, additions[name]))
 
 
-def _holds(old: Group, part: Group, whole: bool) -> bool:
-    """Whether a group has what a part says already and, if `whole`, nothing else."""
-    if whole and (
-        set(old.attributes) != set(part.attributes) or set(old.variables) != set(part.variables)
+def _holds(old: Group, addition: Group, is_complete: bool) -> bool:
+    """Whether a group has all of an addition already and, if that `is_complete`, nothing else."""
+    if is_complete and (
+        set(old.attributes) != set(addition.attributes)
+        or set(old.variables) != set(addition.variables)
     ):
         return False
-    if old.report != part.report or not _same(old.attributes, part.attributes):
+    if old.report != addition.report or not _same(old.attributes, addition.attributes):
         return False
     return all(
         name in old.variables
         and old.variables[name].dims == new.dims
         and _equal(old.variables[name].data, new.data)
         and _same(old.variables[name].attrs, new.attrs)
-        for name, new in part.variables.items()
+        for name, new in addition.variables.items()
     )
 
 

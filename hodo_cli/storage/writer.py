@@ -1,13 +1,13 @@
 """Result files: how they are made of finished cases and resumed, so that nothing finished is ever
 lost.
 
-A run puts finished cases into small files, *pieces*, in its staging folder, and joins them at the
-end. (A single HDF5 file that grows is unreadable, all of it, after one in five of its writes; a
-kill there would cost every case.) A piece is whole or absent; the next run takes the pieces of a
-dead one over. A sweep comes in *parts*, small files too, of which its piece is made.
+A run puts finished cases into shards and joins them at the end. (A single HDF5 file that grows is
+unreadable, all of it, after one in five of its writes; a kill there would cost every case.) A shard
+is complete or absent; the next run takes over those of a dead one. A sweep comes in chunks, of
+which its shard is made.
 
-Short cases share a piece, because a file costs as much as a case. It is written when a case is
-finished HOLD seconds after its first one, and only what is in a piece is called finished.
+Short cases share a shard, because a file costs as much as a case. It is written when a case is
+finished HOLD seconds after its first one, and only a case in a shard is called finished.
 """
 
 import os
@@ -22,12 +22,12 @@ from typing import Self
 
 from .. import HodoError
 from .finished import (
-    HEAD,
+    ATTRIBUTES_FILE,
     Finished,
+    chunks_in,
     finished,
     in_order,
     latest,
-    parts_in,
     resume_attributes,
     unpublished,
 )
@@ -39,14 +39,14 @@ from .staging import Staging, identity, os_errors_as, synced
 KEPT = "; finished cases are kept"
 
 HOLD = 0.5
-"""Seconds within which finished cases share a piece, unless one of them took as long itself: so
+"""Seconds within which finished cases share a shard, unless one of them took as long itself: so
 much work a kill may cost."""
 
 MOST_HELD = 64
-"""Cases in a piece: its own cost is then a hundredth of theirs."""
+"""Cases in a shard: its own cost is then a hundredth of theirs."""
 
 MOST_BYTES = 4 << 20
-"""Bytes that wait at most. Larger pieces would save nothing, and take memory."""
+"""Bytes that wait at most. Larger shards would save nothing, and take memory."""
 
 
 def publish_finished(path: Path) -> None:
@@ -55,19 +55,19 @@ def publish_finished(path: Path) -> None:
     Those that it holds from before a change stay: they may be wanted again. So do the chunks of
     sweeps, for the next run. Raises HodoError as `Writer` does.
     """
-    if not (waiting := unpublished(path)):
+    if not (left := unpublished(path)):
         return
     if os.path.lexists(path):
         with open_run(path) as run:
             # A damaged case could not be copied into the new file, and would be gone.
-            waiting = {} if run.damaged else {n: f for n, f in waiting.items() if n not in run}
-    if waiting:
-        attributes = latest(waiting)
+            left = {} if run.damaged else {n: f for n, f in left.items() if n not in run}
+    if left:
+        attributes = latest(left)
         order = in_order([*finished(path)], str(attributes.get("config")))
         with Writer(path, attributes, order) as writer:
-            writer.keep_all_parts()
+            writer.keep_all_chunks()
             for name, items in writer.finished.items():
-                file = waiting.get(name, path)
+                file = left.get(name, path)
                 writer.keep(next(item for item in items if item.file == file))
 
 
@@ -99,32 +99,32 @@ class Writer:
         self._staging = Staging(self.path)
         self._open = ExitStack()
         self.unfinished: set[str] = set()
-        """The stamps of the parts that stay when this Writer leaves, for the next one."""
+        """The ids of the sweeps whose chunks stay when this Writer leaves, for the next one."""
 
     def __enter__(self) -> Self:
         """Raises HodoError as `open_run` does, or if a first result cannot be written there."""
         self._open.callback(self._staging.close)
         with self._open:
-            self._orphans = self._staging.take_orphans()
+            self._dead_folders = self._staging.take_over_dead()
             self._seen = identity(self.path)
             if self._seen:
                 self._old = self._open.enter_context(open_run(self.path))
             else:
                 # A folder that cannot be written should show before hours of integration, not
                 # after.
-                self._next_piece()
+                self._next_shard()
             self._open = self._open.pop_all()
         return self
 
     @cached_property
     def finished(self) -> dict[str, list[Finished]]:
-        """What the function of this name finds, once dead runs' pieces are this Writer's own."""
+        """What the function of this name finds, once dead runs' shards are this Writer's own."""
         return finished(self.path)
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
             try:
-                # An exception at hand is the one to be told.
+                # The user should see the exception at hand, and no other that it leads to.
                 with nullcontext() if kind is None else suppress(Exception):
                     self.store()
                 if kind is None:
@@ -132,7 +132,7 @@ class Writer:
                         self._finish()
             finally:
                 folder = self._staging.folder
-                if not self._new and not (folder and parts_in(folder)):
+                if not self._new and not (folder and chunks_in(folder)):
                     self._staging.remove()
 
     def add(self, name: str, group: Group, then: Callable[[], object] = bool) -> None:
@@ -152,7 +152,7 @@ class Writer:
             self.store()
 
     def store(self) -> None:
-        """Write what waits as one piece. Raises HodoError if it cannot be written."""
+        """Write the cases that wait as one shard. Raises HodoError if it cannot be written."""
         try:
             self._store(self._held)
         except Exception:
@@ -167,61 +167,58 @@ class Writer:
     def _store(self, held: Mapping[str, tuple[Group, Callable[[], object]]]) -> None:
         if not held:
             return
-        piece = self._next_piece()
-        self._put(piece, {name: group for name, (group, _) in held.items()})
+        shard = self._next_shard()
+        self._put(shard, {name: group for name, (group, _) in held.items()})
         for name, (group, then) in [*held.items()]:
             dims = {key: variable.dims for key, variable in group.variables.items()}
-            self._new[name] = Finished(name, piece, group.attributes, dims=dims)
+            self._new[name] = Finished(name, shard, group.attributes, dims=dims)
             del self._held[name]
             then()
 
-    def _put(self, piece: Path, groups: Mapping[str, Group]) -> None:
-        draft = piece.with_name("draft")
+    def _put(self, file: Path, groups: Mapping[str, Group]) -> None:
+        draft = file.with_name("draft")
         with os_errors_as(self.path, KEPT), ExitStack() as failed:
             failed.callback(draft.unlink, missing_ok=True)
             with create(draft, {}) as output:
                 for name, group in groups.items():
                     output.write(name, group)
             synced(draft)  # or a loss of power leaves the name with nothing under it
-            # The new name is on the disk with the next sync: one piece may be lost, and half of the
+            # The new name is on the disk with the next sync: one file may be lost, and half of the
             # time for syncing is saved.
-            os.replace(draft, piece)
+            os.replace(draft, file)
             failed.pop_all()
 
-    def parts(self, part_id: str) -> set[int]:
-        """The numbers of the parts with this stamp that this run and dead ones have finished; all
-        are now its own."""
-        for folder in self._orphans:
-            for part in folder.glob(f"part-{part_id}-*.h5"):
+    def chunks(self, sweep_id: str) -> set[int]:
+        """The numbers of a sweep's chunks that this run and dead ones have finished; all are now
+        its own. `sweep_id` is the digest of what the sweep depends on."""
+        for folder in self._dead_folders:
+            for chunk in folder.glob(f"part-{sweep_id}-*.h5"):
                 with os_errors_as(self.path, KEPT):
                     # Not moved: should this process die too, the next one finds both.
-                    _take(part, self._staging / part.name)
+                    _take(chunk, self._staging / chunk.name)
         own = self._staging.folder
         return (
-            {int(part.stem.rpartition("-")[2]) for part in own.glob(f"part-{part_id}-*.h5")}
+            {int(chunk.stem.rpartition("-")[2]) for chunk in own.glob(f"part-{sweep_id}-*.h5")}
             if own
             else set()
         )
 
-    def add_part(self, part_id: str, number: int, group: Group) -> None:
-        """Write one finished part of a case that comes in many; it survives the death of this
-        process.
-
-        `part_id` tells what the part belongs to. Raises HodoError if it cannot be written.
-        """
+    def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
+        """Write a finished chunk of a sweep; it survives the death of this process. Raises
+        HodoError if it cannot be written."""
         with os_errors_as(self.path, KEPT):
-            piece = self._staging / f"part-{part_id}-{number}.h5"
-        self._put(piece, {"part": group})
+            chunk = self._staging / f"part-{sweep_id}-{number}.h5"
+        self._put(chunk, {"part": group})
 
-    def keep_all_parts(self) -> None:
-        """Leave the parts of dead runs where the next Writer finds them."""
-        names = [part.name for folder in self._orphans for part in parts_in(folder)]
+    def keep_all_chunks(self) -> None:
+        """Leave the chunks of dead runs where the next Writer finds them."""
+        names = [chunk.name for folder in self._dead_folders for chunk in chunks_in(folder)]
         self.unfinished |= {name.split("-")[1] for name in names}
 
     @contextmanager
-    def part(self, part_id: str, number: int) -> Iterator[ResultFile]:
-        """A part that was added or taken over, open for reading; its only group is named `part`."""
-        with open_run(self._staging / f"part-{part_id}-{number}.h5") as run:
+    def chunk(self, sweep_id: str, number: int) -> Iterator[ResultFile]:
+        """A chunk that was added or taken over, open for reading; its only group is `part`."""
+        with open_run(self._staging / f"part-{sweep_id}-{number}.h5") as run:
             yield run
 
     def keep(self, case: Finished, text: str = "") -> bool:
@@ -238,22 +235,22 @@ class Writer:
                 self._kept[case.name] = self._old
             return case.name in self._kept
         if case.file not in self._taken:
-            piece = self._next_piece()
+            shard = self._next_shard()
             with os_errors_as(self.path, KEPT):
-                self._taken[case.file] = piece if _take(case.file, piece) else None
+                self._taken[case.file] = shard if _take(case.file, shard) else None
         if (taken := self._taken[case.file]) is None:
             return False
         self._new[case.name] = Finished(case.name, taken, case.attributes)
         return True
 
-    def _next_piece(self) -> Path:
+    def _next_shard(self) -> Path:
         with os_errors_as(self.path, KEPT):
             if not self._count:
-                # Before any piece: until the result is made, they are shown in its place.
-                head = self._staging / HEAD
-                with create(head, self._attributes):
+                # Before any shard: until the result is made, they are shown in its place.
+                file = self._staging / ATTRIBUTES_FILE
+                with create(file, self._attributes):
                     pass
-                synced(head)
+                synced(file)
             self._count += 1
             return self._staging / f"{self._count}.h5"
 
@@ -272,21 +269,21 @@ class Writer:
                 or list(sources) != now.cases()
                 or now.text != self._attributes.get("config")
             ):
-                whole = self._staging / "whole.h5"
-                self._join(whole, sources, longer(now, self._attributes.get("history")))
-                self._staging.publish(whole)
-        stay = {name for part_id in self.unfinished for name in self._part_names(part_id)}
-        for folder in self._orphans:
+                draft = self._staging / "whole.h5"
+                self._join(draft, sources, longer(now, self._attributes.get("history")))
+                self._staging.publish(draft)
+        stay = {name for sweep_id in self.unfinished for name in self._chunk_names(sweep_id)}
+        for folder in self._dead_folders:
             shutil.rmtree(folder, ignore_errors=True)
         self._staging.remove(stay)
 
-    def _part_names(self, part_id: str) -> list[str]:
-        return [f"part-{part_id}-{number}.h5" for number in self.parts(part_id)]
+    def _chunk_names(self, sweep_id: str) -> list[str]:
+        return [f"part-{sweep_id}-{number}.h5" for number in self.chunks(sweep_id)]
 
     def _sources(self, now: ResultFile | None) -> dict[str, ResultFile | Path]:
         """Where each case comes from, in the order of the new file; `now` is the result as it
         stands."""
-        found: dict[str, ResultFile | Path] = {
+        sources: dict[str, ResultFile | Path] = {
             **self._kept,
             **{name: case.file for name, case in self._new.items()},
         }
@@ -299,14 +296,16 @@ class Writer:
                 theirs = resume_attributes(now, name).get("hash")
                 equal = ours and theirs == ours.attributes.get("hash")
                 if equal or (not ours and (name in self._kept or name not in known)):
-                    found[name] = now
+                    sources[name] = now
         return {
-            name: found[name] for name in dict.fromkeys([*self._order, *found]) if name in found
+            name: sources[name]
+            for name in dict.fromkeys([*self._order, *sources])
+            if name in sources
         }
 
-    def _join(self, whole: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
-        with create(whole, {**self._attributes, "history": history}) as output:
-            # Neighbours are in one piece, mostly.
+    def _join(self, draft: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
+        with create(draft, {**self._attributes, "history": history}) as output:
+            # Neighbours are in one shard, mostly.
             for source, names in groupby(sources, sources.__getitem__):
                 opened = nullcontext(source) if isinstance(source, ResultFile) else open_run(source)
                 with opened as run:

@@ -18,11 +18,11 @@ from .summary import Read, Summary
 
 
 def group_of_columns(
-    case: Case, mark: str, tasks: list[Chunk], read: Read, summary: Summary,
+    case: Case, case_digest: str, tasks: list[Chunk], read: Read, summary: Summary,
     errors: Mapping[str, Any], problems: Mapping[str, int],
 ) -> Group:  # fmt: skip
     """The sweep as it is stored; its variables are filled in from the chunks when it is written."""
-    attributes = sweep_attributes(case, mark, tasks[-1].last, summary, problems)
+    attributes = sweep_attributes(case, case_digest, tasks[-1].last, summary, problems)
     sizes = shape(case)
     names = [axis.name for axis in axes_of(case.sweep or {})]
     variables = coordinates(case)
@@ -49,7 +49,7 @@ def group_of_columns(
 
 
 def sweep_attributes(
-    case: Case, mark: str, total: int, summary: Summary, problems: Mapping[str, int]
+    case: Case, case_digest: str, total: int, summary: Summary, problems: Mapping[str, int]
 ) -> dict[str, Attribute]:
     """The attributes of a sweep of so many members; what is known of its errors comes besides."""
     ok, failed, timeout, invalid, hidden = summary.status.tolist()
@@ -66,7 +66,7 @@ def sweep_attributes(
     together = fits_ensemble(case)
     return case_attributes(
         case,
-        mark,
+        case_digest,
         method=", ".join(sorted(summary.methods)) or case.method,
         method_reason=f"side by side, {summary.alone} of {total} members by themselves"
         if together

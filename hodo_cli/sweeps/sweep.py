@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from ..batch.mark import digest
+from ..batch.digests import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
 from ..progress import Progress
@@ -22,31 +22,31 @@ from .summary import PROBES, Part, lost_part, sampled_errors, summarized
 
 
 def run_sweep(
-    case: Case, mark: str, pool: Pool, writer: Writer, resume: bool, progress: Progress
+    case: Case, case_digest: str, pool: Pool, writer: Writer, resume: bool, progress: Progress
 ) -> Group:
-    """All members of a sweep; the chunks of an earlier run with the same `mark` are taken over if
+    """All members of a sweep; the chunks of an earlier run with the same digest are taken over if
     `resume`.
 
     Raises HodoError if no member came to anything.
     """
-    part_id = digest(mark)
-    parts = writer.parts(part_id) if resume else set()
+    sweep_id = digest(case_digest)
+    stored = writer.chunks(sweep_id) if resume else set()
     tasks = list(chunks(case))
     problems: dict[str, int] = {}
-    if parts:
-        progress.say(f"{case.name}: {len(parts)} of {len(tasks)} chunks are kept")
-    left = [task for task in tasks if task.first not in parts]
+    if stored:
+        progress.say(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
+    left = [task for task in tasks if task.first not in stored]
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
-    progress.report(case.name, members * len(parts) / len(tasks))
-    for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(parts) + 1):
+    progress.report(case.name, members * len(stored) / len(tasks))
+    for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(stored) + 1):
         progress.report(case.name, members * i / len(tasks))
         if isinstance(outcome, Exception):
             # A chunk that fails costs its own members; the sweep goes on and says how many.
             problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
         else:
-            writer.add_part(part_id, chunk.first, outcome)
-    done = writer.parts(part_id)
+            writer.add_chunk(sweep_id, chunk.first, outcome)
+    done = writer.chunks(sweep_id)
 
     @contextmanager
     def read(chunk: Chunk) -> Iterator[Part]:
@@ -54,7 +54,7 @@ def run_sweep(
             lost = lost_part(chunk)
             yield Part(lost.attributes, lambda name: lost.variables[name].data)
         else:
-            with writer.part(part_id, chunk.first) as part:
+            with writer.chunk(sweep_id, chunk.first) as part:
                 yield Part(part.summary("part"), partial(part.array, "part"))
 
     summary = summarized(case, tasks, read)
@@ -63,4 +63,4 @@ def run_sweep(
         progress.report(case.name, members + (1 - members) * share)
 
     errors = sampled_errors(case, pool, summary, report) if case.error == "on" else {}
-    return group_of_columns(case, mark, tasks, read, summary, errors, problems)
+    return group_of_columns(case, case_digest, tasks, read, summary, errors, problems)

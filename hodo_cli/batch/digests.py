@@ -23,14 +23,14 @@ COMPUTING_LIBRARIES = ("heyoka", "numpy", "scipy")
 
 
 def _sources() -> dict[str, str]:
-    """The hash of each source file that decides numbers, by its path within the package."""
+    """The digest of each source file that decides numbers, by its path within the package."""
     files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
     names = sorted(str(file.relative_to(PACKAGE)) for file in files if file.suffix == ".py")
     return {name: _source_hash(name) for name in names}
 
 
 def _source_hash(name: str) -> str:
-    """The hash of one source file; empty if it is gone."""
+    """The digest of one source file; empty if it is gone."""
     try:
         return hashlib.sha256((PACKAGE / name).read_bytes()).hexdigest()
     except FileNotFoundError:
@@ -39,29 +39,31 @@ def _source_hash(name: str) -> str:
 
 # Read while the modules themselves are being imported: a source that is edited later, during a run,
 # is not what this process computes with.
-_BEGUN = _sources()
+SOURCES_AT_START = _sources()
 
 
 @cache
-def code(swept: bool, model: str = "") -> str:
-    """The hash of the code that computes single cases, or members of sweeps too, and of the model
+def code_digest(swept: bool, model: str = "") -> str:
+    """The digest of the code that computes single cases, or members of sweeps too, and of the model
     where hodo does not have it."""
     parts = SWEPT if swept else SINGLE
-    lines = [f"{name} {hash}\n" for name, hash in _BEGUN.items() if name.startswith(parts)]
-    return digest("".join(lines) + (models.added_models_hash(model) if model else ""))
+    lines = [
+        f"{name} {hash}\n" for name, hash in SOURCES_AT_START.items() if name.startswith(parts)
+    ]
+    return digest("".join(lines) + (models.added_models_digest(model) if model else ""))
 
 
 @cache
-def libraries() -> str:
-    """The hash of the versions of the libraries that compute."""
-    found = [f"{name} {library_version(name)}\n" for name in COMPUTING_LIBRARIES]
+def library_digest() -> str:
+    """The digest of the versions of the libraries that compute."""
+    lines = [f"{name} {library_version(name)}\n" for name in COMPUTING_LIBRARIES]
     # `auto` takes other methods where heyoka is hidden or its wheel does not load.
-    return digest("".join(found) + ("" if have_taylor() else "without heyoka"))
+    return digest("".join(lines) + ("" if have_taylor() else "without heyoka"))
 
 
-def process_mark() -> str:
-    """What this process computes with, in one word; it travels with every result."""
-    return f"{code(swept=True)}-{libraries()}{models.added_models_hash()}"
+def process_digest() -> str:
+    """What this process computes with; it travels with every result."""
+    return f"{code_digest(swept=True)}-{library_digest()}{models.added_models_digest()}"
 
 
 def digest(text: str) -> str:
