@@ -349,7 +349,8 @@ def _report(
 def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
     """Label the enclosed axes, and find every separatrix crossing.
 
-    The label of each sample and the crossings are added to RUNS: results (*.h5), or configs with a result in runs/.
+    The label of each sample and the crossings are added to RUNS: results (*.h5), or configs with a
+    result in runs/.
     """
     from . import tables
     from .commands import classify
