@@ -75,8 +75,8 @@ def add_averaged(forms: dict[str, type[Model]]) -> None:
 
 @cache
 def added_models_digest(name: str = "") -> str:
-    """The digest of the sources of models that are not hodo's: of those with a name, or of all; empty
-    if there are none."""
+    """The digest of the sources of models that are not hodo's: of those with a name, or of all;
+    empty if there are none."""
     return " ".join(digest for _, _, digest in (_modules_with(name) if name else _added_modules()))
 
 
