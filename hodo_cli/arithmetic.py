@@ -10,7 +10,7 @@ import numpy as np
 
 
 class BranchDivergence(Exception):
-    """The members of a column go two ways; `where` (n,) tells them apart."""
+    """The members of a column take two branches; `where` (n,) is True of the first."""
 
     def __init__(self, where: np.ndarray) -> None:
         super().__init__()
@@ -45,10 +45,10 @@ def _operator(operation: Callable[[Any, Any], Any], then: Callable[[np.ndarray],
 class Column:
     """A finite number of each of n members, which passes for a number of one.
 
-    Its arithmetic is that of Python's floats, bit for bit. Parted is raised where a comparison has
-    two answers, or where some members have no finite result: the members are then to be taken in
-    two parts. Nothing else can be done with it, and arrays refuse it: what would count or mix
-    members is a TypeError.
+    Its arithmetic is that of Python's floats, bit for bit. BranchDivergence is raised where a
+    comparison has two answers, or where some members have no finite result: the members are then to
+    be taken in two parts. Nothing else can be done with it, and arrays refuse it: what would count
+    or mix members is a TypeError.
     """
 
     __array_ufunc__ = None
@@ -90,7 +90,7 @@ def of_members(x: Any) -> Any:
     return x.values if isinstance(x, Column) else float(x)
 
 
-def _of_each(function: Callable[..., float]) -> Callable[..., Any]:
+def _elementwise(function: Callable[..., float]) -> Callable[..., Any]:
     """A function of numbers that takes columns too."""
 
     def number(*x: float) -> float:
@@ -100,17 +100,17 @@ def _of_each(function: Callable[..., float]) -> Callable[..., Any]:
             return math.nan
 
     def applied(*x: Any) -> Any:
-        if not any(isinstance(each, Column) for each in x):
+        if not any(isinstance(value, Column) for value in x):
             return function(*x)
         # Number by number: numpy's own functions differ from these in the last bit.
-        numbers = (each.tolist() for each in np.broadcast_arrays(*map(of_members, x)))
+        numbers = (column.tolist() for column in np.broadcast_arrays(*map(of_members, x)))
         return _kept(np.array(list(map(number, *numbers))))
 
     return applied
 
 
-sqrt, sin, cos = _of_each(math.sqrt), _of_each(math.sin), _of_each(math.cos)
-hypot, power = _of_each(math.hypot), _of_each(math.pow)
+sqrt, sin, cos = _elementwise(math.sqrt), _elementwise(math.sin), _elementwise(math.cos)
+hypot, power = _elementwise(math.hypot), _elementwise(math.pow)
 
 
 def isfinite(x: Any) -> bool:

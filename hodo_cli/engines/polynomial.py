@@ -71,12 +71,14 @@ def _powers(basis: str, degree: int) -> list[list[int]]:
             [(-1) ** (n + k) * comb(n, k) * comb(n + k, k) for k in range(n + 1)]
             for n in range(degree + 1)
         ]
-    found = [[1], [-1, 2]]  # T_(n+1) = 2 (2 x - 1) T_n - T_(n-1)
+    polynomials = [[1], [-1, 2]]  # T_(n+1) = 2 (2 x - 1) T_n - T_(n-1)
     for n in range(1, degree):
-        shifted, last = [0, *found[n]], [*found[n], 0]
-        before = [*found[n - 1], 0, 0]
-        found.append([4 * a - 2 * b - c for a, b, c in zip(shifted, last, before, strict=True)])
-    return found[: degree + 1]
+        shifted, last = [0, *polynomials[n]], [*polynomials[n], 0]
+        before = [*polynomials[n - 1], 0, 0]
+        polynomials.append(
+            [4 * a - 2 * b - c for a, b, c in zip(shifted, last, before, strict=True)]
+        )
+    return polynomials[: degree + 1]
 
 
 @lru_cache(maxsize=64)
@@ -130,7 +132,7 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
     """
     n, degree = len(b), b.shape[1] - 1
     row, low, width = np.arange(n), np.zeros(n, dtype=b.dtype), b.dtype.type(1)
-    found = [_found(row[:0], low[:0], width, False)]
+    zeros = [_zeros_at(row[:0], low[:0], width, False)]
     for halving in range(HALVINGS + 1):
         bound = noise[row][:, None]
         # Beyond the bound of its rounding a coefficient has the sign that it shows.
@@ -141,30 +143,30 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         rest = ~(above.all(axis=1) | below.all(axis=1) | single)
         lost = rest & ((halving == HALVINGS) | ~(above | below).any(axis=1))
         if single.any():
-            found.append(
-                _found(row[single], low[single] + width * _refined(b[single]), width, True)
+            zeros.append(
+                _zeros_at(row[single], low[single] + width * _refined(b[single]), width, True)
             )
-        found.append(_found(row[lost], low[lost], width, False))
+        zeros.append(_zeros_at(row[lost], low[lost], width, False))
         split = rest & ~lost
         if not split.any():
             break
         row, low, width = np.repeat(row[split], 2), np.repeat(low[split], 2), width / 2
         low[1::2] += width
         b = np.matmul(b[split][:, None, None, :], _halves(degree, b.dtype)).reshape(-1, degree + 1)
-    return _merged(Zeros(*(np.concatenate(column) for column in zip(*found, strict=True))))
+    return _merged(Zeros(*(np.concatenate(column) for column in zip(*zeros, strict=True))))
 
 
-def _found(row: np.ndarray, x: np.ndarray, width: Any, sure: bool) -> Zeros:
-    """Zeros at x, or intervals of doubt that begin there."""
+def _zeros_at(row: np.ndarray, x: np.ndarray, width: Any, sure: bool) -> Zeros:
+    """Zeros at x, or uncertain intervals that begin there."""
     length = x.dtype.type(0) if sure else width
     return Zeros(row, x, np.full(len(x), length), np.full(len(x), sure))
 
 
-def _merged(found: Zeros) -> Zeros:
-    """Zeros in order, with adjacent intervals of doubt as one, at its middle."""
-    if not len(found.row):
-        return found
-    row, low, width, sure = (column[np.lexsort((found.x, found.row))] for column in found)
+def _merged(zeros: Zeros) -> Zeros:
+    """Zeros in order, with adjacent uncertain intervals as one, at its middle."""
+    if not len(zeros.row):
+        return zeros
+    row, low, width, sure = (column[np.lexsort((zeros.x, zeros.row))] for column in zeros)
     high = low + width
     # The last halvings are finer than the places are.
     gap = low[1:] - high[:-1] <= 4 * np.finfo(low.dtype).eps
@@ -182,14 +184,14 @@ def _refined(b: np.ndarray) -> np.ndarray:
     """
     degree, eps = b.shape[1] - 1, np.finfo(b.dtype).eps
     # The first and the last coefficient are the values at the ends.
-    found = b[:, 0] / (b[:, 0] - b[:, -1])
-    x, low, high = found.copy(), np.zeros_like(found), np.ones_like(found)
+    zeros = b[:, 0] / (b[:, 0] - b[:, -1])
+    x, low, high = zeros.copy(), np.zeros_like(zeros), np.ones_like(zeros)
     left, rising = np.arange(len(b)), b[:, -1] > 0
     # With t = x/(1 - x), p = (1 - x)^n sum c_j t^j and p' = n (1 - x)^(n - 1) sum d_j t^j: Horner's
     # scheme on whole columns, at an eighth of the cost of Bernstein's polynomials.
     c = (b * _binomials(degree, b.dtype)).T
     d = (np.diff(b, axis=1) * _binomials(degree - 1, b.dtype)).T
-    for turn in range(REFINEMENTS):
+    for iteration in range(REFINEMENTS):
         with np.errstate(all="ignore"):  # next to x = 1 powers of t overflow: then it bisects
             rest = np.maximum(1 - x, eps / 2)
             value, slope = horner(c, x / rest), horner(d, x / rest)
@@ -199,14 +201,14 @@ def _refined(b: np.ndarray) -> np.ndarray:
         inside = (new >= low) & (new <= high)
         # Newton's method crawls towards a nearly multiple zero, and bisection then halves the
         # bracket.
-        if turn % 4 == 3:
-            inside &= high - low < 0.5 ** (turn // 2)
+        if iteration % 4 == 3:
+            inside &= high - low < 0.5 ** (iteration // 2)
         new = np.where(value == 0, x, np.where(inside, new, (low + high) / 2))
-        found[left] = new
+        zeros[left] = new
         # What has converged is left as it is, so that the last bit does not hang on the others.
-        more = np.abs(new - x) > 2 * eps * new
-        if not more.any():
+        moving = np.abs(new - x) > 2 * eps * new
+        if not moving.any():
             break
-        left, x, low, high = left[more], new[more], low[more], high[more]
-        c, d, rising = c[:, more], d[:, more], rising[more]
-    return np.asarray(found)
+        left, x, low, high = left[moving], new[moving], low[moving], high[moving]
+        c, d, rising = c[:, moving], d[:, moving], rising[moving]
+    return np.asarray(zeros)

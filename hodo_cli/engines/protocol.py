@@ -1,4 +1,4 @@
-"""What the driver and the engines say to each other; one file per engine."""
+"""The protocol between the driver and the engines, which have a file each."""
 
 import math
 from collections.abc import Callable
@@ -86,9 +86,9 @@ class Engine(Protocol):
     basis: str
     degree: int
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: "StepControl") -> Leg:
-        """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `watch` says
-        stop."""
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: "StepControl") -> Leg:
+        """Integrate from `y` at grid[0] to grid[-1], or to a terminal event, or until `control`
+        says stop."""
         ...
 
 

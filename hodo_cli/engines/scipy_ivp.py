@@ -39,11 +39,11 @@ class Ivp(Stepwise):
         default = 1e-12 if method == "DOP853" else 1e-9
         self.tol = max(default if tol is None else tol, LEAST_TOL)
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: StepControl) -> Leg:
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a solver that gives up returns a message too
-            return super().leg(k, y, grid, watch)
+            return super().leg(k, y, grid, control)
 
     def solver(
         self, k: SimpleNamespace, y: np.ndarray, start: Any, end: Any, longest: float = math.inf

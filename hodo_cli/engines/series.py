@@ -57,11 +57,11 @@ class Series:
             return rates[j][k - 1] * (1 / k) if k else start[j]
 
         start = values(self[0])
-        found = [self._new(partial(coefficient, j)) for j in range(len(start))]
+        solution = [self._new(partial(coefficient, j)) for j in range(len(start))]
         # Where x is 0, and stays so, nothing grows.
         growth = self._new(lambda k: (k + 1) * self[k + 1]) / (self + TINY)
-        rates += [growth * slope for slope in slopes(self, found)]
-        return found
+        rates += [growth * slope for slope in slopes(self, solution)]
+        return solution
 
     def __neg__(self) -> "Series":
         return self._new(lambda k: -self[k])

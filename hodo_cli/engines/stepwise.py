@@ -56,10 +56,10 @@ class Stepwise:
         nodes, transform = chebyshev(self.degree)
         return np.asarray(dense(solver.t_old + (solver.t - solver.t_old) * nodes) @ transform)
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: StepControl) -> Leg:
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""
         constants = attributes(k, self.dtype)
-        solver = self.solver(constants, y, grid[0], grid[-1], watch.longest)
+        solver = self.solver(constants, y, grid[0], grid[-1], control.longest)
         rows = np.empty((len(grid), len(y)), dtype=self.dtype)
         rows[0], done, going, hit = y, 1, len(grid) > 1, None
         met: list[Hit] = []
@@ -68,11 +68,13 @@ class Stepwise:
             try:
                 message = solver.step()
             except ValueError as error:  # SciPy's implicit methods, of a matrix that is not finite
-                watch.give_up(Status.FAILED, str(error))
+                control.give_up(Status.FAILED, str(error))
                 break
             # LSODA returns success with nan where an equation is not Lipschitz.
             if solver.status == "failed" or not np.isfinite(solver.y).all():
-                watch.give_up(Status.FAILED, message or "the state became infinite or not a number")
+                control.give_up(
+                    Status.FAILED, message or "the state became infinite or not a number"
+                )
                 break
             dense = solver.dense_output()
             hits = self._hits(constants, solver.t_old, solver.t, dense, before)
@@ -83,10 +85,10 @@ class Stepwise:
             if passed > done:
                 rows[done:passed] = dense(grid[done:passed]).T
                 done = passed
-            if watch.observer is not None:
-                watch.observer(solver.t_old, solver.t, self.series(solver, dense))
-            going = watch.step(solver.y) and solver.status == "running"
-        watch.evaluations += solver.nfev
+            if control.observer is not None:
+                control.observer(solver.t_old, solver.t, self.series(solver, dense))
+            going = control.step(solver.y) and solver.status == "running"
+        control.evaluations += solver.nfev
         state, time = (solver.y, solver.t) if hit is None else (hit.state, hit.time)
         return Leg(rows[:done], (time, self.dtype(0)), state.copy(), hit, tuple(met))
 
@@ -95,9 +97,9 @@ class Stepwise:
     ) -> list[Hit]:
         """The zeros of every event inside a step that starts from the state `before`, in order of
         time."""
-        found: list[Hit] = []
+        hits: list[Hit] = []
         if not self.events:
-            return found
+            return hits
         nodes, transform = chebyshev(self.degree)
         nodal = start + (end - start) * nodes.astype(self.dtype)
         values = np.array([event.function(nodal, list(dense(nodal)), k) for event in self.events])
@@ -116,21 +118,21 @@ class Stepwise:
             signs = np.sign([at_start, *event.function(times[1:], list(dense(times[1:])), k)])
             for j in np.flatnonzero(signs[:-1] * signs[1:] < 0):
                 root = zero(value, times[j], times[j + 1])
-                found.append(Hit(i, root, int(signs[j + 1]), dense(root)))
+                hits.append(Hit(i, root, int(signs[j + 1]), dense(root)))
             # The next step starts at such a zero, and does not pass through it.
             if signs[-1] == 0 and signs[-2] != 0:
-                found.append(Hit(i, end, -int(signs[-2]), dense(end)))
-        return sorted(found, key=lambda hit: hit.time)
+                hits.append(Hit(i, end, -int(signs[-2]), dense(end)))
+        return sorted(hits, key=lambda hit: hit.time)
 
 
 def between(zeros: Zeros, row: int) -> np.ndarray:
     """Places in [0, 1], both ends among them, that part the zeros of one polynomial: in the middle
-    between two of them, and at the ends of what is in doubt."""
-    mine = zeros.row == row
-    low, high = ((zeros.x + way * zeros.width / 2)[mine] for way in (-1, 1))
-    doubtful = np.append(low, high)[np.tile(~zeros.sure[mine], 2)]
+    between two of them, and at the ends of uncertain intervals."""
+    own = zeros.row == row
+    low, high = ((zeros.x + side * zeros.width / 2)[own] for side in (-1, 1))
+    unsure = np.append(low, high)[np.tile(~zeros.sure[own], 2)]
     middles = (high[:-1] + low[1:]) / 2
-    inner = np.concatenate((middles, doubtful))
+    inner = np.concatenate((middles, unsure))
     return np.unique(np.concatenate(([0], inner[(inner > 0) & (inner < 1)], [1]))).astype(low.dtype)
 
 

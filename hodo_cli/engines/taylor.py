@@ -83,7 +83,7 @@ class Taylor:
         place = -1 - int(outcome)
         return self.terminal[place] if 0 <= place < len(self.terminal) else None
 
-    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, watch: StepControl) -> Leg:
+    def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""
         ta, zero = self.ta, self.dtype(0)
         ta.pars[:] = np.array(flatten(k)).astype(self.dtype)
@@ -93,29 +93,29 @@ class Taylor:
             # A cooldown of the last leg would swallow an event at the start of this one.
             ta.reset_cooldowns()
         self.hits.clear()
-        state, series, observe, last = ta.state, ta.tc, watch.observer, grid[0]
+        state, series, observe, last = ta.state, ta.tc, control.observer, grid[0]
 
         def after_step(ta: Any) -> bool:
             nonlocal last
             if observe is not None:
                 observe(last, ta.time, series)
                 last = ta.time
-            return watch.step(state)
+            return control.step(state)
 
         through = partial(
-            ta.propagate_grid, grid, callback=after_step, max_delta_t=self.dtype(watch.longest)
+            ta.propagate_grid, grid, callback=after_step, max_delta_t=self.dtype(control.longest)
         )
         outcome, _, _, steps, *_, rows = through()
         if self._stopped_by(outcome) is not None and ta.time == grid[0]:
             # A motion that starts at a zero does not pass through it; the event's cooldown keeps it
             # from returning.
             outcome, _, _, steps, *_, rows = through()
-        watch.evaluations += steps * ta.order
+        control.evaluations += steps * ta.order
         event, hit = self._stopped_by(outcome), None
         if event is not None:
             hit = Hit(event, ta.time, 0, state.copy())
         elif outcome == hy.taylor_outcome.err_nf_state:
-            watch.give_up(Status.FAILED, "the state became infinite or not a number")
+            control.give_up(Status.FAILED, "the state became infinite or not a number")
         # What vanishes at the start does not pass through zero there.
         hits = tuple(event for event in self.hits if event.time != grid[0])
         return Leg(rows, ta.dtime, state.copy(), hit, hits)

@@ -33,9 +33,9 @@ ROOT_ORDER = 16
 logarithm and an exponential took a third of a step."""
 
 BRANCHING = 0.1
-"""The longest step, in radii of convergence, of a motion that an event takes on. It goes towards a
-logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.135 two of five
-did."""
+"""The longest step, in radii of convergence, of a motion that goes on through an event. It
+approaches a logarithm, which fewer coefficients show, and a step must not lead beyond: at 0.135 two
+of five did."""
 
 EVENT_ORDER = 6
 """The order up to which the series of an event is computed; its rest is bounded by the series of

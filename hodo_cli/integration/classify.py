@@ -173,12 +173,12 @@ def against_reference(
         ):
             continue
         errors = distances(motion, reference.motion)
-        theirs = errors
+        reference_errors = errors
         if by.tol is None:
-            theirs = own_errors(motion, reference.motion, by.precision)
-        theirs[:1] = errors[:1] = start_error(case)
+            reference_errors = own_errors(motion, reference.motion, by.precision)
+        reference_errors[:1] = errors[:1] = start_error(case)
         name = f"{by.method} in {by.precision} precision"
-        return errors, (crossings_of(reference, theirs), name)
+        return errors, (crossings_of(reference, reference_errors), name)
     return assumed_errors(motion, expected), None
 
 
@@ -232,11 +232,11 @@ def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
     """|omega - omega_ref| / |omega_ref| (n,) at the times of a motion; at least its rounding."""
     n = min(len(motion.time), len(reference.time))
     shift = (motion.exponent[:n] - reference.exponent[:n])[:, None]
-    ours, theirs = extended(motion.state[:n]), extended(reference.state[:n])
+    own, better = extended(motion.state[:n]), extended(reference.state[:n])
     # Only the difference needs the digits of a long double.
-    apart = (np.ldexp(ours, shift) - theirs).astype(float)
-    off, size = (np.sqrt(np.vecdot(x, x)) for x in (apart, theirs.astype(float)))
-    errors = np.divide(off, size, out=np.zeros_like(off), where=size > 0)
+    apart = (np.ldexp(own, shift) - better).astype(float)
+    distance, size = (np.sqrt(np.vecdot(x, x)) for x in (apart, better.astype(float)))
+    errors = np.divide(distance, size, out=np.zeros_like(distance), where=size > 0)
     least = EPS if motion.state.dtype == np.float64 else PRECISION["extended"]
     # The two may have ended at different times; beyond the earlier end the last error stands.
     return np.pad(np.maximum(errors, least), (0, len(motion.time) - n), mode="edge")
@@ -296,22 +296,22 @@ def completed(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
 
 
 def resolve_conflicts(
-    own: CrossingList, theirs: CrossingList, name: str
+    own: CrossingList, better: CrossingList, name: str
 ) -> tuple[list[Crossing], tuple[str, ...]]:
     """The crossings to be stored, from those of a motion and of its reference, and warnings.
 
     Lists that differ are exchanged only if the reference decides everything, and with a warning.
     """
-    if axes(own) == axes(theirs):
-        pairs = zip(own.crossings, theirs.crossings, strict=True)
+    if axes(own) == axes(better):
+        pairs = zip(own.crossings, better.crossings, strict=True)
         crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
         # What the motion leaves undecided its reference may decide, and then nothing is missing.
-        return crossings, undecided_warning(own.undecided if theirs.undecided else [])
-    lists = f"{len(own.crossings)} certain by the motion, {len(theirs.crossings)} by {name}"
-    if theirs.undecided:
-        undecided = undecided_warning(own.undecided or theirs.undecided)
+        return crossings, undecided_warning(own.undecided if better.undecided else [])
+    lists = f"{len(own.crossings)} certain by the motion, {len(better.crossings)} by {name}"
+    if better.undecided:
+        undecided = undecided_warning(own.undecided or better.undecided)
         return own.crossings, (*undecided, f"the crossings are undecided: {lists}")
-    crossings = [with_error(c, w) for c, w in zip(theirs.crossings, theirs.widths, strict=True)]
+    crossings = [with_error(c, w) for c, w in zip(better.crossings, better.widths, strict=True)]
     return crossings, (f"the crossings hang on the error of the motion: {lists}, which are stored",)
 
 

@@ -158,7 +158,7 @@ class CrossingSearch:
         zeros shows how far it is from a touch."""
         n, fp = len(b), b.dtype
         rows = [np.arange(n), np.arange(n)]
-        # Both ends are noted too: a step that begins or ends beyond doubt needs no other.
+        # Both ends are noted too: a step with a certain side at one end needs no more.
         places, vanish = (
             [np.zeros(n, dtype=fp), np.ones(n, dtype=fp)],
             [np.zeros(2 * n, dtype=bool)],
@@ -232,9 +232,9 @@ def read_sign_changes(
     the body's, and `absorbing` are the axes that its hodograph never leaves.
 
     The motion has crossed where its margin stands first on one side, then on the other, beyond
-    doubt. So neither a start on D = 0 nor a touch is a crossing, and no zero that is reported twice
-    changes the list. Where the margin comes within the band and leaves it on the side from which it
-    came, or does not leave it any more, it is undecided whether the motion has crossed.
+    its band. So neither a start on D = 0 nor a touch is a crossing, and no zero that is reported
+    twice changes the list. Where the margin comes within the band and leaves it on the side from
+    which it came, or does not leave it any more, it is undecided whether the motion has crossed.
     """
     # A zero is on neither side, so only the moments between zeros can tell that a side has changed.
     sure = np.flatnonzero(~signs.vanishes & (np.abs(signs.margin) > band))

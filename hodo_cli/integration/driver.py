@@ -122,9 +122,9 @@ def propagate(
                 samples.end(outcome.time, y, units.size)
                 break
             clock = Calendar(fp(outcome.onward), fp(0))
-            # Samples that the passage has leapt over are taken behind it.
-            leapt = int(np.searchsorted(times, float(outcome.onward), side="right")) - samples.done
-            samples.add(np.broadcast_to(y, (max(leapt, 0), len(y))), units.size)
+            # Samples that the passage skips are taken behind it.
+            reached = int(np.searchsorted(times, float(outcome.onward), side="right"))
+            samples.add(np.broadcast_to(y, (max(reached - samples.done, 0), len(y))), units.size)
             continue
         clock.advance(leg.time)
         if samples.done == len(times) and units.size < LARGEST // 2:

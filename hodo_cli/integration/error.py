@@ -105,7 +105,7 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
         yield Reference(case.precision, method, tol * 100)
 
 
-def errors_against(case: Case, path: Trajectory, reference: Trajectory) -> dict[str, float]:
+def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
     A vector is judged sample by sample, relative to its length; a scalar relative to its largest
@@ -113,47 +113,47 @@ def errors_against(case: Case, path: Trajectory, reference: Trajectory) -> dict[
     (LIMIT) has no error. What is judged is what is stored, in double precision.
     """
     system = case.system
-    n = min(len(path.time), len(reference.time))
+    n = min(len(motion.time), len(reference.time))
     errors: dict[str, float] = {}
-    if n and path.time[n - 1] != reference.time[n - 1]:
+    if n and motion.time[n - 1] != reference.time[n - 1]:
         end = float(reference.time[-1])
-        errors["time"] = abs(path.time[-1] - end) / max(end - case.time.start, math.ulp(end))
+        errors["time"] = abs(motion.time[-1] - end) / max(end - case.time.start, math.ulp(end))
     rows = np.r_[0 : n - 1, -1] if errors else slice(n)
-    if passed := passages_apart(path, reference):
-        errors["event_time"] = passed
-    state, k = path.state[rows].astype(float), attributes(system.constants)
-    ours = system.output(path.time[rows], state, k)
+    if event_error := passages_apart(motion, reference):
+        errors["event_time"] = event_error
+    state, k = motion.state[rows].astype(float), attributes(system.constants)
+    own = system.output(motion.time[rows], state, k)
     k = attributes(system.constants, np.longdouble)
-    theirs = system.output(reference.time[rows], extended(reference.state[rows]), k)
-    sizes = path.exponent[rows], reference.exponent[rows]
+    better = system.output(reference.time[rows], extended(reference.state[rows]), k)
+    sizes = motion.exponent[rows], reference.exponent[rows]
     shift = (sizes[0] - sizes[1])[:, None]
     # One of the two may be called at rest a step before the other.
     resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < -LIMIT / 2)
     for name, variable in system.variables.items():
         if case.store and name not in case.store:
             continue
-        a, b = ours[name], theirs[name]
+        a, b = own[name], better[name]
         if a.dtype.kind == "i":  # a label has no error
             continue
         scaled = np.ldexp(a, shift) if system.degree and shift.any() else a
-        off, size = subtracted(scaled, b), np.abs(b.astype(float))
+        distance, size = subtracted(scaled, b), np.abs(b.astype(float))
         if "axis" in variable.dims:
-            off, scale = (np.sqrt(np.vecdot(each, each)) for each in (off, size))
-            off[resting] = 0
+            distance, scale = (np.sqrt(np.vecdot(x, x)) for x in (distance, size))
+            distance[resting] = 0
         else:
-            off, scale = np.abs(off), np.max(size, initial=0)
-        relative = np.divide(off, scale, out=off.copy(), where=scale > 0)
+            distance, scale = np.abs(distance), np.max(size, initial=0)
+        relative = np.divide(distance, scale, out=distance.copy(), where=scale > 0)
         errors[name] = float(np.max(relative, initial=0))
     return errors
 
 
-def passages_apart(path: Trajectory, reference: Trajectory) -> float:
+def passages_apart(motion: Trajectory, reference: Trajectory) -> float:
     """The largest relative difference of the times at which two motions pass on through an
     event."""
-    ours, theirs = ([e.time for e in each.events if e.details] for each in (path, reference))
-    if len(ours) != len(theirs):
+    times = [[e.time for e in path.events if e.details] for path in (motion, reference)]
+    if len(times[0]) != len(times[1]):
         return math.inf
-    return max((abs(a - b) / abs(b) for a, b in zip(ours, theirs, strict=True)), default=0.0)
+    return max((abs(a - b) / abs(b) for a, b in zip(*times, strict=True)), default=0.0)
 
 
 def subtracted(a: np.ndarray, b: np.ndarray) -> np.ndarray:

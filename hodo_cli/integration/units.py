@@ -52,8 +52,8 @@ class Units:
         most = cls(new.astype(np.int64)[()], np.ceil(rate).astype(np.int64)[()])
         # The bound above may be far too fast: a body that turns steadily about an axis needs no
         # steps.
-        pace = most.pace(model, k, np.ldexp(y, size - most.size))
-        return cls(most.size, most.rate + np.maximum(np.frexp(pace)[1], SLOWEST))
+        speed = most.pace(model, k, np.ldexp(y, size - most.size))
+        return cls(most.size, most.rate + np.maximum(np.frexp(speed)[1], SLOWEST))
 
     def pace(self, model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
         """How fast motions at a state y in these units, and their derivatives, change; 0 where they

@@ -81,8 +81,8 @@ def numbers(
     """
     name, _, part = variable.partition(".")
     if name not in variables or not set(axes) <= set(variables[name].dims):
-        there = [str(each) for each, column in variables.items() if set(axes) <= set(column.dims)]
-        raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(there)})")
+        stored = [str(key) for key, column in variables.items() if set(axes) <= set(column.dims)]
+        raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(stored)})")
     dims, data, attributes = (getattr(variables[name], of) for of in ("dims", "data", "attrs"))
     words = str(attributes.get("flag_meanings", "")).split()
     components = ["x1", "x2", "x3"] if dims == (*axes, "axis") else []
@@ -91,6 +91,6 @@ def numbers(
     if part in components:
         return data[..., components.index(part)], []
     if part or dims != tuple(axes):
-        has = ", ".join(f"{name}.{each}" for each in words or components) or name
+        has = ", ".join(f"{name}.{word}" for word in words or components) or name
         raise HodoError(f"the sweep has no {variable!r}: it has {has}")
     return data, words

@@ -124,12 +124,12 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]
     kinds: dict[Hashable, list[Prepared]] = {}
     for i, case in enumerate(cases):
         if watches_separatrix(case):
-            one = of_system(case.data, case.system)
-            alone = Prepared.of(one, np.array([i]), one.start or ())
-            kinds.setdefault((type(case.system), case.time, case.tol), []).append(alone)
-    for some in (some for parts in kinds.values() for some in alike(parts)):
-        if len(some.at) >= FEWEST:
-            yield some.at, ensemble_of(cases[some.at[0]], some)
+            inputs = of_system(case.data, case.system)
+            single = Prepared.of(inputs, np.array([i]), inputs.start or ())
+            kinds.setdefault((type(case.system), case.time, case.tol), []).append(single)
+    for group in (group for singles in kinds.values() for group in alike(singles)):
+        if len(group.at) >= FEWEST:
+            yield group.at, ensemble_of(cases[group.at[0]], group)
 
 
 def watches_separatrix(case: Case) -> bool:
@@ -179,54 +179,56 @@ def enter(values: Mapping[str, np.ndarray], at: Any, reduced: Mapping[str, np.nd
 
 
 def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
-    """Fill in the members that an ensemble settles; returns the places of the others."""
+    """Fill in the members whose motions an ensemble accepts; returns the places of the others."""
     case = chunk.case
     status = values["status"]
     status[:] = Status.INVALID.code
-    left = np.zeros(len(status), dtype=bool)
-    for some in prepare(case, np.arange(chunk.first, chunk.last)):
-        status[some.at], left[some.at] = Status.OK.code, True
+    is_left = np.zeros(len(status), dtype=bool)
+    for group in prepare(case, np.arange(chunk.first, chunk.last)):
+        status[group.at], is_left[group.at] = Status.OK.code, True
         # One compiled step watches one event; of two or more, single cases keep the order.
-        if len(some.events) <= 1:
-            e = ensemble_of(case, some)
-            outcome, met = ensemble.advance_through(e)
+        if len(group.events) <= 1:
+            e = ensemble_of(case, group)
+            outcome, events = ensemble.advance_through(e)
             if not (e.model.no_axis_reason or e.model.always_absorbing):
                 ensemble.measure_crossings(e, outcome)
-            accepted = some.at[outcome.accepted]
-            enter(values, accepted, reduced_ensemble(e, outcome, met, case.time))
-            left[accepted] = False
-    return np.flatnonzero(left)
+            accepted = group.at[outcome.accepted]
+            enter(values, accepted, reduced_ensemble(e, outcome, events, case.time))
+            is_left[accepted] = False
+    return np.flatnonzero(is_left)
 
 
-def ensemble_of(case: Case, some: Prepared) -> Ensemble:
+def ensemble_of(case: Case, group: Prepared) -> Ensemble:
     """Members that share a compiled step, as an ensemble."""
-    event = next(iter(some.events), None)
+    event = next(iter(group.events), None)
     span, tol = (case.time.start, case.time.end), case.tol or EPS
-    return Ensemble(type(case.system), some.structure, some.constants, some.start, span, event, tol)
+    return Ensemble(
+        type(case.system), group.structure, group.constants, group.start, span, event, tol
+    )
 
 
 def reduced_ensemble(
-    e: Ensemble, outcome: Outcome, met: Mapping[int, list[Occurrence]], time: Time
+    e: Ensemble, outcome: Outcome, events: Mapping[int, list[Occurrence]], time: Time
 ) -> dict[str, np.ndarray]:
     """The columns of the accepted motions of an ensemble, with the events `met` of those that went
     on through some."""
-    well = np.flatnonzero(outcome.accepted)
-    state, exponent = outcome.state[:, well], outcome.exponent[well]
-    final = e.model.output(np.array([e.span[1]]), state.T, e.named(well))
+    accepted = np.flatnonzero(outcome.accepted)
+    state, exponent = outcome.state[:, accepted], outcome.exponent[accepted]
+    final = e.model.output(np.array([e.span[1]]), state.T, e.named(accepted))
     if e.model.degree:
         final = {name: np.ldexp(values, exponent[:, None]) for name, values in final.items()}
-    final["steps"] = outcome.steps[well]
+    final["steps"] = outcome.steps[accepted]
     if "enclosed_axis" in final:
-        start = e.model.output(np.array([0.0]), e.start[:, well].T, e.named(well))
+        start = e.model.output(np.array([0.0]), e.start[:, accepted].T, e.named(accepted))
         axes = start["enclosed_axis"], final["enclosed_axis"]
-        return final | event_columns([met.get(i, []) for i in well.tolist()], axes)
+        return final | event_columns([events.get(i, []) for i in accepted.tolist()], axes)
     passed = accepted_passages(outcome)
-    place = np.searchsorted(well, passed.motion)
+    place = np.searchsorted(accepted, passed.motion)
     if not e.model.no_axis_reason:
-        first, last = (enclosed(e, side[well]) for side in (outcome.first, outcome.last))
+        first, last = (enclosed(e, side[accepted]) for side in (outcome.first, outcome.last))
         labels = label_columns(first, last, place, crossing_columns(e, passed), time)
-        return final | labels | {"separation": separation(e, outcome, well)}
-    event_time = np.full(len(well), np.nan)
+        return final | labels | {"separation": separation(e, outcome, accepted)}
+    event_time = np.full(len(accepted), np.nan)
     event_time[place] = passed.time  # of several, the last one counts
     return final | {"event_time": event_time}
 
@@ -271,7 +273,7 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
         return Status.INVALID, "", {}
     if not model.no_axis_reason:
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
-        # has left it in doubt; `member` leaves it out for all others.
+        # has not accepted it; `member` leaves it out for all others.
         single = replace(single, error="on" if fits_ensemble(case) else case.error)
     try:
         motion = integrate(single)
@@ -292,28 +294,30 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
 def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     """The columns (1,) of the labels of a single case, and whether they are certain."""
     case, omega = motion.case, motion.variables["omega"]
-    found = classify(case, motion.method, motion.tol, motion.error, omega)
+    classification = classify(case, motion.method, motion.tol, motion.error, omega)
     A = np.array(case.data["inertia"])[:, None]
     ends = np.array([case.system.start, omega[-1]]).T
     part = rigid_body.separation(A, ends, rigid_body.inertia_order(A[:, 0])).min()
-    member = np.zeros(len(found.crossings), dtype=np.int64)
-    columns = columns_of(CROSSING_COLUMNS, found.crossings)
+    member = np.zeros(len(classification.crossings), dtype=np.int64)
+    columns = columns_of(CROSSING_COLUMNS, classification.crossings)
     crossings = {name: variable.data for name, variable in columns.items()}
-    labels = label_columns(found.labels[:1], found.labels[-1:], member, crossings, case.time)
-    status = Status.UNDECIDED if found.hidden else Status.OK
+    labels = label_columns(
+        classification.labels[:1], classification.labels[-1:], member, crossings, case.time
+    )
+    status = Status.UNDECIDED if classification.hidden else Status.OK
     return status, labels | {"separation": np.array([part])}
 
 
 def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
     """The stored variables at every sample (n, samples, ...); nan from where a motion ended."""
     case = chunk.case
-    found: dict[str, np.ndarray] = {}
+    paths: dict[str, np.ndarray] = {}
     for i in np.flatnonzero(status == Status.OK.code):
         number = chunk.first + int(i)
         motion = integrate(member(case, number, case.time.samples))
         for name, values in motion.variables.items():
             size = (len(status), case.time.samples, *values.shape[1:])
-            found.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[
+            paths.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[
                 : case.time.samples
             ]
-    return found
+    return paths

@@ -24,7 +24,7 @@ from ..results.layout import (
 
 
 def columns(case: Case) -> dict[str, Stored]:
-    """Everything that a member of this sweep is reduced to."""
+    """All columns to which the members of a sweep are reduced."""
     model = case.system
     final = {
         name: Stored(
@@ -43,7 +43,7 @@ def columns(case: Case) -> dict[str, Stored]:
 
 
 def kept(case: Case) -> dict[str, Stored]:
-    """What of that is stored in the result."""
+    """The columns that are stored in the result."""
     asked = set(case.store) - {"trajectory"}
     if asked and "trajectory" in case.store:
         asked |= set(case.system.variables)  # whose samples are the trajectory
@@ -63,35 +63,35 @@ def shape(case: Case) -> tuple[int, ...]:
 def stored_bytes(case: Case) -> int:
     """The bytes that a sweep takes in its result."""
     columns, samples = kept(case), case.time.samples
-    each = sum(
+    size = sum(
         np.dtype(column.dtype).itemsize * 3 ** len(column.dims) for column in columns.values()
     )
     if "trajectory" in case.store:
         dims = [variable.dims[1:] for variable in case.system.variables.values()]
-        each += 8 * samples * sum(3 ** len(inner) for inner in dims)
-    return math.prod(shape(case)) * int(each)
+        size += 8 * samples * sum(3 ** len(inner) for inner in dims)
+    return math.prod(shape(case)) * int(size)
 
 
 def event_columns(
-    met: Sequence[Sequence[Occurrence]], axes: tuple[np.ndarray, np.ndarray] | None
+    occurrences: Sequence[Sequence[Occurrence]], axes: tuple[np.ndarray, np.ndarray] | None
 ) -> dict[str, np.ndarray]:
     """The columns of the events of n members; with the axes (n,) that they enclose at start and
     end, if the model knows them, those of their passages too."""
-    last = [events[-1] if events else Occurrence("", math.nan) for events in met]
-    found = {"event_time": np.array([event.time for event in last])}
+    last = [events[-1] if events else Occurrence("", math.nan) for events in occurrences]
+    filled = {"event_time": np.array([event.time for event in last])}
     if axes is None:
-        return found
+        return filled
     for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
         detail = name.removeprefix("event_")
-        found[name] = np.array([event.details.get(detail, math.nan) for event in last])
-    crossings = [passages_as_crossings(events, math.nan) for events in met]
+        filled[name] = np.array([event.details.get(detail, math.nan) for event in last])
+    crossings = [passages_as_crossings(events, math.nan) for events in occurrences]
     none = Crossing(math.nan, 0, 0, math.nan, math.nan)
-    first = [passed[0] if passed else none for passed in crossings]
+    first = [passages[0] if passages else none for passages in crossings]
     for name in ("crossing_time", "crossing_from", "crossing_to", "crossing_G"):
         field, _ = CROSSING_COLUMNS[name]
-        found[name] = np.array([getattr(crossing, field) for crossing in first])
-    found["crossings"] = np.array([len(passed) for passed in crossings])
-    return found | {"start_axis": axes[0], "end_axis": axes[1]}
+        filled[name] = np.array([getattr(crossing, field) for crossing in first])
+    filled["crossings"] = np.array([len(passages) for passages in crossings])
+    return filled | {"start_axis": axes[0], "end_axis": axes[1]}
 
 
 def label_columns(
@@ -105,7 +105,7 @@ def label_columns(
     from their crossings (k,), in order of member and time, by the names under which the first of
     each member is stored."""
     n = len(start)
-    found = {
+    filled = {
         "start_axis": start,
         "end_axis": end,
         "crossings": np.bincount(member, minlength=n),
@@ -113,9 +113,9 @@ def label_columns(
     }
     crossing, first = np.unique(member, return_index=True)
     for name, values in crossings.items():
-        found[name] = np.full(n, 0 if values.dtype.kind == "i" else np.nan, dtype=values.dtype)
-        found[name][crossing] = values[first]
-    return found
+        filled[name] = np.full(n, 0 if values.dtype.kind == "i" else np.nan, dtype=values.dtype)
+        filled[name][crossing] = values[first]
+    return filled
 
 
 def shares(

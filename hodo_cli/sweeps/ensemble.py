@@ -1,7 +1,7 @@
 """Many motions of one model side by side: their ends, and the zeros of an event's function.
 
 What `integrate` and `classify` do for one case is done here for arrays of them, step by step. A
-motion about which anything is in doubt (too near the separatrix, too stiff, at rest, zeros that do
+motion of which anything is uncertain (too near the separatrix, too stiff, at rest, zeros that do
 not alternate) is left, not accepted, for these two to decide by themselves.
 """
 
@@ -48,12 +48,12 @@ FULL = 0.93
 """The part of the columns that must be under way; with fewer, the others are dropped. Copying all
 columns costs about as much as one step."""
 
-DOUBT, PER_TOLERANCE = 1e-9, 1e3
-"""Where an error of this part of the state (DOUBT, or so many tolerances) could turn the sign of an
-event's function, that sign is in doubt. It is no measured error, as single cases have, but DOUBT is
-a hundred times what the rounding of MOST_STEPS adds up to, and no ensemble was off by more than
-three tolerances. It leaves one random motion in some 1e8 to the single cases, so that a finer bound
-would gain nothing."""
+ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
+"""The error of a state is taken to stay below this part of it, or so many tolerances: where that
+could turn the sign of an event's function, the sign is uncertain. It is no measured error, as
+single cases have, but ERROR_BOUND is a hundred times what the rounding of MOST_STEPS adds up to,
+and no ensemble was off by more than three tolerances. It leaves one random motion in some 1e8 to
+the single cases, so that a finer bound would gain nothing."""
 
 ROUNDING, PER_STEP = 2.0**-52, 1 / 16
 """The part of a state that a step is taken to lose to rounding, and, in tolerances, to the end of
@@ -69,20 +69,20 @@ a quarter of the true one at the least. For four in five, GROWN differences enla
 
 class Passages(NamedTuple):
     """Zeros (k,) of an event's function, in order of motion and time: the error that the time may
-    have, from how far the function's sign is in doubt about it, +1 where the function rises through
-    0, and the state (m, k) there in units of 2**exponent."""
+    have, how long about it the function's sign is uncertain, the direction, +1 where the function
+    rises through 0, and the state (m, k) there in units of 2**exponent."""
 
     motion: np.ndarray
     time: np.ndarray
     error: np.ndarray
-    doubt: np.ndarray
+    uncertainty: np.ndarray
     direction: np.ndarray
     state: np.ndarray
     exponent: np.ndarray
 
 
 class TerminalHits(NamedTuple):
-    """Motions (k,) that an event takes on: when, and their states (m, k) then."""
+    """Motions (k,) that go on through an event: the times, and their states (m, k) then."""
 
     motion: np.ndarray
     time: np.ndarray
@@ -106,9 +106,9 @@ class Ensemble:
     looser: float = 1.0
 
     @property
-    def doubt(self) -> float:
+    def error_bound(self) -> float:
         """The part of a state that its error is taken to stay below."""
-        return max(DOUBT, PER_TOLERANCE * self.tol)
+        return max(ERROR_BOUND, PER_TOLERANCE * self.tol)
 
     @property
     def lengths(self) -> np.ndarray:
@@ -146,10 +146,10 @@ class Ensemble:
         size = np.abs(y).max(axis=0)
         tilts = [size + 1e-100j * np.eye(len(y))[:, [i]] for i in range(len(y))]
         slopes = [np.abs(np.imag(event.function(0.0, [*tilt], k))) / 1e-100 for tilt in tilts]
-        return np.asarray(self.doubt * size * sum(slopes))
+        return np.asarray(self.error_bound * size * sum(slopes))
 
     def side(self, y: np.ndarray) -> np.ndarray:
-        """The sign (n,) of the event's function in states y (m, n) of any size; 0 in doubt."""
+        """The sign (n,) of the event's function in states y (m, n), 0 where it is uncertain."""
         assert self.event is not None
         k = self.named()
         off = self.event.function(0.0, [*y], k)
@@ -193,7 +193,7 @@ class Outcome:
 
 
 STRIDE, NUMBER, SIZE, RATE = range(-4, 0)
-"""The last rows of a column's book: the `stride` of its steps, the number of its motion, and its
+"""The last rows of a column's params: the `stride` of its steps, the number of its motion, and its
 units."""
 
 TIME_ROWS = 3
@@ -203,7 +203,7 @@ taken."""
 
 class CandidateSteps(NamedTuple):
     """Steps (k,) in which an event's function may have zeros: the columns at their start (m + 3,
-    k), their length, and their book."""
+    k), their length, and their params."""
 
     before: np.ndarray
     length: np.ndarray
@@ -224,9 +224,9 @@ class BatchState:
     step: "TaylorStep"
     outcome: Outcome
     pauses: int = 0
-    suspects: list[CandidateSteps] = field(default_factory=list)
+    candidates: list[CandidateSteps] = field(default_factory=list)
     departures: list[TerminalHits] = field(default_factory=list)
-    ways: list[np.ndarray] = field(default_factory=list)
+    history: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         from ..engines.taylor_batch import stride  # heyoka may be missing
@@ -259,9 +259,9 @@ class BatchState:
         length = self.m + TIME_ROWS
         self.step(self.now[:length], self.params[:NUMBER], self.next)
         if self.ensemble.times.size:
-            self.ways.append(self.now[:length].copy())
+            self.history.append(self.now[:length].copy())
         if self.step.rows > length + 1:
-            self.watch(np.flatnonzero(self.next[length + 1] < 0))
+            self.note_candidates(np.flatnonzero(self.next[length + 1] < 0))
         self.now, self.next = self.next, self.now
 
     def sample(self) -> None:
@@ -269,15 +269,15 @@ class BatchState:
         step that has no more time left."""
         e, m = self.ensemble, self.m
         number, size, rate = self.params[NUMBER:].astype(np.int64)
-        ways = np.stack(
-            [*self.ways, self.now[: m + TIME_ROWS]], axis=1
+        history = np.stack(
+            [*self.history, self.now[: m + TIME_ROWS]], axis=1
         )  # (m + TIME_ROWS, steps + 1, n)
-        self.ways.clear()
+        self.history.clear()
         # A motion at its end has none left, though rounding has taken some of it.
-        left = np.where(ways[m] > 0, ways[m] + ways[m + 1], 0)
+        left = np.where(history[m] > 0, history[m] + history[m + 1], 0)
         step, at = map(padded, times_within(e.times, e.span[1] - np.ldexp(left, -rate)))
         column = step % len(number)
-        before = ways[:, :-1].reshape(m + TIME_ROWS, -1).take(step, axis=1)
+        before = history[:, :-1].reshape(m + TIME_ROWS, -1).take(step, axis=1)
         place = before[m] + before[m + 1] - np.ldexp(e.span[1] - e.times[at], rate[column])
         k = self.params[:NUMBER].take(column, axis=1)
         # Row by row, which is four times as fast as all rows at once.
@@ -287,7 +287,7 @@ class BatchState:
             samples.reshape(-1)[entry] = values
         self.outcome.sample_exponent.reshape(-1)[entry] = size[column]
 
-    def watch(self, at: np.ndarray) -> None:
+    def note_candidates(self, at: np.ndarray) -> None:
         """Remember the steps just taken in the columns `at`, where the event's function may have
         zeros; a motion that is seen to have passed a terminal event stops."""
         if not at.size:
@@ -295,7 +295,7 @@ class BatchState:
         m, event = self.m, self.ensemble.event
         before, after, params = (a.take(at, axis=1) for a in (self.now, self.next, self.params))
         if event is None or not event.passage:
-            self.suspects.append(
+            self.candidates.append(
                 CandidateSteps(before[: m + TIME_ROWS], after[m + TIME_ROWS], params)
             )
         # Only the sign at the ends is looked at here; where in the step it ended is found at the
@@ -305,11 +305,11 @@ class BatchState:
             ends = (event.function(0.0, [*y[:m]], k) for y in (before, after))
             stopped = np.multiply(*ends) < 0
             if event.passage:
-                self.leave(after[:, stopped], params[:, stopped])
+                self.note_hits(after[:, stopped], params[:, stopped])
             self.next[m, at[stopped]] = 0
 
-    def leave(self, after: np.ndarray, params: np.ndarray) -> None:
-        """Note the motions that an event takes on, in columns as they are now.
+    def note_hits(self, after: np.ndarray, params: np.ndarray) -> None:
+        """Note the motions that go on through an event, in columns as they are now.
 
         Its formulas begin from any state behind its zero, so that this need not be found.
         """
@@ -320,7 +320,7 @@ class BatchState:
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
         self.pauses += 1
-        if self.ways:
+        if self.history:
             self.sample()
         (left, lost, steps), params = self.now[self.m : self.m + TIME_ROWS], self.params
         going = (left > 0) & (steps < MOST_STEPS)
@@ -377,7 +377,7 @@ class BatchState:
 
 
 def units_of(params: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The size and the rate (k,) of the units of columns, from their book."""
+    """The size and the rate (k,) of the units of columns, from their params."""
     size, rate = params[[SIZE, RATE]].astype(np.int64)
     return size, rate
 
@@ -411,15 +411,15 @@ def advance(e: Ensemble) -> Outcome:
     m, n = e.start.shape
     outcome = Outcome.blank(m, n, len(e.times))
     if e.start.any():
-        underway = BatchState(e, step, outcome)
-        while underway.params.shape[1]:
+        batch = BatchState(e, step, outcome)
+        while batch.params.shape[1]:
             # Numpy's own work is in the pauses; between them a step is one call of compiled code.
             for _ in range(PAUSE):
-                underway.advance()
-            underway.pause()
-        outcome.departures = underway.departures
+                batch.advance()
+            batch.pause()
+        outcome.departures = batch.departures
         if e.event is not None and not e.event.passage:
-            judge(e, e.event, underway.suspects, step, outcome)
+            judge(e, e.event, batch.candidates, step, outcome)
     outcome.accepted &= np.isfinite(outcome.state).all(axis=0)
     for state in (e.start, outcome.state):  # single cases refine what approximates the equations
         outcome.accepted &= e.model.is_accurate(state, e.named(), e.tol)
@@ -451,46 +451,52 @@ def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
 
 
 def restart_after_event(
-    e: Ensemble, left: TerminalHits, outcome: Outcome, met: dict[int, list[Occurrence]]
+    e: Ensemble, hits: TerminalHits, outcome: Outcome, events: dict[int, list[Occurrence]]
 ) -> list[tuple[int, Any, Any]]:
     """Enter what an event does to the motions that have met it; returns those that go on, with the
     time and the state from which on."""
     assert e.event is not None
     assert e.event.passage is not None
     onward = []
-    for i, time, state in zip(left.motion, left.time, left.state.T, strict=True):
+    for i, time, state in zip(hits.motion, hits.time, hits.state.T, strict=True):
         k = namespace(e.structure, e.constants[:, i].tolist())
         try:
-            way = e.event.passage(float(time), state.tolist(), k)
+            passage = e.event.passage(float(time), state.tolist(), k)
         except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
             outcome.accepted[i] = False
             continue
-        met.setdefault(int(i), []).append(Occurrence(e.event.kind, way.time, way.details))
-        outcome.state[:, i] = way.state
-        if way.onward is not None and way.onward < e.span[1]:
-            onward.append((int(i), way.onward, way.state))
+        events.setdefault(int(i), []).append(
+            Occurrence(e.event.kind, passage.time, passage.details)
+        )
+        outcome.state[:, i] = passage.state
+        if passage.onward is not None and passage.onward < e.span[1]:
+            onward.append((int(i), passage.onward, passage.state))
     return onward
 
 
 def judge(
-    e: Ensemble, event: Event, suspects: list[CandidateSteps], step: "TaylorStep", outcome: Outcome
+    e: Ensemble,
+    event: Event,
+    candidates: list[CandidateSteps],
+    step: "TaylorStep",
+    outcome: Outcome,
 ) -> None:
     """Find the zeros of an event's function in the steps that may have some.
 
     A motion is accepted if its zeros lead, by turns, from the sign at its start to that at its end,
-    and none of these is in doubt.
+    and none of these is uncertain.
     """
     outcome.first, outcome.last = e.side(e.start), e.side(outcome.state)
-    # With a sign in doubt a motion is not accepted, whatever zeros it has.
+    # With an uncertain sign a motion is not accepted, whatever zeros it has.
     certain = (outcome.first != 0) & (event.terminal | (outcome.last != 0))
-    steps = steps_of(suspects, certain)
+    steps = steps_of(candidates, certain)
     if steps is not None:
-        found, undecided = passages(e, event, steps, step)
+        zeros, undecided = passages(e, event, steps, step)
         if event.terminal:
-            found = first_of_each(found)
-            outcome.state[:, found.motion] = found.state
-            outcome.exponent[found.motion] = found.exponent
-        outcome.passages = found
+            zeros = first_of_each(zeros)
+            outcome.state[:, zeros.motion] = zeros.state
+            outcome.exponent[zeros.motion] = zeros.exponent
+        outcome.passages = zeros
         outcome.accepted[undecided] = False
     passed = outcome.passages
     if event.terminal:
@@ -498,17 +504,17 @@ def judge(
     new = is_first(passed.motion)
     before = np.where(new, outcome.first[passed.motion], np.roll(passed.direction, 1))
     outcome.accepted[passed.motion[passed.direction != -before]] = False
-    reached = outcome.first.copy()
-    reached[passed.motion] = passed.direction  # of several, the last one counts
-    outcome.accepted &= (reached == outcome.last) & (outcome.first != 0)
+    sign = outcome.first.copy()
+    sign[passed.motion] = passed.direction  # of several, the last one counts
+    outcome.accepted &= (sign == outcome.last) & (outcome.first != 0)
 
 
-def steps_of(suspects: list[CandidateSteps], certain: np.ndarray) -> CandidateSteps | None:
+def steps_of(candidates: list[CandidateSteps], certain: np.ndarray) -> CandidateSteps | None:
     """All steps of those motions that are `certain` (n,); None if there are none."""
-    if not suspects:
+    if not candidates:
         return None
     steps = CandidateSteps(
-        *(np.concatenate(parts, axis=-1) for parts in zip(*suspects, strict=True))
+        *(np.concatenate(parts, axis=-1) for parts in zip(*candidates, strict=True))
     )
     wanted = np.flatnonzero(certain[steps.params[NUMBER].astype(np.int64)])
     return CandidateSteps(*(a.take(wanted, axis=-1) for a in steps)) if wanted.size else None
@@ -525,21 +531,21 @@ def passages(
     powers = series.T * steps.length[:, None] ** np.arange(order + 1)
     # Row by row: one product of all would round as the number of rows happens to be.
     bernstein = np.matmul(powers[:, None], to_bernstein(TAYLOR, order, series.dtype))[:, 0]
-    found = isolate(bernstein, noise)
-    at = found.row[found.sure]
-    place = found.x[found.sure] * steps.length[at]
+    zeros = isolate(bernstein, noise)
+    at = zeros.row[zeros.sure]
+    place = zeros.x[zeros.sure] * steps.length[at]
     slope = value(series[1:, at] * np.arange(1, order + 1)[:, None], place)
     left = (before[m, at] - place) + before[m + 1, at]
     cut = shortened(before[:, at], params[:NUMBER, at], place)
-    there = columnwise(partial(states_after, step), *cut)
+    state = columnwise(partial(states_after, step), *cut)
     size, rate = units_of(params[:, at])
     times, motion = e.span[1] - np.ldexp(left, -rate), params[NUMBER, at].astype(np.int64)
-    lost = (ROUNDING + PER_STEP * e.tol) * (before[m + 2, at] + 2) / e.doubt
-    doubt = np.ldexp(noise[at] / np.abs(slope), -rate)
-    errors = lost * doubt + np.spacing(times) / 2
+    part = (ROUNDING + PER_STEP * e.tol) * (before[m + 2, at] + 2) / e.error_bound
+    uncertainty = np.ldexp(noise[at] / np.abs(slope), -rate)
+    errors = part * uncertainty + np.spacing(times) / 2
     by_time = np.lexsort((times, motion))
-    columns = motion, times, errors, doubt, np.sign(slope).astype(np.int64), there, size
-    undecided = params[NUMBER, found.row[~found.sure]].astype(np.int64)
+    columns = motion, times, errors, uncertainty, np.sign(slope).astype(np.int64), state, size
+    undecided = params[NUMBER, zeros.row[~zeros.sure]].astype(np.int64)
     return Passages(*(a[..., by_time] for a in columns)), undecided
 
 
@@ -585,7 +591,7 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     Errors grow along a motion that stays near the separatrix, some 1e4-fold: a pass by the middle
     axis turns one of D into one of the phase, and a torque that depends on the phase turns that
     into a larger one of D. No single step tells it. A motion whose two times differ by more than
-    the sign of D is taken to be in doubt is not accepted.
+    the sign of D is taken to be uncertain is not accepted.
     """
     assert e.event is not None
     passed = outcome.passages
@@ -597,4 +603,4 @@ def measure_crossings(e: Ensemble, outcome: Outcome) -> None:
     time[again.passages.motion] = again.passages.time
     off = np.abs(time - passed.time[at])
     passed.error[at] = np.maximum(passed.error[at], GROWN * off)
-    outcome.accepted[motion] = again.accepted & (off <= passed.doubt[at])
+    outcome.accepted[motion] = again.accepted & (off <= passed.uncertainty[at])

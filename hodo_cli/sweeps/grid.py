@@ -42,7 +42,7 @@ def group_of_columns(
             with read(task) as part:
                 for name in kept(case):
                     data = part.variable(name)
-                    outline = (*(each.stop - each.start for each in where), *data.shape[1:])
+                    outline = (*(corner.stop - corner.start for corner in where), *data.shape[1:])
                     yield name, where, data.reshape(outline)
 
     return Group({**attributes, **errors}, variables, Late(frozenset(kept(case)), fill))
@@ -85,20 +85,20 @@ def sweep_attributes(
 
 def coordinates(case: Case) -> dict[str, Variable]:
     """The values along each axis; of a sphere, the directions."""
-    found: dict[str, Variable] = {}
+    variables: dict[str, Variable] = {}
     for axis in axes_of(case.sweep or {}):
         numbers = np.arange(len(axis))
         if axis.sphere is not None:
             directions = Stored("direction of G at the start", (axis.name, "axis"))
-            found[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
+            variables[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
         elif axis.keys == [axis.name]:
-            found[axis.name] = Stored(axis.name, (axis.name,)).holding(axis.values(0))
+            variables[axis.name] = Stored(axis.name, (axis.name,)).holding(axis.values(0))
         else:
             for i, key in enumerate(axis.keys):
-                found[key] = Stored(key, (axis.name,)).holding(axis.values(i))
+                variables[key] = Stored(key, (axis.name,)).holding(axis.values(i))
     if "trajectory" in case.store:
-        found["time"] = TIME.holding(sample_times(case))
-    return found
+        variables["time"] = TIME.holding(sample_times(case))
+    return variables
 
 
 def ending(ok: int, failed: int, timeout: int) -> Status:

@@ -45,18 +45,18 @@ class Prepared(NamedTuple):
     start: np.ndarray
 
     @classmethod
-    def of(cls, one: Inputs, at: np.ndarray, start: Iterable[Any]) -> "Prepared":
+    def of(cls, given: Inputs, at: np.ndarray, start: Iterable[Any]) -> "Prepared":
         """The members `at` with these inputs, and with a start of their own."""
-        constants, begin = (rows(numbers, len(at)) for numbers in (one.constants, tuple(start)))
-        return cls(at, one.structure, one.events, constants, begin)
+        constants, begin = (rows(numbers, len(at)) for numbers in (given.constants, tuple(start)))
+        return cls(at, given.structure, given.events, constants, begin)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
     """Numbers, columns of them or arrays (n,) as the rows of an array."""
-    found = np.empty((len(numbers), n))
+    array = np.empty((len(numbers), n))
     for i, number in enumerate(numbers):
-        found[i] = number if isinstance(number, np.ndarray) else of_members(number)
-    return found
+        array[i] = number if isinstance(number, np.ndarray) else of_members(number)
+    return array
 
 
 def inputs(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Inputs:
@@ -96,7 +96,7 @@ def combinations(
         for j, (path, _) in enumerate(axis.ranges)
     ]
     paths = [path for path, _ in varying]
-    values = np.array([each for _, each in varying]).reshape(len(paths), len(which))
+    values = np.array([numbers for _, numbers in varying]).reshape(len(paths), len(which))
     sphere = next(
         ((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None
     )
@@ -109,7 +109,7 @@ def member_inputs(
     """The combinations that occur among members (n,), each by itself, the place of each member's,
     and its direction (n, 3), if any."""
     paths, values, place, direction = combinations(case, members)
-    return [inputs(case, paths, each) for each in values.T.tolist()], place, direction
+    return [inputs(case, paths, row) for row in values.T.tolist()], place, direction
 
 
 def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
@@ -117,12 +117,12 @@ def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
     paths, values, place, direction = combinations(case, members)
     if direction is None:
         return alike(in_parts(case, paths, values[:, place], np.arange(len(members))))
-    given = [inputs(case, paths, each) for each in values.T.tolist()]
+    given = [inputs(case, paths, row) for row in values.T.tolist()]
     omega = velocities(given, place, direction)
     return alike(
-        Prepared.of(one, at, one.system.starts(omega[at]))
-        for one, at in ((one, np.flatnonzero(place == i)) for i, one in enumerate(given))
-        if one.system is not None
+        Prepared.of(shared, at, shared.system.starts(omega[at]))
+        for shared, at in ((shared, np.flatnonzero(place == i)) for i, shared in enumerate(given))
+        if shared.system is not None
     )
 
 
@@ -133,30 +133,30 @@ def in_parts(
     alike."""
     try:
         some = at_once(case, paths, values, at)
-    except BranchDivergence as parted:
-        for part in (parted.where, ~parted.where):
+    except BranchDivergence as branches:
+        for part in (branches.where, ~branches.where):
             yield from in_parts(case, paths, values, at[part])
         return
     if some is not None:
         yield some
         return
-    for place, each in zip(at[:, None], values[:, at].T.tolist(), strict=True):
-        one = inputs(case, paths, each)
-        if one.start is not None:
-            yield Prepared.of(one, place, one.start)
+    for place, row in zip(at[:, None], values[:, at].T.tolist(), strict=True):
+        single = inputs(case, paths, row)
+        if single.start is not None:
+            yield Prepared.of(single, place, single.start)
 
 
 def at_once(
     case: Case, paths: Sequence[KeyPath], values: np.ndarray, at: np.ndarray
 ) -> Prepared | None:
-    """The same, for members whose model takes no two ways; None if they are to be prepared one by
+    """The same, for members whose model takes one branch; None if they are to be prepared one by
     one: they are few, refused, or their model takes plain numbers only."""
     if len(at) < FEW:
         return None
     try:
         with np.errstate(all="ignore"):  # columns refuse what is not finite
-            one = inputs(case, paths, [Column(row) for row in values[:, at]])
-        return None if one.start is None else Prepared.of(one, at, one.start)
+            shared = inputs(case, paths, [Column(row) for row in values[:, at]])
+        return None if shared.start is None else Prepared.of(shared, at, shared.start)
     except TypeError:
         return None
 
@@ -170,7 +170,10 @@ def alike(parts: Iterable[Prepared]) -> list[Prepared]:
         Prepared(
             np.concatenate([part.at for part in same]),
             *same[0][1:3],
-            *(np.concatenate(each, axis=1) for each in zip(*(p[3:] for p in same), strict=True)),
+            *(
+                np.concatenate(arrays, axis=1)
+                for arrays in zip(*(p[3:] for p in same), strict=True)
+            ),
         )
         for same in kinds.values()
     ]
@@ -179,10 +182,13 @@ def alike(parts: Iterable[Prepared]) -> list[Prepared]:
 def velocities(given: list[Inputs], place: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
     the data; nan for data that describe no body or no start."""
-    A, omega = np.array([one.data["inertia"] for one in given]), np.full((len(given), 3), np.nan)
-    for row, one in zip(omega, given, strict=True):
-        if one.system is not None:
-            row[:] = one.system.velocity(one.data["inertia"], one.data["initial"])
+    A, omega = (
+        np.array([shared.data["inertia"] for shared in given]),
+        np.full((len(given), 3), np.nan),
+    )
+    for row, shared in zip(omega, given, strict=True):
+        if shared.system is not None:
+            row[:] = shared.system.velocity(shared.data["inertia"], shared.data["initial"])
     G = np.linalg.norm(A * omega, axis=1)
     return np.asarray(G[place, None] * direction / A[place])
 
@@ -199,9 +205,9 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[
     common = replace(case, time=time, sweep=None, store=(), error="off")
     omega = None if direction is None else velocities(given, place, direction)
     for i, number in enumerate(numbers):
-        of = given[place[i]]
-        data = of.data
-        if omega is not None and of.start is not None:
+        shared = given[place[i]]
+        data = shared.data
+        if omega is not None and shared.start is not None:
             # The other ways to give the start (|G|, x and y) make way for the components.
             start = dict.fromkeys(data["initial"]) | dict(
                 zip("pqr", omega[i].tolist(), strict=True)
@@ -217,10 +223,10 @@ def warnings_of_ends(case: Case) -> list[str]:
     what is said of any member is said of one of these two.
     """
     last = math.prod(shape(case)) - 1
-    found: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     for number in sorted({0, last}):
         (given,), _, _ = member_inputs(case, np.array([number]))
         if given.start is not None:
             for warning in member(case, number).system.warnings:
-                found.setdefault(warning, number)
-    return [f"member {number} of {last + 1}: {warning}" for warning, number in found.items()]
+                numbers.setdefault(warning, number)
+    return [f"member {number} of {last + 1}: {warning}" for warning, number in numbers.items()]

@@ -36,61 +36,72 @@ LEVELS = (0.5, 0.9, 0.99, 1.0)
 """Of the errors, these quantiles are stored."""
 
 
+class MemberEnd(NamedTuple):
+    """What is stored of a member: its number, its variables at the end, its first crossing."""
+
+    number: int
+    final: Mapping[str, np.ndarray]
+    crossing_time: float
+
+
+class MemberError(NamedTuple):
+    """The errors of the final state and of the first crossing of a member, and against what they
+    are measured."""
+
+    final: float
+    crossing_time: float
+    kind: str
+
+
 class Probe(NamedTuple):
-    """Members whose error is to be measured, with what is stored of them."""
+    """Members of a sweep whose error is to be measured."""
 
     case: Case
-    members: list[int]
-    final: list[dict[str, np.ndarray]]
-    crossing_time: list[float]
+    ends: list[MemberEnd]
 
 
-def probe(task: Probe) -> list[tuple[float, float, str]]:
-    """The error of the final state and of the first crossing of each member, and against what they
-    are measured."""
-    return [_probe(task.case, *each) for each in zip(*task[1:], strict=True)]
+def probe(task: Probe) -> list[MemberError]:
+    """The errors of some members."""
+    return [member_error(task.case, end) for end in task.ends]
 
 
-def _probe(
-    case: Case, number: int, final: Mapping[str, np.ndarray], crossing: float
-) -> tuple[float, float, str]:
+def member_error(case: Case, end: MemberEnd) -> MemberError:
     """The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
     Newton's method."""
-    one = member(case, number)
-    finer = refined(one, one.system)
-    own = "taylor" if fits_ensemble(case) else choose(one)[0]
+    single, crossing = member(case, end.number), end.crossing_time
+    finer = refined(single, single.system)
+    method = "taylor" if fits_ensemble(case) else choose(single)[0]
     tol = case.tol or PRECISION[case.precision]
     # nan where there is no crossing, and then the comparison is false.
     between = [crossing] if crossing < case.time.end else []
     times = np.array([case.time.start, *between, case.time.end])
-    for by in references(one, own, tol):
-        reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=one)
+    for by in references(single, method, tol):
+        reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=single)
         if reference.whole:
-            error = _final_error(one, final, reference)
-            off = _newton(one, reference) if between else math.nan
-            return error, off, by.kind
-    return math.nan, math.nan, "none"
+            shift = _newton(reference) if between else math.nan
+            return MemberError(_final_error(end.final, reference), shift, by.kind)
+    return MemberError(math.nan, math.nan, "none")
 
 
-def _final_error(case: Case, final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
+def _final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
     """The largest error of what is stored of a member at its end; of a vector relative to its
     length there, of a number to its largest value at start and end, since it may vanish."""
-    last = reference.at(slice(-1, None))
+    case, last = reference.case, reference.at(slice(-1, None))
     if not case.system.no_axis_reason:  # what is stored is the state, which is compared as it is
         own = replace(last, state=final["omega"][None], exponent=np.zeros(1, dtype=np.int64))
         return errors_against(case, own, last)["omega"]
     errors = [0.0]
     for name, values in reference.variables.items():
         if name in final:
-            off = np.linalg.norm(final[name] - values[-1])
+            distance = np.linalg.norm(final[name] - values[-1])
             size = np.linalg.norm(values[-1]) if values.ndim > 1 else np.abs(values).max()
-            errors.append(float(off / size) if size else float(off))
+            errors.append(float(distance / size) if size else float(distance))
     return max(errors)
 
 
-def _newton(case: Case, reference: Trajectory) -> float:
+def _newton(reference: Trajectory) -> float:
     """|D / (dD/dt)| at the second sample of a motion."""
-    system, A = case.system, np.array(case.data["inertia"])
+    system, A = reference.case.system, np.array(reference.case.data["inertia"])
     state, exponent = reference.state[1], int(reference.exponent[1])
     order = rigid_body.inertia_order(A)
     outer, inner = rigid_body.separatrix_terms(A, state, order)
@@ -118,107 +129,98 @@ Read = Callable[[Chunk], AbstractContextManager[Part]]
 
 def lost_part(chunk: Chunk) -> Group:
     """A chunk whose worker failed."""
-    found = {}
+    variables = {}
     for name, column in columns(chunk.case).items():
         missing = 0 if column.dtype[0] == "i" else np.nan
         fill = Status.FAILED.code if name == "status" else missing
         data = np.full(
             (chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype
         )
-        found[name] = Variable(("member", *column.dims), data)
-    return Group({"run_time": 0.0, "alone": 0, "methods": ""}, found)
+        variables[name] = Variable(("member", *column.dims), data)
+    return Group({"run_time": 0.0, "alone": 0, "methods": ""}, variables)
 
 
 @dataclass
 class Summary:
-    """What is gathered from the chunks as they lie on the disk, and the members to be probed."""
+    """What the chunks on the disk add up to, and the ends of the members to be probed."""
 
     status: np.ndarray
     steps: int
     run_time: float
     alone: int
     methods: set[str]
-    members: list[int]
-    final: list[dict[str, np.ndarray]]
-    crossing_time: list[float]
+    ends: list[MemberEnd]
 
 
 def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
     """Counts, shares and messages over all members of a sweep."""
     total = tasks[-1].last
-    found = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, 0, set(), [], [], [])
+    summary = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, 0, set(), [])
     # Seeded by the number of members: the same sweep has the same sample wherever it runs.
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
-    near: list[tuple[float, int, dict[str, np.ndarray], float]] = []
+    near: list[tuple[float, MemberEnd]] = []
     for task in tasks:
         with read(task) as part:
             status = part.variable("status")
-            found.status += np.bincount(status, minlength=len(Status))
-            found.steps += int(part.variable("steps").sum())
-            found.run_time += part.attributes["run_time"]
-            found.alone += part.attributes["alone"]
-            found.methods.update(str(part.attributes["methods"]).split())
+            summary.status += np.bincount(status, minlength=len(Status))
+            summary.steps += int(part.variable("steps").sum())
+            summary.run_time += part.attributes["run_time"]
+            summary.alone += part.attributes["alone"]
+            summary.methods.update(str(part.attributes["methods"]).split())
             if case.error == "off":
                 continue
-            final = final_values(case, part)
-            crossing, separation = np.full(len(status), math.nan), np.full(len(status), math.inf)
+            end, separation = member_ends(case, task, part), np.full(len(status), math.inf)
             if not case.system.no_axis_reason:
-                crossing, separation = part.variable("crossing_time"), part.variable("separation")
-            separation = np.where(status == Status.OK.code, separation, np.inf)
+                ok = status == Status.OK.code
+                separation = np.where(ok, part.variable("separation"), np.inf)
         nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]
-        near += [
-            (float(separation[i]), task.first + int(i), final(i), float(crossing[i]))
-            for i in nearest
-        ]
-        # By separation, then number: the arrays behind them cannot be compared.
-        near = sorted(near, key=lambda one: one[:2])[:NEAREST]
-        for i in drawn[(drawn >= task.first) & (drawn < task.last)] - task.first:
-            if status[i] == Status.OK.code:
-                _add(found, task.first + int(i), final(i), crossing[i])
-    for _, number, values, time in near:
-        if number not in found.members:
-            _add(found, number, values, time)
-    return found
+        near += [(float(separation[i]), end(int(i))) for i in nearest]
+        near = sorted(near, key=lambda pair: (pair[0], pair[1].number))[:NEAREST]
+        here = drawn[(drawn >= task.first) & (drawn < task.last)] - task.first
+        summary.ends += [end(int(i)) for i in here if status[i] == Status.OK.code]
+    numbers = {end.number for end in summary.ends}
+    summary.ends += [end for _, end in near if end.number not in numbers]
+    # Smaller, components may be below the smallest normal double, and differ for that alone.
+    summary.ends = [end for end in summary.ends if largest(end) > 1e-290]
+    return summary
 
 
-def final_values(case: Case, part: Part) -> Callable[[int], dict[str, np.ndarray]]:
-    """The variables of each member of a chunk at its end, by the place of the member."""
-    found = {}
+def largest(end: MemberEnd) -> float:
+    """The largest component of what is stored of a member."""
+    return float(max(np.abs(values).max() for values in end.final.values()))
+
+
+def member_ends(case: Case, chunk: Chunk, part: Part) -> Callable[[int], MemberEnd]:
+    """The end of each member of a chunk, by its place there."""
+    final, crossing = {}, np.full(chunk.last - chunk.first, math.nan)
     for name, variable in case.system.variables.items():
         if name == "enclosed_axis":  # a label, which has no error
             continue
         values = part.variable(name)
         # A member whose samples are stored has an axis more.
-        found[name] = values[:, -1] if values.ndim > len(variable.dims) else values
-    return lambda i: {name: values[i] for name, values in found.items()}
-
-
-def _add(found: Summary, number: int, final: dict[str, np.ndarray], time: float) -> None:
-    # Smaller, components may be below the smallest normal double, and differ for that alone.
-    if max(np.abs(values).max() for values in final.values()) > 1e-290:
-        found.members.append(number)
-        found.final.append(final)
-        found.crossing_time.append(float(time))
+        final[name] = values[:, -1] if values.ndim > len(variable.dims) else values
+    if not case.system.no_axis_reason:
+        crossing = part.variable("crossing_time")
+    return lambda i: MemberEnd(
+        chunk.first + i, {name: x[i] for name, x in final.items()}, float(crossing[i])
+    )
 
 
 def sampled_errors(
     case: Case, pool: Pool, summary: Summary, report: Callable[[float], object]
 ) -> dict[str, Any]:
     """Quantiles of the measured errors; `report` is called with the share of them that is done."""
-    tasks = [
-        Probe(case, summary.members[i : i + PROBED], summary.final[i : i + PROBED],
-              summary.crossing_time[i : i + PROBED])
-        for i in range(0, len(summary.members), PROBED)
-    ]  # fmt: skip
-    found: list[tuple[float, float, str]] = []
+    starts = range(0, len(summary.ends), PROBED)
+    tasks = [Probe(case, summary.ends[i : i + PROBED]) for i in starts]
+    errors: list[MemberError] = []
     for i, (_, outcome) in enumerate(pool.map(probe, tasks), 1):
         report(i / len(tasks))
         if isinstance(outcome, Exception):
             raise outcome
-        found += outcome
-    states = [one[0] for one in found if not math.isnan(one[0])]
-    times = [one[1] for one in found if not math.isnan(one[1])]
-    kinds = sorted({one[2] for one in found} - {"none"})
+        errors += outcome
+    states = [error.final for error in errors if not math.isnan(error.final)]
+    times = [error.crossing_time for error in errors if not math.isnan(error.crossing_time)]
+    kinds = sorted({error.kind for error in errors} - {"none"})
     return {
         "error": max(states, default=math.nan),
         "error_kind": kinds[0] if kinds else "none",
