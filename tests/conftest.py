@@ -7,6 +7,7 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,18 @@ def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
     with contextlib.chdir(folder):
         done = CliRunner(catch_exceptions=False).invoke(main, [*map(str, arguments)])
     return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
+
+
+@lru_cache(maxsize=64)
+def classified(case: Any) -> tuple[Any, Any]:
+    """A `Case` integrated and classified: its `Trajectory` and its `Classification`, made once."""
+    # Late, because a leg hides heyoka first.
+    from hodo_cli.integration.classify import classify
+    from hodo_cli.integration.integrate import integrate
+
+    motion = integrate(case)
+    omega = motion.variables["omega"]
+    return motion, classify(case, motion.method, motion.tol, motion.error, omega)
 
 
 def exact_motion(case: Any, times: np.ndarray) -> np.ndarray:

@@ -7,16 +7,19 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from conftest import classified
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hodo_cli import HodoError, engines, tables
 from hodo_cli.cases.case import Case, Time
+from hodo_cli.integration import crossings
 from hodo_cli.integration.classify import Classification, classify
-from hodo_cli.integration.crossings import Crossing, SignChanges, read_sign_changes
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
-from hodo_cli.results.layout import label_group
+from hodo_cli.results import layout
+
+pytestmark = pytest.mark.engines
 
 BODY = (1.0, 0.8, 0.6)
 # Of Fig 4, for the doubles nearest to its decimals; tests/data/crossings.csv.
@@ -37,8 +40,7 @@ def diagonal(
 
 
 def found(case: Case) -> Classification:
-    motion = integrate(case)
-    return classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    return classified(case)[1]
 
 
 FIG4 = diagonal((0.005, 0.004, 0.003), (0.8, 0.5, 0.74))
@@ -94,8 +96,9 @@ def test_labels_name_the_body_axes_as_given(
 
 def test_labels_go_on_below_the_smallest_double() -> None:
     case = diagonal((1.2, 1.2, 1.2 - 2**-40), (0.8, 0.3, 0.2))
-    assert not integrate(case).variables["omega"][-1].any()
-    assert set(found(case).labels) == {1}
+    motion, classification = classified(case)
+    assert not motion.variables["omega"][-1].any()
+    assert set(classification.labels) == {1}
 
 
 @pytest.mark.parametrize("samples", [1, 2, 17, 5001])
@@ -119,15 +122,17 @@ def test_every_engine_finds_the_same_crossing_to_its_own_error(method: str, boun
 
 
 def test_a_stored_motion_that_is_not_the_case_s_is_refused() -> None:
-    motion = integrate(FIG4)
+    motion, _ = classified(FIG4)
     wrong = motion.variables["omega"] * (1 + 1e-9)
     with pytest.raises(HodoError, match="differs from its case"):
         classify(FIG4, motion.method, motion.tol, motion.error, wrong)
 
 
 def test_labels_and_crossings_as_they_are_stored() -> None:
-    group = label_group(
-        Classification(np.array([1, 3], dtype=np.int8), (Crossing(1.0, 1, 3, 0.5, 1e-12),))
+    group = layout.label_group(
+        Classification(
+            np.array([1, 3], dtype=np.int8), (crossings.Crossing(1.0, 1, 3, 0.5, 1e-12),)
+        )
     )
     assert (
         group.variables["enclosed_axis"].attrs["flag_meanings"]
@@ -137,69 +142,69 @@ def test_labels_and_crossings_as_they_are_stored() -> None:
     assert group.variables["crossing_from"].data.tolist() == [1]
 
 
-# `read_sign_changes` by itself, on marks made by hand.
+# `read_sign_changes` by itself, on moments made by hand.
 
 
-def told_by(
-    margins: list[float | None], kept: tuple[int, ...] = ()
+def crossings_between(
+    margins: list[float | None], absorbing: tuple[int, ...] = ()
 ) -> tuple[list[tuple[int, int]], int]:
     """The crossings, and how many places are undecided, when D / (sum of its terms) takes these
-    values at whole times, None marking a zero, and the axes `kept` are never left."""
+    values at whole times, None marking a zero, and the axes `absorbing` are never left."""
     margin = np.array([0.0 if value is None else value for value in margins])
     vanishes = np.array([value is None for value in margins])
     ones = np.ones(len(margin))
-    marks = SignChanges(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
-    verdict = read_sign_changes(marks, 1e-15 * ones, (0, 1, 2), frozenset(kept))
+    signs = crossings.SignChanges(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
+    verdict = crossings.read_sign_changes(signs, 1e-15 * ones, (0, 1, 2), frozenset(absorbing))
     return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
 
 
 def test_a_zero_reported_twice_or_never_is_one_crossing() -> None:
     for roots in range(4):
-        assert told_by([0.5, *[None] * roots, -0.5]) == ([(1, 3)], 0)
+        assert crossings_between([0.5, *[None] * roots, -0.5]) == ([(1, 3)], 0)
 
 
 def test_a_pair_of_zeros_is_two_crossings_or_undecided() -> None:
-    assert told_by([0.5, None, -1e-12, None, 0.5]) == ([(1, 3), (3, 1)], 0)
-    assert told_by([0.5, None, -1e-16, None, 0.5]) == ([], 1)
-    assert told_by([0.5, 1e-12, 0.5]) == ([], 0)
-    assert told_by([0.5, 1e-16, 0.5]) == ([], 1)
+    assert crossings_between([0.5, None, -1e-12, None, 0.5]) == ([(1, 3), (3, 1)], 0)
+    assert crossings_between([0.5, None, -1e-16, None, 0.5]) == ([], 1)
+    assert crossings_between([0.5, 1e-12, 0.5]) == ([], 0)
+    assert crossings_between([0.5, 1e-16, 0.5]) == ([], 1)
 
 
 def test_a_start_or_an_end_on_the_separatrix_is_no_crossing() -> None:
-    assert told_by([0.0, 0.5]) == ([], 0)
-    assert told_by([None, 0.5, None, -0.5]) == ([(1, 3)], 0)
-    assert told_by([0.5, None, -1e-17]) == ([], 1)
+    assert crossings_between([0.0, 0.5]) == ([], 0)
+    assert crossings_between([None, 0.5, None, -0.5]) == ([(1, 3)], 0)
+    assert crossings_between([0.5, None, -1e-17]) == ([], 1)
 
 
 def test_an_axis_that_is_never_left_decides_what_the_error_hides() -> None:
     touch, leave = [0.5, None, -1e-16, None, 0.5, None, 1e-16], [0.5, None, -0.5, 1e-16, -0.5, 0.0]
-    assert told_by(touch) == ([], 2)
+    assert crossings_between(touch) == ([], 2)
     # About x1 it is for good; about x3 the end may have brought it, but nothing before.
-    assert told_by(touch, (1,)) == told_by(touch, (1, 3)) == ([], 0)
-    assert told_by(touch, (3,)) == ([], 1)
-    assert told_by(leave) == ([(1, 3)], 2)
-    assert told_by(leave, (3,)) == ([(1, 3)], 0)
+    assert crossings_between(touch, (1,)) == crossings_between(touch, (1, 3)) == ([], 0)
+    assert crossings_between(touch, (3,)) == ([], 1)
+    assert crossings_between(leave) == ([(1, 3)], 2)
+    assert crossings_between(leave, (3,)) == ([(1, 3)], 0)
     # What cannot be is the error's doing, and is shown as it was found.
-    assert told_by(leave, (1,)) == ([(1, 3)], 2)
+    assert crossings_between(leave, (1,)) == ([(1, 3)], 2)
 
 
 def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
-    assert told_by([0.5, 1e-17, None, -1e-17, None, 1e-17, None, -0.5]) == ([(1, 3)], 0)
+    assert crossings_between([0.5, 1e-17, None, -1e-17, None, 1e-17, None, -0.5]) == ([(1, 3)], 0)
 
 
 def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
     margin, vanishes = np.array([0.5, 0.0, -0.5]), np.array([False, True, False])
     rate, ones = np.array([0.0, 0.25, 0.0]), np.ones(3)
-    marks = SignChanges(np.arange(3.0), margin, vanishes, rate, ones)
-    assert read_sign_changes(marks, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
+    signs = crossings.SignChanges(np.arange(3.0), margin, vanishes, rate, ones)
+    assert crossings.read_sign_changes(signs, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
 
 
 def test_what_is_undecided_in_the_end_is_named_by_its_own_time() -> None:
-    # The last mark beyond doubt is that of time 2; the zero before it is a crossing.
+    # The last moment beyond its band is that of time 2; the zero before it is a crossing.
     margin = np.array([0.5, 0.0, -0.5, 1e-4, 2e-4])
     vanishes = np.array([False, True, False, False, False])
-    marks = SignChanges(np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5))
-    verdict = read_sign_changes(marks, np.full(5, 1e-3), (0, 1, 2))
+    signs = crossings.SignChanges(np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5))
+    verdict = crossings.read_sign_changes(signs, np.full(5, 1e-3), (0, 1, 2))
     assert [c.time for c in verdict.crossings] == [1.0]
     assert verdict.undecided == [3.0]
 
@@ -249,10 +254,7 @@ def test_a_motion_that_ends_early_is_labelled_as_far_as_both_integrations_go() -
     case = Case(
         name="test", model="tensor", form="full", data=data, time=Time(end=100.0, samples=2001)
     )
-    motion = integrate(case)
-    classification = classify(
-        case, motion.method, motion.tol, motion.error, motion.variables["omega"]
-    )
+    motion, classification = classified(case)
     assert motion.status == "failed"
     assert classification.labels.shape == motion.time.shape
     few = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"][:5])

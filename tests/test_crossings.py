@@ -5,24 +5,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 import series
+from conftest import classified
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
-from hodo_cli.integration.classify import classify
-from hodo_cli.integration.integrate import integrate
+
+pytestmark = pytest.mark.engines
 
 PAPER1 = load(Path(__file__).parents[1] / "configs" / "paper1.yaml").cases
 
 
 def by_program(case):
     """The crossings, and the relative error that their times may have."""
-    motion = integrate(case)
-    classified = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    motion, classification = classified(case)
     # Without heyoka DOP853 is right to some 1e-11, and a time is up to a thousand times worse
     # conditioned than a state.
-    return classified.crossings, 1e-12 if motion.method in ("taylor", "exact") else 1e-8
+    return classification.crossings, 1e-12 if motion.method in ("taylor", "exact") else 1e-8
 
 
 def by_reference(A, system, largest, start, end):

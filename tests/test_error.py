@@ -8,18 +8,12 @@ import pytest
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
-from hodo_cli.integration.driver import LIMIT
-from hodo_cli.integration.error import (
-    COMPARED,
-    errors_against,
-    measured_error,
-    references,
-    thinned,
-    with_step_limit,
-)
+from hodo_cli.integration import driver, error
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory
+
+pytestmark = pytest.mark.engines
 
 SPIN = parse(
     """\
@@ -42,7 +36,7 @@ FIG4 = Case(
 )
 
 
-@pytest.mark.parametrize("samples", [COMPARED + 1, 150_001])
+@pytest.mark.parametrize("samples", [error.COMPARED + 1, 150_001])
 def test_an_event_that_ends_a_thinned_motion_costs_no_digits(samples: int) -> None:
     """The motion ends at two thirds of its samples: thinned by themselves, it and its reference
     would keep different ones."""
@@ -63,7 +57,7 @@ def test_the_error_is_that_of_the_stored_doubles(precision: str) -> None:
 
 def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> None:
     quadruple = replace(FIG4, precision="quadruple")
-    assert [*references(quadruple, "taylor", 1e-20)] == [
+    assert [*error.references(quadruple, "taylor", 1e-20)] == [
         ("quadruple", "taylor", pytest.approx(1e-22, rel=1e-12, abs=0)),
         ("quadruple", "taylor", pytest.approx(1e-18, rel=1e-12, abs=0)),
     ]
@@ -71,10 +65,10 @@ def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> 
 
 def test_a_reference_by_the_same_method_is_given_up_sooner() -> None:
     motion = replace(solve(FIG4, "DOP853"), method="taylor", steps=10_000)
-    same, other = (with_step_limit(motion, method) for method in ("taylor", "collocation"))
+    same, other = (error.with_step_limit(motion, method) for method in ("taylor", "collocation"))
     assert (same.max_steps, other.max_steps) == (200_000, 5_000_000)
     limited = replace(motion, case=replace(FIG4, max_steps=7))
-    assert with_step_limit(limited, "taylor").max_steps == 7
+    assert error.with_step_limit(limited, "taylor").max_steps == 7
 
 
 def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
@@ -90,27 +84,27 @@ def test_a_tolerance_cut_at_the_limit_of_a_method_is_no_reference(
         return replace(motion, tol=max(tol, motion.tol))
 
     monkeypatch.setattr("hodo_cli.integration.error.solve", limited)
-    _, kind = measured_error(motion)
+    _, kind = error.measured_error(motion)
     assert kind == "refined"
     assert asked == [2.0**-112 / 100, 2.0**-112 * 100]
 
 
 def test_a_motion_that_is_called_at_rest_a_step_early_has_no_error() -> None:
     time, moving = np.array([0.0, 1.0]), np.array([[1.0, 0, 0], [0.5, 0, 0]])
-    sizes = np.array([0, -LIMIT + 1]), np.array([0, -LIMIT])
+    sizes = np.array([0, -driver.LIMIT + 1]), np.array([0, -driver.LIMIT])
     ours = Trajectory(FIG4, FIG4.system, "", 0.0, time, moving * [[1], [0]], sizes[1])
     theirs = replace(ours, state=moving.astype(np.longdouble), exponent=sizes[0])
-    assert errors_against(FIG4, ours, theirs) == {"omega": 0}
+    assert error.errors_against(FIG4, ours, theirs) == {"omega": 0}
     # Far above that limit a motion that has stopped is wrong.
     moving_on = replace(theirs, exponent=np.array([0, -9]))
-    assert errors_against(FIG4, ours, moving_on) == {"omega": 1}
+    assert error.errors_against(FIG4, ours, moving_on) == {"omega": 1}
 
 
 def test_a_thinned_motion_keeps_its_ends() -> None:
-    rows = thinned(250_000)
-    assert rows[0] == 0
-    assert rows[-1] == 249_999
-    assert len(rows) <= COMPARED + 1
+    rows = error.thinned(250_000)
+    assert rows[[0, -1]].tolist() == [0, 249_999]
+    assert error.COMPARED / 2 < len(rows) <= error.COMPARED + 1
+    assert error.thinned(5).tolist() == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("tol", [1e-3, 1e-4])  # with the first it ends too early, then too late

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from conftest import classified
 
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.commands.classify import growth
-from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
+
+pytestmark = pytest.mark.engines
 
 A = np.array([1.0, 0.8, 0.6])
 LITERAL = ((0.005, 0.0, 0.005), (0.0, 0.0, 0.0), (0.005, 0.0, 0.005))
@@ -40,8 +42,7 @@ def tensor(on: float, off: float) -> Case:
 def test_the_rates_are_those_of_the_papers_media(
     case: Case, about_x1: float, about_x3: float
 ) -> None:
-    motion = integrate(case)
-    found = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    _, found = classified(case)
     assert found.growth is not None
     assert found.growth[[0, 2]] == pytest.approx([about_x1, about_x3], abs=5e-9)
     assert np.isnan(found.growth[1])
@@ -87,8 +88,7 @@ def test_the_axis_in_the_end_is_that_of_the_slowest_eigenvector() -> None:
         resistance = 0.01 * (root @ root.T + 0.1 * np.eye(3))
         start = tuple(generator.normal(size=3).tolist())
         case = damped("tensor", start, 20000.0, resistance=tuple(map(tuple, resistance.tolist())))
-        motion = integrate(case)
-        found = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+        _, found = classified(case)
         assert found.labels[-1] == found.final
 
 

@@ -14,12 +14,14 @@ from conftest import exact_motion
 from hodo_cli import HodoError, engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines.protocol import Status
-from hodo_cli.integration.choice import choose, taylor_steps
+from hodo_cli.integration import choice
 from hodo_cli.integration.integrate import integrate, remarks
 from hodo_cli.integration.solve import sample_times, solve
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.integration.units import Clock
-from hodo_cli.models.constants import attributes, jacobian
+from hodo_cli.models import constants
+
+pytestmark = pytest.mark.engines
 
 taylor = pytest.mark.heyoka
 
@@ -122,14 +124,14 @@ def test_the_error_falls_with_the_tolerance(method: str) -> None:
 def test_implicit_methods_are_given_the_jacobian_and_no_others(method: str) -> None:
     case = diagonal((0.02, 0.01, 0.03))
     engine = engines.engine_for(method, case.system, (), 1e-6, "double")
-    k, start = attributes(case.system.constants), np.array(START)
+    k, start = constants.attributes(case.system.constants), np.array(START)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # as SciPy warns of a Jacobian that it does not use
         solver = engine.solver(k, start, 0.0, 1.0)  # type: ignore[attr-defined]
     # Two for the size of the first step; finite differences take one more for each variable.
     assert solver.nfev <= 2
     if method in ("Radau", "BDF"):
-        given = jacobian(case.system, k, 0.0, start)
+        given = constants.jacobian(case.system, k, 0.0, start)
         assert np.array_equal(solver.J, given)
 
 
@@ -176,17 +178,17 @@ def test_the_smallest_grids() -> None:
 
 
 def test_the_method_is_chosen_by_what_the_case_is() -> None:
-    assert choose(diagonal((0.1, 0.1, 0.1))) == ("exact", "closed form")
-    assert choose(diagonal((1e9, 1.0, 2.0)))[0] == "collocation"
-    assert choose(diagonal((0.1, 0.2, 0.3)))[0] == (
+    assert choice.choose(diagonal((0.1, 0.1, 0.1))) == ("exact", "closed form")
+    assert choice.choose(diagonal((1e9, 1.0, 2.0)))[0] == "collocation"
+    assert choice.choose(diagonal((0.1, 0.2, 0.3)))[0] == (
         "taylor" if engines.have_taylor() else "collocation"
     )
-    assert choose(diagonal((0.1, 0.1, 0.1), precision="quadruple"))[0] == "taylor"
+    assert choice.choose(diagonal((0.1, 0.1, 0.1), precision="quadruple"))[0] == "taylor"
 
 
 def test_a_motion_at_rest_costs_nothing() -> None:
-    assert choose(diagonal((1e6, 2e6, 3e6)))[0] in ("taylor", "collocation")
-    assert taylor_steps(diagonal((1e6, 2e6, 1e-6))) > 1e7
+    assert choice.choose(diagonal((1e6, 2e6, 3e6)))[0] in ("taylor", "collocation")
+    assert choice.taylor_steps(diagonal((1e6, 2e6, 1e-6))) > 1e7
 
 
 @taylor
@@ -227,7 +229,7 @@ def test_the_steps_of_a_motion_are_the_same_in_every_unit(size: float) -> None:
         damping, start = (tuple(size * x for x in of) for of in ((0.1, 0.2, 0.3), START))
         return diagonal(damping, start, time=Time(end=100 / size, samples=2))  # type: ignore[arg-type]
 
-    assert taylor_steps(in_unit(size)) == taylor_steps(in_unit(1.0)) > 10
+    assert choice.taylor_steps(in_unit(size)) == choice.taylor_steps(in_unit(1.0)) > 10
 
 
 def test_stiffness_is_seen_where_no_eigenvalue_shows_it() -> None:
@@ -324,7 +326,7 @@ def test_numbers_that_lead_out_of_range_fail_their_case_alone() -> None:
         "initial": dict(zip("pqr", START, strict=True)) | {"G": None},
     }
     case = Case(name="test", model="tensor", form="full", data=data, time=Time(end=1e83, samples=2))
-    assert choose(case)[0] in ("taylor", "collocation")
+    assert choice.choose(case)[0] in ("taylor", "collocation")
     with pytest.raises(HodoError, match="test: its numbers"):
         integrate(case)
 

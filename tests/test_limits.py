@@ -13,6 +13,8 @@ from hodo_cli.engines import protocol
 from hodo_cli.engines.protocol import Status, StepControl
 from hodo_cli.integration.integrate import integrate
 
+pytestmark = pytest.mark.engines
+
 SPINS_UP = """\
 cases:
   grows:

@@ -14,11 +14,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import series
+from conftest import classified
 
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.integration.classify import Classification, classify
+from hodo_cli.integration.classify import Classification
 from hodo_cli.integration.integrate import integrate
+
+pytestmark = pytest.mark.engines
 
 EVERY_RUN = 12
 COUNT = int(os.environ.get("HODO_FUZZ", EVERY_RUN))
@@ -119,8 +122,7 @@ def judged(draw: Draw, samples: int) -> tuple[np.ndarray, Classification]:
     data = {"inertia": tuple(draw.A), **medium, "initial": initial}
     time = Time(end=draw.end, samples=samples)
     case = Case("any", model, "full", data, time, method=draw.method, tol=draw.tol)
-    motion = integrate(case)
-    found = classify(case, motion.method, motion.tol, motion.error, motion.variables["omega"])
+    motion, found = classified(case)
     return motion.time, found
 
 

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import pytest
 import series
-from conftest import ROOT, Hodo, exact_motion
+from conftest import ROOT, Hodo, classified, exact_motion
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,18 +28,19 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
 from hodo_cli.commands.classify import tabulated
 from hodo_cli.engines.protocol import Status
-from hodo_cli.figures.geometry import edges
-from hodo_cli.figures.maps import GRID, sphere_cells, unbroken
-from hodo_cli.integration.classify import classify, cross
+from hodo_cli.figures import geometry, maps
+from hodo_cli.integration.classify import cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress
-from hodo_cli.results.layout import MEMBER_CLASSIFIED, MEMBER_PASSED
+from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
 from hodo_cli.sweeps.swept import Swept
+
+pytestmark = pytest.mark.engines
 
 HEAD = "inertia: [1, 0.8, 0.6], time: {end: 1000}, error: off"
 BALL = "initial: {p: 0, q: 0, G: 1}"
@@ -166,8 +167,7 @@ def assert_members_are_single_cases(case: Case, numbers: list[int]) -> None:
     values = computed(case)
     for number in numbers:
         single = replace(members.member(case, number), error="off")
-        motion = integrate(single)
-        found = classify(single, motion.method, motion.tol, motion.error, motion.variables["omega"])
+        motion, found = classified(single)
         omega = motion.variables["omega"][-1]
         assert np.linalg.norm(values["omega"][number] - omega) <= 3e-12 * np.linalg.norm(omega)
         assert values["crossings"][number] == len(found.crossings)
@@ -701,7 +701,7 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
 
 
 def test_the_columns_that_say_which_axis_are_those_that_have_no_mean() -> None:
-    stored = MEMBER_CLASSIFIED | MEMBER_PASSED
+    stored = layout.MEMBER_CLASSIFIED | layout.MEMBER_PASSED
     assert {name for name, column in stored.items() if column.flags} == {*sweep_block.AXIS_LABELS}
 
 
@@ -804,28 +804,28 @@ claims:
 
 def test_a_cell_of_the_sphere_has_the_value_of_the_nearest_direction() -> None:
     directions = sweep_block.Axis("d", (), {"count": 4000, "seed": 1}).directions(np.arange(4000))
-    longitude, latitude, values = sphere_cells(directions, directions[:, 2])
-    assert values.shape == (GRID // 2, GRID) == (len(latitude) - 1, len(longitude) - 1)
+    longitude, latitude, values = maps.sphere_cells(directions, directions[:, 2])
+    assert values.shape == (maps.GRID // 2, maps.GRID) == (len(latitude) - 1, len(longitude) - 1)
     middle = (latitude[1:] + latitude[:-1]) / 2
     # 4000 directions: the nearest one is 6 degrees away at most.
     assert np.abs(np.arcsin(values) - middle[:, None]).max() < 0.11
     # x1 in the middle, x2 to the right of it.
-    _, _, first = sphere_cells(directions, directions[:, 0])
-    _, _, second = sphere_cells(directions, directions[:, 1])
-    assert first[GRID // 4, GRID // 2] > 0.99
-    assert second[GRID // 4, 3 * GRID // 4] > 0.99
+    _, _, first = maps.sphere_cells(directions, directions[:, 0])
+    _, _, second = maps.sphere_cells(directions, directions[:, 1])
+    assert first[maps.GRID // 4, maps.GRID // 2] > 0.99
+    assert second[maps.GRID // 4, 3 * maps.GRID // 4] > 0.99
 
 
 def test_a_curve_that_leaves_the_map_comes_back_without_a_line_across() -> None:
     turn = np.linspace(0, 2 * np.pi, 361)
-    longitude, latitude = unbroken(np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1))
+    longitude, latitude = maps.unbroken(np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1))
     assert np.isnan(longitude).sum() == np.isnan(latitude).sum() == 1
     assert np.nanmax(np.abs(np.diff(longitude))) < 0.02
 
 
 def test_edges_lie_between() -> None:
-    assert edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
-    assert edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
+    assert geometry.edges(np.array([1.0, 2.0, 4.0]), False).tolist() == [0.5, 1.5, 3.0, 5.0]
+    assert geometry.edges(np.array([1.0, 4.0, 16.0]), True) == pytest.approx([0.5, 2.0, 8.0, 32.0])
 
 
 def test_the_separation_is_relative_to_the_terms_of_the_separatrix() -> None:
@@ -884,8 +884,7 @@ def test_members_beside_the_middle_axis_cross_as_they_must(last: float, error: s
             assert found["crossing_time"][i] == pytest.approx(float(true[0].time), rel=1e-6)
             assert (found["crossing_from"][i], found["crossing_to"][i]) == (3, 1)
         single = replace(members.member(case, int(i)), error=error)
-        motion = integrate(single)
-        alone = classify(single, motion.method, motion.tol, motion.error, motion.variables["omega"])
+        _, alone = classified(single)
         assert len(alone.crossings) == len(true)
         assert alone.labels[[0, -1]].tolist() == [found["start_axis"][i], found["end_axis"][i]]
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from test_sweep import computed, one
 
+from hodo_cli.engines import series as power_series
 from hodo_cli.engines.protocol import Status
-from hodo_cli.engines.series import Series, motion, value
 from hodo_cli.integration.integrate import integrate
+from hodo_cli.models import constants as flat
 from hodo_cli.models.base import Event
-from hodo_cli.models.constants import flatten, namespace, structure
 from hodo_cli.sweeps import ensemble, members
 
 TOP = (
@@ -51,7 +51,7 @@ def coefficients(series: Any, n: int = 8) -> list[float]:
 
 
 def test_series_have_the_coefficients_of_the_books() -> None:
-    s = Series(lambda k: float(k == 1))
+    s = power_series.Series(lambda k: float(k == 1))
     rows = {
         "1/(1-s)": (1 / (1 - s), [1.0] * 8),
         "sqrt(1+s)": ((1 + s) ** 0.5, [1, 1 / 2, -1 / 8, 1 / 16, -5 / 128, 7 / 256, -21 / 1024]),
@@ -74,8 +74,8 @@ def test_a_motion_is_its_series() -> None:
         return y[1], t - y[0]
 
     start = [t0 + c * np.cos(t0), 1 - c * np.sin(t0)]
-    _, (position, _) = motion(rhs, t0, start, None)
-    there = value([position[k] for k in range(24)], 0.5)
+    _, (position, _) = power_series.motion(rhs, t0, start, None)
+    there = power_series.value([position[k] for k in range(24)], 0.5)
     assert there == pytest.approx(t0 + 0.5 + c * np.cos(t0 + 0.5), rel=1e-15)
 
 
@@ -91,20 +91,20 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
 
     case = one(FORMS[name])
     model, k = type(case.system), case.system.constants
-    form, y0 = structure(k), case.system.start
+    form, y0 = flat.structure(k), case.system.start
     y = hy.make_vars(*(f"y{i}" for i in range(len(y0))))
-    numbers = [hy.par[i] for i in range(len(flatten(k)))]
+    numbers = [hy.par[i] for i in range(len(flat.flatten(k)))]
     ta = hy.taylor_adaptive(
-        list(zip(y, model.rhs(hy.time, list(y), namespace(form, numbers)), strict=True)),
+        list(zip(y, model.rhs(hy.time, list(y), flat.namespace(form, numbers)), strict=True)),
         list(y0),
         compact_mode=True,
     )
     assert ta.order == taylor_batch.SERIES_ORDER
-    ta.pars[:] = flatten(k)[: len(ta.pars)]
+    ta.pars[:] = flat.flatten(k)[: len(ta.pars)]
     step = taylor_batch.build(model, form, None)  # type: ignore[arg-type]
     end, m = 50.0, len(y0)
     inputs = np.tile([[*y0, end, 1e-3, 7.0]], (taylor_batch.WIDTH, 1)).T.copy()
-    parameters = [end, *flatten(k), taylor_batch.stride(tol, None)]
+    parameters = [end, *flat.flatten(k), taylor_batch.stride(tol, None)]
     constants = np.tile([parameters], (taylor_batch.WIDTH, 1)).T.copy()
     out = np.empty((step.rows, taylor_batch.WIDTH))
     step(inputs, constants, out)
@@ -181,11 +181,11 @@ def test_the_rest_of_an_events_series_is_bounded(which: str) -> None:
     from hodo_cli.engines import taylor_batch
 
     case = one(FORMS["tensor"])
-    k = namespace(structure(case.system.constants), flatten(case.system.constants))
+    k = flat.namespace(flat.structure(case.system.constants), flat.flatten(case.system.constants))
     event = case.system.class_events[0] if which == "separatrix" else Event(which, signed)
     step, order = 1.5, taylor_batch.EVENT_ORDER
     for start in np.random.default_rng(4).standard_normal((50, 3)).tolist():
-        time, state = motion(type(case.system).rhs, 0.5, start, k)
+        time, state = power_series.motion(type(case.system).rhs, 0.5, start, k)
         series = event.function(time, state, k)
         rest = sum(abs(series[i]) * step**i for i in range(order + 1, taylor_batch.SERIES_ORDER))
         bound = taylor_batch.majorant_beyond(order, event, time, state, k, step)
@@ -201,7 +201,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
     from hodo_cli.engines import taylor_batch
 
     case = one(FORMS["tensor"])
-    form, k = structure(case.system.constants), flatten(case.system.constants)
+    form, k = flat.structure(case.system.constants), flat.flatten(case.system.constants)
     (separatrix,) = case.system.class_events
     tilt = Event("tilt", lambda t, y, k: separatrix.function(t, y, k) / (2 + y[0] * y[0]))
     n = 400 * taylor_batch.WIDTH
@@ -215,7 +215,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
         step(columns, constants, out)
         length, clear = out[-2:]
         D = step.event_series(columns, constants)
-        within = np.abs(value(D[:, :, None], length[:, None] * np.linspace(0, 1, 200)))
+        within = np.abs(power_series.value(D[:, :, None], length[:, None] * np.linspace(0, 1, 200)))
         assert (clear <= within.min(axis=1) * (1 + 1e-12)).all()
         assert (clear > 0.9 * np.abs(D[0])).mean() > 0.8
         assert (clear < 0).any()
