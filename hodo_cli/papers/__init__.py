@@ -1,4 +1,4 @@
-"""What only one text says: its checks, in a module for each text, found by scanning this folder: to
+"""Checks that are written for one text, a module for each text, found by scanning this folder: to
 add a text, add a file. Imports claims and what lies below; no other room knows a paper."""
 
 import pkgutil
