@@ -21,24 +21,18 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory
-from hodo_cli.models.averaging.capture import capture_shares, drift_by_region
-from hodo_cli.models.averaging.fluid import (
-    fluid_bands,
-    fluid_constants,
-    fluid_part,
-    fluid_rates,
-)
+from hodo_cli.models.averaging import capture, fluid, free_turn, quadrature
 from hodo_cli.models.averaging.forms import either
-from hodo_cli.models.averaging.free_turn import Body, free_motion_by_phase, slow_elements
 from hodo_cli.models.averaging.passage import crossing_table, crossing_time
-from hodo_cli.models.averaging.quadrature import periodic_part
 from hodo_cli.models.cavity import fluid_torque
 from hodo_cli.models.cavity_averaged import AveragedTriaxial
 from hodo_cli.models.constants import attributes
 
+pytestmark = pytest.mark.engines
+
 FIG4 = {"p": 0.8, "q": 0.5, "r": 0.74}
 FIG12 = {"p": 0.5, "q": 0.25, "r": 1.40435829552939}
-BODY = Body.of((1.0, 0.8, 0.6))
+BODY = free_turn.Body.of((1.0, 0.8, 0.6))
 CLOSE = 1e-13 if have_taylor() else 1e-11
 """What an averaged motion is right to: some ten roundings, or what collocation leaves of u."""
 
@@ -249,9 +243,9 @@ def test_senses_after_the_passage_are_foreseen() -> None:
     phases = np.arange(40) * 2 * np.pi / 40
     right = wrong = 0
     for lam in ((5e-4, 4e-4, 3e-4), (5e-4, 4e-4, 2e-4), (4e-4, 4e-4, 2e-4), (5e-4, 4.5e-4, 3e-4)):
-        slow = slow_elements(BODY, tuple(FIG4.values()))
+        slow = free_turn.slow_elements(BODY, tuple(FIG4.values()))
         for phase in phases:
-            p, q, r = BODY.unsort(free_motion_by_phase(BODY, slow, phase)).tolist()
+            p, q, r = BODY.unsort(free_turn.free_motion_by_phase(BODY, slow, phase)).tolist()
             one = case(
                 damping=list(lam),
                 initial={"p": p, "q": q, "r": r},
@@ -314,13 +308,13 @@ def test_the_periodic_part_of_the_fluid_is_that_of_its_quadrature() -> None:
         return np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), axis=-1)
 
     for start in ((0.5, 0.25, 1.4), (0.8, 0.5, 0.74), (-0.8, -0.3, 0.5)):
-        slow = slow_elements(BODY, start)
+        slow = free_turn.slow_elements(BODY, start)
         k = cavity(kappa=1, initial=dict(zip("pqr", start, strict=True))).system.constants
         unit = k["unit"]
         assert isinstance(unit, float)
         small = slow._replace(X=slow.X / unit**2, Y=slow.Y / unit**2)
-        closed = np.array(fluid_part(attributes(k), small)) * np.array(slow.pair) / unit
-        X, Y = periodic_part(BODY, torque, slow, 256)
+        closed = np.array(fluid.fluid_part(attributes(k), small)) * np.array(slow.pair) / unit
+        X, Y = quadrature.periodic_part(BODY, torque, slow, 256)
         assert closed == pytest.approx([X, Y] if slow.side > 0 else [Y, X], rel=1e-13)
 
 
@@ -401,13 +395,13 @@ def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio:
     """Drawn are phases, and sizes of all torques together: the periodic part ties the phase of the
     passage to that of the start, and phases alone would not be spread evenly."""
     count, draw = 120, np.random.default_rng(1)
-    start = slow_elements(BODY, tuple(FIG4.values()))
+    start = free_turn.slow_elements(BODY, tuple(FIG4.values()))
     passage = integrate(chance(kappa=kappa, torque=[-1e-3, 0, -1e-3 * ratio])).events[0]
     some, captured = full(chance()), 0
     for size, phase in zip(
         draw.uniform(0.2, 0.3, count), draw.uniform(0, 2 * np.pi, count), strict=True
     ):
-        p, q, r = BODY.unsort(free_motion_by_phase(BODY, start, phase)).tolist()
+        p, q, r = BODY.unsort(free_turn.free_motion_by_phase(BODY, start, phase)).tolist()
         torque = (-1e-3 * size, 0.0, -1e-3 * ratio * size)
         data = some.data | {"kappa": kappa * size, "torque": torque}
         one = replace(some, data=data | {"initial": {"p": p, "q": q, "r": r}})
@@ -421,8 +415,8 @@ def test_the_probability_of_capture_is_that_of_full_motions(kappa: float, ratio:
 
 def test_a_dissipation_without_a_torque_takes_both_senses_alike() -> None:
     constants = cavity(kappa=1e-3).system.constants
-    shares = capture_shares(
-        drift_by_region(fluid_bands(attributes(constants), -1, (1.0, 1.0))), (-1, 1)
+    shares = capture.capture_shares(
+        capture.drift_by_region(fluid.fluid_bands(attributes(constants), -1, (1.0, 1.0))), (-1, 1)
     )
     assert shares == pytest.approx({(1, 1): 0.5, (1, -1): 0.5, (-1, 1): 0, (-1, -1): 0})
 
@@ -430,10 +424,10 @@ def test_a_dissipation_without_a_torque_takes_both_senses_alike() -> None:
 def test_captures_add_up() -> None:
     for torque in ((-1, 0, 0.4), (-1, 0, -3), (-0.2, 0, 0.3)):
         for kappa in (0.0, 0.1, 0.5):
-            k = {"a": 1.0, "b": 0.8, "c": 0.6} | fluid_constants(BODY, kappa, torque, 1.0)
-            drift = drift_by_region(fluid_bands(attributes(k), 1, (1.0, 1.0)))
+            k = {"a": 1.0, "b": 0.8, "c": 0.6} | fluid.fluid_constants(BODY, kappa, torque, 1.0)
+            drift = capture.drift_by_region(fluid.fluid_bands(attributes(k), 1, (1.0, 1.0)))
             if drift[1, 1] < 0:
-                assert sum(capture_shares(drift, (1, 1)).values()) == pytest.approx(1)
+                assert sum(capture.capture_shares(drift, (1, 1)).values()) == pytest.approx(1)
 
 
 @pytest.mark.heyoka
@@ -498,7 +492,7 @@ def test_a_perturbation_is_small_beside_a_quarter_turn() -> None:
     )
     by_fluid = cavity(kappa=1e-3, initial=FIG4, mean_start="no").system
     g, f, *_ = by_fluid.start
-    dg, df, *_ = fluid_rates(0.0, by_fluid.start, attributes(by_fluid.constants))
+    dg, df, *_ = fluid.fluid_rates(0.0, by_fluid.start, attributes(by_fluid.constants))
     fastest = max(abs(dg / g), abs(df / f))
     assert by_fluid.smallness(np.array([by_fluid.start])) == pytest.approx(fastest * quarter)
 
@@ -627,7 +621,7 @@ def test_the_rounding_of_a_start_beside_the_separatrix_is_part_of_its_error(besi
     """u is the difference of two logarithms of size 1: of 1e-9 seven digits are left."""
     start = {"p": 0.8, "q": 0.5, "r": 0.8 * math.sqrt(0.2 / 0.12) * (1 - beside)}
     motion = integrate(case(initial=start, mean_start="no", time={"end": 100, "samples": 3}))
-    slow = slow_elements(BODY, tuple(start.values()))
+    slow = free_turn.slow_elements(BODY, tuple(start.values()))
     u = float(-np.log1p(-slow.m1))
     exact = float(crossing_time((0.005, 0.004, 0.003), slow.side, u))
     off = abs(motion.events[0].time / exact - 1)

@@ -9,35 +9,12 @@ import mpmath
 import numpy as np
 import pytest
 
-from hodo_cli.models.averaging.free_turn import (
-    LANDEN,
-    Body,
-    Slow,
-    free_motion_by_phase,
-    slow_elements,
-    turn_frequency,
-)
-from hodo_cli.models.averaging.means import fluid_loss, fluid_weights, shape_rate, turn_means
-from hodo_cli.models.averaging.passage import (
-    FRACTIONS,
-    WEIGHTS,
-    CrossingPrediction,
-    crossing_time,
-    farthest_that_crosses,
-    on_side,
-    outcome,
-    resting_shape,
-    separatrix_approach,
-    shape_distance,
-    share_beyond,
-    share_that_crosses,
-)
-from hodo_cli.models.averaging.quadrature import damped_part, mean_rates, nodes_for, periodic_part
+from hodo_cli.models.averaging import free_turn, means, passage, quadrature
 from hodo_cli.models.cavity import fluid_torque
 
 Triple = tuple[float, float, float]
 
-BODY = Body.of((1.0, 0.8, 0.6))
+BODY = free_turn.Body.of((1.0, 0.8, 0.6))
 FIG4, LAM4 = (0.8, 0.5, 0.74), (0.005, 0.004, 0.003)
 FIG12, LAM12 = (0.5, 0.25, 1.40435829552939), (0.005, 0.00625, 0.025 / 3)
 
@@ -53,35 +30,46 @@ class Foretold(NamedTuple):
     X_o: float
     n: float
     phase: float
-    foreseen: CrossingPrediction
+    foreseen: passage.CrossingPrediction
 
 
-def predicted_passage(body: Body, lam: Sequence[float], slow: Slow) -> Foretold | None:
+def predicted_passage(
+    body: free_turn.Body, lam: Sequence[float], slow: free_turn.Slow
+) -> Foretold | None:
     """The passage of a motion that starts with these mean elements, or None if it never crosses;
     lam as sorted."""
-    u = float(shape_distance(slow.m1))
-    if not u < farthest_that_crosses(lam, slow.side):
+    u = float(passage.shape_distance(slow.m1))
+    if not u < passage.farthest_that_crosses(lam, slow.side):
         return None
-    approach = separatrix_approach(lam, slow.side, u)
+    approach = passage.separatrix_approach(lam, slow.side, u)
     X_e, X_o = (
         float(value) * math.exp(-float(fall))
         for value, fall in zip(slow.pair, approach[1:], strict=True)
     )
     phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
-    n, time = float(turn_frequency(body, X_e, slow.side)), float(approach.time)
-    foreseen = outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
+    n, time = float(free_turn.turn_frequency(body, X_e, slow.side)), float(approach.time)
+    foreseen = passage.outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
     return Foretold(time, X_e, X_o, n, phase, foreseen)
 
 
-def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float) -> float:
+def turning_to_separatrix(
+    body: free_turn.Body, lam: Sequence[float], slow: free_turn.Slow, u: float
+) -> float:
     """By how much the phase grows from u to the separatrix: the integral of phi' = n <dn> along the
     motion."""
-    at = u * FRACTIONS
-    mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
-    start, there = (separatrix_approach(lam, slow.side, v).fall_e for v in (u, at))
+    at = u * passage.FRACTIONS
+    mean = means.turn_means(np.exp(-at), -np.expm1(-at), free_turn.LANDEN)
+    start, there = (passage.separatrix_approach(lam, slow.side, v).fall_e for v in (u, at))
     fallen = start - there
-    turning = turn_frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
-    return float((u * WEIGHTS * turning / np.abs(shape_rate(on_side(lam, slow.side), mean))).sum())
+    turning = free_turn.turn_frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
+    return float(
+        (
+            u
+            * passage.WEIGHTS
+            * turning
+            / np.abs(means.shape_rate(passage.on_side(lam, slow.side), mean))
+        ).sum()
+    )
 
 
 @pytest.mark.parametrize(
@@ -93,7 +81,7 @@ def turning_to_separatrix(body: Body, lam: Sequence[float], slow: Slow, u: float
     ],
 )
 def test_means_are_those_of_the_elliptic_integrals(m: float, K: float, Dn: float, C: float) -> None:
-    mean = turn_means(m, 1 - m)
+    mean = means.turn_means(m, 1 - m)
     assert [math.pi / 2 / mean.pace, mean.dd, mean.cc] == pytest.approx([K, Dn, C], rel=3e-16 * 4)
 
 
@@ -105,7 +93,7 @@ def test_means_are_those_of_the_elliptic_integrals(m: float, K: float, Dn: float
     ],
 )
 def test_means_near_the_separatrix(m1: float, K: float, Dn: float, C: float) -> None:
-    mean = turn_means(1 - m1, m1, 12)
+    mean = means.turn_means(1 - m1, m1, 12)
     assert [math.pi / 2 / mean.pace, mean.dd, mean.cc] == pytest.approx([K, Dn, C], rel=2e-14)
 
 
@@ -114,32 +102,37 @@ def test_the_fourth_mean_at_small_and_large_modulus() -> None:
         for m in (1e-12, 1e-3, 0.5, 0.999):
             M = mpmath.mpf(m)
             K, X_e = mpmath.ellipk(M), mpmath.ellipe(M)
-            assert turn_means(m, 1 - m).ssss == pytest.approx(
+            assert means.turn_means(m, 1 - m).ssss == pytest.approx(
                 float(((2 + M) * K - 2 * (1 + M) * X_e) / (3 * M * M * K)), rel=1e-15
             )
 
 
 def test_shape_rates() -> None:
-    mean = turn_means(0.5, 0.5)
-    both = [side * shape_rate(on_side(LAM4, side), mean) for side in (1, -1)]
+    mean = means.turn_means(0.5, 0.5)
+    both = [side * means.shape_rate(passage.on_side(LAM4, side), mean) for side in (1, -1)]
     assert both == pytest.approx([-0.0023708397431333909] * 2, rel=4e-16, abs=0)
-    other = [side * shape_rate(on_side((0.005, 0.006, 0.003), side), mean) for side in (1, -1)]
+    other = [
+        side * means.shape_rate(passage.on_side((0.005, 0.006, 0.003), side), mean)
+        for side in (1, -1)
+    ]
     assert other == pytest.approx(
         [-0.0012847329052223181, -0.0034569465810444636], rel=4e-16, abs=0
     )
 
 
 def test_slow_variables_and_their_periodic_part() -> None:
-    slow = slow_elements(BODY, FIG4)
-    assert [slow.X, slow.Y, shape_distance(slow.m1), 1 - slow.m1] == pytest.approx(
+    slow = free_turn.slow_elements(BODY, FIG4)
+    assert [slow.X, slow.Y, passage.shape_distance(slow.m1), 1 - slow.m1] == pytest.approx(
         [0.296, 0.171424, 0.54621943462551054, 0.57913513513513514], rel=1e-15
     )
-    closed = damped_part(BODY, LAM4, slow)
+    closed = quadrature.damped_part(BODY, LAM4, slow)
     assert closed == pytest.approx((0.00080351012296, -0.00138743114381), rel=1e-11)
-    series = periodic_part(BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow)
+    series = quadrature.periodic_part(
+        BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow
+    )
     for whole, value, part in zip(series, slow[:2], closed, strict=True):
         assert whole / value == pytest.approx(part, rel=1e-12)
-    assert shape_distance(slow_elements(BODY, FIG12).m1) == pytest.approx(
+    assert passage.shape_distance(free_turn.slow_elements(BODY, FIG12).m1) == pytest.approx(
         1.4802261809540898, rel=1e-15
     )
 
@@ -151,24 +144,27 @@ def test_slow_variables_and_their_periodic_part() -> None:
     "omega", [(0.8, 0.5, 0.74), (-0.8, 0.5, 0.74), (0.5, -0.25, -1.4), (-0.5, 0.25, -1.4)]
 )
 def test_a_motion_is_what_its_slow_variables_and_phase_say(inertia: Triple, omega: Triple) -> None:
-    body = Body.of(inertia)
-    slow = slow_elements(body, omega)
+    body = free_turn.Body.of(inertia)
+    slow = free_turn.slow_elements(body, omega)
     back = [
-        body.unsort(free_motion_by_phase(body, slow, slow.phase + step))
+        body.unsort(free_turn.free_motion_by_phase(body, slow, slow.phase + step))
         for step in (0, -1e-6, 1e-6)
     ]
     assert back[0] == pytest.approx(omega, rel=1e-14)
-    turning = turn_frequency(body, slow.pair[0], slow.side) * turn_means(1 - slow.m1, slow.m1).pace
+    turning = (
+        free_turn.turn_frequency(body, slow.pair[0], slow.side)
+        * means.turn_means(1 - slow.m1, slow.m1).pace
+    )
     (A1, A2, A3), (p, q, r) = inertia, omega
     euler = [(A2 - A3) / A1 * q * r, (A3 - A1) / A2 * p * r, (A1 - A2) / A3 * p * q]
     assert (back[2] - back[1]) / 2e-6 * turning == pytest.approx(euler, rel=1e-7, abs=1e-9)
 
 
-def state_of_energy(J: float) -> Slow:
+def state_of_energy(J: float) -> free_turn.Slow:
     X, Y = 1 - 0.6 / J, 1 / J - 1
     side = 1 if J > 0.8 else -1
     X_e, X_o = (X, Y) if side > 0 else (Y, X)
-    return Slow(X, Y, side, 1 - X_o / X_e, 1, 0.0)
+    return free_turn.Slow(X, Y, side, 1 - X_o / X_e, 1, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -186,22 +182,22 @@ def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> Non
     slow = state_of_energy(J)
     X_e, X_o = slow.pair
     m = 1 - slow.m1
-    closed = X_o * fluid_loss(
-        fluid_weights(*BODY[:3], 1.0, slow.side), m, turn_means(m, slow.m1), X_e, X_o
+    closed = X_o * means.fluid_loss(
+        means.fluid_weights(*BODY[:3], 1.0, slow.side), m, means.turn_means(m, slow.m1), X_e, X_o
     )
     assert closed == pytest.approx(loss, rel=1e-14)
-    dX, dY = mean_rates(
+    dX, dY = quadrature.mean_rates(
         BODY,
         lambda w: np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), -1),
         slow,
-        nodes_for(slow.m1),
+        quadrature.nodes_for(slow.m1),
     )
     assert [dX, dY] == pytest.approx([0.6 * loss, -loss], rel=1e-13)
 
 
 def test_mean_velocity() -> None:
-    slow = Slow(0.4, 0.4, 1, 0.5, 1, 0.0)
-    turn = free_motion_by_phase(BODY, slow, 2 * np.pi * np.arange(64) / 64)
+    slow = free_turn.Slow(0.4, 0.4, 1, 0.5, 1, 0.0)
+    turn = free_turn.free_motion_by_phase(BODY, slow, 2 * np.pi * np.arange(64) / 64)
     assert turn.mean(0) / math.sqrt(0.4 / 0.4) == pytest.approx(
         [0.84721308479397909, 0, 0], abs=1e-15
     )
@@ -217,11 +213,11 @@ def test_mean_velocity() -> None:
     ],
 )
 def test_the_shape_that_keeps_itself(lam: Triple, side: int, m: float) -> None:
-    found = resting_shape(lam)
+    found = passage.resting_shape(lam)
     assert found is not None
     assert found[0] == side
     assert found[1] == pytest.approx(m, abs=3e-15)
-    assert resting_shape(LAM4) is None
+    assert passage.resting_shape(LAM4) is None
 
 
 TABLE = {
@@ -234,7 +230,9 @@ TABLE = {
 
 @pytest.mark.parametrize("m", TABLE)
 def test_crossing_times_of_the_table(m: float) -> None:
-    times = [float(crossing_time((1.0, rho, 0.0), 1, -math.log(m))) for rho in (0, 0.5, 1, 1.5)]
+    times = [
+        float(passage.crossing_time((1.0, rho, 0.0), 1, -math.log(m))) for rho in (0, 0.5, 1, 1.5)
+    ]
     assert times == pytest.approx(TABLE[m], abs=6e-11)
 
 
@@ -249,25 +247,25 @@ def test_crossing_times_of_the_table(m: float) -> None:
     ],
 )
 def test_crossing_times_of_the_paper(lam: Triple, omega: Triple, time: float) -> None:
-    slow = slow_elements(BODY, omega)
-    assert float(crossing_time(lam, slow.side, shape_distance(slow.m1))) == pytest.approx(
-        time, rel=2e-15
-    )
+    slow = free_turn.slow_elements(BODY, omega)
+    assert float(
+        passage.crossing_time(lam, slow.side, passage.shape_distance(slow.m1))
+    ) == pytest.approx(time, rel=2e-15)
 
 
 def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
-    u = shape_distance(slow_elements(BODY, FIG4).m1)
-    assert crossing_time((0.003, 0.004, 0.005), 1, u) == math.inf
-    assert crossing_time((0.005, 0.004, 0.005), 1, u) == math.inf
-    threshold = resting_shape((0.004, 0.006, 0.003))
+    u = passage.shape_distance(free_turn.slow_elements(BODY, FIG4).m1)
+    assert passage.crossing_time((0.003, 0.004, 0.005), 1, u) == math.inf
+    assert passage.crossing_time((0.005, 0.004, 0.005), 1, u) == math.inf
+    threshold = passage.resting_shape((0.004, 0.006, 0.003))
     edge = -math.log(threshold[1])
     assert np.isfinite(
-        crossing_time((0.004, 0.006, 0.003), 1, edge * np.array([0.99, 1.01]))
+        passage.crossing_time((0.004, 0.006, 0.003), 1, edge * np.array([0.99, 1.01]))
     ).tolist() == [True, False]
 
 
-def mean_elements(lam: Sequence[float], slow: Slow) -> Slow:
-    (X_e, X_o), (dX_e, dX_o) = slow.pair, damped_part(BODY, lam, slow)
+def mean_elements(lam: Sequence[float], slow: free_turn.Slow) -> free_turn.Slow:
+    (X_e, X_o), (dX_e, dX_o) = slow.pair, quadrature.damped_part(BODY, lam, slow)
     X_e, X_o = X_e * (1 - dX_e), X_o * (1 - dX_o)
     X, Y = (X_e, X_o) if slow.side > 0 else (X_o, X_e)
     w_e, w_o = BODY.weight(slow.side)
@@ -289,7 +287,7 @@ def test_the_predictions_for_the_family_of_figure_4(
     factor: float, mean: float, predicted: float, place: float, sense: int
 ) -> None:
     lam = [factor * x for x in LAM4]
-    found = predicted_passage(BODY, lam, mean_elements(lam, slow_elements(BODY, FIG4)))
+    found = predicted_passage(BODY, lam, mean_elements(lam, free_turn.slow_elements(BODY, FIG4)))
     foreseen = found.foreseen
     assert (found.time, foreseen.predicted, foreseen.place, foreseen.sense) == pytest.approx(
         (mean, predicted, place, sense), rel=2e-11, abs=5e-6
@@ -298,7 +296,7 @@ def test_the_predictions_for_the_family_of_figure_4(
 
 def test_a_sense_is_undetermined_where_s_is_near_a_whole_number() -> None:
     lam = (0.009, 0.004, 0.007)
-    found = predicted_passage(BODY, lam, mean_elements(lam, slow_elements(BODY, FIG4)))
+    found = predicted_passage(BODY, lam, mean_elements(lam, free_turn.slow_elements(BODY, FIG4)))
     assert found.foreseen.place == pytest.approx(0.987, abs=5e-4)
     assert found.foreseen.sense == 0
 
@@ -317,15 +315,19 @@ def test_a_sense_is_undetermined_where_s_is_near_a_whole_number() -> None:
 )
 def test_shares_of_starts_that_cross(lam: Triple, at300: float, at1000: float) -> None:
     rates = [x / 1000 for x in lam]
-    assert share_that_crosses(BODY, rates, np.array([300.0, 1000.0])) == pytest.approx(
+    assert passage.share_that_crosses(BODY, rates, np.array([300.0, 1000.0])) == pytest.approx(
         [at300, at1000], abs=5e-5
     )
 
 
 def test_share_about_the_axis_of_largest_inertia() -> None:
     a, b, c = BODY[:3]
-    assert share_beyond(BODY, 1, 0.0) == pytest.approx(
+    assert passage.share_beyond(BODY, 1, 0.0) == pytest.approx(
         2 / math.pi * math.atan(math.sqrt(c * (a - b) / (a * (b - c)))), abs=1e-14
     )
-    assert share_beyond(BODY, 1, 0.0) + share_beyond(BODY, -1, 0.0) == pytest.approx(1, abs=1e-14)
-    assert share_that_crosses(BODY, LAM4, np.array([1e9])) == pytest.approx(0.419569, abs=1e-6)
+    assert passage.share_beyond(BODY, 1, 0.0) + passage.share_beyond(
+        BODY, -1, 0.0
+    ) == pytest.approx(1, abs=1e-14)
+    assert passage.share_that_crosses(BODY, LAM4, np.array([1e9])) == pytest.approx(
+        0.419569, abs=1e-6
+    )

@@ -15,41 +15,19 @@ from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError
-from hodo_cli.cases.case import Case, Time, dump, parse_case
-from hodo_cli.cases.claim_block import CHECK, CLAIM
+import hodo_cli
+from hodo_cli import Case, HodoError
+from hodo_cli.cases.case import Time, dump, parse_case
 from hodo_cli.cases.config import load, parse
-from hodo_cli.cases.figure_block import DERIVED, FIGURE_KINDS
+from hodo_cli.cases.figure_block import DERIVED
 from hodo_cli.cases.json_schema import schema
 from hodo_cli.cases.key_tables import key_tables
-from hodo_cli.cases.keys import COMMON, METHODS
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Model
 from hodo_cli.results.motion import QUANTITIES
-from hodo_cli.schema import document
-from hodo_cli.schema.document import read
-from hodo_cli.schema.kinds import (
-    NAMES,
-    Angle,
-    Choice,
-    Either,
-    Integer,
-    Key,
-    KeyPath,
-    ListOf,
-    Mistake,
-    Number,
-    Table,
-    Text,
-    Variant,
-    Wrong,
-    check_keys,
-    matrix,
-    vector,
-)
+from hodo_cli.schema import document, kinds
 from hodo_cli.schema.mistakes import MAX_MISTAKES, Mistakes
 from hodo_cli.schema.write import write
-from hodo_cli.storage.hdf5 import open_run
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 NAME_RULE = (
@@ -156,13 +134,13 @@ def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
 )  # fmt: skip
 def test_scalars_follow_the_core_schema_of_yaml_1_2(text: str, value: Any) -> None:
     text = text if text != "-" else "'-'"
-    found = read(f"a: {text}", Mistakes("x"))["a"]
+    found = document.read(f"a: {text}", Mistakes("x"))["a"]
     assert found == value
     assert type(found) is type(value)
 
 
 def test_nan_is_read_as_one() -> None:
-    assert math.isnan(read(".NaN", Mistakes("x")))
+    assert math.isnan(document.read(".NaN", Mistakes("x")))
 
 
 def test_an_alias_is_its_anchor() -> None:
@@ -180,8 +158,22 @@ def test_a_config_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
 
 # Mistakes
 
+RULES = schema()
+CASE_KEYS = RULES["$defs"]["case"]["properties"]
+COMMON = [key for key in CASE_KEYS if key != "model"]
 LINEAR = ["model", "form", "inertia", "damping", "initial", *COMMON]
-MODELS = str(Choice(*catalogue()))
+MODELS, METHODS, FIGURE_KINDS = (
+    str(kinds.Choice(*names))
+    for names in (
+        CASE_KEYS["model"]["enum"],
+        CASE_KEYS["method"]["enum"],
+        [
+            figure["properties"]["kind"]["enum"][0]
+            for figure in RULES["properties"]["figures"]["additionalProperties"]["oneOf"]
+        ],
+    )
+)
+CLAIM = RULES["properties"]["claims"]["items"]["properties"]
 LINES = [
     "model: linear-diag",
     "inertia: [1, 0.8, 0.6]",
@@ -221,7 +213,7 @@ LINES = [
         ("time: {start: -1e308, end: 1e308}", 32,
          ".time.end: the span from -1e+308 to 1e+308 is not possible"),
         ("method: dop853", 13,
-         f".method: expected {Choice(*METHODS)}, got 'dop853'; did you mean 'DOP853'?"),
+         f".method: expected {METHODS}, got 'dop853'; did you mean 'DOP853'?"),
         ("precision: long", 16, ".precision: expected double, extended or quadruple, got 'long'"),
         ("error: true", 12, ".error: expected on or off, got true"),
         ("tol: 0", 10, ".tol: expected a positive number < 1, got 0"),
@@ -290,7 +282,7 @@ def test_a_mistake_is_named_with_its_place(entry: str, column: int, message: str
          ["4:12: defaults.resistance: no case here takes this key"]),
         (GOOD + "figures: {f: {cases: a}}\n", ["4:14: figures.f: missing 'kind'"]),
         (GOOD + "figures: {f: {kind: hodgraph, foo: 1}}\n",
-         [f"4:21: figures.f.kind: expected {Choice(*FIGURE_KINDS)}, got 'hodgraph'; did you mean "
+         [f"4:21: figures.f.kind: expected {FIGURE_KINDS}, got 'hodgraph'; did you mean "
           f"'hodograph'?"]),
         (GOOD + "figures: {f: {kind: sphere, cases: [a, aa]}}\n",
          ["4:40: figures.f.cases.1: unknown name 'aa'; did you mean 'a'? (valid: a, a.b)"]),
@@ -575,18 +567,21 @@ def test_mistakes_of_overrides_follow_those_of_the_file() -> None:
 # Kinds
 
 
-ONE_OF_TWO = Either(matrix(1), Table({"d": Key(Number(), "")}))
-LAW = Variant("law", {"exp": {"k": Key(Number(), "")}, "f": {}}, "which law")
+ONE_OF_TWO = kinds.Either(kinds.matrix(1), kinds.Table({"d": kinds.Key(kinds.Number(), "")}))
+LAW = kinds.Variant("law", {"exp": {"k": kinds.Key(kinds.Number(), "")}, "f": {}}, "which law")
 
 
 def test_a_schema_says_what_the_key_means_that_names_the_others() -> None:
-    for kind, tag, doc in ((LAW, "law", "which law"), (CHECK, "kind", "how it is checked")):
-        for table in kind.schema()["oneOf"]:
+    for rule, tag, doc in (
+        (LAW.schema(), "law", "which law"),
+        (CLAIM["check"], "kind", "how it is checked"),
+    ):
+        for table in rule["oneOf"]:
             assert table["properties"][tag]["description"] == doc
 
 
-def refused(kind: Any, value: Any) -> tuple[Mistake, ...]:
-    with pytest.raises(Wrong) as caught:
+def refused(kind: Any, value: Any) -> tuple[kinds.Mistake, ...]:
+    with pytest.raises(kinds.Wrong) as caught:
         kind.check(value)
     return caught.value.mistakes
 
@@ -594,17 +589,17 @@ def refused(kind: Any, value: Any) -> tuple[Mistake, ...]:
 @pytest.mark.parametrize(
     ("kind", "given", "value"),
     [
-        (Number(), 3, 3.0), (Number(least=0), 0, 0.0), (Number(most=0), 0, 0.0),
-        (Integer(), 5e3, 5000), (Integer(least=1), 1, 1),
-        (Angle(), 1.5, 1.5), (Angle(), "60 deg", math.radians(60)), (Angle(), "-1e2deg",
-                                                                     math.radians(-100)),
-        (Angle(), "0.5 rad", 0.5),
-        (vector(2, above=0, scalar=True), 2, (2.0, 2.0)), (vector(2), [1, 2], (1.0, 2.0)),
-        (matrix(2), [[1, 2], [3, 4]], ((1.0, 2.0), (3.0, 4.0))),
-        (ListOf(Number()), [1, 2, 3], (1.0, 2.0, 3.0)),
-        (NAMES, "a", ("a",)), (NAMES, ["a", "b"], ("a", "b")),
+        (kinds.Number(), 3, 3.0), (kinds.Number(least=0), 0, 0.0), (kinds.Number(most=0), 0, 0.0),
+        (kinds.Integer(), 5e3, 5000), (kinds.Integer(least=1), 1, 1),
+        (kinds.Angle(), 1.5, 1.5), (kinds.Angle(), "60 deg", math.radians(60)),
+        (kinds.Angle(), "-1e2deg", math.radians(-100)), (kinds.Angle(), "0.5 rad", 0.5),
+        (kinds.vector(2, above=0, scalar=True), 2, (2.0, 2.0)),
+        (kinds.vector(2), [1, 2], (1.0, 2.0)),
+        (kinds.matrix(2), [[1, 2], [3, 4]], ((1.0, 2.0), (3.0, 4.0))),
+        (kinds.ListOf(kinds.Number()), [1, 2, 3], (1.0, 2.0, 3.0)),
+        (kinds.NAMES, "a", ("a",)), (kinds.NAMES, ["a", "b"], ("a", "b")),
         (ONE_OF_TWO, {"d": 1}, {"d": 1.0}),
-        (Either(Number(), Choice("a")), "a", "a"),
+        (kinds.Either(kinds.Number(), kinds.Choice("a")), "a", "a"),
         (LAW, {"law": "exp", "k": 2}, {"law": "exp", "k": 2.0}),
     ],
 )  # fmt: skip
@@ -617,23 +612,24 @@ def test_a_kind_resolves(kind: Any, given: Any, value: Any) -> None:
 @pytest.mark.parametrize(
     ("kind", "given", "at", "message"),
     [
-        (Number(above=0), 0.0, (), "expected a positive number, got 0.0"),
-        (Number(below=1), 1, (), "expected a number < 1, got 1"),
-        (Number(most=1), 1.5, (), "expected a number <= 1, got 1.5"),
-        (Number(), 10**400, (), "expected a finite number, got a huge integer"),
-        (Integer(most=3), 4, (), "expected an integer <= 3, got 4"),
-        (Integer(), True, (), "expected an integer, got true"),
-        (Angle(), "60 degrees", (),
+        (kinds.Number(above=0), 0.0, (), "expected a positive number, got 0.0"),
+        (kinds.Number(below=1), 1, (), "expected a number < 1, got 1"),
+        (kinds.Number(most=1), 1.5, (), "expected a number <= 1, got 1.5"),
+        (kinds.Number(), 10**400, (), "expected a finite number, got a huge integer"),
+        (kinds.Integer(most=3), 4, (), "expected an integer <= 3, got 4"),
+        (kinds.Integer(), True, (), "expected an integer, got true"),
+        (kinds.Angle(), "60 degrees", (),
          "expected an angle in radians, or such as '60 deg', got '60 degrees'"),
-        (Angle(), "1e999 deg", (),
+        (kinds.Angle(), "1e999 deg", (),
          "expected an angle in radians, or such as '60 deg', got '1e999 deg'"),
-        (Angle(), "1.2.3 deg", (),
+        (kinds.Angle(), "1.2.3 deg", (),
          "expected an angle in radians, or such as '60 deg', got '1.2.3 deg'"),
-        (matrix(2), [[1, 2], [3]], (1,), "expected 2 numbers, got a list of 1"),
-        (matrix(2), [[1, 2], [3, "x"]], (1, 1), "expected a finite number, got 'x'"),
-        (ListOf(Number()), [], (), "expected a list of one or more: number, got a list of 0"),
-        (NAMES, [1], (0,), "expected text, got 1; put it in quotes"),
-        (Text(), None, (), "expected text, got an empty value"),
+        (kinds.matrix(2), [[1, 2], [3]], (1,), "expected 2 numbers, got a list of 1"),
+        (kinds.matrix(2), [[1, 2], [3, "x"]], (1, 1), "expected a finite number, got 'x'"),
+        (kinds.ListOf(kinds.Number()), [], (),
+         "expected a list of one or more: number, got a list of 0"),
+        (kinds.NAMES, [1], (0,), "expected text, got 1; put it in quotes"),
+        (kinds.Text(), None, (), "expected text, got an empty value"),
         (ONE_OF_TWO, {"e": 1, "d": 1}, ("e",), "unknown key (valid: d)"),
         (ONE_OF_TWO, [[1], [2]], (), "expected 1 rows of 1 numbers, got a list of 2"),
         (ONE_OF_TWO, 3, (), "expected 1 rows of 1 numbers, or a mapping of d, got 3"),
@@ -643,23 +639,28 @@ def test_a_kind_resolves(kind: Any, given: Any, value: Any) -> None:
          "expected exp or f, got 'exq'; did you mean 'exp'?"),
     ],
 )  # fmt: skip
-def test_a_kind_reports(kind: Any, given: Any, at: KeyPath, message: str) -> None:
+def test_a_kind_reports(kind: Any, given: Any, at: kinds.KeyPath, message: str) -> None:
     assert refused(kind, given) == ((at, message),)
 
 
 def test_resolve_leaves_out_what_is_wrong() -> None:
     keys = {
-        "a": Key(Number(), ""),
-        "b": Key(Number(), "", default=2.0),
-        "c": Key(Number(), "", default=None),
+        "a": kinds.Key(kinds.Number(), ""),
+        "b": kinds.Key(kinds.Number(), "", default=2.0),
+        "c": kinds.Key(kinds.Number(), "", default=None),
     }
-    values, found = check_keys(keys, {"a": "x", "d": 1})
+    values, found = kinds.check_keys(keys, {"a": "x", "d": 1})
     assert values == {"b": 2.0, "c": None}
     assert sorted(at for at, _ in found) == [("a",), ("d",)]
 
 
 def test_mistakes_are_named_from_the_outside_inwards() -> None:
-    bodies = Table({"bodies": Key(ListOf(vector(2)), ""), "tol": Key(Number(above=0), "")})
+    bodies = kinds.Table(
+        {
+            "bodies": kinds.Key(kinds.ListOf(kinds.vector(2)), ""),
+            "tol": kinds.Key(kinds.Number(above=0), ""),
+        }
+    )
     assert refused(bodies, {"bodies": [[1, 2], [3, "x"], 4], "tol": 0, "tal": 1}) == (
         (("bodies", 1, 1), "expected a finite number, got 'x'"),
         (("bodies", 2), "expected 2 numbers, got 4"),
@@ -690,7 +691,7 @@ RANGES = st.fixed_dictionaries({"values": st.lists(NUMBERS, min_size=1, max_size
 
 @given(PLAIN)
 def test_what_is_written_is_read_back(value: Any) -> None:
-    assert repr(read(write(value), Mistakes("x"))) == repr(value)
+    assert repr(document.read(write(value), Mistakes("x"))) == repr(value)
 
 
 @given(
@@ -800,8 +801,7 @@ KNOWN_WORDS = set(
 
 
 def obeys_schema(text: str) -> bool:
-    rules = schema()
-    return conforms(read(text, Mistakes("x")), rules, rules)
+    return conforms(document.read(text, Mistakes("x")), RULES, RULES)
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
@@ -922,7 +922,7 @@ def test_a_result_is_no_case_file(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("cases:\n")
     with (
         pytest.raises(HodoError, match="a case file, where a result"),
-        open_run(tmp_path / "a.yaml"),
+        hodo_cli.open(tmp_path / "a.yaml"),
     ):
         pass
 

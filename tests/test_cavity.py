@@ -19,6 +19,8 @@ from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import catalogue
 from hodo_cli.models.cavity import fluid_torque
 
+pytestmark = pytest.mark.engines
+
 HERE = Path(__file__).parent
 PAPER2 = load(HERE.parent / "configs" / "paper2.yaml").cases
 ENDS = [

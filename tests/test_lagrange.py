@@ -23,9 +23,11 @@ from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.models import catalogue, lagrange
 from hodo_cli.models.base import Event
-from hodo_cli.models.top.nutation import first_integrals, mean_cosine, nutation
+from hodo_cli.models.top import nutation
 from hodo_cli.models.top.torques import cubic_dissipation
 from hodo_cli.sweeps.chunk import Chunk, compute
+
+pytestmark = pytest.mark.engines
 
 HERE = Path(__file__).parent
 PAPER3 = load(HERE.parent / "configs" / "paper3.yaml").cases
@@ -98,7 +100,9 @@ def test_the_mean_by_the_arithmetic_geometric_mean_is_that_by_elliptic_integrals
         m = 2 * e_ / (w_ + e_)
         expected = w_ - (w_ + e_) * mpmath.ellipe(m) / mpmath.ellipk(m)
         # w - e has only the digits that two doubles leave it; the mean depends on its logarithm.
-        assert abs(e * e * mean_cosine(e, w) - expected) < 1e-15 * max(1, 1e-3 / m1) * abs(expected)
+        assert abs(e * e * nutation.mean_cosine(e, w) - expected) < 1e-15 * max(1, 1e-3 / m1) * abs(
+            expected
+        )
 
 
 def slopes(case: Case, t: float) -> tuple[mpmath.matrix, mpmath.matrix, series.LagrangeAveraged]:
@@ -255,7 +259,7 @@ def distance(theta: str, epsilon: float, **given: str) -> np.ndarray:
         case(form="averaged-quadrature" if "perturbation" in given else "averaged", **given)
     ).variables
     v = full.variables
-    Gz, H = first_integrals(v["omega"].T, v["gamma"].T, constants(full.case))
+    Gz, H = nutation.first_integrals(v["omega"].T, v["gamma"].T, constants(full.case))
     return np.array([np.abs(Gz - slow["Gz"]).max(), np.abs(H - slow["H"]).max()])
 
 
@@ -313,7 +317,7 @@ def test_a_start_by_integrals_is_that_by_the_angle(theta: str) -> None:
     full = case(form="full", epsilon="0.1", initial=initial)
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
+    assert nutation.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
         (values["Gz"], values["H"]), rel=1e-14
     )
 
@@ -324,7 +328,9 @@ def test_a_full_start_may_pass_through_the_vertical() -> None:
     )  # Gz = C r: u2 = 1, and it moves there
     p, q, r, *gamma = start(full)
     assert math.hypot(*gamma) == pytest.approx(1, rel=1e-15)
-    assert first_integrals((p, q, r), gamma, constants(full)) == pytest.approx((2, 3.3), rel=1e-14)
+    assert nutation.first_integrals((p, q, r), gamma, constants(full)) == pytest.approx(
+        (2, 3.3), rel=1e-14
+    )
 
 
 @pytest.mark.parametrize("theta", [1e-9, math.pi - 1e-9])
@@ -346,7 +352,7 @@ def test_regular_precession_stays_regular() -> None:
     U = -X * math.sqrt(2 * Amu * y)
     c = (-U + math.sqrt(U * U - 4 * Amu * (2 * (2 * X - y - 2) - X * X + 2 * X * y))) / 2
     state = (U, 2 * X - y - 2 + c * c / (2 * Amu), c / k.C, 0.0)
-    assert nutation(state, k) == pytest.approx((X, X + y), rel=1e-13)
+    assert nutation.nutation(state, k) == pytest.approx((X, X + y), rel=1e-13)
     rates = FORMS["averaged"].rhs(0.3, state, k)
     assert rates[3] == 0
     near = FORMS["averaged"].rhs(0.3, (*state[:3], 1e-8), k)

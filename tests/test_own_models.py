@@ -9,8 +9,6 @@ import pytest
 from conftest import ROOT, Hodo
 from test_docs import snippets
 
-from hodo_cli import models
-
 EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)
 CONFIG = """\
 defaults: {inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
@@ -21,13 +19,6 @@ cases:
   swept: {model: quadratic-drag, drag: 0.2, error: off, sweep: {drag: {values: [0, 0.1]}}}
   known: {model: linear-diag}
 """
-
-
-def test_a_form_has_a_name_of_its_own_and_a_models() -> None:
-    base = type("Base", (), {"form": "full"})
-    form = type("Form", (base,), {"form": "full", "name": "mine"})
-    below = type("Below", (form,), {})
-    assert [models._is_form(each) for each in (base, form, below)] == [False, True, False]
 
 
 @pytest.fixture
@@ -63,6 +54,18 @@ def test_the_schema_has_it_and_the_environment_names_it(hodo: Hodo, folder: Path
     assert "quadratic-drag" in json.dumps(json.loads(schema))
     assert hodo("schema", env={**os.environ, "HODO_MODELS": "drag.py"}).stdout == schema
     assert "quadratic-drag" in hodo("--models", "drag.py", "schema", "--table").stdout
+
+
+def test_only_a_class_with_a_form_and_a_name_is_one_that_cases_can_name(
+    hodo: Hodo, folder: Path
+) -> None:
+    helpers = (
+        "class Nameless(BodyFrame):\n    form = 'full'\nclass Below(QuadraticDrag):\n    pass\n"
+    )
+    (folder / "more.py").write_text(EXAMPLE + helpers, encoding="utf-8")
+    done = hodo("--models", "more.py", "schema")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == hodo("--models", "drag.py", "schema").stdout
 
 
 def test_a_package_names_its_models_as_entry_points(hodo: Hodo, folder: Path) -> None:
