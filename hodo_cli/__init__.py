@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BatchError", "Case", "HodoError", "__version__", "open", "plot", "run", "sweep"]
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.2.0"
 
 
 class HodoError(Exception):

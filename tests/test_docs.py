@@ -261,6 +261,9 @@ def test_the_version_is_open_and_the_last_one_closed() -> None:
     assert sections[0] == ("Unreleased", "")
     assert all(re.fullmatch(r" - \d{4}-\d\d-\d\d", date) for _, date in sections[1:])
     assert __version__.endswith(".dev0") == (__version__ != sections[1][0])
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    version, date = sections[1][0], sections[1][1].removeprefix(" - ")
+    assert f"\nversion: {version}\ndate-released: {date}\n" in cited
 
 
 def test_the_licence_is_one_everywhere() -> None:
