@@ -313,7 +313,7 @@ def test_members_are_integrated_once_for_all_claims_or_in_parts_that_memory_hold
     block = claims_block(*(f"cases: {cases}, {falls}, {over}" for cases in ("top", "[top, top]")))
     whole = judged_by(stored, block)
     assert len(integrated) == 4
-    monkeypatch.setattr(variations, "SAMPLES_AT_ONCE", 1)
+    monkeypatch.setattr(variations, "MOST_VARIED_SAMPLES", 1)
     (stored / "runs" / "again.h5").write_bytes((stored / "runs" / "c.h5").read_bytes())
     in_parts = judged_by(stored, block + "# Judged anew.\n")
     assert in_parts == whole

@@ -74,11 +74,11 @@ def listed(values: Iterable[float], digits: int = 6) -> str:
     return ", ".join(f"{value:.{digits}g}" for value in values)
 
 
-Pair = tuple[np.ndarray, np.ndarray]
+ValuePair = tuple[np.ndarray, np.ndarray]
 """Values of a motion and of a formula for them, of one shape."""
 
 
-def difference(pairs: Sequence[Pair]) -> float:
+def difference(pairs: Sequence[ValuePair]) -> float:
     """The largest difference in any pair, relative to the largest value of the motion."""
     return float(
         np.max(
@@ -90,7 +90,7 @@ def difference(pairs: Sequence[Pair]) -> float:
     )
 
 
-def agreement(pairs: Sequence[Pair], within: float) -> Finding:
+def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
     """A formula beside motions; decided by the largest relative difference."""
     worst = difference(pairs)
     return Finding(beyond(worst, within), worst, f"differs by {worst:.2g}")

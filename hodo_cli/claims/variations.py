@@ -80,7 +80,7 @@ def changed(case: Case, values: Mapping[str, Any]) -> Case:
     return parse_case(dump(replace(case, data=data, time=time)))
 
 
-SAMPLES_AT_ONCE = 5_000_000
+MOST_VARIED_SAMPLES = 5_000_000
 """Samples that are integrated side by side, and kept for the next claim: some 500 MB."""
 
 
@@ -93,10 +93,10 @@ class Motions:
 
     def of(self, members: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
         """The motions of each member's cases. Raises HodoError if one stops before its end."""
-        size = max(1, SAMPLES_AT_ONCE // sum(case.time.samples for case in members[0]))
+        size = max(1, MOST_VARIED_SAMPLES // sum(case.time.samples for case in members[0]))
         for i in range(0, len(members), size):
             block = members[i : i + size]
-            if sum(len(m.time) for m in self._known.values()) > SAMPLES_AT_ONCE:
+            if sum(len(m.time) for m in self._known.values()) > MOST_VARIED_SAMPLES:
                 self._known.clear()
             self._integrate(itertools.chain(*block))
             yield from ([self._known[unnamed(case)] for case in cases] for cases in block)

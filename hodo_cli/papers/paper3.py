@@ -14,7 +14,7 @@ import numpy as np
 from ..claims.finding import (
     Check,
     Finding,
-    Pair,
+    ValuePair,
     agreement,
     beyond,
     difference,
@@ -122,7 +122,7 @@ def from_roots(m: Motion, u: Any, sign_R: Any, sign_r: Any) -> tuple[Any, Any, A
     return Gz, H, chi / C * np.sqrt(np.maximum(total + product - R, 0))
 
 
-def by_2_5(m: Motion, frozen: bool) -> list[Pair]:
+def by_2_5(m: Motion, frozen: bool) -> list[ValuePair]:
     """Gz, H and r of a motion, each beside its value by (2.5), with the signs of R and r at each
     moment or at the start.
     """
