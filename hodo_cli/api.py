@@ -19,15 +19,13 @@ from . import HodoError
 from .batch.memory import check_memory
 from .batch.pool import pool
 from .cases.case import Case
-from .cases.config import Config, drawable
-from .cases.figure_block import FIGURE_KINDS, check_drawn, check_figure
+from .cases.figure_block import FIGURE_KINDS, check_figure
 from .commands.classify import classified
 from .commands.resume import case_digest
 from .commands.run import finish
 from .figures import draw
 from .progress import Progress
-from .results.dataset import Opened, dataset, group_of
-from .results.motion import UNSAVED, Results, case_of
+from .results.dataset import StoredCases, cases_of_file, dataset
 from .schema.kinds import Wrong, check_keys, unknown
 from .storage.hdf5 import open_run
 from .storage.writer import Writer
@@ -85,13 +83,13 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
             return dataset(result.read(made.name))
 
 
-def open(path: str | Path) -> Opened:
+def open(path: str | Path) -> StoredCases:
     """The cases of a result file by name, each read as a dataset when it is asked for; `attrs` are
     the attributes of the file.
 
     Raises HodoError if the file is missing, damaged, or no result of hodo.
     """
-    return Opened(Path(path))
+    return cases_of_file(Path(path))
 
 
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
@@ -106,20 +104,14 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
         raise HodoError("expected a dataset or several, got none")
     if kind not in FIGURE_KINDS:
         raise HodoError(unknown(f"kind {kind!r}", kind, FIGURE_KINDS))
-    cases = {case: group_of(each) for case, each in _named(several).items()}
+    cases = _named(several)
     # A sketch of quadrants draws bodies and takes no cases.
     given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
     spec, mistakes = check_keys(FIGURE_KINDS[kind], given | _plain(keys))
     spec = {"kind": kind, **spec}
-    mistakes += check_figure(spec)
-    if not mistakes:
-        known = {name: drawable(case_of(group.attributes, name)) for name, group in cases.items()}
-        mistakes += check_drawn(spec, known, steady=True)
-    if mistakes:
+    if mistakes := [*mistakes, *check_figure(spec)]:
         raise HodoError(str(Wrong(*mistakes)))
-    # Figures read results of files; the datasets at hand stand in for one without a config.
-    empty = Config("", "", "", "", {}, {}, ())
-    return draw(spec, Results(UNSAVED, cases, empty)).figure
+    return draw(spec, cases).figure
 
 
 def _case(given: Given, name: str) -> Case:

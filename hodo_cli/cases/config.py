@@ -270,9 +270,11 @@ def drawable(case: Case) -> Drawable:
         stored = list(dict.fromkeys([*(case.store or labels), "enclosed_axis", "time"]))
     if "omega" in vectors:
         vectors.append("G")
-    axes = {axis.name: axis for axis in axes_of(case.sweep or {})}
+    axes = axes_of(case.sweep or {})
+    sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
+    lengths = {axis.name: len(axis) for axis in axes}
     times = case.time.start, case.time.end
-    return Drawable(case.name, stored, vectors, times, case.time.unit, axes)
+    return Drawable(case.name, stored, vectors, times, case.time.unit, lengths, sphere)
 
 
 def _figures(

@@ -1,8 +1,9 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
 `kind`."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from ..models import rigid_body
@@ -21,7 +22,7 @@ from ..schema.kinds import (
     unknown,
     vector,
 )
-from .sweep_block import AXIS_LABELS, Axis
+from .sweep_block import AXIS_LABELS
 
 FORMATS = ("png", "svg", "pdf", "csv", "html")
 """The formats that a figure is written in."""
@@ -31,6 +32,19 @@ SCRIPT = "plotly.js"
 
 PIECE = "page.json"
 """What a folder of figures tells the page of: its section, and its entries in the index."""
+
+
+@dataclass(frozen=True)
+class DrawnFigure:
+    """A figure as it was drawn: its files or why there are none, the cases that it has asked for,
+    and the warnings that it gave."""
+
+    name: str
+    files: tuple[Path, ...] = ()
+    problem: str = ""
+    cases: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
 
 DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
 LEGEND = Key(
@@ -248,16 +262,17 @@ def _of_groups(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
 
 @dataclass(frozen=True)
 class Drawable:
-    """What is known of a case before it is run, as far as figures ask for it: its name, the
-    variables that may be stored of it, which of them are vectors, its first and last time and their
-    unit, and the axes of its sweep; none for a single case."""
+    """What figures may ask of a case, before it is run or of its dataset: its name, the variables
+    that may be stored of it, which of them are vectors, its first and last time and their unit, and
+    of a sweep the lengths of its axes, and which of them is a sphere."""
 
     name: str
     stored: Sequence[str]
     vectors: Sequence[str]
     times: tuple[float, float]
     unit: str
-    axes: Mapping[str, Axis]
+    axes: Mapping[str, int]
+    sphere: str = ""
 
 
 SWEPT_KINDS = ("map", "curve", "share")
@@ -270,7 +285,8 @@ KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
 def check_drawn(
     values: Mapping[str, Any], cases: Mapping[str, Drawable], steady: bool
 ) -> Iterator[Mistake]:
-    """What keeps a figure from drawing its cases, as far as it is known before they are run.
+    """What keeps a figure from drawing its cases: the one set of rules, for a case file as it is
+    read and for datasets as they are drawn.
 
     Unless `steady`, the times of cases and the lengths of axes may be others for a single run, and
     no figure is wrong by them.
@@ -304,28 +320,41 @@ def _unfit(kind: str | None, case: Drawable) -> str:
         return "" if case.axes else f"case {case.name} is no sweep"
     if case.axes:
         return f"case {case.name} is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw"
-    if kind in KINDS_OF_BODIES and "omega" not in case.stored:
+    if kind in KINDS_OF_BODIES and "omega" not in {*case.stored} & {*case.vectors}:
         return f"case {case.name} stores no angular velocity in body axes, which a {kind} needs"
     return ""
 
 
 def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
     """Names of variables that motions cannot have."""
-    valid = list(dict.fromkeys([*DERIVED, *(name for case in cases for name in case.stored)]))
-    vectors = {name for case in cases for name in case.vectors}
     given: dict[KeyPath, str] = {
         ("variables", i): name for i, name in enumerate(values.get("variables", ()))
     }
     if values.get("kind") == "phase":
         given |= {(key,): values[key] for key in ("x", "y") if key in values}
+    asked = [(at, name, case) for at, name in given.items() for case in cases]
     for i, inset in enumerate(values.get("insets", ())):
-        given |= {("insets", i, "variables", j): v for j, v in enumerate(inset["variables"])}
-    for at, name in given.items():
-        base, dot, axis = name.partition(".")
-        if base not in valid:
-            yield at, unknown(f"variable {name!r}", name, valid)
-        elif name not in DERIVED and (said := _wrong_component(base, dot, axis, vectors)):
-            yield at, said
+        place: KeyPath = ("insets", i, "variables")
+        named = [case for case in cases if case.name == inset["case"]]
+        asked += [
+            ((*place, j), v, case) for j, v in enumerate(inset["variables"]) for case in named
+        ]
+    wrong: dict[KeyPath, str] = {}
+    for at, name, case in asked:
+        if at not in wrong and (said := _wrong_variable(name, case)):
+            wrong[at] = said
+    yield from wrong.items()
+
+
+def _wrong_variable(name: str, case: Drawable) -> str:
+    """Why a name is none of a number that a motion may have; an empty string if it is."""
+    if name in DERIVED or name in case.stored and name not in case.vectors:
+        return ""
+    base, dot, axis = name.partition(".")
+    valid = list(dict.fromkeys([*DERIVED, *case.stored]))
+    if base not in valid:
+        return f"case {case.name}: {unknown(f'variable {name!r}', name, valid)}"
+    return _wrong_component(base, dot, axis, case.vectors)
 
 
 def _wrong_component(base: str, dot: str, part: str, vectors: Collection[str]) -> str:
@@ -377,15 +406,16 @@ def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterat
             continue
         if name not in case.axes:
             yield (key,), unknown(f"axis {name!r} of sweep {case.name}", name, list(case.axes))
-        elif case.axes[name].sphere is not None:
+        elif name == case.sphere:
             yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"
     flat = values.get("kind") == "map" and values.get("x") is None and values.get("y") is None
-    if flat and all(axis.sphere is None for axis in case.axes.values()):
+    if flat and not case.sphere:
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
-    if steady and (counted := case.axes.get(values.get(_axis_of_positions(values), ""))):
+    counted = values.get(_axis_of_positions(values))
+    if steady and counted is not None and counted in case.axes:
         for i, position in enumerate(values.get("at", ())):
-            if position >= (n := len(counted)):
-                said = f"axis {counted.name} of sweep {case.name} has positions 0 to {n - 1}"
+            if position >= (n := case.axes[counted]):
+                said = f"axis {counted} of sweep {case.name} has positions 0 to {n - 1}"
                 yield ("at", i), f"{said}, not {position}"
 
 
@@ -395,7 +425,7 @@ def _of_swept_variable(values: Mapping[str, Any], case: Drawable) -> Iterator[Mi
     base, dot, part = name.partition(".")
     if base not in case.stored:
         yield ("variable",), unknown(f"variable {name!r}", name, case.stored)
-    elif base in AXIS_LABELS and (dot or averaged(values, case.axes)):
+    elif base in AXIS_LABELS and (dot or averaged(values, case.axes, case.sphere)):
         if part not in rigid_body.LABELS.values():
             said = f"{base} is a label, without a mean: name the one whose share is to be drawn"
             yield ("variable",), f"{said}, {_parts(base)}"
@@ -403,15 +433,12 @@ def _of_swept_variable(values: Mapping[str, Any], case: Drawable) -> Iterator[Mi
         yield ("variable",), said
 
 
-def averaged(values: Mapping[str, Any], axes: Mapping[str, Axis]) -> list[str]:
+def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> list[str]:
     """The axes of a sweep over which a figure averages: those that it does not draw."""
     drawn = {values.get(key) for key in ("x", "y", "by", "panels")}
-    flat = values.get("kind") == "map" and values.get("x") is None
-    return [
-        name
-        for name, axis in axes.items()
-        if name not in drawn and not (flat and axis.sphere is not None)
-    ]
+    if values.get("kind") == "map" and values.get("x") is None:
+        drawn.add(sphere)
+    return [name for name in axes if name not in drawn]
 
 
 def _axis_of_positions(values: Mapping[str, Any]) -> str:

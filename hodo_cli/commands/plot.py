@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.pool import Pool, pool
 from ..cases.config import Config, load, parse
-from ..cases.figure_block import FORMATS, PIECE, SCRIPT
+from ..cases.figure_block import FORMATS, PIECE, SCRIPT, DrawnFigure
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
@@ -28,7 +28,7 @@ from ..storage.staging import replacing
 from .resume import content_digest, result_named, warn_of_changes
 
 if TYPE_CHECKING:
-    from ..results.motion import Results
+    from ..results.dataset import StoredCases
 
 SOURCES = (".h5", *YAML_SUFFIXES)
 """What the name of a result or of its config ends with, unless that is a bare name."""
@@ -58,24 +58,12 @@ class FigureTask:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A figure as it was drawn, now or earlier: its files or why there are none, the cases that it
-    has asked for, and the warnings that it gave."""
-
-    name: str
-    files: tuple[Path, ...] = ()
-    problem: str = ""
-    cases: tuple[str, ...] = ()
-    said: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class PageTask:
     """The page of all figures of a folder, and what it shows anew: results with their configs and
     figures."""
 
     out: Path
-    runs: Sequence[tuple[Path, Config, Sequence[Drawn]]]
+    runs: Sequence[tuple[Path, Config, Sequence[DrawnFigure]]]
 
 
 @contextmanager
@@ -156,7 +144,7 @@ def draw_results(
                 yield f"{drawn.name}: {drawn.problem}", True
             elif drawn.files:
                 yield "\n".join(map(str, drawn.files)), False
-        said = [line for folder in folders for drawn in folder.figures for line in drawn.said]
+        said = [line for folder in folders for drawn in folder.figures for line in drawn.warnings]
         if not names:
             said += renewed_page(out, folders, workers, force)
             yield str(out / PAGE_FILE), False
@@ -165,28 +153,32 @@ def draw_results(
         warnings.warn(line, stacklevel=2)
 
 
-def draw_figure(task: FigureTask) -> Drawn:
+def draw_figure(task: FigureTask) -> DrawnFigure:
     """Draw one figure; what a pool does."""
     from ..figures import render
-    from ..results.motion import StoredCases, open_results
+    from ..results.dataset import open_cases
 
-    with (
-        warnings.catch_warnings(record=True) as caught,
-        open_results(task.path, task.config) as results,
-    ):
+    with warnings.catch_warnings(record=True) as caught, open_cases(task.path) as cases:
         warnings.simplefilter("always")
-        made = render(results, task.name, task.formats, task.folder)
-        said = [*(str(each.message) for each in caught), *unlabelled(results)]
-        assert isinstance(results.cases, StoredCases)
-        cases = tuple(sorted(results.cases.asked))
-    return Drawn(made.name, made.files, made.problem, cases, tuple(said))
+        made = render(cases, task.config.figures, task.name, task.formats, task.folder)
+        given = warnings_of(caught, cases)
+    return replace(made, cases=tuple(sorted(cases.asked)), warnings=given)
 
 
-def unlabelled(results: "Results") -> Iterator[str]:
-    """The warning that a case was read that is not classified, if one was."""
-    if results.lacks_labels:
-        said = f"run `hodo classify {results.path}` for labels and crossings"
-        yield f"{results.path} is not classified: {said}"
+def warnings_of(
+    caught: Sequence[warnings.WarningMessage], *results: "StoredCases"
+) -> tuple[str, ...]:
+    """The warnings that reading results has given, and that cases which were read of one are not
+    classified."""
+    from ..results.dataset import lacks_labels
+
+    lines = [str(warning.message) for warning in caught]
+    lines += [
+        f"{cases.path} is not classified: run `hodo classify {cases.path}` for labels and crossings"
+        for cases in results
+        if any(map(lacks_labels, (cases.kept or {}).values()))
+    ]
+    return tuple(dict.fromkeys(lines))
 
 
 class Folder:
@@ -212,19 +204,19 @@ class Folder:
         ]
 
     @property
-    def figures(self) -> list[Drawn]:
+    def figures(self) -> list[DrawnFigure]:
         """The figures that were asked for, of those that are drawn."""
         return [drawn for drawn in self._drawn.values() if drawn is not None]
 
-    def add(self, drawn: Drawn) -> None:
+    def add(self, drawn: DrawnFigure) -> None:
         """Take in a figure that has just been drawn."""
         self._drawn[drawn.name] = drawn
         # What could not be drawn is tried again: its file may be of an earlier time.
         mark = "" if drawn.problem else self._mark(drawn.name, drawn.cases)
         for file in self._files(drawn.name):
-            self.record.note(file, mark, drawn.cases, drawn.said)
+            self.record.note(file, mark, drawn.cases, drawn.warnings)
 
-    def _kept(self, name: str) -> Drawn | None:
+    def _kept(self, name: str) -> DrawnFigure | None:
         """A figure all of whose files are as they would be drawn; None if one is not."""
         entries = {file: self.record.current(file) for file in self._files(name)}
         if not all(e and e["mark"] == self._mark(name, e["cases"]) for e in entries.values()):
@@ -234,8 +226,8 @@ class Folder:
             return None
         # A kind that cannot be turned has no file in HTML.
         files = tuple(self.path / file for file, e in entries.items() if e and e["sha256"])
-        said = dict.fromkeys(line for e in entries.values() if e for line in e["said"])
-        return Drawn(name, files, said=tuple(said))
+        given = dict.fromkeys(line for e in entries.values() if e for line in e["said"])
+        return DrawnFigure(name, files, warnings=tuple(given))
 
     def _files(self, name: str) -> list[str]:
         return [f"{name}.{suffix}" for suffix in self._formats]
@@ -281,23 +273,17 @@ def page_mark(out: Path, folders: Sequence[Folder]) -> str:
 
 def page_written(task: PageTask) -> tuple[str, ...]:
     """Write the page of all figures, and return the warnings that it gives; what a pool does."""
-    from ..figures import page
-    from ..figures.sheet import Rendered
-    from ..results.motion import open_results
+    from ..figures.page import PageResult, write_page
+    from ..results.dataset import open_cases
 
     with warnings.catch_warnings(record=True) as caught, ExitStack() as stack:
         warnings.simplefilter("always")
-        runs = [
-            (
-                stack.enter_context(open_results(path, config)),
-                [Rendered(each.name, each.files, each.problem) for each in figures],
-            )
+        results = [
+            PageResult(stack.enter_context(open_cases(path)), config, figures)
             for path, config, figures in task.runs
         ]
-        page.write_page(task.out / PAGE_FILE, runs)
-        said = [*(str(each.message) for each in caught)]
-        said += [line for results, _ in runs for line in unlabelled(results)]
-    return tuple(said)
+        write_page(task.out / PAGE_FILE, results)
+        return warnings_of(caught, *(result.cases for result in results))
 
 
 class Record:

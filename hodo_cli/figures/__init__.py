@@ -5,22 +5,31 @@ A kind of figure is a function that draws an entry of a `figures:` block on a sh
 them all; `cases.figure_block` declares the keys that each takes.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.style
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import HodoError
-from ..results.motion import Results
+from ..cases.figure_block import Drawable, DrawnFigure, check_drawn
+from ..results.dataset import MOTION_DIMS, Cases, case_in, sweep_axes
+from ..schema.kinds import Wrong, unknown
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import STYLE, Drawing, Rendered, Sheet, check_tex, lighten, save, title_lines
+from .sheet import STYLE, Drawing, Sheet, check_tex, lighten, save, title_lines
 from .space import hodograph, sphere
 
-DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
+if TYPE_CHECKING:
+    import xarray as xr
+
+NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
+"""The figures with which a figure of datasets at hand may share its scale."""
+
+DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
     "hodograph": hodograph,
     "sphere": sphere,
     "quadrants": quadrants,
@@ -36,18 +45,28 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Results], None]] = {
 }
 
 
-def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
-    """The figure that one entry of a `figures:` block describes.
+def draw(
+    spec: Mapping[str, Any], cases: Cases, figures: Mapping[str, Mapping[str, Any]] = NO_OTHERS
+) -> Sheet:
+    """The figure that one entry of a `figures:` block describes, of datasets by name; `figures` are
+    those with which it may share a scale.
 
-    Raises HodoError if a case or variable is not in the file, the kind of figure has no meaning for
-    it, or a text is not TeX as matplotlib knows it.
+    Raises HodoError if a case or variable is not there, the kind of figure has no meaning for it,
+    or a text is not TeX as matplotlib knows it.
     """
+    if unknown_names := [name for name in spec.get("scale_with", ()) if name not in figures]:
+        raise HodoError(
+            f"scale_with: {unknown(f'figure {unknown_names[0]!r}', unknown_names[0], figures)}"
+        )
+    scale = [case for name in spec.get("scale_with", ()) for case in figures[name]["cases"]]
+    spec = {**spec, "scale_cases": scale}
+    check(spec, cases)
     with matplotlib.style.context(["default", STYLE]):
         for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
             check_tex(text, STYLE["legend.fontsize"])
         check_tex(spec["title"], STYLE["axes.titlesize"])
         sheet = Sheet(Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
-        DRAW[spec["kind"]](sheet, spec, results)
+        DRAW[spec["kind"]](sheet, spec, cases)
         lighten(sheet.figure)
         if spec["title"]:
             width, height = sheet.figure.get_size_inches()
@@ -58,31 +77,66 @@ def draw(spec: Mapping[str, Any], results: Results) -> Sheet:
     return sheet
 
 
-def render(results: Results, name: str, formats: Sequence[str], out: Path) -> Rendered:
-    """Draw a figure of a result file into the folder `out`; whatever goes wrong with it is its own
-    problem.
+def check(spec: Mapping[str, Any], cases: Cases) -> None:
+    """Raise HodoError, a line for each mistake, if a figure cannot be drawn of datasets."""
+    names = [*spec.get("cases", ()), *spec.get("against", ()), *spec["scale_cases"]]
+    for name in names:
+        if name not in cases:
+            owner = getattr(cases, "path", "the data")
+            raise HodoError(f"{owner} has no result of case {name} yet: run it first")
+    drawables = {name: drawable_of(name, cases[name]) for name in spec.get("cases", ())}
+    if mistakes := [*check_drawn(spec, drawables, steady=True)]:
+        raise HodoError(str(Wrong(*mistakes)))
 
-    Raises HodoError for an unknown figure.
-    """
-    spec = results.figure(name)
+
+def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
+    """What figures may ask of a dataset."""
+    axes = {axis: data.sizes[axis] for axis in sweep_axes(data)}
+    inner = {"axis", *axes} if axes else {"time", "axis"}
+    stored = {
+        str(key): variable.dims
+        for key, variable in (data.data_vars if axes else data.variables).items()
+        if set(variable.dims) <= inner and set(variable.dims) - {"axis"}
+    }
+    beyond = {str(dim) for v in data.variables.values() if "time" in v.dims for dim in v.dims}
+    if not axes and (others := sorted(beyond - {*MOTION_DIMS})):
+        raise HodoError(f"case {name} is several motions: select one along {' and '.join(others)}")
+    vectors = [key for key, dims in stored.items() if "axis" in dims]
+    case = case_in(data, f"case {name}")
+    vectors += ["G"] if "omega" in vectors and not axes else []
+    time = data.variables.get("time")
+    times, unit = (math.nan, math.nan), case.time.unit
+    if not axes and time is not None and time.size:
+        times, unit = (float(time.min()), float(time.max())), str(time.attrs.get("units", "1"))
+    sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
+    return Drawable(name, list(stored), vectors, times, unit, axes, sphere)
+
+
+def render(
+    cases: Cases, figures: Mapping[str, Mapping[str, Any]], name: str,
+    formats: Sequence[str], out: Path,
+) -> DrawnFigure:  # fmt: skip
+    """Draw one of the figures of a case file into the folder `out`; whatever goes wrong with it is
+    its own problem."""
     files = [out / f"{name}.{suffix}" for suffix in formats]
     try:
-        return Rendered(name, tuple(_files(results, name, spec, files)))
+        return DrawnFigure(name, tuple(_files(cases, figures, name, files)))
     except HodoError as error:
-        return Rendered(name, problem=str(error))
+        return DrawnFigure(name, problem="; ".join(str(error).splitlines()))
     except ModuleNotFoundError:
         raise
     except Exception as error:
         # A mistake of ours in one figure shall not cost the others; it is no traceback then, so
         # the kind of the error is part of what is said.
-        return Rendered(name, problem=f"{type(error).__name__}: {error}")
+        return DrawnFigure(name, problem=f"{type(error).__name__}: {error}")
 
 
 def _files(
-    results: Results, name: str, spec: Mapping[str, Any], files: Sequence[Path]
+    cases: Cases, figures: Mapping[str, Mapping[str, Any]], name: str, files: Sequence[Path]
 ) -> Iterator[Path]:
     """The files of one figure, each when it is written."""
-    sheet = draw(spec, results)
+    spec = figures[name]
+    sheet = draw(spec, cases, figures)
     for path in files:
         if path.suffix == ".html":
             # Late, because plotly need not be installed where no figure is to be turned.
@@ -90,7 +144,7 @@ def _files(
 
             if spec["kind"] in STILL:
                 continue
-            write_interactive(sheet, spec, results, path, name)
+            write_interactive(sheet, spec, cases, path, name)
         else:
             save(sheet, path, about=spec["caption"])
         yield path

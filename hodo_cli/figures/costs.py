@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 from .. import HodoError
 from ..models.averaging.free_turn import Body
 from ..models.averaging.passage import share_that_crosses
-from ..results.motion import Motion, Results, forms_apart
+from ..results.dataset import Cases, motions_of
+from ..results.motion import Motion, forms_apart
 from ..storage.group import Group
 from ..sweeps.swept import Swept
 from .artists import (
@@ -35,13 +36,13 @@ MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white
 """How shares that are counted look, on the line of those that are calculated."""
 
 
-def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The largest relative distance of T and G^2 between two forms of a motion, against the small
     parameter, with the order of each group as the slope of its fit."""
-    against = [results.motion(name) for name in spec["against"]]
+    against = motions_of(cases, spec["against"])
     sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
     axes, names = sheet.figure.subplots(), []
-    for label, small, motions in groups(spec, results):
+    for label, small, motions in groups(spec, cases):
         errors = np.array([forms_apart(m, against.pop(0)).max() for m in motions])
         # The order of an error is the slope of its logarithm.
         slope, start = np.polyfit(np.log(small), np.log(errors), 1)
@@ -54,11 +55,9 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
     legend(sheet, case_handles(names, spec["styles"]), 1)
 
 
-def groups(
-    spec: Mapping[str, Any], results: Results
-) -> Iterator[tuple[str, np.ndarray, list[Motion]]]:
+def groups(spec: Mapping[str, Any], cases: Cases) -> Iterator[tuple[str, np.ndarray, list[Motion]]]:
     """Label, small parameters (n,) and motions of each group of a figure's cases."""
-    motions = [results.motion(name) for name in spec["cases"]]
+    motions = motions_of(cases, spec["cases"])
     # A line is a run of cases, so that a figure reads them in the order in which it names them.
     ends = np.cumsum(spec["groups"])
     for i, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
@@ -66,12 +65,12 @@ def groups(
         yield label, np.array(spec["small"][begin:end]), motions[begin:end]
 
 
-def cost(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """Steps and run time of groups of cases against the small parameter."""
     sheet.figure.set_size_inches(PAGE, 0.42 * PAGE)
     steps, seconds = sheet.figure.subplots(1, 2)
     names = []
-    for label, small, motions in groups(spec, results):
+    for label, small, motions in groups(spec, cases):
         names.append(label)
         style = styles(len(names), spec["styles"])[-1]
         taken = {what: np.array([m.attrs[what] for m in motions]) for what in ("steps", "run_time")}
@@ -83,11 +82,12 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     legend(sheet, case_handles(names, spec["styles"]), len(names))
 
 
-def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The share of starts that have crossed the separatrix by a time: the averaged closed form as
     lines, the starts of a sweep of full motions as points."""
-    swept = Swept.of(spec["cases"][0], results.cases)
-    body, sphere = swept.body(), swept.sphere()
+    name = spec["cases"][0]
+    swept = Swept.of(name, cases[name])
+    body, sphere = swept.body(), swept.sphere
     if body is None or not sphere or "crossing_time" not in swept.data or len(swept.axes) != 2:
         raise HodoError(
             "a figure of shares wants a sweep of one body with a sphere of starts, another axis, "
@@ -100,7 +100,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     line, points = np.linspace(0, end, 101), np.linspace(0, end, 11)
     found = swept.values("crossing_time", [other, sphere], {})
     for i, times in enumerate(found):
-        lam = damping_of(swept, other, i)
+        lam = swept.at(other, i).data["damping"]
         names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
         style = styles(len(names), spec["styles"])[-1]
         turning = Body.of(body.tolist())
@@ -116,16 +116,6 @@ def share(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     foreseen_as = Line2D([], [], color=BLACK, label="averaged, in closed form")
     counted_as = Line2D([], [], mec=BLACK, **MONTE_CARLO, label="counted, full motions")
     legend(sheet, [*case_handles(names, spec["styles"]), foreseen_as, counted_as], 2)
-
-
-def damping_of(swept: Swept, axis: str, i: int) -> list[float]:
-    """lambda_1, lambda_2, lambda_3 at a position of an axis."""
-    lam = list(swept.case.data["damping"])
-    varied = swept.axis(axis)
-    for of, (path, _) in enumerate(varied.ranges):
-        if path[0] == "damping":
-            lam[int(path[1])] = float(varied.values(of)[i])
-    return lam
 
 
 LEAST_ERROR = 1e-17

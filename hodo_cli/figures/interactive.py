@@ -21,7 +21,8 @@ from plotly.subplots import make_subplots
 from .. import HodoError
 from ..cases.figure_block import SCRIPT
 from ..models.rigid_body import LABELS
-from ..results.motion import Motion, Results
+from ..results.dataset import Cases, motions_of
+from ..results.motion import Motion
 from ..storage.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, YELLOW, hues, styles
 from .geometry import graticule, stretches
@@ -50,13 +51,13 @@ STILL = ("quadrant-sketch",)
 
 
 def write_interactive(
-    sheet: Sheet, spec: Mapping[str, Any], results: Results, path: Path, name: str
+    sheet: Sheet, spec: Mapping[str, Any], cases: Cases, path: Path, name: str
 ) -> None:
     """Write the page of one figure, whose printed form is `sheet`, and the script that it needs.
 
     Raises HodoError if a file cannot be written.
     """
-    figure = interactive(sheet, spec, results)
+    figure = interactive(sheet, spec, cases)
     script = path.parent.parent / SCRIPT
     # Once for all figures: it has 5 MB, and nothing is fetched from elsewhere when a page opens.
     if not script.exists():
@@ -75,11 +76,11 @@ def write_interactive(
         draft.write_text(page, encoding="utf-8")
 
 
-def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figure:
+def interactive(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> go.Figure:
     """The figure of plotly for an entry of a `figures:` block, with the values of its printed
     form."""
     if spec["kind"] in ("hodograph", "sphere"):
-        return turnable(sheet, spec, results)
+        return turnable(sheet, spec, cases)
     if spec["kind"] == "map":
         return turnable_map(sheet, spec) if spec["x"] is None else images(sheet, spec)
     if spec["kind"] in OF_SWEEPS:
@@ -87,14 +88,14 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.F
         if spec["kind"] == "curve":
             mark_gaps(figure, sheet.shown, spec["variable"])
         return figure
-    motions = {motion.label: motion for motion in results.motions(spec)}
+    motions = {motion.label: motion for motion in motions_of(cases, spec["cases"], spec["labels"])}
     return panels(sheet, spec, motions)
 
 
-def turnable(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> go.Figure:
+def turnable(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> go.Figure:
     """Hodographs, or curves on the unit sphere, in three dimensions of one scale."""
     figure = go.Figure()
-    motions = results.motions(spec)
+    motions = motions_of(cases, spec["cases"], spec["labels"])
     ball = spec["kind"] == "sphere"
     if ball:
         for line in graticule():

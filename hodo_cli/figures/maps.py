@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 
 from .. import HodoError
 from ..cases.figure_block import averaged
-from ..results.motion import Results
+from ..results.dataset import Cases
 from ..sweeps.swept import Swept
 from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
 from .geometry import edges, separatrix_circles
@@ -35,11 +35,12 @@ GRID = 360
 """Cells around the sphere: a degree each, some two pixels of a panel in print."""
 
 
-def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over two axes, or over the directions of the start, a panel for each
     position asked for."""
-    sweeps = [Swept.of(name, results.cases) for name in spec["cases"]]
     flat = spec["x"] is None
+    across = () if flat else (spec["x"], spec["y"])
+    sweeps = sweeps_of(cases, spec, *across)
     rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
     cells = [cell for row in rows for cell in row]
     values = [map_values(swept, spec, at) for swept, at in cells]
@@ -55,7 +56,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         look: Look = {"norm": scale, "cmap": hues(), "rasterized": True}
         places = (map_sphere if flat else map_image)(axes, swept, spec, value, look)
         name = plain_name(swept, at, label, len(sweeps))
-        sheet.record(swept.case.name, name, {**places, spec["variable"]: value.ravel()})
+        sheet.record(swept.name, name, {**places, spec["variable"]: value.ravel()})
     handles: list[Line2D | Patch] = []
     if flat:
         handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
@@ -74,6 +75,19 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         colour_bar(sheet, scale, meaning, ticks)
     if handles:
         legend(sheet, handles, 2)
+
+
+def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[Swept]:
+    """The sweeps of a figure, in order along the axes that are drawn.
+
+    Raises HodoError if such an axis has values of several units, or one out of order twice.
+    """
+    sweeps = [Swept.of(name, cases[name]).sorted_along(*across) for name in spec["cases"]]
+    for axis in across:
+        if len(units := {swept.unit(axis): swept.name for swept in sweeps}) > 1:
+            given = " and ".join(f"{unit!r} in {name}" for unit, name in units.items())
+            raise HodoError(f"axis {axis} is in {given}: one scale has one unit")
+    return sweeps
 
 
 def colour_bar(sheet: Sheet, scale: Normalize, label: str, ticks: Mapping[int, str]) -> None:
@@ -121,14 +135,7 @@ def positions(swept: Swept, spec: Mapping[str, Any]) -> list[dict[str, int]]:
     """The positions on the axis of panels, one panel each."""
     if spec["panels"] is None:
         return [{}]
-    n = len(swept.axis(spec["panels"]))
-    for i in spec["at"]:
-        if i >= n:
-            raise HodoError(
-                f"axis {spec['panels']} of sweep {swept.case.name} has positions 0 to {n - 1}, "
-                f"not {i}"
-            )
-    return [{spec["panels"]: i} for i in spec["at"] or range(n)]
+    return [{spec["panels"]: i} for i in spec["at"] or range(swept.axes[spec["panels"]])]
 
 
 def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> np.ndarray:
@@ -136,15 +143,10 @@ def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> 
 
     Raises HodoError if there is nothing but gaps.
     """
-    if spec["x"] is None:
-        keep = [swept.sphere()]
-        if not keep[0]:
-            raise HodoError(f"sweep {swept.case.name} has no sphere: name the axes x and y")
-    else:
-        keep = [swept.axis(spec[name]).name for name in ("x", "y")]
+    keep = [swept.sphere] if spec["x"] is None else [spec["x"], spec["y"]]
     values = swept.values(spec["variable"], keep, at)
     if not np.isfinite(values).any():
-        raise HodoError(f"sweep {swept.case.name} has no value of {spec['variable']} to draw")
+        raise HodoError(f"sweep {swept.name} has no value of {spec['variable']} to draw")
     return values
 
 
@@ -179,8 +181,7 @@ def map_sphere(
 
     x1 is in the middle, x2 to the right of it, x3 on top.
     """
-    name = swept.sphere()
-    directions = swept.axis(name).directions(np.arange(len(swept.axis(name))))
+    directions = swept.directions()
     axes.set_facecolor(GAP)
     axes.grid(False)
     # At the top of its room: room left above the map would be taken for that of its title, which
@@ -249,9 +250,9 @@ STORED_ERRORS = {"crossing_time": "crossing_error"}
 """The variables of a sweep whose errors may be stored, and under which name."""
 
 
-def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over one axis: a curve a sweep, or a curve an entry of another axis."""
-    sweeps = [Swept.of(name, results.cases) for name in spec["cases"]]
+    sweeps = sweeps_of(cases, spec, spec["x"])
     curves = [(swept, at) for swept in sweeps for at in positions(swept, _as_panels(spec))]
     sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
     axes = sheet.figure.subplots()
@@ -259,18 +260,19 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None
     lacking = False
     for (swept, at), given, style in zip(curves, labels, styles(len(curves)), strict=False):
         label = given or ", ".join(
-            ([swept.case.name] if len(sweeps) > 1 or not at else [])
+            ([swept.name] if len(sweeps) > 1 or not at else [])
             + [position(swept, name, i) for name, i in at.items()]
         )
         name = plain_name(swept, at, given, len(sweeps))
         lacking |= curve_of(sheet, axes, swept, spec, at, (label, name), style)
     if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
-        raise HodoError(f"sweep {sweeps[0].case.name} has no value of {spec['variable']} to draw")
+        raise HodoError(f"sweep {sweeps[0].name} has no value of {spec['variable']} to draw")
     if spec["level"] is not None:
         axes.axhline(spec["level"], **SEPARATRIX)
-    x, even = sweeps[0].ticks(spec["x"])
+    ticks = [swept.ticks(spec["x"]) for swept in sweeps]
+    x = np.concatenate([values for values, _ in ticks])
     axes.set(
-        xscale="log" if even else "linear",
+        xscale="log" if all(even for _, even in ticks) else "linear",
         xlim=(x.min(), x.max()) if len(x) > 1 else None,
         xlabel=axis_name(sweeps[0], spec["x"]),
         # Two lines of words, rather than one that is longer than the panel is high.
@@ -321,7 +323,7 @@ def curve_of(
         color=style["color"],
         clip_on=False,  # whole at the ends of the axis too
     )
-    sheet.record(swept.case.name, name, shown)
+    sheet.record(swept.name, name, shown)
     return bool(none.any())
 
 
@@ -337,14 +339,16 @@ def map_label(sweeps: Sequence[Swept], spec: Mapping[str, Any]) -> str:
     if part in str(attributes.get("flag_meanings", "")).split():
         return f"{SHARE}{part} is the {meaning}"
     shown = f"{meaning}, here {part}" if part else meaning
-    over = dict.fromkeys(axis for swept in sweeps for axis in averaged(spec, swept.axes))
+    over = dict.fromkeys(
+        axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
+    )
     return f"{shown}, mean over {', '.join(over)}" if over else shown
 
 
 def meanings(swept: Swept, variable: str) -> dict[int, str]:
     """What the values of a label mean; nothing for a variable that is none."""
     attributes = swept.data[variable].attrs if variable in swept.data else {}
-    values = np.asarray(attributes.get("flag_values", ())).tolist()
+    values = np.atleast_1d(attributes.get("flag_values", ())).tolist()
     return dict(zip(values, str(attributes.get("flag_meanings", "")).split(), strict=True))
 
 
@@ -356,12 +360,13 @@ def axis_name(swept: Swept, name: str) -> str:
 
 def column(swept: Swept, name: str) -> str:
     """The name of an axis in tables and pages, with a unit that is not that of the result."""
-    return f"{name} [deg]" if swept.unit(name) == "deg" else name
+    unit = swept.unit(name)
+    return name if unit in ("", "rad") else f"{name} [{unit}]"
 
 
 def position(swept: Swept, name: str, i: int) -> str:
     """A position on an axis: symbol = value."""
-    unit = {"deg": "°", "rad": " rad", "": ""}[swept.unit(name)]
+    unit = "°" if swept.unit(name) == "deg" else f" {swept.unit(name)}".rstrip()
     return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
 
 
@@ -369,7 +374,7 @@ def plain_name(swept: Swept, at: Mapping[str, int], label: str, several: int) ->
     """The name of a curve or panel in tables and pages: the label that it is given, or its sweep
     and the keys that tell it from the others."""
     keys = [f"{name} = {swept.ticks(name)[0][i]:.4g} {swept.unit(name)}" for name, i in at.items()]
-    own = [swept.case.name] if several > 1 or not at else []
+    own = [swept.name] if several > 1 or not at else []
     return label or ", ".join([*own, *map(str.rstrip, keys)])
 
 

@@ -8,6 +8,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import suppress
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from string import Template
@@ -16,13 +17,14 @@ from urllib.parse import quote
 
 from ..cases.case import Case
 from ..cases.claim_block import cases_of
-from ..cases.figure_block import PIECE
+from ..cases.config import Config
+from ..cases.figure_block import PIECE, DrawnFigure
 from ..models.rigid_body import LABELS
-from ..results.motion import Motion, Results
+from ..results.dataset import StoredCases, motion_from
+from ..results.motion import Motion
 from ..storage.staging import replacing
 from ..sweeps.swept import ANGLES, round_degrees
 from ..text import magnitude, seconds
-from .sheet import Rendered
 
 PICTURES = (".png", ".svg")
 
@@ -33,16 +35,25 @@ Entry = dict[str, str]
 """A line of the index: what it is, its name, link, text and verdict."""
 
 
-def write_page(path: Path, runs: Sequence[tuple[Results, Sequence[Rendered]]]) -> None:
+@dataclass(frozen=True)
+class PageResult:
+    """What the page shows of one result: its cases, its config, and the figures just drawn."""
+
+    cases: StoredCases
+    config: Config
+    figures: Sequence[DrawnFigure]
+
+
+def write_page(path: Path, results: Sequence[PageResult]) -> None:
     """Write the page at `path` anew: the figures just drawn, and those of other configs that were
     drawn into the same folder before.
 
     Links are relative to the page. Raises HodoError for a damaged result file, or if a file cannot
     be written.
     """
-    for results, rendered in runs:
-        with replacing(path.parent / results.path.stem / PIECE) as draft:
-            draft.write_text(json.dumps(_piece(results, rendered, path.parent)), encoding="utf-8")
+    for result in results:
+        with replacing(path.parent / result.cases.path.stem / PIECE) as draft:
+            draft.write_text(json.dumps(_piece(result, path.parent)), encoding="utf-8")
     pieces = [*_pieces(path.parent)]
     entries = [entry for piece in pieces for entry in piece["entries"]]
     page = template("page.html").substitute(
@@ -85,32 +96,36 @@ def _pieces(folder: Path) -> Iterator[dict[str, Any]]:
                 yield piece
 
 
-def _piece(results: Results, rendered: Sequence[Rendered], base: Path) -> dict[str, Any]:
+def _piece(result: PageResult, base: Path) -> dict[str, Any]:
     """The section of one result file, and its entries in the index."""
-    motions = {name: results.motion(name) for name in results.cases}
-    places = Places(results, rendered)
-    title = escape(results.config.title or results.path.name)
-    cards = "".join(_card(each, results, motions, base, places) for each in rendered)
-    cases = _table(CASE_HEADER, [_case_row(motion) for motion in motions.values()])
+    cases, config = result.cases, result.config
+    motions = {name: motion_from(cases[name], name) for name in cases}
+    places = Places(result)
+    title = escape(config.title or cases.path.name)
+    cards = "".join(
+        _card(figure, config.figures[figure.name], motions, base, places)
+        for figure in result.figures
+    )
+    table = _table(CASE_HEADER, [_case_row(motion) for motion in motions.values()])
     section = (
         f'<section id="{places.run}"><h2>{title}</h2>'
-        f"<p>{escape(results.config.references)}</p>"
-        f'<p class="soft">Data: {_link(results.path, base)}, {_counted(motions)}</p>'
-        f'<div class="figures">{cards}</div>{_claims(results, places)}{_errata(results, places)}'
-        f"{_crossings(motions, places)}<h3>Cases</h3>{cases}</section>"
+        f"<p>{escape(config.references)}</p>"
+        f'<p class="soft">Data: {_link(cases.path, base)}, {_counted(motions)}</p>'
+        f'<div class="figures">{cards}</div>{_claims(cases, places)}{_errata(cases, places)}'
+        f"{_crossings(motions, places)}<h3>Cases</h3>{table}</section>"
     )
     figures = [
         {
             "kind": "figure",
             "name": each.name,
             "link": places.figure(each.name),
-            "text": results.figures[each.name]["caption"],
+            "text": config.figures[each.name]["caption"],
             "verdict": "not drawn" if each.problem else "",
         }
-        for each in rendered
+        for each in result.figures
     ]
-    told = [*_told(results, places, "_claims"), *_told(results, places, "_errata")]
-    entries = [{**entry, "run": places.run} for entry in [*figures, *told]]
+    judged = [*_judged(cases, places, "_claims"), *_judged(cases, places, "_errata")]
+    entries = [{**entry, "run": places.run} for entry in [*figures, *judged]]
     return {
         "section": section,
         "entries": entries,
@@ -121,25 +136,26 @@ def _piece(results: Results, rendered: Sequence[Rendered], base: Path) -> dict[s
 class Places:
     """The anchors of one result file in the page, and what is linked to what."""
 
-    def __init__(self, results: Results, rendered: Sequence[Rendered]) -> None:
-        self.run = escape(quote(results.path.stem))
+    def __init__(self, result: PageResult) -> None:
+        cases, config = result.cases, result.config
+        self.run = escape(quote(cases.path.stem))
         self._shown: dict[str, list[str]] = {}
-        for each in rendered:
-            for case in results.figures[each.name].get("cases", ()):
-                self._shown.setdefault(case, []).append(each.name)
-        self._told: dict[tuple[str, str], Sequence[str]] = {}
-        claims = {claim["id"]: cases_of(claim) for claim in results.config.claims}
-        errata = {erratum["id"]: erratum["cases"] for erratum in results.config.errata}
-        for kind, group, told in (("claim", "_claims", claims), ("erratum", "_errata", errata)):
+        for figure in result.figures:
+            for case in config.figures[figure.name].get("cases", ()):
+                self._shown.setdefault(case, []).append(figure.name)
+        self._judged: dict[tuple[str, str], Sequence[str]] = {}
+        claims = {claim["id"]: cases_of(claim) for claim in config.claims}
+        errata = {erratum["id"]: erratum["cases"] for erratum in config.errata}
+        for kind, group, about in (("claim", "_claims", claims), ("erratum", "_errata", errata)):
             # Only what `hodo claims` has judged stands in the page.
-            stored = results.cases[group].variables["claim"].data if group in results.cases else ()
-            self._told |= {(kind, name): told[name] for name in told if name in stored}
+            stored = cases[group].variables["claim"].data if group in cases else ()
+            self._judged |= {(kind, name): about[name] for name in about if name in stored}
 
     def figure(self, name: str) -> str:
         """The anchor of a figure."""
         return f"{self.run}-{escape(quote(name))}"
 
-    def told(self, kind: str, name: str) -> str:
+    def statement(self, kind: str, name: str) -> str:
         """The anchor of a statement ("claim") or an erratum."""
         return f"{self.run}-{kind}-{escape(quote(name))}"
 
@@ -154,34 +170,34 @@ class Places:
 
     def figures_about(self, kind: str, name: str) -> str:
         """Links to the figures that show what a statement or an erratum is about."""
-        return self.figures_of(self._told.get((kind, name), ()))
+        return self.figures_of(self._judged.get((kind, name), ()))
 
-    def told_about(self, cases: Iterable[str]) -> str:
+    def statements_about(self, cases: Iterable[str]) -> str:
         """Links to the statements and errata about one of the cases."""
         wanted = set(cases)
         return " ".join(
-            f'<a href="#{self.told(kind, name)}">{escape(name)}</a>'
-            for (kind, name), about in self._told.items()
+            f'<a href="#{self.statement(kind, name)}">{escape(name)}</a>'
+            for (kind, name), about in self._judged.items()
             if wanted & set(about)
         )
 
 
-def _told(results: Results, places: Places, group: str) -> list[Entry]:
+def _judged(cases: StoredCases, places: Places, group: str) -> list[Entry]:
     """The entries of the index for the stored statements or errata; none before `hodo claims`."""
-    if group not in results.cases:
+    if group not in cases:
         return []
-    found, claims = results.cases[group].variables, group == "_claims"
+    stored, claims = cases[group].variables, group == "_claims"
     kind, text = ("claim", "statement") if claims else ("erratum", "printed")
-    columns = (map(str, found[name].data) for name in ("claim", text, "verdict"))
+    columns = (map(str, stored[name].data) for name in ("claim", text, "verdict"))
     return [
         {
             "kind": "statement" if claims else "erratum",
             "name": name,
-            "link": places.told(kind, name),
-            "text": said,
+            "link": places.statement(kind, name),
+            "text": words,
             "verdict": verdict,
         }
-        for name, said, verdict in zip(*columns, strict=True)
+        for name, words, verdict in zip(*columns, strict=True)
     ]
 
 
@@ -202,16 +218,16 @@ def _link(target: Path, base: Path, text: str = "") -> str:
 
 
 def _card(
-    figure: Rendered, results: Results, motions: Mapping[str, Motion], base: Path, places: Places
-) -> str:
+    figure: DrawnFigure, spec: Mapping[str, Any], motions: Mapping[str, Motion], base: Path,
+    places: Places,
+) -> str:  # fmt: skip
     """A figure with its caption, its files, and the cases that it shows."""
-    spec = results.figures[figure.name]
     shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
     files = " ".join(_link(file, base, LINK_NAMES.get(file.suffix, file.suffix[1:].upper()))
                      for file in figure.files)  # fmt: skip
-    taken = dict.fromkeys(f"{key}: {said}" for m in shown for key, said in m.case.assumes.items())
+    taken = dict.fromkeys(f"{key}: {text}" for m in shown for key, text in m.case.assumes.items())
     assumed = f'<p class="soft">Assumed: {escape("; ".join(taken))}</p>' if taken else ""
-    about = places.told_about(spec.get("cases", ()))
+    about = places.statements_about(spec.get("cases", ()))
     linked = f"<p class=soft>Statements: {about}</p>" if about else ""
     picture, wide = _picture(figure, base, described(spec, shown))
     return (
@@ -277,7 +293,7 @@ def described(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
     return "; ".join(parts)
 
 
-def _picture(figure: Rendered, base: Path, alt: str) -> tuple[str, bool]:
+def _picture(figure: DrawnFigure, base: Path, alt: str) -> tuple[str, bool]:
     """The image, loaded as it comes into view, and whether it is broad; in place of it the reason
     why there is none."""
     if figure.problem:
@@ -350,7 +366,7 @@ def _case_row(motion: Motion) -> list[str]:
     attrs = motion.attrs
     given, error, run_time = _numbers(motion)
     ended = "" if attrs["status"] == "ok" else f"{attrs['status']}: {attrs['message']}"
-    assumed = [f"assumed {key}: {said}" for key, said in motion.case.assumes.items()]
+    assumed = [f"assumed {key}: {text}" for key, text in motion.case.assumes.items()]
     notes = [ended, *assumed, motion.case.note, *str(attrs["warnings"]).splitlines()]
     return [
         _cell(motion.name, "n"),
@@ -364,23 +380,25 @@ def _case_row(motion: Motion) -> list[str]:
     ]
 
 
-def _claims(results: Results, places: Places) -> str:
+def _claims(cases: StoredCases, places: Places) -> str:
     """The table of statements with their verdicts; none before `hodo claims`."""
-    if "_claims" not in results.cases:
+    if "_claims" not in cases:
         return ""
-    claims = results.cases["_claims"].variables
+    claims = cases["_claims"].variables
     names = ("claim", "where", "statement", "original", "verdict", "evidence", "measured", "note")
     columns = [map(str, claims[name].data) for name in names]
     rows = [
         [
-            f'<td id="{places.told("claim", name)}">{escape(where)}</td>',
-            f"<td class=text>{escape(statement)}{_in_its_words(said)}</td>",
+            f'<td id="{places.statement("claim", name)}">{escape(where)}</td>',
+            f"<td class=text>{escape(statement)}{_in_its_words(original)}</td>",
             _cell(verdict),
             _cell(evidence, "text"),
             _cell("; ".join(filter(None, remarks)), "text"),
             f"<td>{places.figures_about('claim', name)}</td>",
         ]
-        for name, where, statement, said, verdict, evidence, *remarks in zip(*columns, strict=True)
+        for name, where, statement, original, verdict, evidence, *remarks in zip(
+            *columns, strict=True
+        )
     ]
     return f"<h3>What the text says</h3>{_table(CLAIM_HEADER, rows)}"
 
@@ -390,16 +408,16 @@ def _in_its_words(original: str) -> str:
     return f"<br><i>{escape(original)}</i>" if original else ""
 
 
-def _errata(results: Results, places: Places) -> str:
+def _errata(cases: StoredCases, places: Places) -> str:
     """The table of misprints; none without any."""
-    if "_errata" not in results.cases:
+    if "_errata" not in cases:
         return ""
-    errata = results.cases["_errata"].variables
+    errata = cases["_errata"].variables
     names = ("claim", "where", "printed", "should_be", "verdict", "evidence")
     columns = [map(str, errata[name].data) for name in names]
     rows = [
         [
-            f'<td id="{places.told("erratum", name)}">{escape(where)}</td>',
+            f'<td id="{places.statement("erratum", name)}">{escape(where)}</td>',
             *(_cell(text, "text" if len(text) > 30 else "") for text in texts),
             f"<td>{places.figures_about('erratum', name)}</td>",
         ]

@@ -14,7 +14,8 @@ from matplotlib.patches import Polygon
 from .. import HodoError
 from ..models import rigid_body
 from ..models.rigid_body import slope
-from ..results.motion import Motion, Results
+from ..results.dataset import Cases, motions_of
+from ..results.motion import Motion
 from .artists import (
     AXIS_COLOUR,
     BLACK,
@@ -66,9 +67,9 @@ def of_one_body(motions: list[Motion]) -> list[Motion]:
     return motions
 
 
-def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """p^2 against K r^2, with the regions A (D > 0) and B (D < 0)."""
-    motions, zoom = of_one_body(results.motions(spec)), spec["zoom"]
+    motions, zoom = of_one_body(motions_of(cases, spec["cases"], spec["labels"])), spec["zoom"]
     points = {motion.name: squares(motion) for motion in motions}
     for motion in motions:
         p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
@@ -76,11 +77,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
         sheet.record(
             "quadrants", motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up}
         )
-    others = [
-        results.motion(name)
-        for figure in spec["scale_with"]
-        for name in results.figure(figure)["cases"]
-    ]
+    others = motions_of(cases, spec["scale_cases"])
     limits = [
         1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)]) or 1.0
     ]
@@ -155,7 +152,7 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: 
     axes.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
 
 
-def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """r^2 against p^2 for each body, with the line p^2 = K r^2, region A above it and B below,
     without scale."""
     bodies = spec["bodies"]
@@ -192,9 +189,9 @@ def sketch(axes: Axes, body: Sequence[float]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def time_series(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """Variables against time, a panel for each variable or for each case."""
-    motions, variables = results.motions(spec), spec["variables"]
+    motions, variables = motions_of(cases, spec["cases"], spec["labels"]), spec["variables"]
     # In panels of variables the styles tell cases apart, in panels of cases variables.
     if by_case := spec["panels"] == "case":
         groups = {motion.name: [(motion, name) for name in variables] for motion in motions}
@@ -384,9 +381,9 @@ def inset(
     axes.margins(x=0)
 
 
-def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """One variable against another."""
-    motions, x, y = results.motions(spec), spec["x"], spec["y"]
+    motions, x, y = motions_of(cases, spec["cases"], spec["labels"]), spec["x"], spec["y"]
     sheet.figure.set_size_inches(COLUMN, 0.9 * COLUMN)
     axes = sheet.figure.subplots()
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
@@ -402,10 +399,10 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
     legend(sheet, handles + mark_handles(motions, spec["time"]), 2)
 
 
-def invariants(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping,
     those of G^2."""
-    motions = of_one_body(results.motions(spec))
+    motions = of_one_body(motions_of(cases, spec["cases"], spec["labels"]))
     sheet.figure.set_size_inches(COLUMN, 1.75 * COLUMN)
     energy, square, ratio = sheet.figure.subplots(3, sharex=True)
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):

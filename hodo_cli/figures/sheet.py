@@ -139,15 +139,6 @@ def _cell(value: object) -> object:
     return f"'{value}" if is_formula else value
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """A figure that was drawn into files, or the reason why it was not."""
-
-    name: str
-    files: tuple[Path, ...] = ()
-    problem: str = ""
-
-
 @lru_cache(maxsize=1024)
 def _formula(text: str, dpi: float, font: FontProperties | None) -> Any:
     return MathTextParser("path").parse(text, dpi, font)

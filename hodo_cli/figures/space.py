@@ -10,7 +10,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from ..results.motion import Motion, Results
+from ..results.dataset import Cases, motions_of
+from ..results.motion import Motion
 from .artists import (
     COLUMN,
     GREY,
@@ -47,10 +48,10 @@ from .geometry import (
 from .sheet import Sheet
 
 
-def hodograph(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The curve of G in body axes; beside it, if wanted, its neighbourhood of the origin and its
     projections."""
-    motions, view = results.motions(spec), View.toward(spec["view"])
+    motions, view = motions_of(cases, spec["cases"], spec["labels"]), View.toward(spec["view"])
     planes, zoom = spec["projections"], spec["zoom"]
     for motion in motions:
         G1, G2, G3 = motion.G.T
@@ -254,9 +255,9 @@ def common_circles(motions: Sequence[Motion]) -> list[np.ndarray]:
     return [] if of_other_body(motions) else separatrix_circles(motions[0].inertia)
 
 
-def sphere(sheet: Sheet, spec: Mapping[str, Any], results: Results) -> None:
+def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The curves of G/|G| on the unit sphere, with the two separatrix circles."""
-    motions, view = results.motions(spec), View.toward(spec["view"])
+    motions, view = motions_of(cases, spec["cases"], spec["labels"]), View.toward(spec["view"])
     sheet.figure.set_size_inches(COLUMN, 1.08 * COLUMN)
     axes = sheet.figure.subplots()
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))

@@ -1,39 +1,183 @@
-"""Result files as xarray datasets, for whoever reads results in Python. The only importer of xarray
-besides the interface for Python.
+"""Results as xarray datasets: the one record from a file to a picture, and what a notebook reads.
+The only importer of xarray besides the interface for Python.
 
-Figures, claims and `compare` read the same groups without it: loading xarray takes as long as to
-draw several figures.
+Commands that only compute read the same groups without it: loading xarray takes as long as to draw
+two figures.
 """
 
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from .. import HodoError
+from ..cases.case import Case
+from ..cases.figure_block import BODY_AXES
+from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.kinds import unknown
 from ..storage.finished import open_batch
-from ..storage.group import Group, Variable
+from ..storage.group import Group
+from ..storage.hdf5 import ResultFile
+from ..storage.provenance import typed
+from .layout import SHOWN
+from .motion import Motion, case_of, damage, wrong_labels
+
+Cases = Mapping[str, xr.Dataset]
+"""Datasets by the names of their cases."""
 
 
-def dataset(group: Group) -> xr.Dataset:
-    """A stored group as a dataset; a variable that is named as its only dimension becomes that
-    dimension's coordinate."""
+def dataset(group: Group, source: str = "") -> xr.Dataset:
+    """A stored group as a dataset; `source` is its file.
+
+    A variable that is named as its only dimension becomes that dimension's coordinate, and so do
+    the keys and directions that vary along the axes of a sweep.
+    """
     # Copies of the attributes: xarray lets them be changed, and a Group is frozen. A text of an
     # enumeration (the status) becomes plain, as it is when it comes from a file.
     arrays = {name: (v.dims, v.data, dict(v.attrs)) for name, v in group.variables.items()}
     attrs = {k: str(v) if isinstance(v, str) else v for k, v in group.attributes.items()}
-    return xr.Dataset(arrays, attrs=attrs)
+    data = xr.Dataset(arrays, attrs=attrs)
+    if source:
+        data.encoding["source"] = source  # where xarray has it of files that it has opened itself
+    return data.set_coords(swept_names(data)) if "members" in attrs else data
 
 
-def group_of(data: xr.Dataset) -> Group:
-    """A dataset as a group, as figures read it."""
-    variables = {
-        str(name): Variable(tuple(map(str, v.dims)), np.asarray(v.data), v.attrs)
-        for name, v in data.variables.items()
-    }
-    return Group(data.attrs, variables)
+def swept_names(data: xr.Dataset) -> list[str]:
+    """The variables of a sweep that say what varies along its axes, in the case's order."""
+    names = [
+        name
+        for axis in axes_of(case_of(data.attrs, "the sweep").sweep or {})
+        for name in [*axis.keys, f"{axis.name}_vector"]
+    ]
+    return [name for name in names if name in data]
+
+
+def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
+    """A dataset with its times, crossings and body axes in order, and the dimensions of vectors.
+
+    Raises HodoError, which begins with `owner`, if times or axes stand twice after sorting, or have
+    no coordinate.
+    """
+    for dim in {"time", "axis"} & {str(dim) for dim in data.dims}:
+        if dim not in data.variables:
+            raise HodoError(f"{owner} has no coordinate {dim!r}, which tells its values apart")
+    if "time" in data.dims:
+        data = sorted_along(data, "time", np.asarray(data.variables["time"].data), owner)
+    if "axis" in data.dims:
+        names = [name_of(name) for name in data.variables["axis"].data]
+        if strange := [name for name in names if name not in BODY_AXES]:
+            raise HodoError(f"{owner}: {strange[0]!r} is no body axis (x1, x2, x3)")
+        places = np.array([BODY_AXES.index(name) for name in names])
+        data = data.assign_coords(axis=np.array(names, dtype=object))
+        data = sorted_along(data, "axis", places, owner)
+    if "crossing" in data.dims and "crossing_time" in data:
+        data = data.isel(crossing=np.argsort(data.variables["crossing_time"].data, kind="stable"))
+    transposed = any(v.dims == ("axis", "time") for v in data.variables.values())
+    return data.transpose(..., "time", "axis") if transposed else data
+
+
+def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
+    """A dataset with ascending values along a dimension; untouched if they do not descend."""
+    if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        raise HodoError(f"{owner}: its coordinate {dim!r} holds more than finite numbers")
+    if not (np.diff(values.astype(float)) < 0).any():
+        return data
+    place = np.argsort(values, kind="stable")
+    # Parts that follow each other may share an end; parts of one span make no single curve.
+    if twice := values[place][1:][np.diff(values[place]) == 0].tolist():
+        words = BODY_AXES[twice[0]] if dim == "axis" else f"{twice[0]:.6g}"
+        raise HodoError(f"{owner}: its coordinate {dim!r} has {words} twice, out of order")
+    return data.isel({dim: place})
+
+
+def name_of(value: object) -> str:
+    """A text of a coordinate, which other programs store as bytes."""
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def case_in(data: xr.Dataset, owner: str) -> Case:
+    """The case of a dataset, with the values at which a selection has fixed the keys of a sweep.
+
+    Raises HodoError, which begins with `owner`, if there is none in its attributes.
+    """
+    if "case" not in data.attrs:
+        raise HodoError(
+            f"{owner}: its attributes hold no case, as those of a result do; what computes with a "
+            "dataset drops them unless it is told keep_attrs=True"
+        )
+    case = case_of(data.attrs, owner)
+    given = case.data
+    for name in [key for axis in axes_of(case.sweep or {}) for key in axis.keys]:
+        if name in data.variables and not data.variables[name].dims:
+            given = put(given, path_of(name), float(data.variables[name].data))
+    return case if given is case.data else replace(case, data=given)
+
+
+def is_sweep(data: xr.Dataset) -> bool:
+    """Whether a dataset has members: a variable of a sweep has an axis that is none of a motion."""
+    return bool(sweep_axes(data))
+
+
+MOTION_DIMS = ("time", "axis", "crossing", "event")
+"""The dimensions of what is stored of a single motion."""
+
+
+def sweep_axes(data: xr.Dataset) -> list[str]:
+    """The dimensions over which a dataset has members, in its order: those of their status."""
+    status = data.variables.get("status")
+    if status is not None:
+        return [str(dim) for dim in status.dims]
+    dims = [str(dim) for variable in data.variables.values() for dim in variable.dims]
+    given = "members" in data.attrs
+    return [dim for dim in dict.fromkeys(dims) if given and dim not in MOTION_DIMS]
+
+
+def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
+    """The motion in a dataset, its samples in the order of their times; `label` is what figures
+    call it.
+
+    Raises HodoError if the dataset holds no motion, or what it holds does not fit together.
+    """
+    source = str(data.encoding.get("source", ""))
+    stored = source.endswith(".h5")
+    owner = f"{source}: {name}" if stored else f"case {name}"
+    case = replace(case_in(data, owner), name=name)
+    typed(data.attrs, SHOWN, owner)
+    data = ordered(data, owner)
+    if problem := wrong_labels(data.variables) if is_sweep(data) else damage(data.variables):
+        raise HodoError(f"{owner} is damaged ({problem})")
+    motion = Motion(case, data.variables, data.attrs, label or name, source if stored else "")
+    if (status := data.attrs["status"]) != "ok" and motion.sampled:
+        end = f"{float(motion.time[-1]):.6g}"
+        warnings.warn(f"{name}: {status}: drawn to t = {end} only", stacklevel=2)
+    return motion
+
+
+def lacks_labels(data: xr.Dataset) -> bool:
+    """Whether `classify` would label a stored case, and has not."""
+    if "case" not in data.attrs:
+        return False  # statements or errata
+    return Motion(case_of(data.attrs, "a case"), data.variables).lacks_labels
+
+
+def motions_of(cases: Cases, names: Sequence[str], labels: Sequence[str] = ()) -> list[Motion]:
+    """The motions of some cases, in order, under the labels that a figure gives the first of them.
+
+    Raises HodoError as `motion_from` does, or if one has no samples.
+    """
+    given = zip_longest(names, labels[: len(names)], fillvalue="")
+    motions = [motion_from(cases[name], name, label) for name, label in given]
+    for motion in motions:
+        if not motion.sampled:
+            status = motion.attrs["status"]
+            why = "" if status == "ok" else f", its status is {status}"
+            raise HodoError(f"case {motion.name} has no samples{why}")
+    return motions
 
 
 class NoSuchCase(HodoError, KeyError):
@@ -43,29 +187,49 @@ class NoSuchCase(HodoError, KeyError):
     __str__ = Exception.__str__
 
 
-class Opened(Mapping[str, xr.Dataset]):
+class StoredCases(Mapping[str, xr.Dataset]):
     """The cases of a result file by name, each read when it is asked for.
 
-    The file is opened for each reading and closed again, so that a run may replace it meanwhile.
+    `attrs` are the attributes of the file; `asked` are the names that were asked for, whether there
+    is such a case or not, and `kept`, if any are to be kept, the cases that were read.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Raises HodoError as `writer.open_batch` does."""
-        self.path = path
-        with open_batch(path) as run:
+    def __init__(
+        self, path: Path, reader: Callable[[], AbstractContextManager[ResultFile]],
+        kept: dict[str, xr.Dataset] | None = None,
+    ) -> None:  # fmt: skip
+        """`reader` opens the file for each reading. Raises HodoError as `open_batch` does."""
+        self.path, self._reader, self.kept = path, reader, kept
+        self.asked: set[str] = set()
+        with reader() as run:
             self._names = tuple(run.cases())
+            self._groups = frozenset(run.groups())
             self.attrs = dict(run.attributes)
 
     def __getitem__(self, name: str) -> xr.Dataset:
-        """A case, in memory. Raises HodoError if it is not there, or is damaged."""
-        if name not in self._names:
+        """A case, in memory; groups that are no cases have names that begin with `_`.
+
+        Raises HodoError if it is not there, or is damaged or too large.
+        """
+        if name not in self:
             raise NoSuchCase(f"{self.path}: {unknown(f'case {name!r}', str(name), self._names)}")
-        with open_batch(self.path) as run:
+        if self.kept is None:
+            return self._read(name)
+        if name not in self.kept:
+            self.kept[name] = self._read(name)
+        return self.kept[name]
+
+    def _read(self, name: str) -> xr.Dataset:
+        with self._reader() as run:
             group = run.read(name)
         try:
-            return dataset(group)
+            return dataset(group, str(self.path))
         except ValueError as error:
             raise HodoError(f"{self.path}: {name} is damaged ({error})") from error
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return name in self._groups
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
@@ -75,3 +239,17 @@ class Opened(Mapping[str, xr.Dataset]):
 
     def __repr__(self) -> str:
         return f"<{self.path}: {', '.join(self._names)}>"
+
+
+def cases_of_file(path: Path) -> StoredCases:
+    """The cases of a result file, which is opened for each reading and closed again, so that a run
+    may replace it meanwhile. Raises HodoError as `open_batch` does."""
+    return StoredCases(path, lambda: open_batch(path))
+
+
+@contextmanager
+def open_cases(path: Path) -> Iterator[StoredCases]:
+    """The cases of a result file that stays open, each read once. Raises HodoError as `open_batch`
+    does."""
+    with open_batch(path) as run:
+        yield StoredCases(run.path, lambda: nullcontext(run), {})

@@ -1,17 +1,14 @@
-"""A motion as figures and claims see it: a case with its samples, and every quantity that follows
-from them.
+"""A motion as figures and claims see it: the view of one dataset, by its coordinates, with every
+quantity that follows from its samples.
 
 `QUANTITIES` is the one table of what is derived from stored variables: |G|, T, D and the others are
 computed when they are asked for, from the samples, and by nobody else.
 """
 
 import math
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from types import SimpleNamespace
 from typing import Any, Protocol
 
@@ -19,17 +16,13 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, parse_case
-from ..cases.config import Config, parse
 from ..cases.figure_block import BODY_AXES
 from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.top.nutation import first_integrals
-from ..storage.finished import open_batch
-from ..storage.group import Group
-from ..storage.hdf5 import ResultFile
 from ..storage.provenance import typed
-from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, SHOWN
+from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 
 
 class Array(Protocol):
@@ -51,8 +44,8 @@ class Array(Protocol):
 
 @dataclass(frozen=True)
 class Motion:
-    """A case, its variables by name (an `xarray.Dataset`, or those of a `Group`), the
-    attributes that are stored with them, what a figure calls it, and the file that holds it."""
+    """A case, its variables by name (those of an `xarray.Dataset`, or of a `Group`) over ascending
+    times, the attributes that are stored with them, what a figure calls it, and its file."""
 
     case: Case
     data: Mapping[Any, Array]
@@ -66,23 +59,21 @@ class Motion:
         return self.case.name
 
     def __getitem__(self, variable: str) -> np.ndarray:
-        """Values over time (n,): a name of `QUANTITIES`, a stored variable, or a component such as
+        """Values over time (n,): a stored variable, a name of `QUANTITIES`, or a component such as
         "omega.x1".
 
         Raises HodoError if the case has no such variable.
         """
-        if variable in QUANTITIES:
-            try:
-                return QUANTITIES[variable](self)
-            except KeyError as missing:
-                raise HodoError(
-                    f"case {self.name} has no {missing}, which {variable} needs"
-                ) from None
-        name, _, axis = variable.partition(".")
-        if axis in BODY_AXES and name in self.vectors:
-            return self.vectors[name][:, BODY_AXES.index(axis)]
-        if not axis and "." not in variable and self._over_time(variable):
+        if self._over_time(variable):
             return self.stored(variable)
+        name, _, axis = variable.partition(".")
+        try:
+            if variable in QUANTITIES:
+                return QUANTITIES[variable](self)
+            if axis in BODY_AXES and name in self.vectors:
+                return self.component(name, axis)
+        except KeyError as missing:
+            raise HodoError(f"case {self.name} has no {missing}, which {variable} needs") from None
         raise HodoError(f"case {self.name} has no variable {variable!r}: {self._hint(name)}")
 
     def stored(self, name: str) -> np.ndarray:
@@ -90,6 +81,34 @@ class Motion:
         if name not in self.data:  # xarray's own error would list all that there is
             raise KeyError(name)
         return np.asarray(self.data[name].data)
+
+    def component(self, name: str, axis: str) -> np.ndarray:
+        """The component of a vector along a body axis, by its coordinate (n,).
+
+        Raises KeyError if there is no such vector, HodoError if it lacks the component.
+        """
+        if name not in self.vectors:
+            raise KeyError(name)
+        if axis not in self.axes:
+            has = ", ".join(self.axes)
+            raise HodoError(f"case {self.name} has no component {axis} of {name}, only {has}")
+        return self.vectors[name][:, self.axes.index(axis)]
+
+    def whole(self, name: str) -> np.ndarray:
+        """A stored vector (n, 3). Raises as `component` does, if it lacks one."""
+        for axis in BODY_AXES:
+            self.component(name, axis)
+        return self.vectors[name]
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """The body axes of the components of vectors, in the order in which they are stored."""
+        if "axis" not in self.data:
+            raise HodoError(
+                f"case {self.name} has no coordinate 'axis', which tells the components of its "
+                "vectors apart"
+            )
+        return tuple(map(str, self.stored("axis")))
 
     def columns(self, *variables: str) -> dict[str, np.ndarray]:
         """Several variables by name."""
@@ -102,13 +121,17 @@ class Motion:
 
     @cached_property
     def vectors(self) -> Mapping[str, np.ndarray]:
-        """The variables (n, 3) over the body axes: those stored, and the angular momentum G."""
+        """The variables over the `axes`, (n, 3) if these are all: those stored, and the angular
+        momentum G."""
         found = {
             str(name): np.asarray(variable.data)
             for name, variable in self.data.items()
             if variable.dims == ("time", "axis")
         }
-        return found | ({"G": self.G} if "omega" in found and self.case.data.get("inertia") else {})
+        if "omega" not in found or not self.case.data.get("inertia"):
+            return found
+        moments = self.inertia[[BODY_AXES.index(axis) for axis in self.axes]]
+        return found | {"G": rigid_body.angular_momentum(moments, found["omega"])}
 
     def _over_time(self, name: str) -> bool:
         return name in self.data and self.data[name].dims == ("time",)
@@ -140,9 +163,14 @@ class Motion:
         return self.stored("time")
 
     @property
+    def sampled(self) -> bool:
+        """Whether there is any sample."""
+        return "time" in self.data and bool(self.data["time"].data.size)
+
+    @property
     def omega(self) -> np.ndarray:
         """Angular velocity (n, 3) in body axes. Raises KeyError for a case without it."""
-        return self.stored("omega")
+        return self.whole("omega")
 
     @cached_property
     def inertia(self) -> np.ndarray:
@@ -160,10 +188,10 @@ class Motion:
     @cached_property
     def G(self) -> np.ndarray:
         """Angular momentum (n, 3) in body axes. Raises HodoError for a case without it."""
-        if "omega" not in self.data:
+        if "G" not in self.vectors:
             what = f"{self.case.model}, {self.case.form}"
             raise HodoError(f"case {self.name} ({what}) has no angular momentum in body axes")
-        return rigid_body.angular_momentum(self.inertia, self.omega)
+        return self.whole("G")
 
     @property
     def classified(self) -> bool:
@@ -177,8 +205,8 @@ class Motion:
             self.classified
             or self.case.sweep
             or self.case.system.no_axis_reason
-            or "omega" not in self.data
-            or not len(self.omega)
+            or "omega" not in self.vectors
+            or not self.sampled
         )
 
     @property
@@ -195,9 +223,9 @@ class Motion:
         if not len(self.labels):
             return ()
         fields = {
-            field: self.stored(name).tolist()
+            field: np.atleast_1d(self.stored(name)).tolist()
             if name in self.data
-            else [math.nan] * len(self.data["crossing_time"].data)
+            else [math.nan] * self.data["crossing_time"].data.size
             for name, (field, _) in CROSSING_COLUMNS.items()
         }
         return tuple(
@@ -207,16 +235,22 @@ class Motion:
 
     @property
     def crossing_time(self) -> np.ndarray:
-        """Times (m,) of the separatrix crossings; none in a case that is not classified."""
+        """Times (m,) of the separatrix crossings within the samples; none in a case that is not
+        classified."""
         crossings = self.crossings if self.classified else ()
-        return np.array([crossing.time for crossing in crossings], dtype=float)
+        return self._within([crossing.time for crossing in crossings])
+
+    def _within(self, times: Sequence[float]) -> np.ndarray:
+        """The times that no sample before the first or after the last would have to stand for."""
+        every = np.array(times, dtype=float)
+        return every[(every >= self.time[0]) & (every <= self.time[-1])] if every.size else every
 
     @property
     def events(self) -> tuple[tuple[str, float], ...]:
         """Kind and time of each event of the motion itself, such as the end of spin."""
         if "event_time" not in self.data or "event_kind" not in self.data:
             return ()
-        kinds, times = self.stored("event_kind"), self.stored("event_time")
+        kinds, times = (np.atleast_1d(self.stored(f"event_{of}")) for of in ("kind", "time"))
         return tuple(zip(map(str, kinds), times.tolist(), strict=True))
 
     def at_crossings(self, values: np.ndarray) -> np.ndarray:
@@ -255,16 +289,22 @@ def motion_of(
 
 def case_of(attrs: Mapping[str, Any], owner: str) -> Case:
     """The case in the attributes of a stored one. Raises HodoError as `motion_of` does."""
-    return parse_case(typed(attrs, {"case": str}, owner)["case"])
+    return _parsed(typed(attrs, {"case": str}, owner)["case"])
+
+
+@lru_cache(maxsize=256)
+def _parsed(text: str) -> Case:
+    # Most cases stand in several figures and on the page, and to parse one takes milliseconds.
+    return parse_case(text)
 
 
 def damage(data: Mapping[Any, Array]) -> str:
     """What is wrong with the variables of a single motion; an empty string if nothing is."""
     dims = {"time": ("time",), "omega": ("time", "axis"), "enclosed_axis": ("time",)}
     dims |= dict.fromkeys(CROSSING_COLUMNS, ("crossing",))
-    present = [
-        name for name in ("time", "omega", "enclosed_axis") if name in data or name == "time"
-    ]
+    # A selection of one component leaves a number over time.
+    whole = "omega" in data and data["omega"].dims != ("time",)
+    present = ["time", *["omega"] * whole, *["enclosed_axis"] * ("enclosed_axis" in data)]
     if "enclosed_axis" in data:
         # Labels and crossings are stored together.
         present += [name for name in CROSSING_COLUMNS if name not in LATER or name in data]
@@ -275,7 +315,7 @@ def damage(data: Mapping[Any, Array]) -> str:
             return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
     if problem := wrong_labels(data):
         return problem
-    if "omega" in data and data["omega"].data.shape[1:] != (3,):
+    if "omega" in present and not is_vector(data["omega"], data):
         return "its omega holds no vectors"
     sizes: dict[str, int] = {}
     for name in [*present, *(name for name in EVENT_COLUMNS if name in data)]:
@@ -283,6 +323,11 @@ def damage(data: Mapping[Any, Array]) -> str:
             if sizes.setdefault(dim, size) != size:
                 return f"its {name} has {size} values along {dim}, elsewhere {sizes[dim]}"
     return ""
+
+
+def is_vector(array: Array, data: Mapping[Any, Array]) -> bool:
+    """Whether an array over time has a component for each of the body axes that are stored."""
+    return "axis" in data and array.data.shape[1:] == data["axis"].data.shape
 
 
 def wrong_labels(data: Mapping[Any, Array]) -> str:
@@ -294,112 +339,12 @@ def wrong_labels(data: Mapping[Any, Array]) -> str:
     return ""
 
 
-# The motions of a result file
-
-
-UNSAVED = Path("data")
-"""Stands for a result file where the datasets at hand are drawn."""
-
-
-class StoredCases(Mapping[str, Group]):
-    """The cases of an open result file by name, each read when it is asked for; `asked` notes for
-    which, whether they are there or not."""
-
-    def __init__(self, run: ResultFile) -> None:
-        self._run = run
-        self.asked: set[str] = set()
-
-    def __getitem__(self, name: str) -> Group:
-        """A case, in memory; groups that are no cases have names that begin with `_`.
-
-        Raises KeyError if it is not there, HodoError if it is damaged or too large.
-        """
-        if name not in self:
-            raise KeyError(name)
-        return self._run.read(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._run.cases())
-
-    def __len__(self) -> int:
-        return len(self._run.cases())
-
-    def __contains__(self, name: object) -> bool:
-        self.asked.add(str(name))
-        return isinstance(name, str) and name in self._run
-
-
-@dataclass
-class Results:
-    """A result file that is open for reading: its cases, and the config that it was made from."""
-
-    path: Path
-    cases: Mapping[str, Group]
-    config: Config
-    _motions: dict[str, Motion] = field(default_factory=dict)
-
-    @property
-    def figures(self) -> Mapping[str, Mapping[str, Any]]:
-        """The entries of the `figures:` block, resolved."""
-        return self.config.figures
-
-    def motion(self, name: str, label: str = "") -> Motion:
-        """One case. Raises HodoError if the file does not hold it, or it is damaged."""
-        if name not in self._motions:
-            if name not in self.cases:
-                raise HodoError(f"{self.path} has no result of case {name} yet: run it first")
-            owner, group = f"{self.path}: {name}", self.cases[name]
-            typed(group.attributes, SHOWN, owner)
-            time = group.variables.get("time")
-            status = group.attributes["status"]
-            if status != "ok" and time is not None and time.data.size:
-                end = float(time.data[-1])
-                warnings.warn(f"{name}: {status}: drawn to t = {end:.6g} only", stacklevel=2)
-            # Kept, because most cases stand in several figures and on the page.
-            path = "" if self.path == UNSAVED else str(self.path)
-            self._motions[name] = motion_of(group.variables, group.attributes, owner, path)
-        return replace(self._motions[name], label=label or name)
-
-    @property
-    def lacks_labels(self) -> bool:
-        """Whether a case that has been read would be labelled by `classify`, and is not."""
-        return any(motion.lacks_labels for motion in self._motions.values())
-
-    def motions(self, spec: Mapping[str, Any]) -> list[Motion]:
-        """The cases of a figure, in order, under the labels that it gives them.
-
-        Raises HodoError if the file does not hold one of them, or has no samples of it.
-        """
-        labels = [*spec["labels"], *[""] * len(spec["cases"])]
-        motions = [
-            self.motion(name, label) for name, label in zip(spec["cases"], labels, strict=False)
-        ]
-        for motion in motions:
-            if "time" not in motion.data or not len(motion.time):
-                status = motion.attrs.get("status")
-                why = "" if status == "ok" else f", its status is {status}"
-                raise HodoError(f"case {motion.name} has no samples{why}")
-        return motions
-
-    def figure(self, name: str) -> Mapping[str, Any]:
-        """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
-        return self.config.figure(name)
-
-
-@contextmanager
-def open_results(path: Path | str, config: Config | None = None) -> Iterator[Results]:
-    """A result file, open for reading, with its own config or another. Raises HodoError as
-    `writer.open_batch` does."""
-    with open_batch(path) as run:
-        yield Results(run.path, StoredCases(run), config or parse(run.text, str(path)))
-
-
 # What follows from the samples
 
 
 def _momentum(m: Motion) -> np.ndarray:
     """|G|, right also where G^2 underflows; of the averaged cavity's x = p^2 + q^2 and y = r^2."""
-    if "omega" in m.data:
+    if "G" in m.vectors:
         # hypot scales by itself; the square of 1e-170 is 0.
         return np.asarray(np.hypot.reduce(m.G, axis=-1))
     if "momentum" in m.data:
@@ -422,41 +367,34 @@ def _separatrix(m: Motion) -> np.ndarray:
 
 def _separatrix_ratio(m: Motion) -> np.ndarray:
     with np.errstate(invalid="ignore"):  # a body at rest has no ratio, and its curve a gap
-        return np.asarray(m["D"] / (2 * m["T"]))
+        return np.asarray(_separatrix(m) / (2 * _energy(m)))
 
 
 def _first_integral(m: Motion, name: str) -> np.ndarray:
-    """Gz or H of a top, in any form."""
-    if name in m.data:
-        return m.stored(name)
-    vertical = [*m.stored("gamma").T]
+    """Gz or H of a top that stores its angular velocity."""
+    vertical = [*m.whole("gamma").T]
     k = SimpleNamespace(**m.case.data["inertia"], mu=m.case.data["mu"])
     return np.asarray(first_integrals([*m.omega.T], vertical, k)[("Gz", "H").index(name)])
-
-
-def _stored_or(name: str, of_omega: Callable[[np.ndarray], np.ndarray]) -> "Derive":
-    """A variable that some forms store, and others have by their angular velocity (n, 3)."""
-    return lambda m: m.stored(name) if name in m.data else of_omega(m.omega)
 
 
 Derive = Callable[[Motion], np.ndarray]
 
 QUANTITIES: dict[str, Derive] = {
-    "p": lambda m: m.omega[:, 0],
-    "q": lambda m: m.omega[:, 1],
-    "r": _stored_or("r", lambda omega: omega[:, 2]),
+    "p": lambda m: m.component("omega", "x1"),
+    "q": lambda m: m.component("omega", "x2"),
+    "r": lambda m: m.component("omega", "x3"),
     "G": _momentum,
     "G2": lambda m: np.asarray((m.G * m.G).sum(axis=-1)),
     "T": _energy,
-    "J": lambda m: m.stored("J") if "J" in m.data else np.asarray(m["G"] ** 2 / (2 * m["T"])),
+    "J": lambda m: np.asarray(_momentum(m) ** 2 / (2 * _energy(m))),
     "D": _separatrix,
     "D/2T": _separatrix_ratio,
-    "x1_direction": lambda m: np.abs(m.inertia[0] * m["p"]) / m["G"],
-    "separatrix_distance": lambda m: np.abs(m["D"]) / m["G"] ** 2,
-    "x": _stored_or("x", lambda omega: omega[:, 0] ** 2 + omega[:, 1] ** 2),
-    "y": _stored_or("y", lambda omega: omega[:, 2] ** 2),
+    "x1_direction": lambda m: np.abs(m.G[:, 0]) / _momentum(m),
+    "separatrix_distance": lambda m: np.abs(_separatrix(m)) / _momentum(m) ** 2,
+    "x": lambda m: m.component("omega", "x1") ** 2 + m.component("omega", "x2") ** 2,
+    "y": lambda m: m.component("omega", "x3") ** 2,
     "Gz": lambda m: _first_integral(m, "Gz"),
     "H": lambda m: _first_integral(m, "H"),
 }
-"""Quantities over time (n,) by name, from what is stored of a motion. Each raises KeyError with the
-stored variable that it needs and the case does not have."""
+"""Quantities over time (n,) by name, from what is stored of a motion, where it stores none of this
+name. Each raises KeyError with the stored variable that it needs and the case does not have."""

@@ -1,19 +1,25 @@
-"""A stored sweep as figures read it: its axes, and any of its variables over some of them."""
+"""A sweep as figures read it: its axes by the coordinates of its dataset, and any of its variables
+over some of them."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..cases.sweep_block import Axis, axes_of
-from ..results.motion import Array, case_of
-from ..schema.kinds import nearest
-from ..storage.group import Group
+from ..cases.figure_block import BODY_AXES
+from ..cases.sweep_block import path_of, put
+from ..results.dataset import case_in, ordered, sweep_axes, swept_names
+from ..results.motion import wrong_labels
+from ..storage.group import Variable
 from .averages import average
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 ANGLES = ("theta",)
 """The keys of cases that are angles."""
@@ -27,82 +33,142 @@ def round_degrees(angle: float) -> float | None:
     return whole if abs(degrees - whole) <= 4 * math.ulp(degrees) else None
 
 
+EVEN = 1e-9
+"""How much, relative to them, steps or ratios along an axis may differ that count as even."""
+
+
+def in_even_ratios(values: np.ndarray) -> bool:
+    """Whether values (n,) go in even ratios and not in even steps; two alone do both."""
+    if len(values) < 3 or (values <= 0).any():
+        return False
+    steps, ratios = np.diff(values), np.diff(np.log(values))
+    uneven = np.ptp(steps) > EVEN * np.abs(steps).max()
+    return bool(uneven and np.ptp(ratios) <= EVEN * np.abs(ratios).max())
+
+
 @dataclass(frozen=True)
 class Swept:
-    """A sweep as it is stored: its case, and its variables by name."""
+    """A sweep: the name of its case, the case, and its dataset, whose last dimensions are `time`
+    and `axis`."""
 
+    name: str
     case: Case
-    data: Mapping[Any, Array]
+    data: "xr.Dataset"
 
     @classmethod
-    def of(cls, name: str, cases: Mapping[str, Group]) -> "Swept":
-        """A sweep among the cases of a result file.
+    def of(cls, name: str, data: "xr.Dataset") -> "Swept":
+        """The sweep in a dataset. Raises HodoError if what it holds does not fit together."""
+        owner = f"case {name}"
+        case, data = case_in(data, owner), ordered(data, owner)
+        if problem := wrong_labels(data.variables):
+            raise HodoError(f"{owner} is damaged ({problem})")
+        return cls(name, case, data)
 
-        Raises HodoError if there is no such case, or it is no sweep.
-        """
-        if name not in cases:
-            raise HodoError(f"there is no case {name!r}{nearest(name, cases)}")
-        group = cases[name]
-        case = case_of(group.attributes, name)
-        if not case.sweep:
-            raise HodoError(f"case {name} is no sweep")
-        return cls(case, group.variables)
+    @cached_property
+    def axes(self) -> dict[str, int]:
+        """The lengths of the axes by name, in order."""
+        return {name: self.data.sizes[name] for name in sweep_axes(self.data)}
 
-    @property
-    def axes(self) -> dict[str, Axis]:
-        """The axes by name, in order."""
-        return {axis.name: axis for axis in axes_of(self.case.sweep or {})}
-
-    def axis(self, name: str) -> Axis:
-        """One axis. Raises HodoError if the sweep has none of this name."""
-        if name not in self.axes:
-            raise HodoError(
-                f"sweep {self.case.name} has no axis {name!r} (it has: {', '.join(self.axes)})"
-            )
-        return self.axes[name]
+    def keys(self, name: str) -> list[str]:
+        """The coordinates that vary along an axis alone; the first is that which figures show."""
+        named = [*swept_names(self.data), *map(str, self.data.coords)]
+        along = [key for key in named if self.data.variables[key].dims == (name,)]
+        return list(dict.fromkeys(along))
 
     def body(self) -> np.ndarray | None:
         """A1, A2, A3 if all members have the same body."""
-        keys = [path for axis in self.axes.values() for path, _ in axis.ranges]
+        varied = [key for axis in self.axes for key in self.keys(axis)]
         # A separatrix is drawn on the sphere only where all members share one.
-        if "inertia" not in self.case.data or any(path[0] == "inertia" for path in keys):
+        if "inertia" not in self.case.data or any(path_of(key)[0] == "inertia" for key in varied):
             return None
         return np.array(self.case.data["inertia"], dtype=float)
 
+    def at(self, name: str, i: int) -> Case:
+        """The case with the values that vary along an axis as they are at a position."""
+        given = self.case.data
+        for key in swept_names(self.data):
+            if self.data.variables[key].dims == (name,):
+                given = put(given, path_of(key), float(self.data.variables[key].data[i]))
+        return replace(self.case, data=given)
+
+    @property
     def sphere(self) -> str:
-        """The name of the axis that is a sphere; empty if none is."""
-        return next((name for name, axis in self.axes.items() if axis.sphere is not None), "")
+        """The name of the axis that is a sphere of directions; empty if none is."""
+        return next((name for name in self.axes if f"{name}_vector" in self.data), "")
+
+    def directions(self) -> np.ndarray:
+        """The directions (n, 3) of G at the start along the sphere.
+
+        Raises HodoError if they lack a component.
+        """
+        vector = self.data[f"{self.sphere}_vector"].transpose(self.sphere, "axis")
+        if tuple(vector["axis"].data) != BODY_AXES:
+            raise HodoError(f"sweep {self.name} has no whole directions of its sphere left")
+        return np.asarray(vector.data)
 
     def values(self, variable: str, keep: Sequence[str], at: Mapping[str, int]) -> np.ndarray:
         """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed;
         see `averages.average`."""
-        return average(self.data, list(self.axes), variable, keep, at)
+        name, _, part = variable.partition(".")
+        column = self.data[name]
+        if part and "axis" in column.dims:
+            # By its coordinate, wherever it stands.
+            column, variable = column.isel(axis=list(column["axis"].data).index(part)), name
+        ok = self.data["status"] if "status" in self.data else 0 * column
+        columns = {name: self._over_all(column), "status": self._over_all(ok)}
+        return average(columns, list(self.axes), variable, keep, at)
+
+    def _over_all(self, column: "xr.DataArray") -> Variable:
+        """A variable over all axes in their order; the same along an axis that it does not have."""
+        sizes = {axis: n for axis, n in self.axes.items() if axis not in column.dims}
+        column = column.expand_dims(sizes).transpose(*self.axes, ...)
+        return Variable(tuple(map(str, column.dims)), np.asarray(column.data), dict(column.attrs))
+
+    def sorted_along(self, *names: str) -> "Swept":
+        """The sweep with the values along some axes in order, ascending unless they descend.
+
+        Raises HodoError if one then stands twice: members of several sweeps make no single curve.
+        """
+        data = self.data
+        for name in names:
+            values = self.ticks(name)[0]
+            steps = np.diff(values)
+            if (steps >= 0).all() or (steps <= 0).all():
+                continue
+            place = np.argsort(values, kind="stable")
+            if twice := values[place][1:][np.diff(values[place]) == 0].tolist():
+                said = f"axis {name} of sweep {self.name} has {twice[0]:.6g} twice, out of order"
+                raise HodoError(said)
+            data = data.isel({name: place})
+        return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
         """The values (n,) along an axis, of the first of its keys and in its `unit`, and whether
         they go in even ratios.
 
-        Raises HodoError if there is no such axis, or it is a sphere.
+        Raises HodoError if it has no finite numbers.
         """
-        axis = self.axis(name)
-        if axis.sphere is not None:
-            raise HodoError(f"axis {name} is a sphere: it has no values along a line")
-        values = axis.values()
+        keys = self.keys(name)
+        values = np.asarray(self.data.variables[keys[0]].data if keys else [math.nan])
+        if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+            said = "no coordinate of finite numbers, which a scale needs"
+            raise HodoError(f"axis {name} of sweep {self.name} has {said}")
         if self.unit(name) == "deg":
             # Without what the way to radians and back has added.
             values = np.round(np.degrees(values), 9)
-        return values, "logspace" in axis.ranges[0][1]
+        return values, in_even_ratios(values)
 
     def unit(self, name: str) -> str:
-        """The unit of the values along an axis: degrees where an angle was given so, radians of any
-        other angle, an empty string where the first key is no angle."""
-        ranges = self.axis(name).ranges
-        if not ranges or ranges[0][0][-1] not in ANGLES:
+        """The unit of the values along an axis: that of its coordinate or, of an angle, degrees
+        where it was given so and else radians."""
+        variable = self.data.variables[(self.keys(name) or [name])[0]]
+        if (stored := str(variable.attrs.get("units", "1"))) != "1":
+            return stored
+        if self.key(name).rpartition(".")[2] not in ANGLES or not variable.size:
             return ""
-        ((word, given),) = ranges[0][1].items()
-        ends = given if word == "values" else given[:2]
+        ends = float(variable.data.min()), float(variable.data.max())
         return "rad" if None in map(round_degrees, ends) else "deg"
 
     def key(self, name: str) -> str:
         """The first key that varies along an axis."""
-        return next(iter(self.axis(name).keys), name)
+        return next(iter(self.keys(name)), name)
