@@ -9,21 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
+from drawings import Drawings, drawings_of
 
-from hodo_cli import api, figures
-from hodo_cli.cases.config import parse
+from hodo_cli.cases.figure_block import DrawnFigure
 from hodo_cli.figures.sheet import Sheet
-from hodo_cli.results.dataset import group_of
-from hodo_cli.results.motion import Results
+from hodo_cli.results.dataset import motion_from
 
 if importlib.util.find_spec("plotly") is None:
     pytest.skip("needs plotly", allow_module_level=True)
 
-from hodo_cli.figures import page
 from hodo_cli.figures.artists import COLOURS
 from hodo_cli.figures.interactive import interactive, write_interactive
 from hodo_cli.figures.maps import GAP
-from hodo_cli.figures.sheet import Rendered, save
+from hodo_cli.figures.sheet import save
 
 CONFIG = r"""
 title: Turning
@@ -70,21 +68,16 @@ ALL = [
 
 
 @pytest.fixture(scope="module")
-def results() -> Results:
-    """A case and its figures, in memory."""
-    config = parse(CONFIG, "test.yaml")
-    cases = {
-        name: group_of((api.sweep if case.sweep else api.run)(case))
-        for name, case in config.cases.items()
-    }
-    return Results(Path("test.h5"), cases, config)
+def results(tmp_path_factory: pytest.TempPathFactory) -> Drawings:
+    """Cases and their figures."""
+    return drawings_of(CONFIG, tmp_path_factory.mktemp("results"))
 
 
-def drawn(results: Results, name: str) -> tuple[Sheet, dict[str, np.ndarray]]:
+def drawn(results: Drawings, name: str) -> tuple[Sheet, dict[str, np.ndarray]]:
     """A printed figure, and the values of its turning form by the names of its traces."""
-    spec = results.figure(name)
-    sheet = figures.draw(spec, results)
-    made = interactive(sheet, spec, results)
+    spec = results.figures[name]
+    sheet = results.draw(spec)
+    made = interactive(sheet, spec, results.cases)
     axes = "xyz" if made.data[0].type == "scatter3d" else "xy"
     found: dict[str, np.ndarray] = {}
     for trace in made.data:
@@ -95,7 +88,7 @@ def drawn(results: Results, name: str) -> tuple[Sheet, dict[str, np.ndarray]]:
 
 
 @pytest.mark.parametrize("name", ["space", "ball"])
-def test_a_turning_curve_is_the_printed_one_point_by_point(results: Results, name: str) -> None:
+def test_a_turning_curve_is_the_printed_one_point_by_point(results: Drawings, name: str) -> None:
     """The parts by enclosed axis overlap in the sample where one ends and the next begins."""
     sheet, found = drawn(results, name)
     (shown,) = sheet.shown
@@ -109,7 +102,7 @@ def test_a_turning_curve_is_the_printed_one_point_by_point(results: Results, nam
 
 
 @pytest.mark.parametrize("name", ["time", "plane", "corner", "bounds"])
-def test_panels_are_the_printed_ones_point_by_point(results: Results, name: str) -> None:
+def test_panels_are_the_printed_ones_point_by_point(results: Drawings, name: str) -> None:
     sheet, found = drawn(results, name)
     printed = []
     for shown in sheet.shown:
@@ -126,18 +119,21 @@ def test_panels_are_the_printed_ones_point_by_point(results: Results, name: str)
         assert all(any(np.array_equal(ours, line) for line in lines) for ours in found.values())
 
 
-def test_time_may_be_drawn_itself(results: Results) -> None:
+def test_time_may_be_drawn_itself(results: Drawings) -> None:
     time = results.cases["fig4"].variables["time"].data
-    for name, across in (("clock", time), ("late", results.motion("fig4")["p"])):
+    for name, across in (
+        ("clock", time),
+        ("late", motion_from(results.cases["fig4"], "fig4")["p"]),
+    ):
         _, found = drawn(results, name)
         (values,) = found.values()
         np.testing.assert_array_equal(values, np.stack([across, time], axis=-1))
 
 
-def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Results) -> None:
-    spec = results.figure("lines")
-    sheet = figures.draw(spec, results)
-    made = interactive(sheet, spec, results)
+def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Drawings) -> None:
+    spec = results.figures["lines"]
+    sheet = results.draw(spec)
+    made = interactive(sheet, spec, results.cases)
     curves = [trace for trace in made.data if trace.name != "none"]
     assert [trace.name for trace in curves] == ["damping.0 = 0.004", "damping.0 = 0.005"]
     assert made.layout.xaxis.title.text == "λ3"
@@ -153,11 +149,11 @@ def test_curves_of_sweeps_are_the_printed_ones_with_their_errors(results: Result
 
 
 def test_members_without_a_value_are_marked_where_the_printed_curves_mark_them(
-    results: Results,
+    results: Drawings,
 ) -> None:
-    spec = results.figure("lines")
-    sheet = figures.draw(spec, results)
-    made = interactive(sheet, spec, results)
+    spec = results.figures["lines"]
+    sheet = results.draw(spec)
+    made = interactive(sheet, spec, results.cases)
     crosses = [line for line in sheet.figure.axes[0].lines if line.get_marker() == "x"]
     printed = [line.get_xdata().tolist() for line in crosses if line.get_xdata().size]
     marks = [trace for trace in made.data if trace.name == "none"]
@@ -169,11 +165,11 @@ def test_members_without_a_value_are_marked_where_the_printed_curves_mark_them(
     assert marks[0].text[0].endswith(": none")
 
 
-def test_maps_are_the_printed_ones(results: Results) -> None:
+def test_maps_are_the_printed_ones(results: Drawings) -> None:
     for name in ("flat", "round"):
-        spec = results.figure(name)
-        sheet = figures.draw(spec, results)
-        made = interactive(sheet, spec, results)
+        spec = results.figures[name]
+        sheet = results.draw(spec)
+        made = interactive(sheet, spec, results.cases)
         printed = [shown.values["crossing_time"] for shown in sheet.shown]
         assert np.isfinite(np.concatenate([values.ravel() for values in printed])).any()
         clouds = [trace for trace in made.data if trace.type == "heatmap" or trace.text is not None]
@@ -194,35 +190,34 @@ def test_maps_are_the_printed_ones(results: Results) -> None:
         assert not clouds
 
 
-def test_scales_are_the_printed_ones(results: Results) -> None:
+def test_scales_are_the_printed_ones(results: Drawings) -> None:
     """T and G^2 fall by more than a decade; D/2T changes its sign."""
-    spec = results.figure("bounds")
-    made = interactive(figures.draw(spec, results), spec, results)
+    spec = results.figures["bounds"]
+    made = interactive(results.draw(spec), spec, results.cases)
     axes = [made.layout[f"yaxis{i}"] for i in ("", 2, 3)]
     assert [axis.type for axis in axes] == ["log", "log", "linear"]
     assert [axis.title.text for axis in axes] == ["T [–]", "G^2 [–]", "D/2T [–]"]
 
 
-def test_styles_are_the_printed_ones(results: Results) -> None:
-    spec = results.figure("bounds")
-    sheet = figures.draw(spec, results)
-    made = interactive(sheet, spec, results)
+def test_styles_are_the_printed_ones(results: Drawings) -> None:
+    spec = results.figures["bounds"]
+    sheet = results.draw(spec)
+    made = interactive(sheet, spec, results.cases)
     lines = {(trace.line.color, trace.line.dash) for trace in made.data if trace.mode == "lines"}
     assert lines == {(COLOURS["green"], "dot")}
     printed = [axes.lines[0] for axes in sheet.figure.axes]
     assert {line.get_color() for line in printed} == {COLOURS["green"]}
-    spec = results.figure("own")
-    space = interactive(figures.draw(spec, results), spec, results)
+    spec = results.figures["own"]
+    space = interactive(results.draw(spec), spec, results.cases)
     (curve,) = [trace for trace in space.data if trace.customdata is not None]
     assert curve.line.color == COLOURS["orange"]
 
 
-def test_the_pointer_tells_time_invariants_and_axis(results: Results) -> None:
-    made = interactive(
-        figures.draw(results.figure("space"), results), results.figure("space"), results
-    )
+def test_the_pointer_tells_time_invariants_and_axis(results: Drawings) -> None:
+    spec = results.figures["space"]
+    made = interactive(results.draw(spec), spec, results.cases)
     trace = next(trace for trace in made.data if trace.customdata is not None)
-    motion = results.motion("fig4")
+    motion = motion_from(results.cases["fig4"], "fig4")
     expected = ["time", "G", "T", "D"]
     for i, name in enumerate(expected):
         assert f"{name} = %{{customdata[{i}]" in trace.hovertemplate
@@ -234,17 +229,17 @@ def test_the_pointer_tells_time_invariants_and_axis(results: Results) -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(results: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(results: Drawings, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of all figures, each with its turning form beside it."""
     out = tmp_path_factory.mktemp("figures")
     rendered = []
     for name, spec in results.figures.items():
-        sheet = figures.draw(spec, results)
+        sheet = results.draw(spec)
         files = (out / "test" / f"{name}.png", out / "test" / f"{name}.html")
         save(sheet, files[0], about=spec["caption"])
-        write_interactive(sheet, spec, results, files[1], name)
-        rendered.append(Rendered(name, files))
-    page.write_page(out / "index.html", [(results, rendered)])
+        write_interactive(sheet, spec, results.cases, files[1], name)
+        rendered.append(DrawnFigure(name, files))
+    results.write_page(out / "index.html", rendered)
     return out
 
 

@@ -2,14 +2,12 @@
 
 import csv
 import dataclasses
-import hashlib
 import math
 import os
 import subprocess
 import sys
 import sysconfig
 from collections.abc import Callable
-from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import permutations
 from pathlib import Path
@@ -18,7 +16,9 @@ import matplotlib.image
 import matplotlib.style
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from conftest import ROOT, Hodo
+from drawings import Drawings, drawings_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
 from hodo_cli import HodoError, api, figures
-from hodo_cli.cases.config import load, parse
+from hodo_cli.cases.config import Config, load, parse
 from hodo_cli.cases.figure_block import FIGURE_KINDS, FORMATS, PIECE
 from hodo_cli.cli import main
 from hodo_cli.commands import plot
@@ -51,8 +51,6 @@ from hodo_cli.figures.sheet import (
 )
 from hodo_cli.models import rigid_body
 from hodo_cli.models.rigid_body import slope
-from hodo_cli.results.dataset import group_of
-from hodo_cli.results.motion import Results, open_results
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -74,7 +72,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_figure_of_the_papers_is_defined() -> None:
-    defined = {name: load(ROOT / "configs" / f"{name}.yaml").figures for name in PAPERS}
+    defined = {name: config_of(name).figures for name in PAPERS}
     assert {f"fig{i}" for i in range(1, 20)} <= set(defined["paper1"])
     assert {f"fig{i}" for i in range(1, 5)} <= set(defined["paper2"])
     panels = defined["paper3"]["figure"]
@@ -82,9 +80,14 @@ def test_each_figure_of_the_papers_is_defined() -> None:
     assert [inset["case"] for inset in panels["insets"]] == ["case1", "case3"]
     # A picture alone says what it shows, those of averaging and of sweeps too.
     for name in (*PAPERS, "averaged", "sweep_crossing", "sweep_resistance"):
-        config = load(ROOT / "configs" / f"{name}.yaml")
+        config = config_of(name)
         assert all(figure["title"] for figure in config.figures.values()), name
     assert all(figure["caption"] for each in defined.values() for figure in each.values())
+
+
+def config_of(name: str) -> Config:
+    """One of the case files that come with hodo."""
+    return load(ROOT / "configs" / f"{name}.yaml")
 
 
 def refused(call: Callable[[], object]) -> str:
@@ -99,199 +102,208 @@ def test_every_kind_that_is_declared_is_drawn() -> None:
     assert set(figures.DRAW) == set(FIGURE_KINDS)
 
 
-def test_all_figures_are_drawn(runs: Path, tmp_path: Path) -> None:
-    drawn = {}
-    for path in sorted(runs.glob("*.h5")):
-        with open_results(path) as results:
-            rendered = [
-                figures.render(results, name, ("png",), tmp_path / path.stem)
-                for name in results.figures
-            ]
-        drawn |= {f"{path.stem}/{each.name}": each.problem for each in rendered}
-        for each in rendered:
-            (file,) = each.files
-            assert file.stat().st_size > 100
-    assert len(drawn) >= 24
-    assert not any(drawn.values())
+@pytest.fixture(scope="module")
+def drawn(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All figures of the papers, drawn once by two processes."""
+    out = tmp_path_factory.mktemp("drawn")
+    hodo = Path(sysconfig.get_path("scripts")) / "hodo"
+    formats = ("--format", "png", "--format", "csv", "--out", out, "-j", "2")
+    environment = os.environ | {"PYTHONHASHSEED": "0"}
+    command = [hodo, "plot", *sorted(runs.glob("*.h5")), *formats]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_all_figures_are_drawn(drawn: Path) -> None:
+    defined = [(paper, name) for paper in PAPERS for name in config_of(paper).figures]
+    assert len(defined) >= 24
+    for paper, name in defined:
+        for suffix in ("png", "csv"):
+            assert (drawn / paper / f"{name}.{suffix}").stat().st_size > 100
+    assert "Not drawn" not in (drawn / "index.html").read_text(encoding="utf-8")
 
 
 def test_drawing_loads_no_more_than_it_needs(runs: Path, tmp_path: Path) -> None:
     """pyplot would keep every figure in memory; netCDF4 brings an HDF5 library that may break
-    h5py's; xarray and SciPy take as long to load as several figures to draw."""
+    h5py's; SciPy takes as long to load as several figures to draw. With nothing to draw, what draws
+    is not loaded either."""
     script = f"""
 import sys
 from hodo_cli.cli import main
 options = ["fig1", "--out", {str(tmp_path)!r}]
 main(["plot", {str(runs / "paper2.h5")!r}, *options], standalone_mode=False)
 loaded = {{name for name, module in sys.modules.items() if module}}
-unwanted = {{"matplotlib.pyplot", "netCDF4", "heyoka", "xarray", "scipy"}}
-print("loaded:", *(unwanted & loaded))
+print("loaded:", *sorted({{*sys.argv[1:]}} & loaded))
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-    assert done.stdout.splitlines()[-1] == "loaded:", done.stdout + done.stderr
+    never = ["matplotlib.pyplot", "netCDF4", "heyoka", "scipy"]
+    for unwanted in (never, [*never, "xarray", "matplotlib"]):
+        command = [sys.executable, "-c", script, *unwanted]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.stdout.splitlines()[-1] == "loaded:", done.stdout + done.stderr
 
 
 def test_curves_in_space_are_those_stored(runs: Path) -> None:
     """Every vertex drawn is a stored sample in the view; its colour is that of the label; no sample
     is left out."""
-    with open_results(runs / "paper1.h5") as results:
-        sheet = figures.draw(results.figure("fig12-all-entries"), results)
-        data = results.cases["fig12-all-entries"].variables
-        G = data["omega"].data * [1, 0.8, 0.6]
-        (shown,) = sheet.shown
-        assert shown.curve == "fig12-all-entries"
-        assert (shown.values["time"] == data["time"].data).all()
-        assert (np.stack([shown.values[f"G.x{i}"] for i in (1, 2, 3)], axis=-1) == G).all()
+    results = Drawings.of(runs / "paper1.h5")
+    sheet = results.draw("fig12-all-entries")
+    data = results.cases["fig12-all-entries"].variables
+    G = data["omega"].data * [1, 0.8, 0.6]
+    (shown,) = sheet.shown
+    assert shown.curve == "fig12-all-entries"
+    assert (shown.values["time"] == data["time"].data).all()
+    assert (np.stack([shown.values[f"G.x{i}"] for i in (1, 2, 3)], axis=-1) == G).all()
 
-        main, zoomed = sheet.figure.axes
-        view = View.toward(results.figure("fig12-all-entries")["view"])
-        (curve,) = [each for each in main.collections if isinstance(each, LineCollection)]
-        drawn = np.concatenate(curve.get_segments())
-        assert {tuple(at) for at in view(G)[:, :2].tolist()} == {tuple(at) for at in drawn.tolist()}
+    main, zoomed = sheet.figure.axes
+    view = View.toward(results.figures["fig12-all-entries"]["view"])
+    (curve,) = [each for each in main.collections if isinstance(each, LineCollection)]
+    drawn = np.concatenate(curve.get_segments())
+    assert {tuple(at) for at in view(G)[:, :2].tolist()} == {tuple(at) for at in drawn.tolist()}
 
-        blue, orange = (np.array(to_rgb(artists.AXIS_COLOUR[axis])) for axis in (1, 3))
-        label = {
-            tuple(at): axis
-            for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].data, strict=True)
-        }
-        for segment, colour in zip(curve.get_segments(), curve.get_colors(), strict=True):
-            # paler toward white: the colour's distances from white keep their ratio
-            (axis,) = {label[tuple(at)] for at in segment[:-1].tolist()}
-            full = 1 - (blue if axis == 1 else orange)
-            faded = (1 - colour[:3])[full > 0.1] / full[full > 0.1]
-            assert np.ptp(faded) < 1e-12
-            assert 0.49 < faded[0] <= 1
-        (crossings,) = [line for line in main.lines if line.get_marker() == "D"]
-        assert len(crossings.get_xdata()) == data["crossing_time"].data.size == 3
-        assert main.get_aspect() == zoomed.get_aspect() == 1
+    blue, orange = (np.array(to_rgb(artists.AXIS_COLOUR[axis])) for axis in (1, 3))
+    label = {
+        tuple(at): axis
+        for at, axis in zip(view(G)[:, :2].tolist(), data["enclosed_axis"].data, strict=True)
+    }
+    for segment, colour in zip(curve.get_segments(), curve.get_colors(), strict=True):
+        # paler toward white: the colour's distances from white keep their ratio
+        (axis,) = {label[tuple(at)] for at in segment[:-1].tolist()}
+        full = 1 - (blue if axis == 1 else orange)
+        faded = (1 - colour[:3])[full > 0.1] / full[full > 0.1]
+        assert np.ptp(faded) < 1e-12
+        assert 0.49 < faded[0] <= 1
+    (crossings,) = [line for line in main.lines if line.get_marker() == "D"]
+    assert len(crossings.get_xdata()) == data["crossing_time"].data.size == 3
+    assert main.get_aspect() == zoomed.get_aspect() == 1
 
 
 def test_time_colour_projections_and_sphere(runs: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        sheet = figures.draw(results.figure("fig4-projections"), results)
-        G = results.cases["fig4"].variables["omega"].data * [1, 0.8, 0.6]
-        for axes, (i, j) in zip(sheet.figure.axes[1:4], [(0, 1), (0, 2), (1, 2)], strict=True):
-            (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
-            pieces = curve.get_segments()
-            assert len(pieces) == 64  # as many stretches of time as colours
-            joined = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
-            assert (joined == G[:, [i, j]]).all()
-            assert axes.get_xlabel().startswith(f"$G_{i + 1}$")
-            assert axes.get_ylabel().startswith(f"$G_{j + 1}$")
-        brightness = curve.get_colors()[:, :3].sum(axis=1)
-        assert brightness[-1] > brightness[0]
+    results = Drawings.of(runs / "paper1.h5")
+    sheet = results.draw("fig4-projections")
+    G = results.cases["fig4"].variables["omega"].data * [1, 0.8, 0.6]
+    for axes, (i, j) in zip(sheet.figure.axes[1:4], [(0, 1), (0, 2), (1, 2)], strict=True):
+        (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
+        pieces = curve.get_segments()
+        assert len(pieces) == 64  # as many stretches of time as colours
+        joined = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
+        assert (joined == G[:, [i, j]]).all()
+        assert axes.get_xlabel().startswith(f"$G_{i + 1}$")
+        assert axes.get_ylabel().startswith(f"$G_{j + 1}$")
+    brightness = curve.get_colors()[:, :3].sum(axis=1)
+    assert brightness[-1] > brightness[0]
 
-        sheet = figures.draw(results.figure("fig1"), results)
-        assert [each.curve for each in sheet.shown] == ["1", "2", "3′", "3", "4"]
-        for shown, name in zip(sheet.shown, results.figure("fig1")["cases"], strict=True):
-            g = np.stack([shown.values[f"G.x{i}/|G|"] for i in (1, 2, 3)], axis=-1)
-            G = results.cases[name].variables["omega"].data * [1, 0.8, 0.6]
-            np.testing.assert_allclose(np.linalg.norm(g, axis=1), 1, rtol=1e-15)
-            np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
+    sheet = results.draw("fig1")
+    assert [each.curve for each in sheet.shown] == ["1", "2", "3′", "3", "4"]
+    for shown, name in zip(sheet.shown, results.figures["fig1"]["cases"], strict=True):
+        g = np.stack([shown.values[f"G.x{i}/|G|"] for i in (1, 2, 3)], axis=-1)
+        G = results.cases[name].variables["omega"].data * [1, 0.8, 0.6]
+        np.testing.assert_allclose(np.linalg.norm(g, axis=1), 1, rtol=1e-15)
+        np.testing.assert_allclose(np.cross(g, G), 0, atol=1e-15)
 
 
 def test_quadrants_have_one_scale_and_region_a_below_the_line(runs: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        limits = set()
-        for name in ("fig9", "fig10", "fig11", "fig13-all-entries"):
-            figure = results.figure(name)
-            case = results.cases[figure["cases"][0]].variables
-            sheet = figures.draw(figure, results)
-            axes = sheet.figure.axes[0]
-            (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
-            pieces = curve.get_segments()
-            across, up = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])]).T
-            p, _, r = case["omega"].data.T
-            assert (across == p**2).all()
-            np.testing.assert_allclose(up, 0.6 * (0.8 - 0.6) / (1 - 0.8) * r**2, rtol=1e-15)
-            assert (np.where(across > up, 1, 3) == case["enclosed_axis"].data).all()
-            A, B = (patch.get_xy() for patch in axes.patches[:2])
-            assert (A[:, 0] >= A[:, 1]).all()
-            assert (B[:, 0] <= B[:, 1]).all()
-            assert [text.get_text()[0] for text in axes.texts] == ["A", "B"]
-            for text in axes.texts:
-                assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
-            (marks,) = [line for line in axes.lines if line.get_marker() == "D"]
-            assert len(marks.get_xdata()) == case["crossing_time"].data.size
-            assert (marks.get_xdata() == marks.get_ydata()).all()
-            if name != "fig13-all-entries":
-                limits.add((axes.get_xlim(), axes.get_ylim()))
-        assert len(limits) == 1
-        assert "no quadrants" in refused(
-            lambda: figures.draw({**results.figure("fig10"), "cases": ("fig7",)}, results)
-        )
+    results = Drawings.of(runs / "paper1.h5")
+    limits = set()
+    for name in ("fig9", "fig10", "fig11", "fig13-all-entries"):
+        figure = results.figures[name]
+        case = results.cases[figure["cases"][0]].variables
+        sheet = results.draw(figure)
+        axes = sheet.figure.axes[0]
+        (curve,) = [each for each in axes.collections if isinstance(each, LineCollection)]
+        pieces = curve.get_segments()
+        across, up = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])]).T
+        p, _, r = case["omega"].data.T
+        assert (across == p**2).all()
+        np.testing.assert_allclose(up, 0.6 * (0.8 - 0.6) / (1 - 0.8) * r**2, rtol=1e-15)
+        assert (np.where(across > up, 1, 3) == case["enclosed_axis"].data).all()
+        A, B = (patch.get_xy() for patch in axes.patches[:2])
+        assert (A[:, 0] >= A[:, 1]).all()
+        assert (B[:, 0] <= B[:, 1]).all()
+        assert [text.get_text()[0] for text in axes.texts] == ["A", "B"]
+        for text in axes.texts:
+            assert (text.xy[0] > text.xy[1]) == (text.get_text()[0] == "A")
+        (marks,) = [line for line in axes.lines if line.get_marker() == "D"]
+        assert len(marks.get_xdata()) == case["crossing_time"].data.size
+        assert (marks.get_xdata() == marks.get_ydata()).all()
+        if name != "fig13-all-entries":
+            limits.add((axes.get_xlim(), axes.get_ylim()))
+    assert len(limits) == 1
+    assert "no quadrants" in refused(
+        lambda: results.draw({**results.figures["fig10"], "cases": ("fig7",)})
+    )
 
 
 def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
-    with open_results(runs / "paper2.h5") as results:
-        figure = results.figure("fig1")
-        sheet = figures.draw(figure, results)
-        ends = ("0.7670", "1.237")
-        for axes, name, title, end in zip(
-            sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True
-        ):
-            case = results.cases[name].variables
-            x, _, y, _ = axes.lines  # each followed by the mark of its end
-            assert axes.get_title() == title
-            assert (x.get_xdata() == case["time"].data).all()
-            assert (x.get_ydata() == case["x"].data).all()
-            assert (y.get_ydata() == case["y"].data).all()
-            assert [text.get_text() for text in axes.texts] == [
-                f"${end}$",
-                f"$t = {case['event_time'].data[0]:#.4g}$",
-            ]
-        sheet = figures.draw(results.figure("phase"), results)
-        lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
-        for line, name in zip(lines, results.figure("phase")["cases"], strict=True):
-            assert (line.get_xdata() == results.cases[name].variables["x"].data).all()
-            assert (line.get_ydata() == results.cases[name].variables["y"].data).all()
+    results = Drawings.of(runs / "paper2.h5")
+    figure = results.figures["fig1"]
+    sheet = results.draw(figure)
+    ends = ("0.7670", "1.237")
+    for axes, name, title, end in zip(
+        sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True
+    ):
+        case = results.cases[name].variables
+        x, _, y, _ = axes.lines  # each followed by the mark of its end
+        assert axes.get_title() == title
+        assert (x.get_xdata() == case["time"].data).all()
+        assert (x.get_ydata() == case["x"].data).all()
+        assert (y.get_ydata() == case["y"].data).all()
+        assert [text.get_text() for text in axes.texts] == [
+            f"${end}$",
+            f"$t = {case['event_time'].data[0]:#.4g}$",
+        ]
+    sheet = results.draw("phase")
+    lines = [line for line in sheet.figure.axes[0].lines if len(line.get_xdata()) > 1]
+    for line, name in zip(lines, results.figures["phase"]["cases"], strict=True):
+        assert (line.get_xdata() == results.cases[name].variables["x"].data).all()
+        assert (line.get_ydata() == results.cases[name].variables["y"].data).all()
 
-    with open_results(runs / "paper3.h5") as results:
-        sheet = figures.draw(results.figure("figure"), results)
-        for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
-            for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
-                assert (line.get_ydata() == results.cases[name].variables[variable].data).all()
-        (rebound,) = sheet.figure.axes[0].child_axes
-        (u3,) = rebound.lines
-        # It touches 1 and comes back up to 1.0128.
-        touched = int(u3.get_ydata().argmin())
-        assert u3.get_ydata()[touched:].max() == pytest.approx(1.0128, abs=5e-5)
-        (inset,) = sheet.figure.axes[2].child_axes
-        u1, u2 = inset.lines
-        case = results.cases["case3"].variables
-        assert (u1.get_ydata() == case["u1"].data).all()
-        assert (u2.get_ydata() == case["u2"].data).all()
+    results = Drawings.of(runs / "paper3.h5")
+    sheet = results.draw("figure")
+    for axes, name in zip(sheet.figure.axes, ("case1", "case2", "case3"), strict=True):
+        for line, variable in zip(axes.lines, ("Gz", "H", "r", "u1", "u2", "u3"), strict=True):
+            assert (line.get_ydata() == results.cases[name].variables[variable].data).all()
+    (rebound,) = sheet.figure.axes[0].child_axes
+    (u3,) = rebound.lines
+    # It touches 1 and comes back up to 1.0128.
+    touched = int(u3.get_ydata().argmin())
+    assert u3.get_ydata()[touched:].max() == pytest.approx(1.0128, abs=5e-5)
+    (inset,) = sheet.figure.axes[2].child_axes
+    u1, u2 = inset.lines
+    case = results.cases["case3"].variables
+    assert (u1.get_ydata() == case["u1"].data).all()
+    assert (u2.get_ydata() == case["u2"].data).all()
 
-    with open_results(runs / "paper1.h5") as results:
-        sheet = figures.draw(results.figure("fig12-sensitivity"), results)
-        low, high = results.figure("fig12-sensitivity")["span"]
-        assert all(shown.values["time"][[0, -1]].tolist() == [low, high] for shown in sheet.shown)
-        figure = {
-            **results.figure("fig12-sensitivity"),
-            "variables": ("omega.x1", "omega.x2", "G.x3"),
-            "span": None,
-        }
-        sheet = figures.draw(figure, results)
-        p, q, r = results.cases["fig12-all-entries"].variables["omega"].data.T
-        for axes, values, label in zip(
-            sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True
-        ):
-            assert (axes.lines[0].get_ydata() == values).all()
-            assert axes.get_ylabel().startswith(label)
-        sheet = figures.draw(results.figure("fig4-invariants"), results)
-        values = sheet.shown[0].values
-        upper, lower = (0.005 * 2, 0.003 * 2)
-        G2, time = values["G2"], values["time"]
-        assert (G2[0] * np.exp(-lower * time) * (1 + 1e-12) >= G2).all()
-        assert (G2[0] * np.exp(-upper * time) * (1 - 1e-12) <= G2).all()
-        assert (values["T"] >= G2 / 2).all()
-        assert (values["T"] <= G2 / 1.2).all()
-        bounds = {tuple(line.get_ydata()) for line in sheet.figure.axes[1].lines}
-        assert tuple(G2[0] * np.exp(-upper * time)) in bounds
-        assert tuple(G2[0] * np.exp(-lower * time)) in bounds
-        np.testing.assert_allclose(
-            values["D/2T"], (G2 - 2 * values["T"] * 0.8) / (2 * values["T"]), atol=1e-14
-        )
+    results = Drawings.of(runs / "paper1.h5")
+    sheet = results.draw("fig12-sensitivity")
+    low, high = results.figures["fig12-sensitivity"]["span"]
+    assert all(shown.values["time"][[0, -1]].tolist() == [low, high] for shown in sheet.shown)
+    figure = {
+        **results.figures["fig12-sensitivity"],
+        "variables": ("omega.x1", "omega.x2", "G.x3"),
+        "span": None,
+    }
+    sheet = results.draw(figure)
+    p, q, r = results.cases["fig12-all-entries"].variables["omega"].data.T
+    for axes, values, label in zip(
+        sheet.figure.axes, (p, q, 0.6 * r), ("$p$", "$q$", "$G_3$"), strict=True
+    ):
+        assert (axes.lines[0].get_ydata() == values).all()
+        assert axes.get_ylabel().startswith(label)
+    sheet = results.draw("fig4-invariants")
+    values = sheet.shown[0].values
+    upper, lower = (0.005 * 2, 0.003 * 2)
+    G2, time = values["G2"], values["time"]
+    assert (G2[0] * np.exp(-lower * time) * (1 + 1e-12) >= G2).all()
+    assert (G2[0] * np.exp(-upper * time) * (1 - 1e-12) <= G2).all()
+    assert (values["T"] >= G2 / 2).all()
+    assert (values["T"] <= G2 / 1.2).all()
+    bounds = {tuple(line.get_ydata()) for line in sheet.figure.axes[1].lines}
+    assert tuple(G2[0] * np.exp(-upper * time)) in bounds
+    assert tuple(G2[0] * np.exp(-lower * time)) in bounds
+    np.testing.assert_allclose(
+        values["D/2T"], (G2 - 2 * values["T"] * 0.8) / (2 * values["T"]), atol=1e-14
+    )
 
 
 def test_names_of_curves_in_tables_are_plain_text() -> None:
@@ -313,8 +325,8 @@ def test_csv_is_what_is_shown(runs: Path) -> None:
         ("paper3", "figure"),
         ("paper1", "fig1"),
     ):
-        with open_results(runs / f"{paper}.h5") as results:
-            sheet = figures.draw(results.figure(name), results)
+        results = Drawings.of(runs / f"{paper}.h5")
+        sheet = results.draw(name)
         rows = list(csv.DictReader(sheet.csv().splitlines()))
         for shown in sheet.shown:
             mine = [row for row in rows if row["curve"] == without_tex(shown.curve)]
@@ -325,29 +337,27 @@ def test_csv_is_what_is_shown(runs: Path) -> None:
         assert set(rows[0]) == {"curve"}.union(*(shown.values for shown in sheet.shown))
 
 
-def test_the_same_bytes_every_time(runs: Path, tmp_path: Path) -> None:
-    """In processes of their own, since the seed of hashes is set as Python starts."""
+def test_the_same_bytes_every_time(runs: Path, drawn: Path, tmp_path: Path) -> None:
+    """Whatever the number of processes, the seed of hashes, the date, and what was drawn before."""
     hodo = Path(sysconfig.get_path("scripts")) / "hodo"
-    formats = [x for name in FORMATS if name != "html" for x in ("--format", name)]
-    hashes = []
-    for seed in "01":
-        environment = {"PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": str(1_000_000_000 * int(seed))}
-        for paper, names in (("paper1", ["fig4", "fig13-all-entries"]), ("paper3", ["figure"])):
-            subprocess.run(
-                [hodo, "plot", runs / f"{paper}.h5", *names, *formats, "--out", tmp_path / seed],
-                env=os.environ | environment,
-                check=True,
-                capture_output=True,
-            )
-        files = sorted((tmp_path / seed).rglob("*.*"))
-        hashes.append({path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files})
-    assert len(hashes[0]) == 13  # with the record of how they were drawn
-    assert hashes[0] == hashes[1]
+    formats = tuple(name for name in FORMATS if name != "html")
+    options = [word for name in formats for word in ("--format", name)]
+    environment = os.environ | {"PYTHONHASHSEED": "1", "SOURCE_DATE_EPOCH": "1000000000"}
+    for paper, names in (("paper1", ["fig4", "fig13-all-entries"]), ("paper3", ["figure"])):
+        subprocess.run(
+            [hodo, "plot", runs / f"{paper}.h5", *names, *options, "--out", tmp_path],
+            env=environment, check=True, capture_output=True,
+        )  # fmt: skip
+        for name in names:
+            ours = Drawings.of(runs / f"{paper}.h5").render(name, formats, tmp_path / "ours")
+            others = [drawn / paper / f"{name}.{suffix}" for suffix in ("png", "csv")]
+            for other in (*ours.files, *others):
+                assert (tmp_path / paper / other.name).read_bytes() == other.read_bytes()
 
 
 def test_a_png_is_what_matplotlib_itself_would_save(runs: Path, tmp_path: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        ours, theirs = (figures.draw(results.figure("fig4-invariants"), results) for _ in range(2))
+    results = Drawings.of(runs / "paper1.h5")
+    ours, theirs = (results.draw("fig4-invariants") for _ in range(2))
     save(ours, tmp_path / "ours.png", "a caption")
     with matplotlib.style.context(["default", STYLE]):
         theirs.figure.savefig(tmp_path / "theirs.png")
@@ -360,11 +370,11 @@ def test_a_png_is_what_matplotlib_itself_would_save(runs: Path, tmp_path: Path) 
 def test_a_formula_is_set_once_for_all_figures(runs: Path, tmp_path: Path) -> None:
     """Fig 4 has a title, the heading of a panel, and four entries in its legend."""
     _formula.cache_clear()
-    with open_results(runs / "paper1.h5") as results:
-        set_so_far = []
-        for name in ("fig4", "fig9", "fig4"):
-            save(figures.draw(results.figure(name), results), tmp_path / "a.png")
-            set_so_far.append(_formula.cache_info().misses)
+    results = Drawings.of(runs / "paper1.h5")
+    set_so_far = []
+    for name in ("fig4", "fig9", "fig4"):
+        save(results.draw(name), tmp_path / "a.png")
+        set_so_far.append(_formula.cache_info().misses)
     first, second, again = set_so_far
     assert first > 5
     assert again == second > first
@@ -386,58 +396,61 @@ def test_ticks_are_plain_text_and_their_factor_is_a_formula() -> None:
 
 
 def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        out = tmp_path / "out"
-        path = [runs / "paper1.h5"]
-        said = refused(lambda: list(plot.draw_results(path, ["fig5", "fgi4"], ("png",), out)))
-        assert "unknown figure 'fgi4'" in said
-        assert "did you mean 'fig4'?" in said
-        assert "did you mean 'png'?" in refused(
-            lambda: list(plot.draw_results(path, ["fig4"], ("pgn",), out))
-        )
-        assert not out.exists()
+    results = Drawings.of(runs / "paper1.h5")
+    out = tmp_path / "out"
+    path = [runs / "paper1.h5"]
+    said = refused(lambda: list(plot.draw_results(path, ["fig5", "fgi4"], ("png",), out)))
+    assert "unknown figure 'fgi4'" in said
+    assert "did you mean 'fig4'?" in said
+    assert "did you mean 'png'?" in refused(
+        lambda: list(plot.draw_results(path, ["fig4"], ("pgn",), out))
+    )
+    assert not out.exists()
 
-        spec = results.figure("fig4")
-        assert "has no result of case gif4 yet" in refused(
-            lambda: figures.draw({**spec, "cases": ("gif4",)}, results)
-        )
-        series = {**results.figure("fig12-sensitivity"), "variables": ("u1",)}
-        said = refused(lambda: figures.draw(series, results))
-        assert "fig12-all-entries has no variable 'u1'" in said
-        assert "omega" in said
-        for wrong in ("omega", "omega.x4", "time.x1", "omega."):
-            assert "no variable" in refused(
-                lambda wrong=wrong: figures.draw({**series, "variables": (wrong,)}, results)
-            )
+    spec = results.figures["fig4"]
+    assert "has no result of case gif4 yet" in refused(
+        lambda: results.draw({**spec, "cases": ("gif4",)})
+    )
+    series = {**results.figures["fig12-sensitivity"], "variables": ("u1",)}
+    said = refused(lambda: results.draw(series))
+    assert "variables.0: unknown variable 'u1' of case fig12-all-entries" in said
+    assert "omega" in said
+    for wrong, why in {
+        "omega": "is a vector: name a component",
+        "omega.x4": "is a vector: name a component",
+        "time.x1": "is no vector, and has no component 'x1'",
+        "omega.": "is a vector: name a component",
+    }.items():
+        assert why in refused(lambda wrong=wrong: results.draw({**series, "variables": (wrong,)}))
 
-        said = refused(lambda: figures.draw({**series, "labels": (r"$\frac{$",)}, results))
-        assert "is not TeX" in said
+    said = refused(lambda: results.draw({**spec, "labels": (r"$\frac{$",)}))
+    assert "is not TeX" in said
 
-        results.config.figures["fig6"]["cases"] = ("gone",)
-        first, second = (figures.render(results, name, ("png",), out) for name in ("fig6", "fig8"))
-        assert "has no result of case gone yet" in first.problem
-        assert not first.files
-        assert not second.problem
-        assert second.files[0].is_file()
-    with open_results(runs / "paper3.h5") as results:
-        assert "no angular momentum" in refused(
-            lambda: figures.draw({**spec, "cases": ("case1",)}, results)
-        )
+    results.config.figures["fig6"]["cases"] = ("gone",)
+    first, second = (results.render(name, ("png",), out) for name in ("fig6", "fig8"))
+    assert "has no result of case gone yet" in first.problem
+    assert not first.files
+    assert not second.problem
+    assert second.files[0].is_file()
+    results = Drawings.of(runs / "paper3.h5")
+    assert "case case1 stores no angular velocity in body axes" in refused(
+        lambda: results.draw({**spec, "cases": ("case1",)})
+    )
 
 
 def test_the_page_asks_no_network_and_escapes_what_files_say(runs: Path, tmp_path: Path) -> None:
 
     out = tmp_path
     bad = '<script>alert("&")</script>'
-    with open_results(runs / "paper1.h5") as results:
-        results.config = dataclasses.replace(results.config, title=bad, references=bad)
-        results.config.figures["fig4"]["caption"] = bad
-        results.config.figures["fig7"]["cases"] = (bad,)
-        rendered = [
-            figures.render(results, name, ("png", "csv"), out / "paper1")
-            for name in ("fig4", "fig12-all-entries", "fig7")
-        ]
-        page.write_page(out / "index.html", [(results, rendered)])
+    results = Drawings.of(runs / "paper1.h5")
+    results.config = dataclasses.replace(results.config, title=bad, references=bad)
+    results.config.figures["fig4"]["caption"] = bad
+    results.config.figures["fig7"]["cases"] = (bad,)
+    rendered = [
+        results.render(name, ("png", "csv"), out / "paper1")
+        for name in ("fig4", "fig12-all-entries", "fig7")
+    ]
+    results.write_page(out / "index.html", rendered)
     text = (out / "index.html").read_text()
 
     class Reader(HTMLParser):
@@ -493,9 +506,9 @@ def test_the_page_asks_no_network_and_escapes_what_files_say(runs: Path, tmp_pat
 
 def test_the_page_keeps_what_was_drawn_before(runs: Path, tmp_path: Path) -> None:
     for paper in ("paper3", "paper2", "paper3"):
-        with open_results(runs / f"{paper}.h5") as results:
-            rendered = figures.render(results, "phase", ("png",), tmp_path / paper)
-            page.write_page(tmp_path / "index.html", [(results, [rendered])])
+        results = Drawings.of(runs / f"{paper}.h5")
+        rendered = results.render("phase", ("png",), tmp_path / paper)
+        results.write_page(tmp_path / "index.html", [rendered])
     text = (tmp_path / "index.html").read_text()
     assert text.count("<section id=") == 3  # the index, and two results
     assert text.index('<section id="paper2"') < text.index('<section id="paper3"')
@@ -565,13 +578,13 @@ def test_the_name_of_a_curve_keeps_clear_of_the_separatrix_too() -> None:
 
 
 def test_a_figure_is_named_and_its_axes_are_those_of_the_momentum(runs: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        sheet = figures.draw(results.figure("fig4"), results)
-        title = sheet.figure.get_suptitle()
-        names = [text.get_text() for text in sheet.figure.axes[0].texts]
-        entries = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
-        inside = figures.draw(results.figure("fig15"), results)
-        kept = [text.get_text() for text in inside.figure.legends[0].get_texts()]
+    results = Drawings.of(runs / "paper1.h5")
+    sheet = results.draw("fig4")
+    title = sheet.figure.get_suptitle()
+    names = [text.get_text() for text in sheet.figure.axes[0].texts]
+    entries = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
+    inside = results.draw("fig15")
+    kept = [text.get_text() for text in inside.figure.legends[0].get_texts()]
     assert title.startswith("Fig 4")
     assert {"$G_1$", "$G_2$", "$G_3$"} <= {*names}
     assert entries[:2] == ["about $x_1$", "about $x_3$"]
@@ -591,10 +604,10 @@ def test_a_body_axis_is_longer_where_its_name_would_be_on_a_curve() -> None:
 
 
 def test_a_series_names_its_marks_and_the_units_of_its_case(runs: Path) -> None:
-    with open_results(runs / "paper2.h5") as results:
-        sheet = figures.draw(results.figure("fig1"), results)
-        turned = figures.draw(results.figure("internal-triaxial"), results)
-        kept = figures.draw(results.figure("internal-triaxial-invariants"), results)
+    results = Drawings.of(runs / "paper2.h5")
+    sheet = results.draw("fig1")
+    turned = results.draw("internal-triaxial")
+    kept = results.draw("internal-triaxial-invariants")
     entries = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
     assert entries == ["$x$", "$y$", "end of spin"]
     left, right = sheet.figure.axes
@@ -610,16 +623,16 @@ def test_a_series_names_its_marks_and_the_units_of_its_case(runs: Path) -> None:
 
 
 def test_a_span_is_drawn_to_both_of_its_ends(runs: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        sheet = figures.draw(results.figure("fig12-sensitivity"), results)
+    results = Drawings.of(runs / "paper1.h5")
+    sheet = results.draw("fig12-sensitivity")
     axes = sheet.figure.axes[0]
     assert axes.get_xlim() == (385, 420)
     assert all(line.get_xdata()[[0, -1]].tolist() == [385, 420] for line in axes.lines[:3])
 
 
 def test_an_enlarged_panel_of_quadrants_names_regions_by_letters(runs: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        sheet = figures.draw(results.figure("fig10"), results)
+    results = Drawings.of(runs / "paper1.h5")
+    sheet = results.draw("fig10")
     names = [{text.get_text() for text in axes.texts} for axes in sheet.figure.axes]
     assert names == [{"A (about $x_1$)", "B (about $x_3$)"}, {"A", "B"}]
 
@@ -690,21 +703,21 @@ def test_keys_that_do_not_fit_each_other_are_named_with_their_place(
 
 
 def test_time_is_a_variable_and_words_are_no_formulas(runs: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        series = {**results.figure("fig12-sensitivity"), "span": None, "level": None, "columns": 2}
-        variables = ("time", "enclosed_axis", "T")
-        sheet = figures.draw({**series, "variables": variables}, results)
-        first, second, third = sheet.figure.axes
-        assert (first.lines[0].get_xdata() == first.lines[0].get_ydata()).all()
-        assert second.get_ylabel().startswith(r"$\mathrm{enclosed\ axis}$")
-        # The place below the second panel is empty, and its ticks are its own.
-        assert second.get_xlabel() == third.get_xlabel() != ""
-        assert second.xaxis.get_tick_params()["labelbottom"]
-        phase = {"kind": "phase", "x": "time", "y": "T", "cases": ("fig4",), "time": "t"}
-        drawn = figures.draw({**series, **phase}, results)
-        assert drawn.shown[0].values["time"].size > 1
-        beyond = {**series, "variables": ("T",), "span": (1e5, 2e5)}
-        assert "holds no sample of case" in refused(lambda: figures.draw(beyond, results))
+    results = Drawings.of(runs / "paper1.h5")
+    series = {**results.figures["fig12-sensitivity"], "span": None, "level": None, "columns": 2}
+    variables = ("time", "enclosed_axis", "T")
+    sheet = results.draw({**series, "variables": variables})
+    first, second, third = sheet.figure.axes
+    assert (first.lines[0].get_xdata() == first.lines[0].get_ydata()).all()
+    assert second.get_ylabel().startswith(r"$\mathrm{enclosed\ axis}$")
+    # The place below the second panel is empty, and its ticks are its own.
+    assert second.get_xlabel() == third.get_xlabel() != ""
+    assert second.xaxis.get_tick_params()["labelbottom"]
+    phase = {"kind": "phase", "x": "time", "y": "T", "cases": ("fig4",), "time": "t"}
+    drawn = results.draw({**series, **phase})
+    assert drawn.shown[0].values["time"].size > 1
+    beyond = {**series, "variables": ("T",), "span": (1e5, 2e5)}
+    assert "holds no time of case" in refused(lambda: results.draw(beyond))
 
 
 def test_a_figure_that_breaks_does_not_cost_the_others(
@@ -714,10 +727,8 @@ def test_a_figure_that_breaks_does_not_cost_the_others(
         raise ZeroDivisionError("by zero")
 
     monkeypatch.setitem(figures.DRAW, "sphere", broken)
-    with open_results(runs / "paper1.h5") as results:
-        first, second = (
-            figures.render(results, name, ("png",), tmp_path) for name in ("fig1", "fig5")
-        )
+    results = Drawings.of(runs / "paper1.h5")
+    first, second = (results.render(name, ("png",), tmp_path) for name in ("fig1", "fig5"))
     assert first.problem == "ZeroDivisionError: by zero"
     assert second.files[0].is_file()
 
@@ -828,24 +839,18 @@ def test_only_what_has_changed_is_drawn(tmp_path: Path, monkeypatch: pytest.Monk
     assert drawn("--force", caption="new", r=2, end=2) == everything
 
 
-def test_processes_draw_the_same_files(hodo: Hodo, tmp_path: Path) -> None:
+def test_what_a_process_warns_of_is_heard_and_heard_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     text = KEPT.format(caption="a", r=1, end=1).replace("quadrants", "sphere")
     (tmp_path / "c.yaml").write_text(text.replace(", scale_with: [of-b]", ""))
-    assert hodo("run", "c.yaml", "--quiet").returncode == 0
-    said = []
-    for folder, jobs in (("one", "1"), ("two", "2")):
-        done = hodo("plot", "runs/c.h5", "--out", f"{folder}/figures", "-j", jobs)
-        assert done.returncode == 0, done.stderr
-        # What a worker warns of is heard, and heard again of figures that are kept.
-        assert done.stderr.count("is not classified") == 1
-        again = hodo("plot", "runs/c.h5", "--out", f"{folder}/figures")
-        assert again.stdout == done.stdout
-        assert again.stderr == f"3 of 3 figures are kept; --force draws them anew\n{done.stderr}"
-        said.append(done.stdout.replace(folder, ""))
-    assert said[0] == said[1]
-    one, two = (sorted((tmp_path / name).rglob("*.*")) for name in ("one", "two"))
-    assert len(one) == 7
-    assert [file.read_bytes() for file in one] == [file.read_bytes() for file in two]
+    assert CliRunner().invoke(main, ["run", "c.yaml", "--quiet"]).exit_code == 0
+    first = CliRunner().invoke(main, ["plot", "runs/c.h5", "-j", "2"])
+    assert first.stderr.count("is not classified") == 1
+    again = CliRunner().invoke(main, ["plot", "runs/c.h5"])
+    assert again.stdout == first.stdout
+    assert again.stderr == f"3 of 3 figures are kept; --force draws them anew\n{first.stderr}"
 
 
 def test_the_names_of_panels_are_within_the_figure(hodo: Hodo, tmp_path: Path) -> None:
@@ -856,13 +861,13 @@ def test_the_names_of_panels_are_within_the_figure(hodo: Hodo, tmp_path: Path) -
         "figures: {f: {kind: map, cases: a, variable: omega.x1, panels: damping.2}}\n"
     )
     assert hodo("run", "c.yaml", "--quiet").returncode == 0
-    with open_results(tmp_path / "runs/c.h5") as results:
-        for at in ((0,), (0, 1)):
-            drawing = figures.draw({**results.figure("f"), "at": at}, results).figure
-            FigureCanvasAgg(drawing).draw()
-            for panel in drawing.axes[: len(at)]:
-                assert panel.get_title()
-                assert panel.title.get_window_extent().y1 <= drawing.bbox.y1
+    results = Drawings.of(tmp_path / "runs/c.h5")
+    for at in ((0,), (0, 1)):
+        drawing = results.draw({**results.figures["f"], "at": at}).figure
+        FigureCanvasAgg(drawing).draw()
+        for panel in drawing.axes[: len(at)]:
+            assert panel.get_title()
+            assert panel.title.get_window_extent().y1 <= drawing.bbox.y1
 
 
 def test_a_bare_name_is_a_config_unless_it_is_a_figure(hodo: Hodo, tmp_path: Path) -> None:
@@ -894,14 +899,13 @@ def test_every_kind_of_figure_is_described_in_words() -> None:
 
 
 def test_of_many_crossings_a_legend_names_some(runs: Path) -> None:
-    with open_results(runs / "paper1.h5") as results:
-        motion = results.motion("fig4")
+    data = api.open(runs / "paper1.h5")["fig4"]
     times = np.arange(100.0, 130.0)
-    crossings = tuple(replace(motion.crossings[0], time=time) for time in times.tolist())
-    motion.__dict__["crossings"] = crossings  # as a cached property has them
-    (_, _, entry) = artists.mark_handles([motion], r"\tau")
-    words = str(entry.get_label()).replace("\n", " ")
-    assert words.endswith("108.000, 109.000, 110.000, 18 more, 129.000")
+    data = data.isel(crossing=np.zeros(len(times), dtype=int))
+    data = data.assign(crossing_time=("crossing", times))
+    (legend,) = api.plot(data, kind="phase", x="p", y="r").legends
+    (words,) = [text.get_text() for text in legend.get_texts() if "D = 0" in text.get_text()]
+    assert words.replace("\n", " ").endswith("108.000, 109.000, 110.000, 18 more, 129.000")
 
 
 SEVERAL = """
@@ -919,27 +923,21 @@ figures:
 """
 
 
-def several() -> Results:
-    config = parse(SEVERAL, "several.yaml")
-    cases = {name: group_of(api.run(case)) for name, case in config.cases.items()}
-    return Results(Path("several.h5"), cases, config)
+@pytest.fixture(scope="module")
+def several(tmp_path_factory: pytest.TempPathFactory) -> Drawings:
+    return drawings_of(SEVERAL, tmp_path_factory.mktemp("several"), "several")
 
 
-def test_panels_of_cases_show_the_whole_of_each() -> None:
-    results = several()
-    for panel in figures.draw(results.figure("each"), results).figure.axes:
+def test_panels_of_cases_show_the_whole_of_each(several: Drawings) -> None:
+    for panel in several.draw("each").figure.axes:
         assert panel.get_xlim()[1] >= 40
 
 
-def test_no_body_is_shown_in_the_regions_of_another() -> None:
-    results = several()
+def test_no_body_is_shown_in_the_regions_of_another(several: Drawings) -> None:
     for name in ("corner", "bounds"):
-        said = refused(lambda name=name: figures.draw(results.figure(name), results))
+        said = refused(lambda name=name: several.draw(name))
         assert "brief and other are motions of two bodies" in said
-    lines = [
-        len(figures.draw(results.figure(name), results).figure.axes[0].lines)
-        for name in ("ball", "same")
-    ]
+    lines = [len(several.draw(name).figure.axes[0].lines) for name in ("ball", "same")]
     assert lines[0] < lines[1]  # by the circles of the separatrix
 
 
@@ -959,10 +957,9 @@ def test_symbols_of_keys() -> None:
     assert list(map(maps.key_symbol, keys)) == expected
 
 
-def test_a_page_leaves_out_what_it_cannot_read(tmp_path: Path) -> None:
-    results = several()
+def test_a_page_leaves_out_what_it_cannot_read(several: Drawings, tmp_path: Path) -> None:
     for text in ("[]", "{", '{"section": ""}'):
         (tmp_path / "old").mkdir(exist_ok=True)
         (tmp_path / "old" / PIECE).write_text(text, encoding="utf-8")
-        page.write_page(tmp_path / "index.html", [(results, [])])
+        several.write_page(tmp_path / "index.html", [])
         assert "several.h5" in (tmp_path / "index.html").read_text(encoding="utf-8")

@@ -38,7 +38,6 @@ from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
-from hodo_cli.sweeps.swept import Swept
 
 pytestmark = pytest.mark.engines
 
@@ -608,13 +607,6 @@ def test_what_a_sweep_takes_on_the_disk_is_foreseen() -> None:
     stored = sum(values[name].nbytes for name in kept)
     assert stored == 3 * (101 * 3 * 8 + 1)
     assert stored <= columns.stored_bytes(case) < 1.02 * stored
-
-
-def test_the_key_of_an_axis_is_the_first_that_varies_along_it() -> None:
-    both = "{zip: {damping.0: {values: [1, 2]}, damping.1: {values: [3, 4]}}}"
-    case = one(f"{FIG4}, {BALL}, sweep: {{both: {both}, from: {{sphere: {{count: 3}}}}}}")
-    found = Swept(case, None)
-    assert [found.key(name) for name in found.axes] == ["damping.0", "from"]
 
 
 def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:

@@ -12,7 +12,6 @@ from hodo_cli.commands.classify import classify_results
 from hodo_cli.commands.plot import draw_results
 from hodo_cli.commands.run import finish
 from hodo_cli.commands.show import stored_cases
-from hodo_cli.results.motion import open_results
 from hodo_cli.storage.finished import chunks_in, finished, in_order, latest, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
@@ -149,8 +148,7 @@ def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
     with open_run(path) as run:
         assert run.cases() == ["first", "second", "third"]
         assert run.text == CONFIG  # which has the figures of the new cases
-    with open_results(path) as results:
-        assert list(results.figures) == ["both", "rest"]
+        assert list(parse(run.text, "a.yaml").figures) == ["both", "rest"]
 
 
 def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:

@@ -353,7 +353,7 @@ def _wrong_variable(name: str, case: Drawable) -> str:
     base, dot, axis = name.partition(".")
     valid = list(dict.fromkeys([*DERIVED, *case.stored]))
     if base not in valid:
-        return f"case {case.name}: {unknown(f'variable {name!r}', name, valid)}"
+        return unknown(f"variable {name!r} of case {case.name}", name, valid)
     return _wrong_component(base, dot, axis, case.vectors)
 
 

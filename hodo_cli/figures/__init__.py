@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib.style
+import numpy as np
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import HodoError
@@ -78,15 +79,15 @@ def draw(
 
 
 def check(spec: Mapping[str, Any], cases: Cases) -> None:
-    """Raise HodoError, a line for each mistake, if a figure cannot be drawn of datasets."""
+    """Raise HodoError for the first mistake that keeps a figure from being drawn of datasets."""
     names = [*spec.get("cases", ()), *spec.get("against", ()), *spec["scale_cases"]]
     for name in names:
         if name not in cases:
             owner = getattr(cases, "path", "the data")
             raise HodoError(f"{owner} has no result of case {name} yet: run it first")
     drawables = {name: drawable_of(name, cases[name]) for name in spec.get("cases", ())}
-    if mistakes := [*check_drawn(spec, drawables, steady=True)]:
-        raise HodoError(str(Wrong(*mistakes)))
+    for mistake in check_drawn(spec, drawables, steady=True):
+        raise HodoError(str(Wrong(mistake)))
 
 
 def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
@@ -104,10 +105,12 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
     vectors = [key for key, dims in stored.items() if "axis" in dims]
     case = case_in(data, f"case {name}")
     vectors += ["G"] if "omega" in vectors and not axes else []
-    time = data.variables.get("time")
     times, unit = (math.nan, math.nan), case.time.unit
-    if not axes and time is not None and time.size:
-        times, unit = (float(time.min()), float(time.max())), str(time.attrs.get("units", "1"))
+    if not axes and "time" in data.variables:
+        time = data.variables["time"]
+        values, unit = np.asarray(time.data), str(time.attrs.get("units", "1"))
+        if values.size and values.dtype.kind in "fiu":
+            times = float(values.min()), float(values.max())
     sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
     return Drawable(name, list(stored), vectors, times, unit, axes, sphere)
 

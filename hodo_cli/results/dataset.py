@@ -39,7 +39,12 @@ def dataset(group: Group, source: str = "") -> xr.Dataset:
     """
     # Copies of the attributes: xarray lets them be changed, and a Group is frozen. A text of an
     # enumeration (the status) becomes plain, as it is when it comes from a file.
-    arrays = {name: (v.dims, v.data, dict(v.attrs)) for name, v in group.variables.items()}
+    # By the fast path: on the other one xarray loads dask, where that is installed, to see whether
+    # an array is one of dask's.
+    arrays = {
+        name: xr.Variable(v.dims, v.data, dict(v.attrs), fastpath=True)
+        for name, v in group.variables.items()
+    }
     attrs = {k: str(v) if isinstance(v, str) else v for k, v in group.attributes.items()}
     data = xr.Dataset(arrays, attrs=attrs)
     if source:
@@ -73,7 +78,8 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
         if strange := [name for name in names if name not in BODY_AXES]:
             raise HodoError(f"{owner}: {strange[0]!r} is no body axis (x1, x2, x3)")
         places = np.array([BODY_AXES.index(name) for name in names])
-        data = data.assign_coords(axis=np.array(names, dtype=object))
+        if isinstance(data.variables["axis"].data[0], bytes):
+            data = data.assign_coords(axis=np.array(names, dtype=object))
         data = sorted_along(data, "axis", places, owner)
     if "crossing" in data.dims and "crossing_time" in data:
         data = data.isel(crossing=np.argsort(data.variables["crossing_time"].data, kind="stable"))

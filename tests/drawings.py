@@ -1,0 +1,57 @@
+"""Results and the figures of their case files, as tests draw them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from click.testing import CliRunner
+
+from hodo_cli import figures, open
+from hodo_cli.cases.config import Config, parse
+from hodo_cli.cases.figure_block import DrawnFigure
+from hodo_cli.cli import main
+from hodo_cli.figures.page import PageResult, write_page
+from hodo_cli.figures.sheet import Sheet
+from hodo_cli.results.dataset import StoredCases
+
+
+@dataclass
+class Drawings:
+    """The cases of a result, and the case file that it was made from."""
+
+    cases: StoredCases
+    config: Config
+
+    @classmethod
+    def of(cls, path: Path) -> "Drawings":
+        cases = open(path)
+        return cls(cases, parse(cases.attrs["config"], str(path)))
+
+    @property
+    def figures(self) -> dict[str, dict[str, Any]]:
+        return self.config.figures
+
+    def draw(self, figure: str | Mapping[str, Any], **changes: Any) -> Sheet:
+        """A figure by its name or its keys, some of them changed."""
+        spec = self.figures[figure] if isinstance(figure, str) else figure
+        return figures.draw({**spec, **changes}, self.cases, self.figures)
+
+    def render(self, name: str, formats: tuple[str, ...], out: Path) -> DrawnFigure:
+        return figures.render(self.cases, self.figures, name, formats, out)
+
+    def write_page(self, path: Path, drawn: list[DrawnFigure]) -> None:
+        write_page(path, [PageResult(self.cases, self.config, drawn)])
+
+
+def drawings_of(text: str, folder: Path, name: str = "test") -> Drawings:
+    """The cases of a case file with this text, run and classified in a folder."""
+    config, result = folder / f"{name}.yaml", folder / f"{name}.h5"
+    config.write_text(text, encoding="utf-8")
+    for arguments in (
+        ["run", str(config), "--quiet", "--out", str(folder)],
+        ["classify", str(result)],
+    ):
+        done = CliRunner().invoke(main, arguments)
+        assert done.exit_code == 0, done.output
+    return Drawings.of(result)
