@@ -21,7 +21,7 @@ powers of x once the coefficients are multiplied by those of its length, or poly
 HALVINGS = 64
 """Halvings after which an interval of a step is a point even in long double."""
 
-REFINEMENTS = 80
+MOST_ITERATIONS = 80
 """More steps towards a zero than ever needed: bisection alone takes the 64 bits of a long
 double."""
 
@@ -191,7 +191,7 @@ def _refined(b: np.ndarray) -> np.ndarray:
     # scheme on whole columns, at an eighth of the cost of Bernstein's polynomials.
     c = (b * _binomials(degree, b.dtype)).T
     d = (np.diff(b, axis=1) * _binomials(degree - 1, b.dtype)).T
-    for iteration in range(REFINEMENTS):
+    for iteration in range(MOST_ITERATIONS):
         with np.errstate(all="ignore"):  # next to x = 1 powers of t overflow: then it bisects
             rest = np.maximum(1 - x, eps / 2)
             value, slope = horner(c, x / rest), horner(d, x / rest)

@@ -30,7 +30,7 @@ CHECKS = 513
 AT_ITS_LIMIT = 1e-13
 """Up to this tolerance the error of a motion in double precision is that of its rounding."""
 
-UNKNOWN = 100.0
+UNMEASURED = 100.0
 """The error of a motion, in tolerances, where none was measured: what the worst of the solvers
 reach, see DOP853 and LSODA in `hodo bench`."""
 
@@ -69,7 +69,7 @@ def classify(
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
     A = np.array(case.data["inertia"])
-    expected = UNKNOWN * max(EPS, tol) if math.isnan(error) else max(EPS, error)
+    expected = UNMEASURED * max(EPS, tol) if math.isnan(error) else max(EPS, error)
     judged = max(ASSUMED, expected) if math.isnan(error) else expected
     dense = searched(case, method, case.precision, tol, CERTAIN * judged)
     samples = dense.rows[: len(omega)]

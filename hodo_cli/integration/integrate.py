@@ -26,8 +26,7 @@ def integrate(case: Case) -> Trajectory:
     judged = case.error == "on"
     motion = solved(case)
     errors, kind = measured_error(motion) if judged else ({}, "none")
-    return replace(
-        motion,
+    return motion.judged(
         message=motion.message or early_end(motion),
         warnings=(*model_warnings(motion), *remarks(motion, errors)),
         errors=errors,

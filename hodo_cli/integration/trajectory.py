@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -81,6 +82,13 @@ class Trajectory:
         if system.degree:
             output = {name: np.ldexp(x, self.exponent[:, None]) for name, x in output.items()}
         return {name: values for name, values in output.items() if not store or name in store}
+
+    def judged(self, **judgement: Any) -> "Trajectory":
+        """The same motion with other errors, warnings or message."""
+        motion = replace(self, **judgement)
+        # Of a million samples the variables would take a tenth of the integration once more.
+        vars(motion)["variables"] = self.variables
+        return motion
 
     def at(self, rows: np.ndarray | slice) -> "Trajectory":
         """The same motion at some of its samples, with all events."""

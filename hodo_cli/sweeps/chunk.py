@@ -27,7 +27,7 @@ from .columns import columns, event_columns, label_columns, shape
 from .ensemble import Ensemble, Outcome, Passages
 from .members import Prepared, alike, member, of_system, prepare
 
-MOST_MEMBERS, LEAST_MEMBERS = 16384, 256
+LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
 spends on each call, and HDF5 on each file, does not count."""
 
@@ -57,7 +57,7 @@ class Chunk:
 def chunks(case: Case) -> Iterator[Chunk]:
     """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
     sizes = shape(case)
-    most = min(MOST_MEMBERS, max(LEAST_MEMBERS, -(-math.prod(sizes) // 16)))
+    most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, -(-math.prod(sizes) // 16)))
     if not fits_ensemble(case) or "trajectory" in case.store:
         most = min(most, 64)
     for first, last in boxes(sizes, most):
@@ -227,7 +227,7 @@ def reduced_ensemble(
     if not e.model.no_axis_reason:
         first, last = (enclosed(e, side[accepted]) for side in (outcome.first, outcome.last))
         labels = label_columns(first, last, place, crossing_columns(e, passed), time)
-        return final | labels | {"separation": separation(e, outcome, accepted)}
+        return final | labels | {"separation": least_separation(e, outcome, accepted)}
     event_time = np.full(len(accepted), np.nan)
     event_time[place] = passed.time  # of several, the last one counts
     return final | {"event_time": event_time}
@@ -246,7 +246,7 @@ def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
     return np.asarray(axes[side.astype(int) + 1])
 
 
-def separation(e: Ensemble, outcome: Outcome, at: np.ndarray) -> np.ndarray:
+def least_separation(e: Ensemble, outcome: Outcome, at: np.ndarray) -> np.ndarray:
     """The smaller `rigid_body.separation` of start and end of the motions `at` (k,)."""
     A, ends = e.inertia[:, at], (e.start[:, at], outcome.state[:, at])
     order = rigid_body.inertia_order(e.inertia[:, 0])

@@ -25,11 +25,11 @@ from ..models.constants import Structure, namespace
 if TYPE_CHECKING:
     from ..engines.taylor_batch import TaylorStep
 
-BAND, WIDE = (1 / 16, 16.0), (1 / 256, 256.0)
+BAND, WIDE_BAND = (1 / 16, 16.0), (1 / 256, 256.0)
 """The largest component of a scaled state that needs no new units. heyoka's control of the error is
 absolute below 1, so that a motion at 1/16 has lost a digit. Units are renewed outside of BAND at
 every RENEWAL-th pause, since numpy spends more on the call, some 0.1 ms, than on a thousand
-motions, and at every pause outside of WIDE, where few motions ever get. When, does not hang on
+motions, and at every pause outside of WIDE_BAND, where few motions ever get. When, does not hang on
 other motions."""
 
 RENEWAL = 4
@@ -55,7 +55,7 @@ single cases have, but ERROR_BOUND is a hundred times what the rounding of MOST_
 and no ensemble was off by more than three tolerances. It leaves one random motion in some 1e8 to
 the single cases, so that a finer bound would gain nothing."""
 
-ROUNDING, PER_STEP = 2.0**-52, 1 / 16
+STEP_ROUNDING, PER_STEP = 2.0**-52, 1 / 16
 """The part of a state that a step is taken to lose to rounding, and, in tolerances, to the end of
 the series. What follows for the times of crossings was two to three times the largest error in
 random ensembles of all models (tests/test_sweep.py), and some fifty times the common one."""
@@ -338,7 +338,7 @@ class BatchState:
             self.drop(~going)
         if self.ensemble.model.degree:
             largest = np.abs(self.now[: self.m]).max(axis=0)
-            low, high = WIDE if self.pauses % RENEWAL else BAND
+            low, high = WIDE_BAND if self.pauses % RENEWAL else BAND
             outgrown = (largest < low) | (largest > high)
             self.renew(np.flatnonzero(outgrown & (self.now[self.m] > 0)))
 
@@ -540,7 +540,7 @@ def passages(
     state = columnwise(partial(states_after, step), *cut)
     size, rate = units_of(params[:, at])
     times, motion = e.span[1] - np.ldexp(left, -rate), params[NUMBER, at].astype(np.int64)
-    part = (ROUNDING + PER_STEP * e.tol) * (before[m + 2, at] + 2) / e.error_bound
+    part = (STEP_ROUNDING + PER_STEP * e.tol) * (before[m + 2, at] + 2) / e.error_bound
     uncertainty = np.ldexp(noise[at] / np.abs(slope), -rate)
     errors = part * uncertainty + np.spacing(times) / 2
     by_time = np.lexsort((times, motion))

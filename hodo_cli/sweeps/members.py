@@ -15,7 +15,7 @@ from ..models.constants import Structure, flatten, structure
 from ..schema.kinds import KeyPath
 from .columns import shape
 
-FEW = 16
+FEWEST_COLUMN = 16
 """Members below which each by itself takes less time to prepare than all at once."""
 
 
@@ -151,7 +151,7 @@ def at_once(
 ) -> Prepared | None:
     """The same, for members whose model takes one branch; None if they are to be prepared one by
     one: they are few, refused, or their model takes plain numbers only."""
-    if len(at) < FEW:
+    if len(at) < FEWEST_COLUMN:
         return None
     try:
         with np.errstate(all="ignore"):  # columns refuse what is not finite

@@ -117,14 +117,14 @@ def _newton(reference: Trajectory) -> float:
     return abs(float(outer - inner) / (float(faster - slower) / 2))
 
 
-class Part(NamedTuple):
+class FinishedChunk(NamedTuple):
     """A finished chunk: its attributes, and each of its variables when it is asked for."""
 
     attributes: Mapping[str, Any]
     variable: Callable[[str], np.ndarray]
 
 
-Read = Callable[[Chunk], AbstractContextManager[Part]]
+Read = Callable[[Chunk], AbstractContextManager[FinishedChunk]]
 
 
 def lost_part(chunk: Chunk) -> Group:
@@ -190,7 +190,7 @@ def largest(end: MemberEnd) -> float:
     return float(max(np.abs(values).max() for values in end.final.values()))
 
 
-def member_ends(case: Case, chunk: Chunk, part: Part) -> Callable[[int], MemberEnd]:
+def member_ends(case: Case, chunk: Chunk, part: FinishedChunk) -> Callable[[int], MemberEnd]:
     """The end of each member of a chunk, by its place there."""
     final, crossing = {}, np.full(chunk.last - chunk.first, math.nan)
     for name, variable in case.system.variables.items():

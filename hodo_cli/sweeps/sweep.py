@@ -18,7 +18,7 @@ from ..storage.group import Group
 from ..storage.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
-from .summary import PROBES, Part, lost_part, sampled_errors, summarized
+from .summary import PROBES, FinishedChunk, lost_part, sampled_errors, summarized
 
 
 def run_sweep(
@@ -49,13 +49,13 @@ def run_sweep(
     done = writer.chunks(sweep_id)
 
     @contextmanager
-    def read(chunk: Chunk) -> Iterator[Part]:
+    def read(chunk: Chunk) -> Iterator[FinishedChunk]:
         if chunk.first not in done:
             lost = lost_part(chunk)
-            yield Part(lost.attributes, lambda name: lost.variables[name].data)
+            yield FinishedChunk(lost.attributes, lambda name: lost.variables[name].data)
         else:
             with writer.chunk(sweep_id, chunk.first) as part:
-                yield Part(part.summary("part"), partial(part.array, "part"))
+                yield FinishedChunk(part.summary("part"), partial(part.array, "part"))
 
     summary = summarized(case, tasks, read)
 
