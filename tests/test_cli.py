@@ -1,20 +1,19 @@
-"""The commands as a user runs them: processes, exit statuses, what they print and what they leave
-alone."""
+"""The commands as a user gives them: exit statuses, what they print and what they leave alone.
+Other files start processes."""
 
 import json
 import math
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, Hodo
+from conftest import ROOT, Hodo, call
 
-from hodo_cli.cases.config import load
 from hodo_cli.commands.resume import content_digest
-from hodo_cli.commands.run import result_name
 from hodo_cli.storage.group import Group, Report, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.output import create
@@ -36,6 +35,12 @@ cases:
     damping: [0.003, 0.004, 0.005]
     initial: {p: 0.8, q: 0.5, r: 0.74}
 """
+
+
+@pytest.fixture
+def hodo(tmp_path: Path) -> Hodo:
+    """`hodo` in this process, where the process itself is not tested: its libraries load once."""
+    return partial(call, tmp_path)
 
 
 @pytest.fixture
@@ -164,11 +169,14 @@ def test_the_result_of_another_config_of_this_name_is_not_replaced(
     assert hodo("run", config).returncode == 0
 
 
-def test_no_change_is_too_long_for_the_name_of_a_file(config: Path) -> None:
-    long = [f"stays.note={'é/' * 200}{end}" for end in "ab"]
-    names = [result_name(load(config), [text]) for text in long]
-    assert names[0] != names[1]
-    assert all(len(name.encode()) < 200 and "/" not in name for name in names)
+def test_no_change_is_too_long_for_the_name_of_a_file(
+    hodo: Hodo, config: Path, tmp_path: Path
+) -> None:
+    for end in "ab":
+        hodo("run", config, "--case", "stays", "--set", f"stays.note={'é/' * 200}{end}")
+    names = [path.name for path in (tmp_path / "runs").iterdir()]
+    assert len(names) == 2
+    assert all(len(name.encode()) < 200 for name in names)
 
 
 @pytest.mark.parametrize(
@@ -325,10 +333,13 @@ def test_a_result_without_claims_says_so(hodo: Hodo, config: Path) -> None:
     assert done.stderr == "runs/two.h5 has no claims: or errata:\n"
 
 
-def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(config: Path) -> None:
-    given = ["turns.damping.2=1", "turns.damping.2=2"]
-    assert result_name(load(config), given).endswith(",turns.damping.2=2.h5")
-    assert result_name(load(config), given[::-1]).endswith(",turns.damping.2=1.h5")
+def test_of_two_overrides_of_a_key_the_file_is_named_after_the_last(
+    hodo: Hodo, config: Path, tmp_path: Path
+) -> None:
+    for first, last in ("12", "21"):
+        given = [f"turns.damping.2={value}" for value in (first, last)]
+        hodo("run", config, "--case", "turns", "--set", given[0], "--set", given[1])
+        assert (tmp_path / "runs" / f"two,{given[1]}.h5").exists()
 
 
 def test_a_motion_that_an_event_ends_early_says_so(hodo: Hodo, tmp_path: Path) -> None:
