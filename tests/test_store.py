@@ -38,7 +38,7 @@ from hodo_cli.storage.writer import Writer
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
-KILLS = int(os.environ.get("HODO_KILLS", "20"))
+KILLS = int(os.environ.get("HODO_KILLS", "10"))
 ROOT_ATTRIBUTES = {
     "Conventions": "CF-1.11",
     "title": "Körper",
