@@ -4,6 +4,7 @@ engine."""
 import math
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from hodo_cli import HodoError, engines, tables
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.integration import crossings
-from hodo_cli.integration.classify import Classification, classify
+from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 from hodo_cli.results import layout
@@ -39,7 +40,7 @@ def diagonal(
     return Case(name="test", model="linear-diag", form="full", data=data, time=time, **common)  # type: ignore[arg-type]
 
 
-def found(case: Case) -> Classification:
+def found(case: Case) -> Any:
     return classified(case)[1]
 
 
@@ -129,17 +130,12 @@ def test_a_stored_motion_that_is_not_the_case_s_is_refused() -> None:
 
 
 def test_labels_and_crossings_as_they_are_stored() -> None:
-    group = layout.label_group(
-        Classification(
-            np.array([1, 3], dtype=np.int8), (crossings.Crossing(1.0, 1, 3, 0.5, 1e-12),)
-        )
-    )
-    assert (
-        group.variables["enclosed_axis"].attrs["flag_meanings"]
-        == "undetermined separatrix x1 x2 x3"
-    )
-    assert group.variables["enclosed_axis"].attrs["flag_values"].dtype == np.int8
-    assert group.variables["crossing_from"].data.tolist() == [1]
+    crossing = crossings.Crossing(1.0, 1, 3, 0.5, 1e-12)
+    variables = layout.label_variables(np.array([1, 3]), [crossing])
+    label = variables["enclosed_axis"]
+    assert label.attrs["flag_meanings"] == "undetermined separatrix x1 x2 x3"
+    assert label.attrs["flag_values"].dtype == label.data.dtype == np.int8
+    assert variables["crossing_from"].data.tolist() == [1]
 
 
 # `read_sign_changes` by itself, on moments made by hand.

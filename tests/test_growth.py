@@ -5,7 +5,7 @@ import pytest
 from conftest import classified
 
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.commands.classify import growth
+from hodo_cli.commands import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import rigid_body
 
@@ -66,8 +66,8 @@ def test_a_small_tilt_grows_at_the_rate(axis: int) -> None:
 
 
 def test_the_table_has_the_rates_by_axis_but_for_the_middle_one() -> None:
-    assert growth(np.array([0.1, np.nan, -0.2])) == {"x1": 0.1, "x3": -0.2}
-    assert growth(None) == {}
+    assert classify.growth(np.array([0.1, np.nan, -0.2])) == {"x1": 0.1, "x3": -0.2}
+    assert classify.growth(None) == {}
 
 
 def test_a_symmetric_body_has_one_rate() -> None:

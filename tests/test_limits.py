@@ -10,7 +10,7 @@ import pytest
 from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import protocol
-from hodo_cli.engines.protocol import Status, StepControl
+from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.integrate import integrate
 
 pytestmark = pytest.mark.engines
@@ -96,9 +96,9 @@ class Outflow:
 def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> None:
     # A root of a negative number is complex to Python, and a solver would go on with a part of it.
     engine = engines.engine_for(method, Outflow(), (), 1e-6, "double")  # type: ignore[arg-type]
-    watch = StepControl(max_steps=10_000)
-    leg = engine.leg({}, np.array([1.0]), np.linspace(0, 4, 17), watch)
-    assert watch.status == Status.FAILED
+    control = protocol.StepControl(max_steps=10_000)
+    leg = engine.leg({}, np.array([1.0]), np.linspace(0, 4, 17), control)
+    assert control.status == Status.FAILED
     assert float(leg.time[0]) < 2.2
     times = np.linspace(0, 4, 17)[: len(leg.rows)]
     assert leg.rows[:, 0] == pytest.approx((1 - times / 2) ** 2, abs=1e-4)

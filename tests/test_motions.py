@@ -9,7 +9,7 @@ import random
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -18,7 +18,6 @@ from conftest import classified
 
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
-from hodo_cli.integration.classify import Classification
 from hodo_cli.integration.integrate import integrate
 
 pytestmark = pytest.mark.engines
@@ -113,7 +112,7 @@ def truth(draw: Draw) -> list[series.Crossing]:
     return series.crossings(draw.A, system, draw.start, draw.end, bits)
 
 
-def judged(draw: Draw, samples: int) -> tuple[np.ndarray, Classification]:
+def judged(draw: Draw, samples: int) -> tuple[np.ndarray, Any]:
     if isinstance(draw.medium[0], list):
         model, medium = "tensor", {"resistance": tuple(map(tuple, draw.medium))}
     else:
@@ -159,7 +158,7 @@ def test_crossings_and_labels_are_right_or_undecided(
         assert label in (0, side) or not any(draw.start)
 
 
-def labels_change_at_crossings(times: np.ndarray, found: Classification) -> None:
+def labels_change_at_crossings(times: np.ndarray, found: Any) -> None:
     """Between two samples with a side, it has changed where an odd number of crossings is
     stored."""
     for i, j in pairwise(np.flatnonzero(found.labels > 0)):

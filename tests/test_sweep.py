@@ -21,12 +21,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hodo_cli import HodoError, models
-from hodo_cli.batch.pool import Pool, pool
+from hodo_cli.batch.pool import pool
 from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
-from hodo_cli.commands import run
-from hodo_cli.commands.classify import tabulated
+from hodo_cli.commands import classify, run
 from hodo_cli.engines.protocol import Status
 from hodo_cli.figures import geometry, maps
 from hodo_cli.integration.classify import cross
@@ -500,7 +499,7 @@ figures:
 """
 
 
-def results(folder: Path, text: str, workers: Pool) -> Path:
+def results(folder: Path, text: str, workers: Any) -> Path:
     (folder / "a.yaml").write_text(text, encoding="utf-8")
     (job,) = run.plans([load(folder / "a.yaml")], folder, (), False)
     with workers, Progress(1, quiet=True) as progress:
@@ -621,17 +620,17 @@ def test_the_line_of_a_sweep_counts_members_that_ended_well() -> None:
     }
     body = {"inertia": [1, 0.8, 0.6], "initial": {"p": 0.8, "q": 0.5, "r": 0.74}}
     case = Case.of({"model": "linear-diag", **body, "time": {"end": 1}}, "a")
-    row = tabulated(case, Group({}, variables))
+    row = classify.tabulated(case, Group({}, variables))
     assert row["start"] == "x1 66.7 %, x3 33.3 %"
     assert row["end"] == "x3 66.7 %, separatrix 33.3 %"
     (line,) = row["warnings"]
     assert line == "2 of 3 members cross, up to 2 times, first at 4 to 6, median 5"
     del variables["crossings"]
-    (line,) = tabulated(case, Group({}, variables))["warnings"]
+    (line,) = classify.tabulated(case, Group({}, variables))["warnings"]
     assert line == '"crossings", their number, is not stored'
     top = {"inertia": {"A": 1.5, "C": 1}, "mu": 0.5, "a": 0.1, "b": 1}
     start = {"initial": {"theta": "60 deg", "r": 2}, "time": {"end": 1}}
-    (line,) = tabulated(
+    (line,) = classify.tabulated(
         Case.of({"model": "Lagrange-averaged", **top, **start}), Group({}, variables)
     )["warnings"]
     assert line == models.find("Lagrange-averaged", "averaged").no_axis_reason != ""
@@ -977,7 +976,7 @@ def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
 
 def sweep_of(case: Case, folder: Path) -> Group:
     with Writer(folder / "a.h5", {}) as writer:
-        return sweep.run_sweep(case, "mark", Pool(), writer, False, Progress(1, quiet=True))
+        return sweep.run_sweep(case, "mark", pool(1), writer, False, Progress(1, quiet=True))
 
 
 @pytest.mark.heyoka
