@@ -77,7 +77,9 @@ def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
     from hodo_cli.cli import main  # late, because a leg hides heyoka first
 
     with contextlib.chdir(folder):
-        done = CliRunner(catch_exceptions=False).invoke(main, [*map(str, arguments)], prog_name="hodo")
+        done = CliRunner(catch_exceptions=False).invoke(
+            main, [*map(str, arguments)], prog_name="hodo"
+        )
     return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
 
 

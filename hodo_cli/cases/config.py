@@ -251,8 +251,8 @@ def _of_figures(
     known = {name: drawable(case) for name, case in cases.items()}
     for name, values in figures.items():
         if all(case in cases for case in values.get("cases", ())):
-            for at, said in check_drawn(values, known, steady):
-                yield ("figures", name, *at), said
+            for at, message in check_drawn(values, known, steady):
+                yield ("figures", name, *at), message
 
 
 def drawable(case: Case) -> Drawable:
@@ -263,7 +263,7 @@ def drawable(case: Case) -> Drawable:
         asked = [name for name in case.store if name != "trajectory"]
         # Of the variables of a trajectory a member has no single value.
         without = {"trajectory", *(labels if "trajectory" in case.store else ())}
-        stored = [each for each in asked or storable(type(case.system)) if each not in without]
+        stored = [name for name in asked or storable(type(case.system)) if name not in without]
         vectors.append("share")
     else:
         # Labels are stored by `classify`, whatever the model.
@@ -287,12 +287,12 @@ def _figures(
     for name, block in entries.items():
         figures[name], wrong = FIGURE.check_keys(block)
         wrong += check_figure(figures[name])
-        mistakes += [(("figures", name, *at), said) for at, said in wrong]
+        mistakes += [(("figures", name, *at), message) for at, message in wrong]
         if figures[name].get("cases") == ():
             mistakes.append((("figures", name, "cases"), "names no case"))
         for key, valid in (("cases", cases), ("against", cases), ("scale_with", given)):
             for i, item in enumerate(figures[name].get(key, ())):
                 if item not in valid:
-                    said = unknown(f"name {item!r}", item, valid)
-                    mistakes.append((("figures", name, key, i), said))
+                    message = unknown(f"name {item!r}", item, valid)
+                    mistakes.append((("figures", name, key, i), message))
     return figures, mistakes

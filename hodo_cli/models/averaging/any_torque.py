@@ -56,7 +56,7 @@ velocities, e^-600 of the other, then add nothing to it, and their own rates are
 NEAR, NEARER = 1e-9, 1e-13
 """Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
 
-EVEN = 1e-9
+SAME_DRIFT = 1e-9
 """What two drifts may differ by, relative to the larger, and be taken for equal."""
 
 AT_ONCE = 2048
@@ -200,7 +200,7 @@ def is_even(body: Body, torque: Torque, slow: Slow) -> bool:
     omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))
     mirror = np.array([1.0, -1.0, 1.0])
     N = torque(omega)
-    return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= EVEN * np.abs(N).max())
+    return bool(np.abs(mirror * torque(mirror * omega) - N).max() <= SAME_DRIFT * np.abs(N).max())
 
 
 def in_doubles(k: SimpleNamespace) -> SimpleNamespace:
@@ -248,7 +248,7 @@ def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace)
 def drives_alike(drift: Mapping[Region, float]) -> bool:
     """Whether D drifts by the same in both senses of rotation on either side."""
     most = max(map(abs, drift.values()))
-    return all(abs(drift[side, 1] - drift[side, -1]) <= EVEN * most for side in (1, -1))
+    return all(abs(drift[side, 1] - drift[side, -1]) <= SAME_DRIFT * most for side in (1, -1))
 
 
 def slow_of(y: np.ndarray, k: SimpleNamespace) -> Slow:
