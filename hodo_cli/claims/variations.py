@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -95,15 +95,15 @@ class Motions:
         """The motions of each member's cases. Raises HodoError if one stops before its end."""
         size = max(1, MOST_VARIED_SAMPLES // sum(case.time.samples for case in members[0]))
         for i in range(0, len(members), size):
-            block = members[i : i + size]
             if sum(len(m.time) for m in self._known.values()) > MOST_VARIED_SAMPLES:
                 self._known.clear()
-            self._integrate(itertools.chain(*block))
-            yield from ([self._known[unnamed(case)] for case in cases] for cases in block)
+            block = [[(unnamed(case), case) for case in cases] for cases in members[i : i + size]]
+            self._integrate(dict(itertools.chain(*block)))
+            yield from ([self._known[key] for key, _ in cases] for cases in block)
 
-    def _integrate(self, cases: Iterable[Case]) -> None:
+    def _integrate(self, cases: Mapping[Case, Case]) -> None:
         """Integrate the cases that are not known, side by side where that is possible."""
-        new = {key: case for case in cases if (key := unnamed(case)) not in self._known}
+        new = {key: case for key, case in cases.items() if key not in self._known}
         for (key, case), beside in zip(new.items(), side_by_side([*new.values()]), strict=True):
             self._known[key] = sampled_motion(*beside) if beside else integrated_motion(case)
 
