@@ -23,11 +23,13 @@ import subprocess
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import CodeType
 from typing import NamedTuple
 
+import calls
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -37,7 +39,12 @@ TREE = WORK / "tree"
 
 MAP, FATES = WORK / "map.json", WORK / "fates.jsonl"
 
-ROOMS = ("engines", "integration", "models", "sweeps", "results", "commands")
+NOTES = WORK / "called"
+"""What `calls.py` notes of other processes and threads while a test runs."""
+
+WATCHED = str(TREE / "hodo_cli"), str(NOTES)
+
+ROOMS = ("engines", "integration", "models", "sweeps", "results", "storage", "batch", "commands")
 """The folders of the package that hold numeric, storage and command code."""
 
 SECONDS = 20.0
@@ -62,7 +69,8 @@ class Mutant(NamedTuple):
 
 
 class Recorder:
-    """A plugin of pytest: the functions of the package that each test calls, and its seconds."""
+    """A plugin of pytest: the functions of the package that each test calls, in this process and in
+    those that it starts, and its seconds."""
 
     def __init__(self) -> None:
         self.called: dict[str, set[str]] = {}
@@ -72,12 +80,14 @@ class Recorder:
         self.failed: set[str] = set()
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
-        calls = self.codes = set()
+        codes = self.codes = set()
+        NOTES.write_text("")
 
         # Nothing else is done here: what each call costs, a test pays a million times.
         def watch(frame: object, event: str, argument: object) -> None:
-            calls.add(frame.f_code)  # type: ignore[attr-defined]
+            codes.add(frame.f_code)  # type: ignore[attr-defined]
 
+        calls.begin(*WATCHED)  # in threads
         sys.setprofile(watch)
 
     @pytest.hookimpl(wrapper=True)
@@ -98,29 +108,36 @@ class Recorder:
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         sys.setprofile(None)
+        here = (f"{code.co_filename}:{code.co_firstlineno}" for code in self.codes)
         package = f"{TREE}/"
         self.called[nodeid] = {
-            f"{code.co_filename.removeprefix(package)}:{code.co_firstlineno}"
-            for code in self.codes
-            if code.co_filename.startswith(package)
+            place.removeprefix(package)
+            for place in {*here, *NOTES.read_text(encoding="utf-8").splitlines()}
+            if place.startswith(package)
         }
 
 
 def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
-    """The tests of each function, shortest first. Functions that run only in other processes are
-    not seen: their mutants count as not covered."""
+    """The tests of each function, shortest first."""
     # Before the tests load the package: both are to come from the clone.
     os.chdir(TREE)
-    os.environ["PYTHONPATH"] = str(TREE)
+    hook = WORK / "hook"
+    hook.mkdir()
+    # Python imports a module of this name when it starts, so processes that are spawned note too.
+    lines = f"import sys\nsys.path.append({str(ROOT / 'tools')!r})\n"
+    lines += f"import calls\ncalls.begin(*{WATCHED!r})\n"
+    (hook / "sitecustomize.py").write_text(lines, encoding="utf-8")
+    os.environ["PYTHONPATH"] = os.pathsep.join((str(hook), str(TREE)))
     sys.path.insert(0, str(TREE))
+    os.register_at_fork(after_in_child=partial(calls.begin, *WATCHED))
     recorder = Recorder()
     pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests], plugins=[recorder])
-    found: dict[str, list[tuple[float, str]]] = defaultdict(list)
+    tests_of: dict[str, list[tuple[float, str]]] = defaultdict(list)
     for test, functions in recorder.called.items():
         # What fails without a mutant notices none.
         for function in functions if test not in recorder.failed else ():
-            found[function].append((round(recorder.seconds[test], 3), test))
-    return {function: sorted(of) for function, of in found.items()}
+            tests_of[function].append((round(recorder.seconds[test], 3), test))
+    return {function: sorted(of) for function, of in tests_of.items()}
 
 
 def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
@@ -129,7 +146,7 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
     def walk(node: ast.AST, function: int) -> Iterator[tuple[ast.AST, str, int]]:
         if isinstance(node, ast.FunctionDef):
             # As the interpreter counts: from the first decorator.
-            function = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+            function = min([node.lineno, *(item.lineno for item in node.decorator_list)])
         operator = next(iter(getattr(node, "ops", [])), getattr(node, "op", None))
         if function and type(operator) in SWAPS:
             yield node, f"{type(operator).__name__} -> {SWAPS[type(operator)].__name__}", function
@@ -143,15 +160,16 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
     yield from walk(tree, 0)
 
 
-def mutants() -> list[Mutant]:
-    """Every change that can be made."""
-    found = []
-    for path in sorted(p for room in ROOMS for p in (TREE / "hodo_cli" / room).rglob("*.py")):
+def mutants(rooms: list[str]) -> list[Mutant]:
+    """Every change that can be made in these folders."""
+    changes = []
+    for path in sorted(p for room in rooms for p in (TREE / "hodo_cli" / room).rglob("*.py")):
         name = str(path.relative_to(TREE))
         every = places(ast.parse(path.read_text(encoding="utf-8")))
         for n, (node, words, function) in enumerate(every):
-            found.append(Mutant(name, n, function, node.lineno, words))  # type: ignore[attr-defined]
-    return found
+            line = node.lineno  # type: ignore[attr-defined]
+            changes.append(Mutant(name, n, function, line, words))
+    return changes
 
 
 def changed(mutant: Mutant) -> str:
@@ -188,7 +206,7 @@ def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> tuple[str, str]:
     )  # fmt: skip
     try:
         # Several times what they take at rest: what is still running then hangs.
-        said, _ = process.communicate(timeout=60 + 4 * spent)
+        output, _ = process.communicate(timeout=60 + 4 * spent)
     except subprocess.TimeoutExpired:
         return "hung", ""
     finally:
@@ -196,9 +214,11 @@ def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> tuple[str, str]:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
         target.write_text(whole, encoding="utf-8")
-    failed = re.search("^(?:FAILED|ERROR) (.*?)(?: - |$)", said, re.MULTILINE)
+    failed = re.search("^(?:FAILED|ERROR) (.*?)(?: - |$)", output, re.MULTILINE)
     # Without a last line a test process has ended before its time, whatever its status says.
-    whole_run = process.returncode == 0 and re.search(r"^\d+ (passed|skipped)", said, re.MULTILINE)
+    whole_run = process.returncode == 0 and re.search(
+        r"^\d+ (passed|skipped)", output, re.MULTILINE
+    )
     return "survived" if whole_run else "killed", failed[1] if failed else ""
 
 
@@ -216,6 +236,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--map", action="store_true", help="begin anew: clone and map the tests")
+    parser.add_argument("--rooms", default=",".join(ROOMS), help="the folders that are broken")
     parser.add_argument("tests", nargs="*", default=["tests"], help="those to be mapped")
     options = parser.parse_args()
     if options.map or not MAP.exists():
@@ -225,7 +246,7 @@ def main() -> int:
     tests = json.loads(MAP.read_text(encoding="utf-8"))
     FATES.touch()
     known = {tuple(key): end for *key, end in map(json.loads, FATES.open(encoding="utf-8"))}
-    every = mutants()
+    every = mutants(options.rooms.split(","))
     drawn = random.Random(options.seed).sample(every, min(options.count, len(every)))
     fates: Counter[str] = Counter()
     for mutant in drawn:
