@@ -91,7 +91,7 @@ class Progress:
             self.report(name(item), 0.0)
             yield item
 
-    def each(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
+    def through(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
         """Items as in `starting`, each of which is done when the next one is taken."""
         for item in self.starting(items, name):
             yield item

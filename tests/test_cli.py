@@ -20,6 +20,8 @@ from hodo_cli.storage.output import create
 from hodo_cli.storage.provenance import root_attributes
 from hodo_cli.storage.writer import Writer
 
+pytestmark = pytest.mark.engines
+
 CONFIG = """\
 title: two cases
 defaults:

@@ -93,7 +93,7 @@ class Heard(Progress):
 
 def test_each_item_is_a_task_of_its_own() -> None:
     shown = Heard(2)
-    for item in shown.each(["a", "b"], str.upper):
+    for item in shown.through(["a", "b"], str.upper):
         assert item.islower()
         assert shown.heard[-1] == (item.upper(), 0.0)
     assert shown.heard == [("A", 0.0), ("B", 0.0)]

@@ -1,18 +1,14 @@
 """Batches that are running, or were interrupted: what they have finished can be used at once."""
 
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from conftest import call
 
-from hodo_cli import HodoError
-from hodo_cli.cases.config import parse
-from hodo_cli.commands.classify import classify_results
-from hodo_cli.commands.plot import draw_results
-from hodo_cli.commands.run import finish
-from hodo_cli.commands.show import stored_cases
-from hodo_cli.storage.finished import chunks_in, finished, in_order, latest, open_batch
+from hodo_cli.storage.finished import finished, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import Writer, publish_finished
@@ -45,9 +41,9 @@ def run_of(path: Path, groups: Mapping[str, Group], text: str = CONFIG) -> Itera
         yield writer
 
 
-def interrupted(path: Path, groups: Mapping[str, Group]) -> None:
+def interrupted(path: Path, groups: Mapping[str, Group], text: str = CONFIG) -> None:
     """A run that was interrupted when it had finished these cases."""
-    with suppress(KeyboardInterrupt), run_of(path, groups):
+    with suppress(KeyboardInterrupt), run_of(path, groups, text):
         raise KeyboardInterrupt
 
 
@@ -70,8 +66,10 @@ def hashes(path: Path) -> dict[str, str]:
         ),
     ],
 )
-def test_cases_come_in_the_order_of_their_file(text: str, order: str) -> None:
-    assert in_order("acb", text) == [*order]
+def test_cases_come_in_the_order_of_their_file(path: Path, text: str, order: str) -> None:
+    interrupted(path, {name: stored(1) for name in "acb"}, text)
+    with pytest.warns(UserWarning, match="3 finished in a run"), open_batch(path) as run:
+        assert run.cases() == [*order]
 
 
 def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
@@ -86,20 +84,25 @@ def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
     interrupted(other, {"first": stored(1)})
     with Writer(other, {"config": text}) as writer:
         assert writer.keep(writer.finished["first"][0])
-        shards = path.parent.glob(".b.h5.*/[0-9].h5")
-        texts = [latest({"first": piece})["config"] for piece in shards]
-        assert sorted(texts) == sorted([CONFIG, text])
+        texts = set()
+        for file in path.parent.glob(".b.h5.*/head.h5"):
+            with open_run(file) as run:
+                texts.add(run.text)
+        assert texts == {CONFIG, text}
 
 
 @pytest.mark.parametrize("is_running", [True, False])
 def test_finished_cases_are_shown_classified_and_plotted(path: Path, is_running: bool) -> None:
-    cases = parse(CONFIG, "a.yaml").cases
-    groups = {name: finish(cases[name]) for name in ("second", "first")}
+    (path.parent.parent / "a.yaml").write_text(CONFIG, encoding="utf-8")
+    assert call(path.parent.parent, "run", "a.yaml", "--out", "whole").returncode == 0
+    with open_run(path.parent.parent / "whole" / "a.h5") as run:
+        groups = {name: run.read(name) for name in ("second", "first", "third")}
+    last = groups.pop("third")
     with suppress(KeyboardInterrupt), run_of(path, groups) as writer:
         if not is_running:
             raise KeyboardInterrupt
         use(path)
-        writer.add("third", finish(cases["third"]))
+        writer.add("third", last)
     if not is_running:
         use(path)
         return
@@ -110,21 +113,20 @@ def test_finished_cases_are_shown_classified_and_plotted(path: Path, is_running:
 
 
 def use(path: Path) -> None:
-    with pytest.warns(UserWarning, match="2 finished in a run that has not ended: first, second"):
-        rows, problems = stored_cases([path])
-    assert [row["case"] for row in rows] == ["first", "second"]
-    assert not problems
-    out = path.parent / "figures"
-    with pytest.warns(UserWarning, match="has not ended"):
-        ((said, _),) = draw_results([path], ["both"], ["csv"], out)
-    assert "no labels" in said
+    folder, warning = path.parent.parent, "2 finished in a run that has not ended: first, second"
+    shown = call(folder, "show", "runs/a.h5", "--json")
+    assert [row["case"] for row in json.loads(shown.stdout)] == ["first", "second"]
+    drawn = call(folder, "plot", "runs/a.h5", "both", "--format", "csv")
+    assert "no labels" in drawn.stderr
+    assert warning in shown.stderr
+    assert warning in drawn.stderr
     assert not path.exists()  # reading leaves no trace
-    rows, problems = classify_results([path])
-    assert [row["start"] for row in rows] == ["x1", "x1"]
-    assert not problems
-    lines = dict(draw_results([path], [], ["csv"], out))
-    assert lines[str(out / "a" / "both.csv")] is False
-    assert lines[f"rest: {path} has no result of case third yet: run it first"] is True
+    classified = call(folder, "classify", "runs/a.h5", "--json")
+    assert [row["start"] for row in json.loads(classified.stdout)] == ["x1", "x1"]
+    assert classified.returncode == 0
+    drawn = call(folder, "plot", "runs/a.h5", "--format", "csv")
+    assert drawn.stdout.splitlines()[0].endswith("both.csv")
+    assert "rest: runs/a.h5 has no result of case third yet: run it first" in drawn.stderr
 
 
 def test_a_changed_case_is_shown_and_stays_apart(path: Path) -> None:
@@ -148,7 +150,6 @@ def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
     with open_run(path) as run:
         assert run.cases() == ["first", "second", "third"]
         assert run.text == CONFIG  # which has the figures of the new cases
-        assert list(parse(run.text, "a.yaml").figures) == ["both", "rest"]
 
 
 def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
@@ -161,15 +162,16 @@ def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
     with Writer(path, {}) as writer:
         assert writer.chunks("stamp") == {0}
         writer.keep(writer.finished["first"][0])
-        assert any(map(chunks_in, path.parent.glob(".*")))
+        assert [*path.parent.glob(".*/part-*.h5")]
 
 
 def test_of_a_sweep_that_is_half_done_this_is_said(path: Path) -> None:
     with suppress(KeyboardInterrupt), run_of(path, {}) as writer:
         writer.add_chunk("stamp", 0, stored(1))
         raise KeyboardInterrupt
-    with pytest.raises(HodoError, match="no case is there yet: a run has finished parts"):
-        stored_cases([path])
+    shown = call(path.parent, "show", path)
+    assert shown.returncode == 2
+    assert "no case is there yet: a run has finished parts of a sweep" in shown.stderr
 
 
 def test_a_result_that_is_damaged_is_left_alone(path: Path) -> None:

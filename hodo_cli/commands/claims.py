@@ -83,8 +83,8 @@ def judged(config: Config, run: ResultFile) -> tuple[list[Verdict], list[Verdict
     judge, by_id = Judge(run, catalogue_of_checks()), itemgetter("id")
     with Progress(len(config.claims) + len(config.errata), logs=False) as progress:
         return (
-            [judge.claim(claim) for claim in progress.each(config.claims, by_id)],
-            [judge.erratum(erratum) for erratum in progress.each(config.errata, by_id)],
+            [judge.claim(claim) for claim in progress.through(config.claims, by_id)],
+            [judge.erratum(erratum) for erratum in progress.through(config.errata, by_id)],
         )
 
 

@@ -35,7 +35,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
             Progress(len(changes.run.cases()), logs=False) as progress,
         ):
             warn_of_changes(changes.run, config)
-            for name in progress.each(changes.run.cases()):
+            for name in progress.through(changes.run.cases()):
                 try:
                     row = changes.run.report(name, package_digest())
                     if row is None:
@@ -64,8 +64,8 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         return None, tabulated(case, group)
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration
         motion = motion_of(group.variables, group.attributes, name)
-        found = Classification(motion.labels, motion.crossings, end_before_time(group))
-        return None, row_of(name, found)
+        labelled = Classification(motion.labels, motion.crossings, end_before_time(group))
+        return None, row_of(name, labelled)
     if remark := inapplicable(case, group):
         remarks = [remark, *end_before_time(group)]
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": remarks}
@@ -75,12 +75,12 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     omega = group.variables["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
-    found = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    row = row_of(name, found)
+    labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
+    row = row_of(name, labelled)
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
         row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
-    return label_group(found), row
+    return label_group(labelled), row
 
 
 def end_before_time(group: Group) -> tuple[str, ...]:
@@ -89,9 +89,9 @@ def end_before_time(group: Group) -> tuple[str, ...]:
     return tuple(filter(None, [str(group.attributes.get("message", ""))])) if is_ok else ()
 
 
-def row_of(name: str, found: Classification) -> dict[str, Any]:
+def row_of(name: str, labelled: Classification) -> dict[str, Any]:
     """The line of a labelled motion in the table."""
-    ends = [rigid_body.LABELS[int(label)] for label in found.labels[[0, -1]]]
+    ends = [rigid_body.LABELS[int(label)] for label in labelled.labels[[0, -1]]]
     table = [
         {
             "time": c.time,
@@ -100,23 +100,23 @@ def row_of(name: str, found: Classification) -> dict[str, Any]:
             "to": rigid_body.LABELS[c.end],
             "G": c.momentum,
         }
-        for c in found.crossings
+        for c in labelled.crossings
     ]
     return {
         "case": name,
         "start": ends[0],
         "end": ends[1],
-        "growth": growth(found.growth),
-        "final": "" if found.final is None else rigid_body.LABELS[found.final],
+        "growth": growth(labelled.growth),
+        "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
         "crossings": table,
-        "warnings": list(found.warnings),
+        "warnings": list(labelled.warnings),
     }
 
 
 def growth(rates: np.ndarray | None) -> dict[str, float]:
     """The rates at which a tilt away from each axis grows, by the axis, but for the middle one."""
-    found = enumerate(() if rates is None else rates.tolist(), 1)
-    return {rigid_body.LABELS[i]: rate for i, rate in found if not np.isnan(rate)}
+    numbered = enumerate(() if rates is None else rates.tolist(), 1)
+    return {rigid_body.LABELS[i]: rate for i, rate in numbered if not np.isnan(rate)}
 
 
 def inapplicable(case: Case, group: Group) -> str:
@@ -150,11 +150,11 @@ def tabulated(case: Case, group: Group) -> dict[str, Any]:
 
 def _shares(labels: np.ndarray) -> str:
     """How many of the labels are which, in percent."""
-    found = {
+    counts = {
         rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)
     }
     return ", ".join(
         f"{name} {100 * count / max(labels.size, 1):.3g} %"
-        for name, count in found.items()
+        for name, count in counts.items()
         if count
     )

@@ -250,17 +250,17 @@ def plan_of(
     reasons: dict[str, str] = {}
     kept: dict[str, Finished] = {}
     for name, case in config.cases.items():
-        found = [(item, why(case, item, force)) for item in done.get(name, [])]
-        if name not in asked and found:
-            kept[name] = found[0][0]
+        stored = [(item, why(case, item, force)) for item in done.get(name, [])]
+        if name not in asked and stored:
+            kept[name] = stored[0][0]
         elif name not in asked:
             continue
-        elif fresh := [item for item, reason in found if not reason]:
+        elif fresh := [item for item, reason in stored if not reason]:
             kept[name] = fresh[0]
         else:
-            reasons[name] = found[0][1] if found else why(case, None, force)
+            reasons[name] = stored[0][1] if stored else why(case, None, force)
     old = {name: done[name][0] for name in reasons if name in done}
-    gone = {name: found[0] for name, found in done.items() if name not in config.cases}
+    gone = {name: items[0] for name, items in done.items() if name not in config.cases}
     # A damaged one cannot be copied into the new file.
     left = {name: not prune and not item.damage for name, item in gone.items()}
     kept |= {name: gone[name] for name, stays in left.items() if stays}

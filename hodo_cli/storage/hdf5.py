@@ -173,9 +173,9 @@ class ResultFile:
         try:
             with self.open_group(name) as group:
                 stored, covered = _covered(group)
-            found = self.read(name)
-            known = {key: found.attributes[key] for key in covered}
-            return "" if stored in ("", _checksum(known, found.variables, stored)) else MISFIT
+            group_read = self.read(name)
+            known = {key: group_read.attributes[key] for key in covered}
+            return "" if stored in ("", _checksum(known, group_read.variables, stored)) else MISFIT
         except HodoError as error:
             reason = str(error).removeprefix(f"{self.path}: ")
             return reason.removeprefix(f"{name} is damaged (").removesuffix(")")
@@ -213,12 +213,12 @@ def _covered(item: h5py.HLObject) -> tuple[str, list[str]]:
 
 
 def _checksum(attributes: Mapping[str, Any], variables: Mapping[str, Variable], stored: str) -> str:
-    """The checksum of attributes and of so many variables as the checksum told covers."""
+    """The checksum of attributes and of so many variables as a stored checksum covers."""
     count = stored.split(":")[1] if stored.count(":") == 2 else ""
-    found = GroupChecksum(attributes)
+    checksum = GroupChecksum(attributes)
     for name, variable in [*variables.items()][: int(count) if count.isdecimal() else 0]:
-        found.add(name, variable.dims, checksum_of_values(variable.data), variable.attrs)
-    return str(found)
+        checksum.add(name, variable.dims, checksum_of_values(variable.data), variable.attrs)
+    return str(checksum)
 
 
 def _is_placeholder(item: h5py.Dataset) -> bool:
