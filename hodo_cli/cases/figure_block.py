@@ -229,8 +229,8 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     labels, several = values.get("labels", ()), values.get(named, ())
     # The labels of a sweep are those of panels or curves, whose number its axes decide.
     if values.get("kind") not in ("map", "curve") and len(labels) > len(several):
-        said = f"expected one for each of {len(several)} {named}, got {len(labels)}"
-        yield ("labels",), said
+        message = f"expected one for each of {len(several)} {named}, got {len(labels)}"
+        yield ("labels",), message
     for i, style in enumerate(values.get("styles", ())):
         colour, _, line = style.partition(" ")
         for word, known in ((colour, COLOUR_NAMES), (line or "solid", LINE_NAMES)):
@@ -293,8 +293,8 @@ def check_drawn(
     """
     kind, wrong = values.get("kind"), False
     for i, name in enumerate(values.get("cases", ())):
-        if said := _unfit(kind, cases[name]):
-            yield ("cases", i), said
+        if message := _unfit(kind, cases[name]):
+            yield ("cases", i), message
             wrong = True
     if wrong:
         return
@@ -341,8 +341,8 @@ def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Itera
         ]
     wrong: dict[KeyPath, str] = {}
     for at, name, case in asked:
-        if at not in wrong and (said := _wrong_variable(name, case)):
-            wrong[at] = said
+        if at not in wrong and (message := _wrong_variable(name, case)):
+            wrong[at] = message
     yield from wrong.items()
 
 
@@ -415,8 +415,8 @@ def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterat
     if steady and counted is not None and counted in case.axes:
         for i, position in enumerate(values.get("at", ())):
             if position >= (n := case.axes[counted]):
-                said = f"axis {counted} of sweep {case.name} has positions 0 to {n - 1}"
-                yield ("at", i), f"{said}, not {position}"
+                message = f"axis {counted} of sweep {case.name} has positions 0 to {n - 1}"
+                yield ("at", i), f"{message}, not {position}"
 
 
 def _of_swept_variable(values: Mapping[str, Any], case: Drawable) -> Iterator[Mistake]:
@@ -427,10 +427,10 @@ def _of_swept_variable(values: Mapping[str, Any], case: Drawable) -> Iterator[Mi
         yield ("variable",), unknown(f"variable {name!r}", name, case.stored)
     elif base in AXIS_LABELS and (dot or averaged(values, case.axes, case.sphere)):
         if part not in rigid_body.LABELS.values():
-            said = f"{base} is a label, without a mean: name the one whose share is to be drawn"
-            yield ("variable",), f"{said}, {_parts(base)}"
-    elif said := _wrong_component(base, dot, part, case.vectors):
-        yield ("variable",), said
+            message = f"{base} is a label, without a mean: name the one whose share is to be drawn"
+            yield ("variable",), f"{message}, {_parts(base)}"
+    elif message := _wrong_component(base, dot, part, case.vectors):
+        yield ("variable",), message
 
 
 def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> list[str]:

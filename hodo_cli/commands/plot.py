@@ -39,9 +39,6 @@ RECORD = "drawn.json"
 PAGE_FILE = "index.html"
 """The page of all figures."""
 
-NOTED = {"mark", "sha256", "cases", "said"}
-"""What a record has of each file."""
-
 ABSENT = "absent"
 """Stands for the checksum of a case that a figure has asked for and the result does not hold."""
 
@@ -138,18 +135,18 @@ def draw_results(
                         raise drawn
                     folder.add(drawn)
                     progress.done(task.name)
-                folder.record.save()
+                save_record(folder.path, folder.record)
         for drawn in (drawn for folder in folders for drawn in folder.figures):
             if drawn.problem:
                 yield f"{drawn.name}: {drawn.problem}", True
             elif drawn.files:
                 yield "\n".join(map(str, drawn.files)), False
-        said = [line for folder in folders for drawn in folder.figures for line in drawn.warnings]
+        given = [line for folder in folders for drawn in folder.figures for line in drawn.warnings]
         if not names:
-            said += renewed_page(out, folders, workers, force)
+            given += renewed_page(out, folders, workers, force)
             yield str(out / PAGE_FILE), False
     # At the end, when all that is drawn or on the page has been read.
-    for line in dict.fromkeys(said):
+    for line in dict.fromkeys(given):
         warnings.warn(line, stacklevel=2)
 
 
@@ -193,7 +190,7 @@ class Folder:
         self.checksums = {
             name: "" if name in run.damaged else run.checksum(name) for name in run.groups()
         }
-        self.record = Record(path)
+        self.record = read_record(path)
         self._formats = tuple(dict.fromkeys(formats))
         chosen = {name: config.figure(name) for name in names or config.figures}
         self._drawn = {name: None if force else self._kept(name) for name in chosen}
@@ -211,64 +208,66 @@ class Folder:
     def add(self, drawn: DrawnFigure) -> None:
         """Take in a figure that has just been drawn."""
         self._drawn[drawn.name] = drawn
-        # What could not be drawn is tried again: its file may be of an earlier time.
-        mark = "" if drawn.problem else self._mark(drawn.name, drawn.cases)
         for file in self._files(drawn.name):
-            self.record.note(file, mark, drawn.cases, drawn.warnings)
+            # What could not be drawn is tried again: its file may be of an earlier time.
+            digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
+            self.record[file] = entry_of(digest, drawn.cases, drawn.warnings)
 
     def _kept(self, name: str) -> DrawnFigure | None:
         """A figure all of whose files are as they would be drawn; None if one is not."""
-        entries = {file: self.record.current(file) for file in self._files(name)}
-        if not all(e and e["mark"] == self._mark(name, e["cases"]) for e in entries.values()):
-            return None
+        entries = {file: self.record.get(file, NEVER) for file in self._files(name)}
+        for file, entry in entries.items():
+            if entry["digest"] != self._digest(name, entry["cases"], file):
+                return None
         # An HTML file that stands by itself shows nothing.
         if "html" in self._formats and not (self.path.parent / SCRIPT).exists():
             return None
         # A kind that cannot be turned has no file in HTML.
-        files = tuple(self.path / file for file, e in entries.items() if e and e["sha256"])
-        given = dict.fromkeys(line for e in entries.values() if e for line in e["said"])
+        files = tuple(self.path / file for file in entries if (self.path / file).exists())
+        given = dict.fromkeys(line for entry in entries.values() for line in entry["warnings"])
         return DrawnFigure(name, files, warnings=tuple(given))
 
     def _files(self, name: str) -> list[str]:
         return [f"{name}.{suffix}" for suffix in self._formats]
 
-    def _mark(self, name: str, cases: Iterable[str]) -> str:
-        """What a drawing depends on: its entry in the config, the cases that it has asked for, and
-        the code that draws."""
+    def _digest(self, name: str, cases: Iterable[str], file: str) -> str:
+        """What one of a figure's files depends on, and its content: the figure's entry in the
+        config, the cases that it has asked for, and the code that draws."""
         spec = self.config.figure(name)
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
+        versions = library_version("matplotlib"), library_version("plotly")
         return content_digest(
             (self.checksums.get(case, ABSENT) for case in cases),
-            repr((spec, others, library_version("matplotlib"), library_version("plotly"))),
+            repr((spec, others, versions, bytes_digest(self.path / file))),
         )
 
 
-def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: bool) -> list[str]:
+def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: bool) -> Sequence[str]:
     """Write the page of all figures, unless it is as it would be; the warnings that it gives."""
-    record = Record(out)
-    entry = None if force else record.current(PAGE_FILE)
-    if entry is None or entry["mark"] != page_mark(out, folders):
-        task = PageTask(out, [(each.result, each.config, each.figures) for each in folders])
-        for _, said in workers.map(page_written, [task]):
-            if isinstance(said, Exception):
-                raise said
-            record.note(PAGE_FILE, page_mark(out, folders), (), said)
-        record.save()
-    return record.said(PAGE_FILE)
+    record = read_record(out)
+    entry = record.get(PAGE_FILE, NEVER)
+    if force or entry["digest"] != page_digest(out, folders):
+        shown = [(folder.result, folder.config, folder.figures) for folder in folders]
+        for _, given in workers.map(page_written, [PageTask(out, shown)]):
+            if isinstance(given, Exception):
+                raise given
+            entry = record[PAGE_FILE] = entry_of(page_digest(out, folders), (), given)
+        save_record(out, record)
+    return list(entry["warnings"])
 
 
-def page_mark(out: Path, folders: Sequence[Folder]) -> str:
-    """What the page depends on: the results and figures that it shows, and what the folders of
-    others have told it."""
-    shown = [(each.config, os.path.relpath(each.result, out)) for each in folders]
+def page_digest(out: Path, folders: Sequence[Folder]) -> str:
+    """What the page depends on, and its content: the results and figures that it shows, and the
+    sections of other results."""
+    shown = [(folder.config, os.path.relpath(folder.result, out)) for folder in folders]
     figures = [
-        (each.name, [file.name for file in each.files], each.problem)
+        (drawn.name, [file.name for file in drawn.files], drawn.problem)
         for folder in folders
-        for each in folder.figures
+        for drawn in folder.figures
     ]
-    pieces = [file.read_bytes() for file in sorted(out.glob(f"*/{PIECE}"))]
-    checksums = [each for folder in folders for each in folder.checksums.values()]
-    return content_digest(checksums, repr((shown, figures, pieces)))
+    files = [*sorted(out.glob(f"*/{PIECE}")), out / PAGE_FILE]
+    checksums = [checksum for folder in folders for checksum in folder.checksums.values()]
+    return content_digest(checksums, repr((shown, figures, [*map(bytes_digest, files)])))
 
 
 def page_written(task: PageTask) -> tuple[str, ...]:
@@ -286,39 +285,36 @@ def page_written(task: PageTask) -> tuple[str, ...]:
         return warnings_of(caught, *(result.cases for result in results))
 
 
-class Record:
-    """How the files of a folder were made, as JSON beside them: what each depends on, and the hash
-    of its content, which shows a file that something else has changed."""
+def bytes_digest(file: Path) -> str:
+    """The digest of a file's content; an empty text if there is no file."""
+    try:
+        return sha256(file.read_bytes()).hexdigest()
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._entries: dict[str, dict[str, Any]] = {}
-        # One that is missing, unreadable or not ours costs no more than drawing anew.
-        with suppress(OSError, ValueError, AttributeError):
-            entries = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-            self._entries = {name: e for name, e in entries.items() if e.keys() == NOTED}
 
-    def current(self, file: str) -> dict[str, Any] | None:
-        """What is noted of a file that has not changed since, and can be kept."""
-        entry = self._entries.get(file)
-        return entry if entry and entry["mark"] and entry["sha256"] == self._hash(file) else None
+Entry = dict[str, Any]
 
-    def said(self, file: str) -> list[str]:
-        """The warnings that making a file gave."""
-        return list(self._entries[file]["said"])
+NEVER: Entry = {"digest": None, "cases": (), "warnings": ()}
+"""The entry of a file that has not been drawn."""
 
-    def note(self, file: str, mark: str, cases: Sequence[str], said: Sequence[str]) -> None:
-        """Note how a file was made, or that none was."""
-        noted = {"mark": mark, "sha256": self._hash(file), "cases": cases, "said": said}
-        self._entries[file] = noted
 
-    def _hash(self, file: str) -> str:
-        try:
-            return sha256((self._folder / file).read_bytes()).hexdigest()
-        except (FileNotFoundError, NotADirectoryError):
-            return ""
+def entry_of(digest: str, cases: Sequence[str], given: Sequence[str]) -> Entry:
+    """How a file was made: the digest of what it depends on and of its content, the cases that it
+    has asked for, and the warnings that it gave."""
+    return {"digest": digest, "cases": cases, "warnings": given}
 
-    def save(self) -> None:
-        """Write the record. Raises HodoError if that is refused."""
-        with replacing(self._folder / RECORD) as draft:
-            draft.write_text(json.dumps(self._entries, indent=1, sort_keys=True), encoding="utf-8")
+
+def read_record(folder: Path) -> dict[str, Entry]:
+    """How the files of a folder were made, as JSON beside them says."""
+    # One that is missing, unreadable or not ours costs no more than drawing anew.
+    with suppress(OSError, ValueError, AttributeError):
+        entries = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        return {name: entry for name, entry in entries.items() if entry.keys() == NEVER.keys()}
+    return {}
+
+
+def save_record(folder: Path, record: dict[str, Entry]) -> None:
+    """Write the record of a folder. Raises HodoError if that is refused."""
+    with replacing(folder / RECORD) as draft:
+        draft.write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8")

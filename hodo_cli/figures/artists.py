@@ -185,7 +185,7 @@ def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> Non
 def of_other_body(motions: Sequence[Motion]) -> Motion | None:
     """The first motion that is of another body than the first of all; None if all are of one."""
     body = motions[0].inertia
-    return next((each for each in motions if not np.array_equal(each.inertia, body)), None)
+    return next((motion for motion in motions if not np.array_equal(motion.inertia, body)), None)
 
 
 CROSSINGS_NAMED = 12
@@ -281,11 +281,11 @@ def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
     start."""
     far = np.flatnonzero(np.hypot(*(points - points[0]).T) > size)
     if far.size and far[0] + 1 < len(points):
-        here, step = points[far[0]], points[far[0] + 1] - points[far[0]]
+        place, step = points[far[0]], points[far[0] + 1] - points[far[0]]
         arrow(
             axes,
-            here - step / max(float(np.hypot(*step)), math.ulp(0)) * 0.01 * size,
-            here,
+            place - step / max(float(np.hypot(*step)), math.ulp(0)) * 0.01 * size,
+            place,
             colour,
             zorder=5,
         )

@@ -88,18 +88,19 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     name = spec["cases"][0]
     swept = Swept.of(name, cases[name])
     body, sphere = swept.body(), swept.sphere
-    if body is None or not sphere or "crossing_time" not in swept.data or len(swept.axes) != 2:
+    stored = "crossing_time" in swept.data and "damping" in swept.case.data
+    if body is None or not sphere or not stored or len(swept.axes) != 2:
         raise HodoError(
-            "a figure of shares wants a sweep of one body with a sphere of starts, another axis, "
-            "and crossing_time stored"
+            "a figure of shares wants a sweep of one damped body with a sphere of starts, another "
+            "axis, and crossing_time stored"
         )
     other = next(name for name in swept.axes if name != sphere)
     end = swept.case.time.end
     sheet.figure.set_size_inches(COLUMN, 0.95 * COLUMN)
     axes, names = sheet.figure.subplots(), []
     line, points = np.linspace(0, end, 101), np.linspace(0, end, 11)
-    found = swept.values("crossing_time", [other, sphere], {})
-    for i, times in enumerate(found):
+    crossing_times = swept.values("crossing_time", [other, sphere], {})
+    for i, times in enumerate(crossing_times):
         lam = swept.at(other, i).data["damping"]
         names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
         style = styles(len(names), spec["styles"])[-1]

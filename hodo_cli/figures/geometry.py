@@ -80,12 +80,12 @@ def beside(
     every = np.concatenate([line[:: max(1, len(line) // 400), :2] for line in drawn])
     turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = away * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    found = []
+    places = []
     for place in freest(curves):
         around = place + ring
         clear = np.linalg.norm(around[:, None] - every[None], axis=-1).min(axis=1)
-        found.append(around[clear.argmax()])
-    return found
+        places.append(around[clear.argmax()])
+    return places
 
 
 def clearest(points: np.ndarray, candidates: np.ndarray, enough: float = math.inf) -> int:

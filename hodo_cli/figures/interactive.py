@@ -154,10 +154,10 @@ def images(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
     columns = min(2, len(shown))
     rows = -(-len(shown) // columns)
     figure = make_subplots(
-        rows, columns, subplot_titles=[without_tex(each.curve) for each in shown]
+        rows, columns, subplot_titles=[without_tex(curve.curve) for curve in shown]
     )
-    for i, each in enumerate(shown):
-        (across, x), (up, y), (_, z) = each.values.items()
+    for i, curve in enumerate(shown):
+        (across, x), (up, y), (_, z) = curve.values.items()
         place = {"row": i // columns + 1, "col": i % columns + 1}
         figure.add_trace(go.Heatmap(x=x, y=y, z=z, coloraxis="coloraxis"), **place)
         label_axes(figure, place, (across, up), sheet.figure.axes[i])
@@ -181,7 +181,7 @@ def label_axes(
 
 def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion]) -> go.Figure:
     """Plane panels, one for each of the printed figure, or for each variable over time."""
-    curves = [curve for each in sheet.shown for curve in _curves(each, spec)]
+    curves = [curve for shown in sheet.shown for curve in _curves(shown, spec)]
     names = list(dict.fromkeys(panel for panel, *_ in curves))
     columns = 1 if len(names) == 1 else 2
     rows = -(-len(names) // columns)
@@ -198,9 +198,9 @@ def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion])
         row, column = divmod(names.index(panel), columns)
         look = {**looks[labels.index(label)], "width": 2}
         motion = motions.get(label)
-        told = hover(motion) if motion and len(motion.time) == len(values[x]) else {}
+        pointer = hover(motion) if motion and len(motion.time) == len(values[x]) else {}
         if (error := STORED_ERRORS.get(y, "")) in values:
-            told["error_y"] = {"array": values[error]}
+            pointer["error_y"] = {"array": values[error]}
         trace = go.Scatter(
             x=values[x],
             y=values[y],
@@ -209,7 +209,7 @@ def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion])
             line=look,
             legendgroup=label,
             showlegend=panel == next(p for p, other, *_ in curves if other == label),
-            **told,
+            **pointer,
         )
         place = {"row": row + 1, "col": column + 1}
         figure.add_trace(trace, **place)
@@ -221,13 +221,13 @@ def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion])
 
 def mark_gaps(figure: go.Figure, shown: Sequence[Shown], variable: str) -> None:
     """Crosses below the curves of sweeps at the members that have no value."""
-    every = np.concatenate([each.values[variable] for each in shown])
+    every = np.concatenate([curve.values[variable] for curve in shown])
     low, high = float(np.nanmin(every)), float(np.nanmax(every))
     below = low - 0.05 * ((high - low) or abs(low) or 1.0)
     marked = False
-    for i, each in enumerate(shown):
-        (across, places), *_ = each.values.items()
-        x = places[np.isnan(each.values[variable])]
+    for i, curve in enumerate(shown):
+        (across, places), *_ = curve.values.items()
+        x = places[np.isnan(curve.values[variable])]
         if not x.size:
             continue
         trace = go.Scatter(
@@ -272,14 +272,14 @@ def _curves(
 
 def hover(motion: Motion) -> dict[str, Any]:
     """What the pointer shows of each sample: time, |G|, T, D and the enclosed axis."""
-    told: dict[str, np.ndarray] = {"time": motion.time}
+    quantities: dict[str, np.ndarray] = {"time": motion.time}
     for name in HOVER:
         try:
-            told[name] = motion[name]
+            quantities[name] = motion[name]
         except HodoError:
             continue
-    lines = [f"{name} = %{{customdata[{i}]:.6g}}" for i, name in enumerate(told)]
-    columns: list[Any] = list(told.values())
+    lines = [f"{name} = %{{customdata[{i}]:.6g}}" for i, name in enumerate(quantities)]
+    columns: list[Any] = list(quantities.values())
     if motion.classified:
         lines.append(f"encloses %{{customdata[{len(columns)}]}}")
         columns.append(np.array([LABELS[int(label)] for label in motion.labels], dtype=object))
@@ -309,8 +309,8 @@ def _parts(
         for piece in stretches(motion.labels):
             if motion.labels[piece.start] == label:
                 where[piece] = True
-        said = LABELS[int(label)]
-        name = f"{motion.label}: {said}" if several > 1 else f"about {said}"
+        axis = LABELS[int(label)]
+        name = f"{motion.label}: {axis}" if several > 1 else f"about {axis}"
         parts.append((without_tex(name), where, {"color": AXIS_COLOUR[int(label)], "width": 4}))
     return parts
 

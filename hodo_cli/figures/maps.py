@@ -169,7 +169,7 @@ def map_image(
         axes.set_xlabel(axis_name(swept, spec["x"]))
     if subplot is None or subplot.is_first_col():
         axes.set_ylabel(axis_name(swept, spec["y"]))
-    across, up = (each.ravel() for each in np.meshgrid(x, y, indexing="ij"))
+    across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
     return {column(swept, spec["x"]): across, column(swept, spec["y"]): up}
 
 

@@ -117,12 +117,12 @@ def _piece(result: PageResult, base: Path) -> dict[str, Any]:
     figures = [
         {
             "kind": "figure",
-            "name": each.name,
-            "link": places.figure(each.name),
-            "text": config.figures[each.name]["caption"],
-            "verdict": "not drawn" if each.problem else "",
+            "name": figure.name,
+            "link": places.figure(figure.name),
+            "text": config.figures[figure.name]["caption"],
+            "verdict": "not drawn" if figure.problem else "",
         }
-        for each in result.figures
+        for figure in result.figures
     ]
     judged = [*_judged(cases, places, "_claims"), *_judged(cases, places, "_errata")]
     entries = [{**entry, "run": places.run} for entry in [*figures, *judged]]

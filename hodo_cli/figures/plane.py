@@ -79,7 +79,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         )
     others = motions_of(cases, spec["scale_cases"])
     limits = [
-        1.05 * max(float(each.max()) for each in [*points.values(), *map(squares, others)]) or 1.0
+        1.05 * max(float(curve.max()) for curve in [*points.values(), *map(squares, others)]) or 1.0
     ]
     limits += [] if zoom is None else [zoom]
     sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)))
@@ -214,7 +214,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
             axes.set_ylabel(axis_label(group, motions[0]))
         for small in spec["insets"]:
             if small["panel"] == group:
-                motion = next(each for each in motions if each.name == small["case"])
+                motion = next(motion for motion in motions if motion.name == small["case"])
                 inset(sheet, axes, small, motion, dict(zip(keys, looks, strict=True)))
     # Panels share their time: its end is known when all are drawn.
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))

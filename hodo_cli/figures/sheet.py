@@ -103,17 +103,17 @@ class Sheet:
 
     def _curves(self) -> list[tuple[str, dict[str, np.ndarray]]]:
         """The curves with all that several panels show of the same samples."""
-        found: list[tuple[str, dict[str, np.ndarray]]] = []
+        merged: list[tuple[str, dict[str, np.ndarray]]] = []
         for item in self.shown:
             first = next(iter(item.values))
-            for curve, values in found:
+            for curve, values in merged:
                 same = curve == item.curve and first in values
                 if same and np.array_equal(values[first], item.values[first], equal_nan=True):
                     values.update(item.values)
                     break
             else:
-                found.append((item.curve, dict(item.values)))
-        return found
+                merged.append((item.curve, dict(item.values)))
+        return merged
 
 
 TEX_LETTERS = {r"\tau": "τ", r"\lambda": "λ", r"\gamma": "γ", r"\varepsilon": "ε"}
@@ -125,10 +125,10 @@ def without_tex(text: str) -> str:
     have to be fetched."""
 
     def letters(formula: re.Match[str]) -> str:
-        found = formula[1]
+        plain = formula[1]
         for tex, letter in TEX_LETTERS.items():
-            found = found.replace(tex, letter)
-        return re.sub(r"[_{}\\]", "", found)
+            plain = plain.replace(tex, letter)
+        return re.sub(r"[_{}\\]", "", plain)
 
     return re.sub(r"\$([^$]*)\$", letters, text)
 

@@ -95,13 +95,13 @@ def clear_lengths(view: View, lengths: np.ndarray, seen: np.ndarray, width: floa
     """
     # A name stands a thirtieth of a panel beyond its arm, and is half as large.
     beyond, room = 0.03 * width, 0.025 * width
-    found = []
+    cleared = []
     for along, length in zip(view(np.eye(3))[:, :2], lengths, strict=True):
         # An axis that points at the reader has no direction on the page.
         outward = along / max(float(np.hypot(*along)), math.ulp(0))
         ends = STRETCHES[:, None] * length * along + beyond * outward
-        found.append(length * STRETCHES[clearest(seen, ends, room)])
-    return np.array(found)
+        cleared.append(length * STRETCHES[clearest(seen, ends, room)])
+    return np.array(cleared)
 
 
 def tips(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -82,7 +82,9 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
             data = data.assign_coords(axis=np.array(names, dtype=object))
         data = sorted_along(data, "axis", places, owner)
     if "crossing" in data.dims and "crossing_time" in data:
-        data = data.isel(crossing=np.argsort(data.variables["crossing_time"].data, kind="stable"))
+        times = data.variables["crossing_time"].data
+        if (np.diff(times) < 0).any():
+            data = data.isel(crossing=np.argsort(times, kind="stable"))
     transposed = any(v.dims == ("axis", "time") for v in data.variables.values())
     return data.transpose(..., "time", "axis") if transposed else data
 

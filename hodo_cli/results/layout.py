@@ -210,8 +210,8 @@ def case_variables(
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
         meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
-        told = {"long_name": label.long_name, "units": label.units, **error, **meanings}
-        stored[name] = Variable(label.dims, data, told)
+        attributes = {"long_name": label.long_name, "units": label.units, **error, **meanings}
+        stored[name] = Variable(label.dims, data, attributes)
     stored |= principal_axes(stored.values())
     if events:
         stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
@@ -316,12 +316,12 @@ def case_group(trajectory: Trajectory, mark: str) -> Group:
     )
 
 
-def label_group(found: Classification) -> Group:
+def label_group(labelled: Classification) -> Group:
     """What `classify` adds to a stored case."""
-    variables = label_variables(found.labels, found.crossings)
-    if found.growth is not None:
-        variables["growth_rate"] = GROWTH_RATE.holding(found.growth)
+    variables = label_variables(labelled.labels, labelled.crossings)
+    if labelled.growth is not None:
+        variables["growth_rate"] = GROWTH_RATE.holding(labelled.growth)
         variables |= principal_axes(variables.values())
-    if found.final is not None:
-        variables["final_axis"] = FINAL_AXIS.holding(found.final)
-    return Group({"classify_warnings": "\n".join(found.warnings)}, variables)
+    if labelled.final is not None:
+        variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
+    return Group({"classify_warnings": "\n".join(labelled.warnings)}, variables)

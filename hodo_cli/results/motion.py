@@ -123,15 +123,15 @@ class Motion:
     def vectors(self) -> Mapping[str, np.ndarray]:
         """The variables over the `axes`, (n, 3) if these are all: those stored, and the angular
         momentum G."""
-        found = {
+        vectors = {
             str(name): np.asarray(variable.data)
             for name, variable in self.data.items()
             if variable.dims == ("time", "axis")
         }
-        if "omega" not in found or not self.case.data.get("inertia"):
-            return found
+        if "omega" not in vectors or not self.case.data.get("inertia"):
+            return vectors
         moments = self.inertia[[BODY_AXES.index(axis) for axis in self.axes]]
-        return found | {"G": rigid_body.angular_momentum(moments, found["omega"])}
+        return vectors | {"G": rigid_body.angular_momentum(moments, vectors["omega"])}
 
     def _over_time(self, name: str) -> bool:
         return name in self.data and self.data[name].dims == ("time",)
@@ -148,14 +148,14 @@ class Motion:
 
     def _derived(self) -> list[str]:
         """The names of `QUANTITIES` that this case has what they need for."""
-        found = []
+        names = []
         for name, quantity in QUANTITIES.items():
             try:
                 quantity(self)
             except (KeyError, HodoError):
                 continue
-            found.append(name)
-        return [name for name in found if not self._over_time(name)]
+            names.append(name)
+        return [name for name in names if not self._over_time(name)]
 
     @cached_property
     def time(self) -> np.ndarray:

@@ -137,8 +137,8 @@ class Swept:
                 continue
             place = np.argsort(values, kind="stable")
             if twice := values[place][1:][np.diff(values[place]) == 0].tolist():
-                said = f"axis {name} of sweep {self.name} has {twice[0]:.6g} twice, out of order"
-                raise HodoError(said)
+                message = f"axis {name} of sweep {self.name} has {twice[0]:.6g} twice, out of order"
+                raise HodoError(message)
             data = data.isel({name: place})
         return replace(self, data=data)
 
@@ -151,8 +151,8 @@ class Swept:
         keys = self.keys(name)
         values = np.asarray(self.data.variables[keys[0]].data if keys else [math.nan])
         if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
-            said = "no coordinate of finite numbers, which a scale needs"
-            raise HodoError(f"axis {name} of sweep {self.name} has {said}")
+            message = "no coordinate of finite numbers, which a scale needs"
+            raise HodoError(f"axis {name} of sweep {self.name} has {message}")
         if self.unit(name) == "deg":
             # Without what the way to radians and back has added.
             values = np.round(np.degrees(values), 9)
