@@ -4,6 +4,7 @@
 import os
 import sys
 import threading
+from contextlib import suppress
 from types import CodeType
 
 
@@ -18,10 +19,12 @@ def begin(package: str, notes: str) -> None:
             return
         seen.add(code)
         if code.co_filename.startswith(package):
-            # At once, and in one call: the process may be killed, and others write too.
-            file = os.open(notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-            os.write(file, f"{code.co_filename}:{code.co_firstlineno}\n".encode())
-            os.close(file)
+            # At once, and in one call: the process may be killed, and others write too. A test may
+            # have limited the files of a process.
+            with suppress(OSError):
+                file = os.open(notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+                os.write(file, f"{code.co_filename}:{code.co_firstlineno}\n".encode())
+                os.close(file)
 
     threading.setprofile(watch)
     sys.setprofile(watch)
