@@ -82,6 +82,33 @@ def test_a_task_whose_worker_was_killed_is_tried_again(tmp_path: Path) -> None:
         assert list(workers.map(die_once, [tmp_path])) == [(tmp_path, "well")]
 
 
+def die(folder: Path) -> None:
+    with (folder / "tries").open("a") as file:
+        file.write("x")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_task_that_kills_its_workers_is_tried_three_times(tmp_path: Path) -> None:
+    """Twice beside other tasks, which may have taken its memory, and once alone."""
+    with pool(2) as workers:
+        ((_, death),) = workers.map(die, [tmp_path])
+    assert isinstance(death, HodoError)
+    assert (tmp_path / "tries").read_text() == "xxx"
+
+
+def odd(task: int) -> None:
+    class OddError(Exception):
+        """No other process knows it."""
+
+    raise OddError(f"task {task}")
+
+
+def test_an_error_that_cannot_be_sent_is_named() -> None:
+    with pool(2) as workers:
+        ((_, error),) = workers.map(odd, [7])
+    assert (type(error), str(error)) == (HodoError, "OddError: task 7")
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_tasks_are_taken_when_they_are_needed(jobs: int) -> None:
     taken: list[int] = []
