@@ -1,6 +1,7 @@
 """Faults of disks, files and processes, by sample: damage is named and never drawn, finished work
 is never lost. `make stress` tries each class hundreds of times."""
 
+import fcntl
 import json
 import os
 import random
@@ -491,6 +492,16 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> Non
         raise OSError(28, "No space left on device")
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["f.csv"]
+
+
+def test_drafts_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
+    dead, living = (tmp_path / f".f.csv.{name}.partial" for name in ("dead", "living"))
+    dead.touch()
+    with living.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with replacing(tmp_path / "f.csv") as draft:
+            draft.write_text("new")
+    assert {path.name for path in tmp_path.iterdir()} == {"f.csv", living.name}
 
 
 # Limits.
