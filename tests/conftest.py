@@ -8,7 +8,6 @@ import sys
 import sysconfig
 from collections.abc import Callable
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +46,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.getoption("--no-heyoka"):
         # Files, documents and drawings are the same with and without heyoka.
         items[:] = [item for item in items if item.get_closest_marker("engines")]
-    if find_spec("heyoka") is None:
-        for item in items:
-            if item.get_closest_marker("heyoka"):
-                item.add_marker(pytest.mark.skip(reason="needs heyoka"))
+    from hodo_cli.engines import have_quadruple, have_taylor  # late, because a leg hides heyoka
+
+    for marker, met in (("heyoka", have_taylor), ("quadruple", have_quadruple)):
+        wanting = [item for item in items if item.get_closest_marker(marker)]
+        if wanting and not met():
+            for item in wanting:
+                item.add_marker(pytest.mark.skip(reason=f"needs {marker}"))
 
 
 Hodo = Callable[..., subprocess.CompletedProcess[str]]

@@ -430,7 +430,7 @@ def test_captures_add_up() -> None:
                 assert sum(capture.capture_shares(drift, (1, 1)).values()) == pytest.approx(1)
 
 
-@pytest.mark.heyoka
+@pytest.mark.quadruple
 def test_the_error_measured_is_that_against_quadruple_precision() -> None:
     double = integrate(case(mean_start="no"))
     quadruple = integrate(case(mean_start="no", precision="quadruple", error="off"))

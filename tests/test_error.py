@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import parse
 from hodo_cli.integration import driver, error
@@ -47,12 +48,30 @@ def test_an_event_that_ends_a_thinned_motion_costs_no_digits(samples: int) -> No
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("precision", ["extended", "quadruple"])
+@pytest.mark.parametrize(
+    "precision", ["extended", pytest.param("quadruple", marks=pytest.mark.quadruple)]
+)
 def test_the_error_is_that_of_the_stored_doubles(precision: str) -> None:
     motion = integrate(replace(FIG4, precision=precision))
     rounded = np.array(motion.variables["omega"])
     assert rounded.dtype == np.float64
     assert 2**-60 < motion.error < 2**-52
+
+
+def test_without_the_next_precision_the_reference_is_another_tolerance_or_method(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A heyoka without quadruple precision, and at last a long double that is a double."""
+    monkeypatch.setattr(engines, "have_quadruple", lambda: False)
+    assert integrate(FIG4).error_kind == "extended"
+    extended = integrate(replace(FIG4, precision="extended"))
+    assert (extended.error_kind, extended.error < 2**-52) == ("refined", True)
+    monkeypatch.setattr(error, "EXTENDED", False)
+    known = integrate(replace(FIG4, data=FIG4.data | {"damping": (0.005,) * 3}))
+    assert (known.method, known.error_kind) == ("exact", "refined")
+    for motion in (integrate(FIG4), known):
+        assert motion.error_kind == "refined"
+        assert 0 < motion.error < 1e-12
 
 
 def test_what_has_no_next_precision_is_compared_at_a_finer_tolerance_first() -> None:

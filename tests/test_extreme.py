@@ -111,7 +111,7 @@ def test_collocation_agrees_with_the_series_where_both_can() -> None:
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long double is double here")
-@pytest.mark.heyoka
+@pytest.mark.quadruple
 @pytest.mark.parametrize("damping", [0.0, 0.05])
 def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: float) -> None:
     data = {"inertia": (1.0, 0.8, 0.6), "damping": (damping,) * 3}

@@ -317,13 +317,25 @@ def test_a_package_that_is_missing(folder: Path) -> None:
     assert done.stderr == "this needs matplotlib, which is not installed: pip install matplotlib\n"
 
 
+def hiding(what: str) -> dict[str, str]:
+    """The environment of a process that lacks what a folder of the tests hides."""
+    path = os.pathsep.join([str(Path(__file__).parent / what), os.environ.get("PYTHONPATH", "")])
+    return {**os.environ, "PYTHONPATH": path}
+
+
 def test_taylor_without_heyoka(folder: Path, hodo: Hodo) -> None:
-    path = os.pathsep.join(
-        [str(Path(__file__).parent / "without_heyoka"), os.environ.get("PYTHONPATH", "")]
-    )
-    done = hodo(
-        "run", "two.yaml", "--set", "a.method=taylor", env={**os.environ, "PYTHONPATH": path}
-    )
+    done = hodo("run", "two.yaml", "--set", "a.method=taylor", env=hiding("without_heyoka"))
     assert done.returncode == 1
     assert "a: failed: method taylor needs heyoka, which is not installed" in done.stderr
     assert "b: ok" in done.stderr
+
+
+@pytest.mark.heyoka
+def test_heyoka_without_quadruple_precision_does_all_else(folder: Path, hodo: Hodo) -> None:
+    env = hiding("without_real128")
+    taylor = hodo("run", "two.yaml", "--set", "*.method=taylor", env=env)
+    assert (taylor.returncode, taylor.stderr.count(": ok")) == (0, 2)
+    quadruple = hodo("run", "two.yaml", "--set", "a.precision=quadruple", env=env)
+    assert quadruple.returncode == 1
+    assert "a: failed: precision quadruple needs heyoka with real128" in quadruple.stderr
+    assert "b: ok" in quadruple.stderr

@@ -101,7 +101,9 @@ def test_the_measured_error_is_the_true_one(method: str) -> None:
 
 
 @taylor
-@pytest.mark.parametrize("precision", ["double", "extended", "quadruple"])
+@pytest.mark.parametrize(
+    "precision", ["double", "extended", pytest.param("quadruple", marks=pytest.mark.quadruple)]
+)
 def test_each_precision_is_as_good_as_it_says(precision: str) -> None:
     trajectory = integrate(
         diagonal((0.005, 0.004, 0.003), precision=precision, time=Time(end=600.0, samples=11))
@@ -198,7 +200,7 @@ def test_a_motion_at_rest_costs_nothing() -> None:
     [
         ("double", Status.FAILED, ("collocation", "ok")),
         # Collocation knows no quadruple precision, and a limit of time is the user's.
-        ("quadruple", Status.FAILED, ("taylor", "failed")),
+        pytest.param("quadruple", Status.FAILED, ("taylor", "failed"), marks=pytest.mark.quadruple),
         ("double", Status.TIMEOUT, ("taylor", "timeout")),
     ],
 )

@@ -1006,7 +1006,7 @@ def random_starts(resistance: str, tol: float) -> Case:
     )
 
 
-@pytest.mark.heyoka
+@pytest.mark.quadruple
 @pytest.mark.parametrize(
     ("case", "number", "least"),
     [
@@ -1027,7 +1027,7 @@ def test_an_error_that_grows_along_a_motion_is_stated(
     assert among["crossing_error"][5] == values["crossing_error"][0]
 
 
-@pytest.mark.heyoka
+@pytest.mark.quadruple
 def test_a_crossing_that_other_steps_do_not_find_is_left_to_the_single_case() -> None:
     """Its time differs by 1.7e-5 between the two, where D's sign counts from 8e-7 on."""
     case, number = random_starts(SKEW, 1e-12), 4363

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines import extended
+from ..engines import extended, have_quadruple
 from ..engines.protocol import Status
 from ..integration.choice import best, choose, taylor_steps
 from ..integration.classify import cross
@@ -105,7 +105,7 @@ def truth(case: Case) -> Truth:
     ]
     floor = max(worst(errors_against(case, perturbation, motion)) for perturbation in moved)
     kind = f"{method}, extended"
-    if method == "taylor" and taylor_steps(case) < AFFORDABLE:
+    if method == "taylor" and have_quadruple() and taylor_steps(case) < AFFORDABLE:
         motion, kind = solve(case, method, "quadruple", times=times), f"{method}, quadruple"
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
     changes = drifts(motion)

@@ -31,6 +31,15 @@ def have_taylor() -> bool:
         return False
 
 
+def have_quadruple() -> bool:
+    """Whether heyoka is installed, and built with quadruple precision."""
+    if not have_taylor():
+        return False
+    from . import taylor
+
+    return "quadruple" in taylor.DTYPES
+
+
 def engine_for(
     method: str,
     system: Model,
@@ -55,6 +64,11 @@ def engine_for(
             )
         from . import taylor
 
+        if precision not in taylor.DTYPES:
+            raise HodoError(
+                "precision quadruple needs heyoka with real128, which the installed one was built "
+                "without: pip install 'heyoka>=7.13' on Linux, or precision: extended"
+            )
         form = structure(system.constants)
         return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation":

@@ -15,7 +15,10 @@ from .protocol import NORM_BAND, PRECISION, Hit, Leg, Status, StepControl
 # heyoka warns about its cache on stdout, where commands print their data.
 hy.set_logger_level_error()
 
-DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble, "quadruple": hy.real128}
+DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble}
+# A heyoka built without it does all else: so are those for macOS and Windows.
+if hasattr(hy, "real128"):
+    DTYPES["quadruple"] = hy.real128
 
 UNROLLED = 150
 """The largest system that is unrolled, in nodes of its expressions: beyond, unrolling takes longer
@@ -126,7 +129,7 @@ def longdouble(values: np.ndarray) -> np.ndarray:
     # There is no direct conversion: the leading 53 bits first, then what they leave.
     high = values.astype(np.float64)
     return np.asarray(
-        high.astype(np.longdouble) + (values - high.astype(hy.real128)).astype(np.float64)
+        high.astype(np.longdouble) + (values - high.astype(DTYPES["quadruple"])).astype(np.float64)
     )
 
 

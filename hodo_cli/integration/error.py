@@ -93,16 +93,18 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
     finer = {"double": "extended" if EXTENDED else "quadruple", "extended": "quadruple"}.get(
         case.precision
     )
+    if finer == "quadruple" and not engines.have_quadruple():
+        finer = None
     if finer:
         # What `auto` took for the motion it takes for long doubles too: without another trial, and
         # not the series where that has failed.
         known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
-        better = method if known else best(case, finer)[0]
-        if better != "taylor" or engines.have_taylor():
-            yield Reference(finer, better)
-    if method != "exact":
-        yield Reference(case.precision, method, tol / 100)
-        yield Reference(case.precision, method, tol * 100)
+        yield Reference(finer, method if known else best(case, finer)[0])
+    if method == "exact":
+        # A closed form has no tolerance, and the same formula again would show no error.
+        method = "taylor" if engines.have_taylor() else "collocation"
+    yield Reference(case.precision, method, tol / 100)
+    yield Reference(case.precision, method, tol * 100)
 
 
 def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dict[str, float]:
