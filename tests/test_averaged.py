@@ -24,9 +24,9 @@ from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging import capture, fluid, free_turn, quadrature
 from hodo_cli.models.averaging.forms import either
 from hodo_cli.models.averaging.passage import crossing_table, crossing_time
-from hodo_cli.models.cavity import fluid_torque
 from hodo_cli.models.cavity_averaged import AveragedTriaxial
 from hodo_cli.models.constants import attributes
+from hodo_cli.models.terms.torques import fluid_torque
 
 pytestmark = pytest.mark.engines
 

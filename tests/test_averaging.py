@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hodo_cli.models.averaging import free_turn, means, passage, quadrature
-from hodo_cli.models.cavity import fluid_torque
+from hodo_cli.models.terms.torques import fluid_torque
 
 Triple = tuple[float, float, float]
 

@@ -17,7 +17,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import catalogue
-from hodo_cli.models.cavity import fluid_torque
+from hodo_cli.models.terms.torques import fluid_torque
 
 pytestmark = pytest.mark.engines
 

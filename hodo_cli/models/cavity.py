@@ -1,7 +1,7 @@
 """A body with a cavity full of viscous fluid, under a torque that is constant in body axes."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
@@ -12,6 +12,7 @@ from ..arithmetic import isfinite, sqrt
 from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
+from .terms.torques import CONSTANT, FLUID, accelerations, fluid_torque
 
 # First-order theories are then off by some per cent, which figures show.
 LARGE = 0.1
@@ -154,7 +155,7 @@ class Cavity(Model):
 
     @cached_property
     def constants(self) -> Constants:
-        torque = dict(zip(("N1", "N2", "N3"), self.applied, strict=True))
+        torque = dict(zip(CONSTANT.degree, self.applied, strict=True))
         kappa = coefficient(self.cavity, self.kappa)
         return {**body_constants(self.inertia), "kappa": kappa, **torque}
 
@@ -227,26 +228,6 @@ def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) 
     ]
 
 
-def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> tuple[Any, Any, Any]:
-    """The torque of a highly viscous fluid: kappa (omega'' + omega x omega'), with the omega' of
-    free motion.
-
-    It is orthogonal to G = (Ap, Bq, Cr), and turns the body's energy into heat. For A = B it is
-    that of Leshchenko and Kozachenko, eq. (2).
-
-    Source: F. L. Chernousko, The movement of a rigid body with cavities containing a viscous fluid,
-    1972.
-    """
-    A, B, C = inertia
-    p, q, r = omega
-    pp, qq, rr = p * p, q * q, r * r
-    return (
-        kappa / (A * B * C) * p * (C * (A - C) * (A + C - B) * rr + B * (A - B) * (A + B - C) * qq),
-        kappa / (A * B * C) * q * (A * (B - A) * (B + A - C) * pp + C * (B - C) * (B + C - A) * rr),
-        kappa / (A * B * C) * r * (B * (C - B) * (C + B - A) * qq + A * (C - A) * (C + A - B) * pp),
-    )
-
-
 @dataclass(frozen=True)
 class Full(Cavity, BodyFrame):
     """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
@@ -268,14 +249,8 @@ class Full(Cavity, BodyFrame):
     """
 
     form = "full"
-    degree = {"g": 2, "kappa": 3, "N1": 0, "N2": 0, "N3": 0}
+    degree = {"g": 2} | FLUID.degree | CONSTANT.degree
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        p, q, r = y
-        L1, L2, L3 = fluid_torque((k.A1, k.A2, k.A3), y, k.kappa)
-        return (
-            (k.g * (k.A2 - k.A3) * q * r + L1 + k.N1) / k.A1,
-            (k.g * (k.A3 - k.A1) * p * r + L2 + k.N2) / k.A2,
-            (k.g * (k.A1 - k.A2) * p * q + L3 + k.N3) / k.A3,
-        )
+        return accelerations((FLUID, CONSTANT), t, y, k)

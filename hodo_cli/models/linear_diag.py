@@ -12,6 +12,7 @@ from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame, absorbing_axes
+from .terms.torques import DAMPING, accelerations
 
 
 @dataclass(frozen=True)
@@ -46,22 +47,16 @@ class LinearDiag(BodyFrame):
         ),
         "initial": INITIAL,
     }
-    degree = {"g": 2, "lam1": 1, "lam2": 1, "lam3": 1}
+    degree = {"g": 2} | DAMPING.degree
     always_absorbing = True
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        p, q, r = y
-        return (
-            k.g * (k.A2 - k.A3) / k.A1 * q * r - k.lam1 * p,
-            k.g * (k.A3 - k.A1) / k.A2 * p * r - k.lam2 * q,
-            k.g * (k.A1 - k.A2) / k.A3 * p * q - k.lam3 * r,
-        )
+        return accelerations((DAMPING,), t, y, k)
 
     @cached_property
     def constants(self) -> Constants:
-        names = ("lam1", "lam2", "lam3")
-        return {**super().constants, **dict(zip(names, self.damping, strict=True))}
+        return {**super().constants, **dict(zip(DAMPING.degree, self.damping, strict=True))}
 
     @property
     def damping_rates(self) -> np.ndarray:

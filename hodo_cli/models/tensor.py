@@ -13,6 +13,7 @@ from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame
+from .terms.torques import RESISTANCE, accelerations
 
 
 @dataclass(frozen=True)
@@ -52,17 +53,11 @@ class Tensor(BodyFrame):
         ),
         "initial": INITIAL,
     }
-    entries = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
-    degree = {"g": 2} | dict.fromkeys(entries, 1)
+    degree = {"g": 2} | RESISTANCE.degree
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        p, q, r = y
-        return (
-            (k.g * (k.A2 - k.A3) * q * r - (k.I11 * p + k.I12 * q + k.I13 * r)) / k.A1,
-            (k.g * (k.A3 - k.A1) * p * r - (k.I21 * p + k.I22 * q + k.I23 * r)) / k.A2,
-            (k.g * (k.A1 - k.A2) * p * q - (k.I31 * p + k.I32 * q + k.I33 * r)) / k.A3,
-        )
+        return accelerations((RESISTANCE,), t, y, k)
 
     @property
     def matrix(self) -> np.ndarray:
@@ -75,7 +70,7 @@ class Tensor(BodyFrame):
 
     @cached_property
     def constants(self) -> Constants:
-        entries = zip(self.entries, self.matrix.ravel().tolist(), strict=True)
+        entries = zip(RESISTANCE.degree, self.matrix.ravel().tolist(), strict=True)
         return {**super().constants, **dict(entries)}
 
     @property
