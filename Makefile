@@ -3,7 +3,7 @@
 PAPERS := $(wildcard configs/paper*.yaml)
 SWEEPS := configs/sweep_crossing.yaml configs/sweep_resistance.yaml
 CONFIGS ?= $(PAPERS)
-RUNS = $(CONFIGS:configs/%.yaml=runs/%.h5)
+RUNS = $(patsubst %.yaml,runs/%.h5,$(notdir $(CONFIGS)))
 # A file that is named by what --set changes; _ stands for its asterisk.
 QUADRUPLE := $(PAPERS:configs/%.yaml=build/reference/%,_.precision=quadruple.h5)
 
@@ -32,7 +32,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	@echo "  CONFIGS=configs/mine.yaml limits run, classify and figures to the case files named."
+	@echo "  CONFIGS=mine.yaml limits run, classify and figures to the case files named."
 
 setup: $(READY)  ## Make .venv with what running needs (by uv if it is installed, else by venv and pip)
 

@@ -166,9 +166,8 @@ def test_a_value_is_changed_as_documented() -> None:
 @pytest.mark.heyoka
 def test_readme_can_be_followed(hodo: Hodo, tmp_path: Path) -> None:
     """Its case, its commands with what they print, and its snippets, one after the other."""
-    (tmp_path / "configs").mkdir()
     case = snippets("README.md", "yaml")[0]
-    (tmp_path / "configs" / "mine.yaml").write_text(case, encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(case, encoding="utf-8")
     for session in snippets("README.md", "console"):
         for step in session.split("$ hodo ")[1:]:
             line, _, promised = step.partition("\n")

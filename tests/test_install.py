@@ -50,12 +50,22 @@ def test_a_file_of_the_working_folder_goes_before_what_is_brought(
     assert done.stderr == "papr2: no such file or directory; did you mean 'paper2'?\n"
 
 
+SHIPPED = ("pyproject.toml", "README.md", "LICENSE")
+"""The files beside the package that a wheel is made of."""
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, unpacked as an installer does it."""
+    """The wheel of a clone where a user saves a case file in `configs`, unpacked as an installer
+    does it."""
     folder = tmp_path_factory.mktemp("wheel")
+    clone = folder / "clone"
+    shutil.copytree(ROOT, clone, ignore=lambda _, names: {*names} - {*SHIPPED})
+    for part in ("hodo_cli", "configs"):
+        shutil.copytree(ROOT / part, clone / part, ignore=shutil.ignore_patterns("__pycache__"))
+    (clone / "configs" / "mine.yaml").write_text("cases: {}", encoding="utf-8")
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    subprocess.run(build, cwd=clone, check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder / "site")
@@ -74,7 +84,14 @@ def test_the_wheel_brings_the_case_files(installed: Path, tmp_path: Path) -> Non
         assert done.returncode == 0, done.stderr
         assert done.stdout
     brought = {path.name for path in (installed / "hodo_cli" / "configs").iterdir()}
-    assert brought == {path.name for path in (ROOT / "configs").iterdir()}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    build = project["tool"]["hatch"]["build"]["targets"]
+    named = [*build["wheel"]["force-include"]]
+    assert brought == {Path(name).name for name in named}
+    if (ROOT / ".git").exists():
+        listed = ["git", "ls-files", "configs"]
+        known = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True)
+        assert sorted(named) == known.stdout.split()
 
 
 def test_hodo_works_without_what_windows_lacks(hodo: Hodo, tmp_path: Path) -> None:
