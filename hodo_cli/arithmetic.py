@@ -1,12 +1,22 @@
-"""Columns of numbers that pass for one number: the functions that prepare a case from its data
-prepare many cases at once."""
+"""Whatever passes for a number: the functions that a model's equations use, and columns of numbers,
+by which those that prepare a case from its data prepare many cases at once.
+
+A model takes `sin`, `cos`, `exp`, `log`, `sqrt` and `abs` from here, so that numbers, arrays in any
+precision, complex steps, power series and an engine's symbols all pass through its equations.
+"""
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+
+from . import HodoError
+
+SYMBOLS: dict[type, ModuleType] = {}
+"""The functions of an engine's symbols, by the symbols' type; the engine enters itself."""
 
 
 class BranchDivergence(Exception):
@@ -109,8 +119,83 @@ def _elementwise(function: Callable[..., float]) -> Callable[..., Any]:
     return applied
 
 
-sqrt, sin, cos = _elementwise(math.sqrt), _elementwise(math.sin), _elementwise(math.cos)
 hypot, power = _elementwise(math.hypot), _elementwise(math.pow)
+
+
+def _function(name: str) -> Callable[[Any], Any]:
+    """The function of this name of whatever passes for a number."""
+    of_number, of_array = _elementwise(getattr(math, name)), getattr(np, name)
+
+    def applied(x: Any) -> Any:
+        # Before the plain numbers: a float64 is one, but has infinite results and no exceptions.
+        if isinstance(x, np.ndarray | np.generic | complex):
+            return of_array(x)
+        if isinstance(x, Column | float | int):
+            return of_number(x)
+        if type(x) in SYMBOLS:
+            return getattr(SYMBOLS[type(x)], name)(x)
+        return getattr(x, name)()
+
+    return applied
+
+
+sin, cos, exp, log, sqrt = map(_function, ("sin", "cos", "exp", "log", "sqrt"))
+
+
+def abs(x: Any) -> Any:
+    """|x| of a number, a column or an array; of a complex step x or -x, by the sign of its real
+    part.
+
+    Raises HodoError for a power series and for an engine's symbol: a series passes a corner without
+    a sign of it, and the motion behind it is wrong.
+    """
+    if np.iscomplexobj(x):
+        return np.where(np.real(x) < 0, -x, x)
+    if hasattr(x, "__abs__"):
+        return operator.abs(x)
+    raise HodoError(
+        "abs has a corner, which no Taylor series passes: write it without abs, or let a state"
+        " variable of rate 0 be the sign, which an event turns over"
+    )
+
+
+def evaluate(tree: Any, values: Mapping[str, Any]) -> Any:
+    """The value of an expression's tree, as `schema.expression` reads it, with these values of its
+    variables: whatever passes for a number.
+
+    A whole power is a product, because a series whose first coefficient is 0 has no other one.
+    """
+    match tree:
+        case str():
+            return values[tree]
+        case (name, *arguments):
+            return OPERATIONS[name](*(evaluate(argument, values) for argument in arguments))
+    return tree
+
+
+def whole_power(x: Any, n: int) -> Any:
+    """x to the power of a whole number, by squaring."""
+    if n < 0:
+        return 1.0 / whole_power(x, -n)
+    if n < 2:
+        return x if n else 1.0
+    half = whole_power(x, n // 2)
+    return half * half * x if n % 2 else half * half
+
+
+OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": whole_power,
+    "neg": operator.neg,
+    "sqrt": sqrt,
+    "sin": sin,
+    "cos": cos,
+    "exp": exp,
+}
+"""What may stand in an expression, by the words of its tree."""
 
 
 def isfinite(x: Any) -> bool:

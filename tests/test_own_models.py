@@ -127,6 +127,32 @@ def test_keys_of_a_model_that_is_not_there_are_no_mistakes_of_their_own(
     assert "cases.a.x: unknown key" in said
 
 
+@pytest.mark.engines
+def test_its_equations_may_have_functions(hodo: Hodo, folder: Path) -> None:
+    """By every method, averaged and in sweeps: functions that amount to the example's own root."""
+    root = "w = (p**2 + q**2 + r**2) ** 0.5"
+    functions = "w = exp(log(p**2 + q**2 + r**2) / 2) * (sin(q) ** 2 + sqrt(cos(q) ** 4))"
+    assert root in EXAMPLE
+    imported = "from hodo_cli.arithmetic import cos, exp, log, sin, sqrt\n"
+    (folder / "f.py").write_text(imported + EXAMPLE.replace(root, functions), encoding="utf-8")
+    cases = "".join(
+        f"  {name}: {{model: quadratic-drag, drag: 0.1, {keys}}}\n"
+        for name, keys in {
+            "auto": "error: on",
+            "collocation": "method: collocation",
+            "DOP853": "method: DOP853, tol: 1e-12",
+            "averaged": "form: averaged",
+            "swept": "error: off, sweep: {drag: {values: [0, 0.1]}}",
+        }.items()
+    )
+    (folder / "a.yaml").write_text(CONFIG.partition("  one:")[0] + cases, encoding="utf-8")
+    for models, out in (("drag.py", "plain"), ("f.py", "functions")):
+        done = hodo("--models", models, "run", "a.yaml", "--out", out)
+        assert done.returncode == 0, done.stderr
+    compared = hodo("--models", "f.py", "compare", "plain/a.h5", "functions/a.h5", "--rtol", "1e-9")
+    assert compared.returncode == 0, compared.stdout
+
+
 def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
     """The lines that a run is refused with, of the example with a mistake in it."""
     assert right in EXAMPLE

@@ -4,9 +4,11 @@ equations."""
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from operator import add
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
+
+from .. import arithmetic
 
 TINY = 1e-290
 """Added to what is divided by and may be 0."""
@@ -17,16 +19,16 @@ Rule = Callable[[int], Any]
 class Series:
     """c[0] + c[1] s + c[2] s^2 + ..., whose coefficients are computed when they are asked for.
 
-    It knows + - * / and ** with a constant on one side, which is all that a model's equations use.
-    A coefficient may be anything that knows them too: a number, an array of one number for each
-    motion, a symbol. A coefficient asks for those of lower order only, so that a series may occur
-    in its own rule: that is how a differential equation is solved.
+    It knows + - * /, ** with a constant on one side, and the functions of `arithmetic` but for
+    `abs`, which is all that a model's equations use. A coefficient may be anything that knows them
+    too: a number, an array of one number for each motion, a symbol. A coefficient asks for those of
+    lower order only, so that a series may occur in its own rule: that is how a differential
+    equation is solved.
 
     Source: A. Jorba and M. Zou, Experimental Mathematics 14 (2005) 99, proposition 2.1.
     """
 
     __array_ufunc__ = None  # array * Series must not be taken apart by numpy
-    log: ClassVar[Callable[[Any], Any]] = np.log
 
     def __init__(self, rule: Rule) -> None:
         self._rule, self._known = rule, list[Any]()
@@ -142,15 +144,58 @@ class Series:
         return power
 
     def __rpow__(self, base: Any) -> "Series":
-        def rule(k: int) -> Any:
-            if k == 0:
-                return base ** self[0]
-            return rate * total([i / k * self[i] * power[k - i] for i in outwards(k) if i])
+        return self._exponential(lambda x: base**x, arithmetic.log(base))
 
-        # From P' = log(base) y' P for P = base^y.
-        rate = type(self).log(base)
+    def exp(self) -> "Series":
+        """e to this power."""
+        return self._exponential(arithmetic.exp, 1.0)
+
+    def _exponential(self, first: Callable[[Any], Any], rate: Any) -> "Series":
+        def rule(k: int) -> Any:
+            # From P' = rate y' P.
+            return rate * self._slope_times(power, k) if k else first(self[0])
+
         power = self._new(rule)
         return power
+
+    def log(self) -> "Series":
+        """The natural logarithm."""
+
+        def rule(k: int) -> Any:
+            if k == 0:
+                return arithmetic.log(self[0])
+            # From y' = L' y: the new coefficient is the only unknown of order k.
+            known = [i / k * logarithm[i] * self[k - i] for i in outwards(k) if 0 < i < k]
+            return (self[k] - total(known) if known else self[k]) * (1.0 / self[0])
+
+        logarithm = self._new(rule)
+        return logarithm
+
+    def sqrt(self) -> "Series":
+        """The square root."""
+        return self**0.5
+
+    def sin(self) -> "Series":
+        """The sine."""
+        return self._sine_and_cosine()[0]
+
+    def cos(self) -> "Series":
+        """The cosine."""
+        return self._sine_and_cosine()[1]
+
+    def _sine_and_cosine(self) -> tuple["Series", "Series"]:
+        def sine_rule(k: int) -> Any:
+            return self._slope_times(cosine, k) if k else arithmetic.sin(self[0])
+
+        def cosine_rule(k: int) -> Any:
+            return -self._slope_times(sine, k) if k else arithmetic.cos(self[0])
+
+        sine, cosine = self._new(sine_rule), self._new(cosine_rule)
+        return sine, cosine
+
+    def _slope_times(self, factor: "Series", k: int) -> Any:
+        """The coefficient k > 0 of the integral of y' times a factor."""
+        return total([i / k * self[i] * factor[k - i] for i in outwards(k) if i])
 
 
 def total(terms: Sequence[Any]) -> Any:
@@ -172,7 +217,6 @@ def motion(
     t: Any,
     y: Sequence[Any],
     k: Any,
-    kind: type[Series] = Series,
 ) -> tuple[Series, list[Series]]:
     """The time and the state as series in the time from `t`, where the state is `y`."""
     rates: list[Any] = []
@@ -180,10 +224,10 @@ def motion(
     def coefficient(j: int, i: int) -> Any:
         return rates[j][i - 1] * (1 / i) if i else y[j]
 
-    time = kind(lambda i: (t, 1.0)[i] if i < 2 else 0.0)
-    state = [kind(partial(coefficient, j)) for j in range(len(y))]
+    time = Series(lambda i: (t, 1.0)[i] if i < 2 else 0.0)
+    state = [Series(partial(coefficient, j)) for j in range(len(y))]
     rates += [
-        rate if isinstance(rate, Series) else kind(partial(constant, rate))
+        rate if isinstance(rate, Series) else Series(partial(constant, rate))
         for rate in rhs(time, state, k)
     ]
     return time, state

@@ -7,6 +7,7 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 
+from ..arithmetic import SYMBOLS
 from ..models.base import Constants, Event, Model
 from ..models.constants import Structure, count, flatten, namespace
 from .polynomial import TAYLOR
@@ -14,6 +15,8 @@ from .protocol import NORM_BAND, PRECISION, Hit, Leg, Status, StepControl
 
 # heyoka warns about its cache on stdout, where commands print their data.
 hy.set_logger_level_error()
+
+SYMBOLS[hy.expression] = hy
 
 DTYPES: dict[str, Any] = {"double": np.float64, "extended": np.longdouble}
 # A heyoka built without it does all else: so are those for macOS and Windows.

@@ -50,13 +50,7 @@ BOUND_ROUNDING = 2.0**-40
 """The part of a bound on the rest of an event's series that covers its rounding."""
 
 
-class Symbols(Series):
-    """A power series whose coefficients are expressions of heyoka."""
-
-    log = staticmethod(hy.log)
-
-
-class Majorant(Symbols):
+class Majorant(Series):
     """A series whose coefficients are at least as large as those of another are in size.
 
     Raises NotImplementedError where a series is a divisor or has an exponent.
@@ -80,6 +74,11 @@ class Majorant(Symbols):
 
     __pow__ = __rpow__ = __rtruediv__
 
+    def exp(self) -> Series:
+        raise NotImplementedError
+
+    log = sin = cos = exp
+
     def __truediv__(self, other: Any) -> Series:
         if isinstance(other, Series):
             raise NotImplementedError
@@ -102,7 +101,7 @@ class TaylorStep:
         # one is the `stride`, so that the code serves every tolerance.
         end, *numbers, most = (hy.par[i] for i in range(count(structure) + 2))
         k = namespace(structure, numbers)
-        time, state = motion(model.rhs, end - left, start, k, Symbols)
+        time, state = motion(model.rhs, end - left, start, k)
         y = [coefficients(series, SERIES_ORDER) for series in state]
         step = smaller(most * radius(y), left)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.

@@ -57,9 +57,10 @@ class Model:
     body, and `start`, `constants`, `warnings` and the events follow from them. The data are taken
     as right; `check` says beforehand whether they are.
 
-    `rhs(t, y, k)` and the events are written with + - * / and ** only, so that numbers, arrays and
-    the symbols of an engine all pass through the same lines. `k` has the names of `constants` as
-    attributes. They are functions of the class, because an engine compiles them once for all cases.
+    `rhs(t, y, k)` and the events are written with + - * / and **, and with the functions of
+    `arithmetic`, so that numbers, arrays and the symbols of an engine all pass through the same
+    lines. `k` has the names of `constants` as attributes. They are functions of the class, because
+    an engine compiles them once for all cases.
 
     `degree` maps a constant to the degree in the angular velocity of the terms that it multiplies.
     It makes a change of units possible: with omega = sigma W and s = rho t, every such constant
