@@ -28,7 +28,7 @@ digits of the phase are left; T and G keep all of theirs.
 
 import math
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,7 +78,7 @@ def scaled_motion(
     through an infinite angle the state is nan.
     """
     t = np.asarray(t, dtype=np.result_type(t, float))
-    size, unit = _units(omega0)
+    size, unit = in_own_units(omega0)
     z = lam * t
     # (1 - exp(-z))/z, which is 1 without damping and loses no digit where z is small.
     slowing = np.divide(-np.expm1(-z), z, out=np.ones_like(z), where=z != 0)
@@ -93,25 +93,36 @@ def scaled_motion(
     ), size - halvings.astype(np.int64)
 
 
-def _units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
+def in_own_units(omega0: np.ndarray) -> tuple[int, np.ndarray]:
     """The exponent of a power of two near |omega0|, and omega0 in its units, where no product
     under- or overflows."""
     size = int(np.frexp(np.max(np.abs(omega0)))[1])
     return size, np.ldexp(omega0, -size)
 
 
-def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """`free_motion` for |omega0| near 1."""
+class FreeTurn(NamedTuple):
+    """The enclosed, middle and other axis, n, k', d, and the factors (3,) of w_j w_k in Euler's
+    w_i', in the letters above."""
+
+    e: int
+    m: int
+    o: int
+    n: Any
+    complementary: Any
+    d: Any
+    gyroscopic: tuple[Any, ...]
+
+
+def free_turn(A: np.ndarray, omega0: np.ndarray, fp: Any = np.float64) -> FreeTurn | None:
+    """How G turns in a free body with |omega0| near 1, in numbers of the type `fp`; None for a
+    rotation about an axis, or of a sphere, for which n would be 0 or 0/0."""
     # Doubles are rational numbers, so D, Y and the moduli are exact until the one rounding in
     # _sqrt.
     A1, A2, A3 = B = [Fraction(a) for a in A.tolist()]
     p, q, r = w = [Fraction(x) for x in omega0.tolist()]
     gyroscopic = (A2 - A3) / A1, (A3 - A1) / A2, (A1 - A2) / A3
-    # Rotation about an axis, or of a sphere: n would be 0 or 0/0.
     if not any(g * x for g, x in zip(gyroscopic, (q * r, r * p, p * q), strict=True)):
-        return np.broadcast_to(omega0, (*np.shape(t), 3))
-
-    fp = t.dtype.type
+        return None
     e, m, o = order = rigid_body.inertia_order(B)
     about_e, about_o = rigid_body.separatrix_terms(B, w, order)
     # e is to be the enclosed axis, about which dn never vanishes.
@@ -121,12 +132,22 @@ def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     n = _sqrt(abs(B[m] - B[e]) * Y / (A1 * A2 * A3), fp)
     complementary = _sqrt(abs(B[o] - B[e]) * abs(about_e - about_o) / (abs(B[m] - B[e]) * Y), fp)
     d = _sqrt(B[e] * abs(B[o] - B[e]) * w[e] ** 2 / Y, fp)
+    factors = tuple((1 if x > 0 else -1) * _sqrt(x * x, fp) for x in gyroscopic)
+    return FreeTurn(e, m, o, n, complementary, d, factors)
 
+
+def _free(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """`free_motion` for |omega0| near 1."""
+    turn = free_turn(A, omega0, t.dtype.type)
+    if turn is None:
+        return np.broadcast_to(omega0, (*np.shape(t), 3))
+
+    e, m, o, n, complementary, d, factors = turn
     sn, cn, dn = sn_cn_dn(n * t, complementary)
     h = np.hypot(cn, d * sn)
     cn, dn, we, wm, wo = cn / h, dn / h, omega0[e] / h, omega0[m], omega0[o] / h
-    g = [(1 if x > 0 else -1) * _sqrt(x * x, fp) / n for x in gyroscopic]
-    omega = np.empty((*np.shape(t), 3), dtype=fp)
+    g = [factor / n for factor in factors]
+    omega = np.empty((*np.shape(t), 3), dtype=t.dtype)
     omega[..., o] = wo * cn + g[o] * wm * we * sn * dn
     omega[..., m] = wm * cn * dn + g[m] * we * wo * sn
     omega[..., e] = we * dn + g[e] * wo * wm * sn * cn

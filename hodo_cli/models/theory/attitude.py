@@ -1,0 +1,170 @@
+"""The attitude of a free body at any time, in closed form.
+
+With e, m, o the enclosed, the middle and the other axis, n and k' as in `closed_form`, and sn, cn,
+dn those of u = n t + u0, the body turns about G by
+
+    psi' = |G| (A_m w_m^2 + A_o w_o^2)/(A_m^2 w_m^2 + A_o^2 w_o^2),
+    psi = |G| {t/A_o + (1/A_m - 1/A_o) [J]/n},    J = (1 + nu) int sn^2/(1 + nu sn^2) du,
+    1 + nu = A_m |A_e - A_o|/(A_o |A_e - A_m|),
+
+while g = G/|G| goes round e in the body, at a longitude and an angle from e. Turned back by the
+two, and forth by those of the start, g is where it was in space; turned about G by psi, the body
+has its attitude: four rotations by angles that are continuous.
+
+Within a quarter turn J = (1 + nu) sn^3 R_J(cn^2, dn^2, 1, 1 + nu sn^2)/3 (DLMF 19.25.14) has
+positive terms only, and is as good beside the separatrix, where cn and dn are small, as elsewhere.
+
+Source: R. Montgomery, Am. J. Phys. 59 (1991) 394, for psi over a turn.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..closed_form import FreeTurn, free_motion, free_turn, in_own_units
+
+DUPLICATIONS = 30
+"""By the duplication theorem, each of which takes the arguments four times nearer to each other;
+their squared distances count. From 1e-60 and 1 they take six until they are of one size."""
+
+
+def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The quaternions (n, 4), scalar first, from body to space at times t (n,) of a free body with
+    moments A (3,), in any order, and angular velocity omega0 (3,); 1 at t = 0, the branch
+    continuous. Times in long double give quaternions in long double.
+
+    Errors are those of the phase, as of `closed_form.free_motion`.
+    """
+    size, omega0 = in_own_units(omega0)
+    t = np.ldexp(np.asarray(t, dtype=np.result_type(t, float)), size)
+    turn = free_turn(A, omega0, t.dtype.type)
+    A, omega0 = A.astype(t.dtype), omega0.astype(t.dtype)
+    if turn is None:
+        speed = np.hypot.reduce(omega0)
+        return _rotation(omega0 / (speed or 1), speed * t)
+    course = _course(A, turn, omega0, np.concatenate([t[:1] * 0, t]))
+    longitude, tilt, area = course[:, 1:]
+    longitude0, tilt0, area0 = course[:, 0]
+    # The right-handed system of o, m or its opposite, and e.
+    frame = np.array([turn.o, turn.m, turn.e])
+    signs = np.array([1, _parity(turn), 1])
+    momentum = (A * omega0)[frame] * signs
+    total = np.hypot.reduce(momentum)
+    psi = total * (t / A[turn.o] + _weight(A, turn) * (area - area0) / turn.n)
+    y, z = np.eye(3)[1:]
+    # The longitude and the angle of the start, then those of t the other way.
+    attitude = product(
+        product(_rotation(momentum / total, psi), _rotation(z, longitude0)),
+        product(_rotation(y, tilt0 - tilt), _rotation(z, -longitude)),
+    )
+    attitude[..., 1 + frame] = attitude[..., 1:] * signs
+    return attitude
+
+
+def turn_angle(A: np.ndarray, omega0: np.ndarray) -> tuple[float, float]:
+    """The period of one turn of g round the enclosed axis, and the angle psi by which the body has
+    then turned about G; not numbers in steady rotation, infinite on the separatrix."""
+    size, omega0 = in_own_units(omega0)
+    turn = free_turn(A, omega0)
+    if turn is None:
+        return np.nan, np.nan
+    if not turn.complementary:
+        return np.inf, np.inf
+    quarter, area = _integrals(A, turn, 1.0, 0.0)
+    period = 4 * quarter / turn.n
+    weight = 4 * _weight(A, turn) * area / turn.n
+    psi = np.hypot.reduce(A * omega0) * (period / A[turn.o] + weight)
+    return float(np.ldexp(period, -size)), float(psi)
+
+
+def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The rotation `second`, then `first`, as quaternions (..., 4), scalar first."""
+    a, u = first[..., :1], first[..., 1:]
+    b, v = second[..., :1], second[..., 1:]
+    scalar = a * b - (u * v).sum(-1, keepdims=True)
+    return np.concatenate([scalar, a * v + b * u + np.cross(u, v)], axis=-1)
+
+
+def _rotation(axis: np.ndarray, angle: Any) -> np.ndarray:
+    """The quaternions (n, 4) of turns by angles (n,) about an axis (3,) of length 1."""
+    half = np.asarray(angle)[..., None] / 2
+    return np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1)
+
+
+def _course(A: np.ndarray, turn: FreeTurn, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The longitude of g about e, its angle from e, and J (3, n) at times t (n,), the first of them
+    0; continuous in t."""
+    e, m, o = turn[:3]
+    # Doubles, as the moments and the start were given.
+    omega = free_motion(A.astype(float), omega0.astype(float), t)
+    sense = np.sign(omega0[e] * turn.gyroscopic[m])
+    # J has a half turn as its period: from where cn is positive at the start the separatrix, an
+    # infinite quarter turn, is never passed.
+    ahead = -1 if omega0[o] < 0 else 1
+    wm, wo = ahead * sense * omega[:, m], ahead * omega[:, o]
+    sn, cn = np.sqrt(A[m] * abs(A[m] - A[e])) * wm, np.sqrt(A[o] * abs(A[o] - A[e])) * wo
+    length = np.hypot(sn, cn)
+    sn, cn = sn / length, cn / length
+    side = np.where(sn < 0, -1, 1)
+    halves = np.where(cn < 0, side, 0)
+    u, area = _integrals(A, turn, np.where(cn < 0, -sn, sn), np.abs(cn))
+    quarter, whole = _integrals(A, turn, t.dtype.type(1), t.dtype.type(0))
+    pi = 4 * np.arctan(t.dtype.type(1))
+
+    def counted(number: Any, of_a_half: Any) -> Any:
+        return np.where(number == 0, 0, number * of_a_half)
+
+    with np.errstate(invalid="ignore"):
+        u = u + counted(halves, 2 * quarter)
+        turns = np.rint((u[0] + turn.n * t - u) / (4 * quarter))
+        area = area + counted(halves + 2 * turns, 2 * whole)
+    angle = side * np.arctan2(A[m] * np.abs(wm), A[o] * wo) + 2 * pi * turns
+    longitude = _parity(turn) * sense * angle + (pi if ahead < 0 else 0)
+    tilt = np.arctan2(np.hypot(A[m] * wm, A[o] * wo), A[e] * omega[:, e])
+    return np.stack([longitude, tilt, area])
+
+
+def _integrals(A: np.ndarray, turn: FreeTurn, sn: Any, cn: Any) -> tuple[Any, Any]:
+    """F and J (...) from 0 to where sn and cn >= 0 are these (...)."""
+    e, m, o = turn[:3]
+    ratio = A[m] * abs(A[e] - A[o]) / (A[o] * abs(A[e] - A[m]))
+    s, c = sn * sn, cn * cn
+    # The last is 1 + nu s without the rounding of nu.
+    F, J = carlson(c, c + turn.complementary**2 * s, 1.0, c + ratio * s)
+    return sn * F, ratio * s * sn * J / 3
+
+
+def carlson(x: Any, y: Any, z: Any, p: Any) -> tuple[Any, Any]:
+    """Carlson's integrals R_F(x, y, z) and R_J(x, y, z, p) of numbers or arrays (...) in any
+    precision: none negative, x, y or z 0 but only one of them, p at least as large as they.
+
+    Source: B. C. Carlson, Numer. Algorithms 10 (1995) 13, without the series at the end; every term
+    is positive.
+    """
+    total, scale, product = 0.0, 1.0, (p - x) * (p - y) * (p - z)
+    for _ in range(DUPLICATIONS):
+        a, b, c, d = map(np.sqrt, (x, y, z, p))
+        factor = (d + a) * (d + b) * (d + c)
+        root = np.sqrt(product * scale**3) / factor
+        total = total + scale / factor * np.where(
+            root > 0, np.arctan(root) / np.where(root > 0, root, 1), 1
+        )
+        shift = a * b + a * c + b * c
+        x, y, z, p, scale = (
+            (x + shift) / 4,
+            (y + shift) / 4,
+            (z + shift) / 4,
+            (p + shift) / 4,
+            scale / 4,
+        )
+    return (3 / (x + y + z)) ** 0.5, scale * (5 / (x + y + z + 2 * p)) ** 1.5 + 6 * total
+
+
+def _weight(A: np.ndarray, turn: FreeTurn) -> Any:
+    """1/A_m - 1/A_o."""
+    return (A[turn.o] - A[turn.m]) / (A[turn.o] * A[turn.m])
+
+
+def _parity(turn: FreeTurn) -> int:
+    """1 where o, m, e is a right-handed system, -1 where a left-handed one."""
+    return 1 if (turn.m - turn.o) % 3 == 1 else -1

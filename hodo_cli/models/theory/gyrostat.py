@@ -1,0 +1,155 @@
+"""A body with a rotor at constant speed: its steady rotations, and the hodographs that they part.
+
+G = A omega + h, with h fixed in the body. Free motion keeps |G| and 2T = A1 p^2 + A2 q^2 + A3 r^2.
+It is steady where omega = s G, that is G_i = h_i/(1 - s A_i), with s a root of
+
+    S(s) = sum_i h_i^2/(1 - s A_i)^2 - G^2.
+
+Between neighbouring poles 1/A_i the function S is convex, and outside of all it falls to -G^2: one
+root on either side of all poles, and none or two between two of them. Where h_i = 0 there is no
+pole, but s = 1/A_i is a root as long as the other components leave G_i something. From a pole
+outwards Newton's iteration begins where that pole's own term is G^2, from where it rises to the
+root without fail, or passes the minimum where there is none. Its unknown is the distance from the
+pole, 1 - s A_i: near it s itself has no digits of G_i left.
+
+On the sphere |G| = const a steady rotation is a minimum, a saddle or a maximum of T, minima beside
+the axis of largest inertia. Hodographs on which T is below that of every saddle go round that axis,
+above every one round the axis of smallest inertia, and between two saddles round both ends of each.
+Without a saddle nothing parts them. For G and a steady G* of the same size
+
+    2T - 2T* = sum_i c_i (G_i - G*_i)^2,    c_i = 1/A_i - s,
+
+a difference of positive terms, as D is: beside the separatrix nothing cancels.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..rigid_body import SEPARATRIX, UNDETERMINED, inertia_order
+
+BOTH, UNSEPARATED = 4, 5
+"""Labels besides those of the axes: round both ends of each outer axis; no saddle parts the
+sphere."""
+
+NEWTON_STEPS = 100
+"""Of Newton's iteration. Six suffice but where two saddles meet, where each halves the distance."""
+
+
+class Steady(NamedTuple):
+    """Steady rotations: s (...), G (..., 3), c (..., 3) and 2T (...); not a number where there is
+    none."""
+
+    s: Any
+    G: Any
+    c: Any
+    energy: Any
+
+    @property
+    def kind(self) -> Any:
+        """'m' for a minimum of T on the sphere, 's' for a saddle, 'M' for a maximum (...), '' where
+        there is none."""
+        # The product and the sum of the curvatures in the plane that touches the sphere.
+        square, j, k = self.G * self.G, np.roll(self.c, -1, -1), np.roll(self.c, -2, -1)
+        product, total = (square * j * k).sum(-1), (square * (j + k)).sum(-1)
+        return np.select([np.isnan(product), product < 0, total > 0], ["", "s", "m"], "M")
+
+
+def steady_rotations(A: Any, h: Any, momentum: Any) -> Steady:
+    """All steady rotations of a body with moments A (3,), in any order, and a rotor h (3,), for
+    |G| = momentum (n,): (n, 6), unsorted.
+
+    Of a symmetric body those that stand alone, without the circles of them.
+    """
+    A, h, momentum = np.asarray(A), np.asarray(h), np.atleast_1d(momentum)
+    rows = []
+    for i in range(3):
+        same = A[i] == A
+        # A pole belongs to all axes of one moment: the first of them stands for it.
+        if i == np.flatnonzero(same)[0] and (h[same].any() or same.sum() == 1):
+            solve = _from_pole if h[same].any() else _by_hand
+            rows += [solve(A, h, momentum, i, side) for side in (1, -1)]
+    rows += [np.full((7, len(momentum)), np.nan)] * (6 - len(rows))
+    table = np.stack(rows).transpose(2, 0, 1)
+    s, e, G = table[..., 0], table[..., 1:4], table[..., 4:]
+    return Steady(s, G, e / A, s * s * (A * G * G).sum(-1))
+
+
+def _from_pole(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
+    """s, 1 - s A_j and G_j (7, n) of the root next to the pole of axis i, below it in s (side 1) or
+    above it."""
+    offset, ratio = (A[i] - A)[:, None] / A[i], side * A[:, None] / A[i]
+    # u = side (1 - s A_i) grows from the pole to the next one.
+    others = side * (A - A[i]) / A
+    limit = np.min(others[(others > 0) & (h != 0)], initial=np.inf)
+    with np.errstate(all="ignore"):
+        x = h[:, None] / momentum
+        u = np.sqrt((x * x)[A[i] == A].sum(0))
+        for _ in range(NEWTON_STEPS):
+            e = offset + u * ratio
+            square = (x / e) ** 2
+            slope = -2 * (square * ratio / e).sum(0)
+            step = (square.sum(0) - 1) / slope
+            u = np.where((slope < 0) & (u < limit), u - step, np.nan)
+            if not (np.abs(step) > 4 * np.finfo(u.dtype).eps * u).any():
+                break
+        e = offset + u * ratio
+        return np.stack([(1 - side * u) / A[i], *e, *(h[:, None] / e)])
+
+
+def _by_hand(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
+    """The same for an axis without a pole: s = 1/A_i, G_i of the sign `side` what |G| leaves."""
+    e = (A[i] - A) / A[i]
+    others = np.divide(h, e, out=np.zeros_like(e), where=e != 0)
+    rest = momentum * momentum - (others * others).sum()
+    G = np.broadcast_to(others[:, None], (3, len(momentum))).copy()
+    with np.errstate(invalid="ignore"):
+        G[i] = side * np.sqrt(np.where(rest > 0, rest, np.nan))
+    e, s = (np.where(np.isnan(G[i]), np.nan, x) for x in (e[:, None], 1 / A[i]))
+    return np.stack([s, *e, *G])
+
+
+def saddles(A: Any, h: Any, momentum: Any) -> Steady:
+    """The saddles of lowest and highest s, hence energy, for |G| = momentum (n,): (n, 2); one for
+    both where there is one, or two of the same energy."""
+    every = steady_rotations(A, h, momentum)
+    is_saddle = every.kind == "s"
+    ends = [np.where(is_saddle, sign * every.s, np.inf).argmin(1) for sign in (1, -1)]
+    at = np.stack(ends, 1)
+    missing = ~is_saddle.any(1)[:, None]
+
+    def taken(values: np.ndarray) -> np.ndarray:
+        wide = values.ndim == 3
+        chosen = np.take_along_axis(values, at[..., None] if wide else at, 1)
+        return np.where(missing[..., None] if wide else missing, np.nan, chosen)
+
+    return Steady(*map(taken, every))
+
+
+def separations(A: Any, h: Any, omega: Any) -> tuple[np.ndarray, np.ndarray]:
+    """2T less that of the lowest and of the highest saddle (n, 2), for omega (n, 3), and the sum of
+    the sizes of its terms (n, 2); not a number without a saddle."""
+    A, h = np.asarray(A), np.asarray(h)
+    G = A * omega + h
+    near = saddles(A, h, np.sqrt((G * G).sum(-1)))
+    terms = near.c * (G[:, None] - near.G) ** 2
+    return terms.sum(-1), np.abs(terms).sum(-1)
+
+
+def region_labels(A: Any, h: Any, omega: Any, band: Any = 0.0) -> np.ndarray:
+    """The label (n,) of omega (n, 3), as int8: the axis 1, 2, 3 that the hodograph of G goes round,
+    BOTH, UNSEPARATED, 0 for the separatrix, where a separation is at most `band` (a number or (n,))
+    of its terms, and -1 where G is 0 or not finite."""
+    difference, size = separations(A, h, omega)
+    largest, _, smallest = inertia_order(A)
+    G = np.asarray(A) * omega + h
+    known = np.isfinite(G).all(-1) & (G != 0).any(-1)
+    conditions = (
+        ~known,
+        np.isnan(size).any(-1),
+        (np.abs(difference) <= np.asarray(band)[..., None] * size).any(-1),
+        (difference < 0).all(-1),
+        (difference > 0).all(-1),
+    )
+    labels = UNDETERMINED, UNSEPARATED, SEPARATRIX, largest + 1, smallest + 1
+    return np.select(conditions, labels, BOTH).astype(np.int8)

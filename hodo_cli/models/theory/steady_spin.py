@@ -1,0 +1,60 @@
+"""Steady rotation about a body axis under a sum of torques: whether a small tilt grows."""
+
+from typing import Any
+
+import numpy as np
+
+from .possible_crossings import Dissipation
+
+
+def tilt_growth_rates(terms: Dissipation, omega: Any, torque: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """The rate (..., 3) at which a small tilt away from rotation about each body axis, at the speed
+    omega (..., 3), grows on the mean over a turn; not a number for the middle axis, about which
+    free rotation is unstable.
+
+    With i the axis, j and k the others, w = |omega_i|, and M a torque fixed in the body it is
+
+        lambda_i - (lambda_j + lambda_k)/2 + [c_i - (c_j + c_k)/2] w + e_i w - M_i/(A_i omega_i)
+            - (F_j + F_k) w^2/2,    F_j = kappa (A_i - A_j)(A_i + A_j - A_k)/(A_j^2 A_k),
+
+    the other letters as in `possible_crossings`, to first order in the torques. A torque along G
+    adds nothing: it slows rotation and tilt alike. Where the rate is positive the motion leaves the
+    axis, though not always for the other one: it may end as an oscillation of constant shape on the
+    same side.
+    """
+    A, damping, quadratic, by_axes, omega, torque = (
+        np.asarray(x, float) for x in (*terms[:4], omega, torque)
+    )
+    w, kappa = np.abs(omega), np.asarray(terms.kappa, float)[..., None]
+    j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
+    fluid = (A - j) * (A + j - k) / (j * j * k) + (A - k) * (A + k - j) / (k * k * j)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        driven = np.where(torque == 0, 0, torque / (A * omega))
+    growth = _above_others(damping) + _above_others(quadratic) * w + by_axes * w
+    growth = growth - driven - kappa * fluid * w * w / 2
+    # For an axis whose moment is the middle one too, a symmetric body has no such turn.
+    middle = np.sort(A, axis=-1)[..., 1:2]
+    return np.where(middle == A, np.nan, growth)
+
+
+def _above_others(rates: np.ndarray) -> np.ndarray:
+    """Each rate (..., 3) less the mean of the other two; 0 where it is their rounding."""
+    others = (np.roll(rates, -1, -1) + np.roll(rates, -2, -1)) / 2
+    rounding = 4 * np.finfo(float).eps * np.abs(rates).max(-1, keepdims=True)
+    return np.where(np.abs(rates - others) <= rounding, 0, rates - others)
+
+
+def driven_spin(inertia: Any, damping: Any, torque: Any) -> tuple[np.ndarray, np.ndarray]:
+    """The rotation omega_i = M_i/(lambda_i A_i) that a torque M along body axis i alone holds
+    against damping, and whether it is stable; (..., 3) for the axis as each of the three.
+
+    A tilt (w_j, w_k) has the eigenvalues x of (x + lambda_j)(x + lambda_k) = (A_k - A_i)(A_i - A_j)
+    omega_i^2/(A_j A_k), which is negative but for the middle axis.
+    """
+    A, damping, torque = (np.asarray(x, float) for x in (inertia, damping, torque))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        omega = torque / (damping * A)
+    j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
+    first, second = np.roll(damping, -1, -1), np.roll(damping, -2, -1)
+    product = (k - A) * (A - j) / (j * k) * omega * omega
+    return omega, (first + second > 0) & (first * second > product)

@@ -1,0 +1,304 @@
+"""A body with a rotor: its steady rotations against the roots of a polynomial, closed forms and
+motions of the literature's kind, which know nothing of them."""
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import DOP853, solve_ivp
+
+from hodo_cli.models.rigid_body import enclosed_axis
+from hodo_cli.models.theory.gyrostat import (
+    BOTH,
+    UNSEPARATED,
+    region_labels,
+    saddles,
+    separations,
+    steady_rotations,
+)
+
+A = np.array([1.0, 0.8, 0.6])
+B = np.array([0.8, 0.5, 0.74])
+
+
+def bodies(draw: np.random.Generator, n: int) -> Iterator[np.ndarray]:
+    """Moments, in all orders, of bodies that exist."""
+    while n:
+        moments = draw.uniform(0.1, 1, 3)
+        if 2 * moments.max() < moments.sum():
+            n -= 1
+            yield moments
+
+
+def listed(A: Any, h: Any, momentum: float) -> list[tuple[float, float, str]]:
+    """(s, 2T, kind) of every steady rotation, by s."""
+    found = steady_rotations(A, h, momentum)
+    rows = zip(found.s[0].tolist(), found.energy[0].tolist(), found.kind[0].tolist(), strict=True)
+    return sorted(row for row in rows if row[2])
+
+
+def test_the_steady_rotations_of_one_body() -> None:
+    h = np.array([0.05, 0.1, 0.2])
+    G = A * B + h
+    assert (G * G).sum() == pytest.approx(1.387236, rel=1e-15)
+    expected = [
+        (0.94993502687524037, 1.1424188615705669, "m"),
+        (1.0626095837691702, 1.3283634493689820, "m"),
+        (1.1126475402527776, 1.3330514293372204, "s"),
+        (1.9532476486031905, 3.2038358683241527, "M"),
+    ]
+    found = listed(A, h, np.sqrt(G @ G))
+    assert [kind for *_, kind in found] == [kind for *_, kind in expected]
+    for (s, energy, _), (true_s, true_energy, _) in zip(found, expected, strict=True):
+        assert s == pytest.approx(true_s, rel=1e-15)
+        assert energy == pytest.approx(true_energy, rel=2e-15)
+
+
+def roots(A: Any, h: Any) -> list[float]:
+    """The real roots of S(s) prod (1 - s A_i)^2 = 0 for |G| = 1, a polynomial of degree 6, in 60
+    digits."""
+    with mpmath.workdps(60):
+        moments, rotor = ([mpmath.mpf(float(x)) for x in v] for v in (A, h))
+
+        def times(p: list[Any], q: list[Any]) -> list[Any]:
+            c = [mpmath.mpf(0)] * (len(p) + len(q) - 1)
+            for (i, x), (j, y) in itertools.product(enumerate(p), enumerate(q)):
+                c[i + j] += x * y
+            return c
+
+        squares = [times([1, -a], [1, -a]) for a in moments]
+        total = [-x for x in times(times(squares[0], squares[1]), squares[2])]
+        for i in range(3):
+            others = times(squares[i - 1], squares[i - 2])
+            total = [
+                x + rotor[i] ** 2 * y
+                for x, y in itertools.zip_longest(total, others, fillvalue=mpmath.mpf(0))
+            ]
+        found = mpmath.polyroots(total[::-1], maxsteps=500, extraprec=400, asc=False)
+        return sorted(float(x.real) for x in found if abs(x.imag) < mpmath.mpf(10) ** -30)
+
+
+def test_they_are_the_roots_of_a_polynomial_in_four_orders_of_kinds() -> None:
+    """150 bodies in all orders of the axes, with rotors of all sizes."""
+    draw, orders = np.random.default_rng(1), Counter[str]()
+    for moments in bodies(draw, 150):
+        h = draw.normal(size=3) * 10 ** draw.uniform(-2, 0.3)
+        found = listed(moments, h, 1.0)
+        assert [s for s, *_ in found] == pytest.approx(roots(moments, h), rel=1e-9)
+        orders["".join(kind for *_, kind in found)] += 1
+        energies = [energy for _, energy, _ in found]
+        assert energies == sorted(energies)
+        turned = np.sqrt((steady_rotations(moments, h, 1.0).G ** 2).sum(-1))
+        assert turned[np.isfinite(turned)] == pytest.approx(1, rel=1e-12)
+    assert set(orders) == {"mM", "mmsM", "msMM", "mmssMM"}
+    assert min(orders.values()) > 2
+
+
+def test_what_is_steady_stays() -> None:
+    """omega = s G has no rate, and a saddle is left in both directions, which a pole is not."""
+    draw = np.random.default_rng(2)
+    for moments in bodies(draw, 50):
+        h = draw.normal(size=3) * 0.1
+        found = steady_rotations(moments, h, 1.0)
+        for s, G, kind in zip(found.s[0], found.G[0], found.kind[0], strict=True):
+            if kind:
+                omega = (G - h) / moments
+                assert omega == pytest.approx(s * G, abs=1e-12)
+                near = G + 1e-4 * draw.normal(size=(500, 3))
+                near /= np.linalg.norm(near, axis=1, keepdims=True)
+                energy = ((near - h) ** 2 / moments).sum(1) - (moments * omega * omega).sum()
+                rises = {"m": {True}, "M": {False}, "s": {True, False}}[kind]
+                assert set((energy > 0).tolist()) == rises
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
+@pytest.mark.parametrize("axis", ["x1", "x3"])
+def test_a_rotor_on_an_outer_axis_has_closed_forms(axis: str, order: tuple[int, ...]) -> None:
+    """The saddles stand at omega = G/A2 beside x2, then at a pole of the rotor's axis, then
+    nowhere."""
+    draw = np.random.default_rng(3)
+    at = np.argsort(order)
+    for moments in bodies(draw, 60):
+        A1, A2, A3 = np.sort(moments)[::-1]
+        size, sign = 10 ** draw.uniform(-2, 1), draw.choice([-1, 1])
+        h = np.array([sign * size, 0, 0] if axis == "x1" else [0, 0, sign * size])[list(order)]
+        gap, far, pole = (
+            (A1 - A2, A3 / (A1 - A3), 1) if axis == "x1" else (A2 - A3, A1 / (A1 - A3), -1)
+        )
+        two, one = size * A2 / gap, size * far
+        G = np.array([two * 1.001, two * 3, (two + one) / 2, one * 0.999])
+        found = saddles(np.array([A1, A2, A3])[list(order)], h, G)
+        shift = -size * size / gap if axis == "x1" else size * size / gap
+        beside = G[:2] ** 2 / A2 - shift
+        assert found.energy[:2] == pytest.approx(np.stack([beside] * 2, 1), rel=1e-12)
+        assert (found.G[:2, :, at[1]] != 0).all()
+        assert found.energy[2] == pytest.approx(
+            [(G[2] + pole * size) ** 2 / (A1 if axis == "x1" else A3)] * 2, rel=1e-12
+        )
+        assert np.isnan(found.s[3]).all()
+
+
+def test_without_much_of_a_rotor_the_labels_are_those_of_D() -> None:
+    draw = np.random.default_rng(4)
+    for moments in bodies(draw, 40):
+        omega = draw.normal(size=(200, 3))
+        labels = region_labels(moments, 1e-13 * draw.normal(size=3), omega)
+        assert (labels == enclosed_axis(moments, omega, 0.0)).all()
+        a, b, c = np.sort(moments)[::-1]
+        l, _, s = np.argsort(-moments)
+        D = a * (a - b) * omega[:, l] ** 2 - c * (b - c) * omega[:, s] ** 2
+        for h in (np.zeros(3), 1e-13 * draw.normal(size=3)):
+            difference, size = separations(moments, h, omega)
+            assert np.abs(difference + D[:, None] / b).max() < 1e-11 * size.max()
+
+
+def free_gyrostats(A: Any, h: Any, omega: Any, steps: int, dt: float = 0.1) -> Any:
+    """The states (steps, n, 3) of free motions (n, 3), by a method of order 8."""
+    states = []
+    for _ in range(steps):
+        slopes: list[Any] = []
+        for row in DOP853.A[: DOP853.n_stages]:
+            w = omega + dt * sum((a * k for a, k in zip(row, slopes, strict=False)), 0 * omega)
+            slopes.append(np.cross(A * w + h, w) / A)
+        omega = omega + dt * sum(b * k for b, k in zip(DOP853.B, slopes, strict=True))
+        states.append(omega)
+    return np.array(states)
+
+
+def goes_round(curve: Any, pole: Any, other: Any) -> bool:
+    """Whether a curve (m, 3) on the unit sphere, closed and passed many times, parts two points of
+    it: by how often it winds round one on the map that has the other at infinity."""
+    first = np.cross(other, [0.6, -0.64, 0.48])
+    first /= np.linalg.norm(first)
+    frame = np.stack([first, np.cross(other, first)], 1)
+    x, y = (curve @ frame / (1 - curve @ other)[:, None] - pole @ frame / (1 - pole @ other)).T
+    turned = np.unwrap(np.arctan2(y, x))
+    return bool(abs(turned[-1] - turned[0]) > 4 * np.pi)
+
+
+def test_hodographs_go_round_what_their_labels_say() -> None:
+    """60 motions: a hodograph parts the minima, saddles and maxima as its label says."""
+    draw, seen = np.random.default_rng(5), Counter[int]()
+    n = 60
+    A, h = np.array([*bodies(draw, n)]), 10 ** draw.uniform(-1.3, -0.2, (n, 1))
+    h = h * draw.normal(size=(n, 3))
+    omega = draw.normal(size=(n, 3)) / A
+    omega -= h / A
+    momentum = np.linalg.norm(A * omega + h, axis=1)
+    h, omega = h / momentum[:, None], omega / momentum[:, None]
+    states = free_gyrostats(A, h, omega, 2500)
+    for i in range(n):
+        label = region_labels(A[i], h[i], states[::100, i])
+        assert len(set(label)) == 1
+        poles = steady_rotations(A[i], h[i], 1.0)
+        curve = A[i] * states[:, i] + h[i]
+        curve /= np.linalg.norm(curve, axis=1, keepdims=True)
+        there = [(G, k) for G, k in zip(poles.G[0], poles.kind[0], strict=True) if k]
+        infinity = next(G for G, k in there if k == "M")
+        sides: tuple[list[str], list[str]] = ([], ["M"])
+        for G, k in there:
+            if G is not infinity:
+                sides[goes_round(curve, G, infinity) is False].append(k)
+        parted = {"".join(sorted(side)) for side in sides}
+        l, _, s = np.argsort(-A[i]) + 1
+        expected = {l: {"m"}, s: {"M"}, BOTH: {"mms", "MMs"}, UNSEPARATED: {"m", "M"}}[label[0]]
+        assert expected <= parted, (i, label[0], parted)
+        seen[int(label[0])] += 1
+    assert {BOTH, UNSEPARATED, 1, 2, 3} <= set(seen)
+
+
+def test_a_hodograph_between_two_saddles_goes_round_both_poles_of_each() -> None:
+    """A fine path on the sphere from a minimum to the other minimum: below the first saddle a
+    sublevel of T holds one of them, between two saddles both."""
+    h = np.array([0.08, 0.05, 0.06])
+    rows = listed(A, h, 1.0)
+    assert [kind for *_, kind in rows] == [*"mmssMM"]
+    first, last = rows[2][1], rows[3][1]
+    assert first < last
+    draw = np.random.default_rng(6)
+    G = draw.normal(size=(20000, 3))
+    G /= np.linalg.norm(G, axis=1, keepdims=True)
+    omega = (G - h) / A
+    energy = (A * omega * omega).sum(1)
+    labels = region_labels(A, h, omega)
+    assert (labels == np.select([energy < first, energy < last], [1, BOTH], 3)).all()
+    assert {1, 3, BOTH} == set(labels.tolist())
+
+
+def test_labels_under_damping_and_where_the_separatrix_is_lost() -> None:
+    """Rotor (0, 0, .2), damping (.005, .004, .003): the true label changes once, and the saddles go
+    where |G| = .5."""
+    h, damping = np.array([0.0, 0.0, 0.2]), np.array([0.005, 0.004, 0.003])
+    assert separations(A, h, B[None])[0][0] == pytest.approx([-0.119888 / 0.8] * 2, rel=1e-14)
+    motion = solve_ivp(
+        lambda t, w: (np.cross(A * w + h, w) - damping * A * w) / A, (0, 300), B, "DOP853",
+        [161.139, 161.139094418748968, 161.1392, 250.518, 250.518389191375, 250.519, 300],
+        rtol=1e-13, atol=1e-15,
+    )  # fmt: skip
+    states = motion.y.T
+    assert states[-1] == pytest.approx(
+        [0.23440478535149042, -0.079388459090542767, 0.29238507503116231], abs=2e-12
+    )
+    assert region_labels(A, h, states[[0, 2, 3, 5, 6]]).tolist() == [1, 3, 3, *[UNSEPARATED] * 2]
+    difference, size = separations(A, h, states)
+    assert np.abs(difference[1] / size[1]).max() < 1e-11
+    assert np.linalg.norm(A * states[1] + h) == pytest.approx(0.635386826082, abs=1e-11)
+    assert np.linalg.norm(A * states[4] + h) == pytest.approx(0.5, abs=1e-11)
+
+
+def test_beside_the_separatrix_no_digit_is_lost() -> None:
+    """Against 50 digits, at distances down to 1e-9 from a saddle's own level: energies themselves
+    would leave none of them."""
+    h = np.array([0.08, 0.05, 0.06])
+    top = saddles(A, h, 1.0)
+    with mpmath.workdps(50):
+        moments, rotor = ([mpmath.mpf(float(x)) for x in v] for v in (A, h))
+
+        def steady(s: Any) -> list[Any]:
+            return [x / (1 - s * a) for x, a in zip(rotor, moments, strict=True)]
+
+        for k in range(2):
+            for distance in (1e-3, 1e-6, 1e-9):
+                G = top.G[0, k] + distance * np.array([0.3, -0.2, 0.9])
+                omega = (G - h) / A
+                exact = [mpmath.mpf(float(w)) * a + x
+                         for w, a, x in zip(omega, moments, rotor, strict=True)]  # fmt: skip
+                square = sum(x * x for x in exact)
+                s = mpmath.findroot(
+                    lambda s, square=square: sum(x * x for x in steady(s)) - square, top.s[0, k]
+                )
+                at = steady(s)
+                c = [(1 - s * a) / a for a in moments]
+                true = sum(z * (x - y) ** 2 for z, x, y in zip(c, exact, at, strict=True))
+                difference, size = separations(A, h, omega[None])
+                # What the rounding of omega itself makes of it.
+                assert abs(difference[0, k] - true) < 1e-15 * distance + 1e-12 * size[0, k]
+
+
+def test_symmetric_bodies_and_spheres() -> None:
+    """An axial rotor: two poles, and a circle that is not listed. A sphere: two poles along h."""
+    flat = np.array([1.0, 1.0, 0.6])
+    assert len(listed(flat, [0, 0, 0.1], 1.0)) == 2
+    assert region_labels(flat, [0, 0, 0.1], B[None]).tolist() == [UNSEPARATED]
+    across = listed(flat, [0.1, 0, 0.05], 1.0)
+    assert [kind for *_, kind in across] == [*"msMM"]
+    sphere = listed([1.0, 1.0, 1.0], [0.1, 0.2, -0.2], 1.0)
+    assert sphere == [(pytest.approx(0.7), pytest.approx(0.49), "m"),
+                      (pytest.approx(1.3), pytest.approx(1.69), "M")]  # fmt: skip
+    assert listed(A, [0, 0, 0], 1.0)[0][:2] == (1.0, 1.0)
+
+
+def test_many_states_at_once_and_none_without_momentum() -> None:
+    h = np.array([0.05, 0.1, 0.2])
+    omega = np.concatenate([np.random.default_rng(7).normal(size=(50, 3)), [-h / A, [np.nan] * 3]])
+    labels = region_labels(A, h, omega)
+    assert [region_labels(A, h, w[None])[0] for w in omega] == labels.tolist()
+    assert labels[-2:].tolist() == [-1, -1]
+    assert (region_labels(A, h, omega[:50], band=10.0) <= 0).any()
+    long = steady_rotations(A.astype(np.longdouble), h.astype(np.longdouble), np.longdouble(1.1))
+    assert long.s.dtype == np.longdouble
+    assert np.nanmax(np.abs(long.s - steady_rotations(A, h, 1.1).s)) < 1e-15

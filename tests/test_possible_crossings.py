@@ -1,0 +1,303 @@
+"""What is foreseen of a sum of torques against thousands of motions that know nothing of it.
+
+The motions are integrated side by side by a method of Runge and Kutta of order 8 at a fixed step,
+from the equations as they are printed, in all six orders of the axes. HODO_SUMS sets the number of
+members of each test (default 300).
+"""
+
+import itertools
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import DOP853
+
+from hodo_cli.models.theory.possible_crossings import (
+    CrossingPattern,
+    Dissipation,
+    axes_kept,
+    outer_axes,
+    possible_crossings,
+    turning_momenta,
+)
+from hodo_cli.models.theory.steady_spin import driven_spin, tilt_growth_rates
+
+MEMBERS = int(os.environ.get("HODO_SUMS", "300"))
+P1 = (1.0, 0.8, 0.6)
+
+
+def rates(A: Any, terms: Dissipation, brake: Any, torque: Any, w: Any) -> Any:
+    """omega' (n, 3): the fluid's torque as kappa (w'' + w x w') of free motion."""
+    G = A * w
+    free = np.cross(G, w) / A
+    second = (np.cross(A * free, w) + np.cross(G, free)) / A
+    N = np.asarray(terms.kappa)[..., None] * (second + np.cross(w, free))
+    speed = np.sqrt((w * w).sum(-1, keepdims=True))
+    damping = terms.damping + terms.quadratic * speed + terms.quadratic_axes * np.abs(w)
+    N = N - damping * G - brake * G / np.sqrt((G * G).sum(-1, keepdims=True)) + torque
+    return free + N / A
+
+
+SLOWEST = 0.08
+"""The |omega| at which a motion is held: beside a brake there is soon nothing left of it."""
+
+
+def stepped(A: Any, terms: Dissipation, brake: Any, torque: Any, w: Any, h: Any) -> Any:
+    """The state (n, 3) after a step."""
+    slopes: list[Any] = []
+    for row in DOP853.A[: DOP853.n_stages]:
+        inner = w + h * sum((a * k for a, k in zip(row, slopes, strict=False)), 0 * w)
+        slopes.append(rates(A, terms, brake, torque, inner))
+    return w + h * sum(b * k for b, k in zip(DOP853.B, slopes, strict=True))
+
+
+def motions(A: Any, terms: Dissipation, brake: Any, w: Any, steps: int, h: float = 0.3) -> Any:
+    """The states (m, n, 3) at steps of length h/|omega|, so that a motion that slows keeps its
+    turns."""
+    states = [w]
+    for _ in range(steps):
+        speed = np.sqrt((w * w).sum(-1, keepdims=True))
+        w = np.where(speed > SLOWEST, stepped(A, terms, brake, 0, w, h / speed), w)
+        states.append(w)
+    return np.array(states)
+
+
+def bodies(draw: np.random.Generator, n: int) -> np.ndarray:
+    """Moments (n, 3) of bodies that exist and whose separatrix is not all but the whole sphere."""
+    A = draw.uniform(0.3, 1, (40 * n, 3))
+    ordered = np.sort(A)
+    fit = (ordered[:, 0] + ordered[:, 1] > ordered[:, 2]) & (np.diff(ordered).min(1) > 0.03)
+    assert {tuple(order) for order in np.argsort(A[fit][:n])} == set(
+        itertools.permutations(range(3))
+    )
+    return A[fit][:n]
+
+
+def starts(draw: np.random.Generator, n: int) -> np.ndarray:
+    w = draw.normal(size=(n, 3))
+    return w / np.linalg.norm(w, axis=1, keepdims=True) * draw.uniform(0.3, 2, (n, 1))
+
+
+def sides(A: Any, states: Any) -> Any:
+    """1 (m, n) where D > 0, -1 where D < 0, and 0 where its sign might be an error."""
+    largest, smallest = outer_axes(A).T
+    at = np.arange(len(A))
+    a, b, c = -np.sort(-A).T
+    outer, inner = (
+        a * (a - b) * states[:, at, largest] ** 2,
+        c * (b - c) * states[:, at, smallest] ** 2,
+    )
+    clear = np.abs(outer - inner) > 1e-5 * (a * a * (states**2).sum(-1))
+    return np.where(clear, np.sign(outer - inner), 0)
+
+
+def passages(A: Any, states: Any) -> list[list[tuple[int, float, float]]]:
+    """For each member its crossings: side after, and |G| at the last clear state before and at the
+    first after."""
+    found: list[list[tuple[int, float, float]]] = []
+    clear, G = sides(A, states), np.sqrt(((A * states) ** 2).sum(-1))
+    for n in range(len(A)):
+        at = np.flatnonzero(clear[:, n])
+        turned = np.flatnonzero(np.diff(clear[at, n]))
+        found.append([(int(clear[at[i + 1], n]), G[at[i], n], G[at[i + 1], n]) for i in turned])
+    return found
+
+
+def random_terms(draw: np.random.Generator, n: int, *names: str) -> Dissipation:
+    size = {"damping": 0.02, "quadratic": 0.02, "quadratic_axes": 0.04}
+    given: dict[str, Any] = {
+        name: scale * draw.uniform(0, 1, (n, 3)) * (name in names) for name, scale in size.items()
+    }
+    A = bodies(draw, n)
+    # As strong as the damping at |G| near 1.
+    a, b, c = -np.sort(-A).T
+    beside = (a - c) * (b * (a + c - b) + 2 * a * c) / (3 * (a * b * c) ** 2)
+    kappa = 0.02 * draw.uniform(0, 1, n) / beside * ("kappa" in names)
+    return Dissipation(A, **given, kappa=kappa)
+
+
+SUMS = {
+    "damping": ("damping",),
+    "quadratic": ("quadratic",),
+    "by axes": ("quadratic_axes",),
+    "three media": ("damping", "quadratic", "quadratic_axes"),
+    "fluid": ("kappa",),
+    "fluid and damping": ("kappa", "damping"),
+    "fluid and quadratic": ("kappa", "quadratic"),
+    "all": ("kappa", "damping", "quadratic", "quadratic_axes"),
+}
+
+
+@pytest.mark.parametrize("name", SUMS)
+def test_no_motion_crosses_otherwise(name: str) -> None:
+    draw = np.random.default_rng(list(SUMS).index(name))
+    terms = random_terms(draw, MEMBERS, *SUMS[name])
+    brake = 0.002 * draw.integers(0, 2, (MEMBERS, 1))
+    w = starts(draw, MEMBERS)
+    A = np.asarray(terms.inertia)
+    momentum = np.sqrt(((A * w) ** 2).sum(-1))
+    allowed = possible_crossings(terms, momentum)
+    turning = turning_momenta(terms)
+    kept = axes_kept(terms, momentum)
+    crossed = 0
+    for n, passed in enumerate(passages(A, motions(A, terms, brake, w, 800))):
+        senses = [sense for sense, *_ in passed]
+        crossed += len(senses)
+        expected = {
+            CrossingPattern.NONE: [[]],
+            CrossingPattern.TO_LARGEST: [[], [1]],
+            CrossingPattern.TO_SMALLEST: [[], [-1]],
+        }
+        assert senses in expected.get(CrossingPattern(allowed[n]), [senses])
+        # An axis that is kept is entered, if at all, by the last crossing.
+        for side, axis in zip((1, -1), outer_axes(A[n]), strict=True):
+            assert not kept[n, axis] or side not in senses[:-1]
+        if allowed[n] == CrossingPattern.THERE_AND_BACK:
+            fast = [s for s, _, after in passed if after > turning.fluid[n]]
+            slow = [s for s, before, _ in passed if before < turning.damping[n]]
+            assert fast in ([], [1])
+            assert slow in ([], [-1])
+    assert crossed > MEMBERS / 20
+
+
+def test_fluid_with_equal_quadratic_drag_goes_there_and_back() -> None:
+    """Where the drag's coefficients are the same for the outer axes, only |G| is touched by it."""
+    draw = np.random.default_rng(9)
+    terms = random_terms(draw, MEMBERS, "kappa", "damping")._replace(
+        quadratic=np.full((MEMBERS, 3), 0.003)
+    )
+    A, turning = np.asarray(terms.inertia), turning_momenta(terms)
+    allowed = possible_crossings(terms)
+    assert (allowed == CrossingPattern.THERE_AND_BACK).sum() > MEMBERS / 3
+    both = 0
+    for n, passed in enumerate(passages(A, motions(A, terms, 0, starts(draw, MEMBERS), 1500))):
+        if allowed[n] == CrossingPattern.THERE_AND_BACK:
+            fast = [s for s, _, after in passed if after > turning.fluid[n]]
+            slow = [s for s, before, _ in passed if before < turning.damping[n]]
+            assert fast in ([], [1])
+            assert slow in ([], [-1])
+            both += len(passed) == 2
+    assert both
+
+
+def test_the_numbers_of_the_papers_body() -> None:
+    terms = Dissipation(P1, (0.005, 0.004, 0.003), kappa=0.03)
+    turning = turning_momenta(terms)
+    strengths = [0.002 / 0.03 / float(G) ** 2 for G in turning]
+    assert strengths == pytest.approx([0.9722222222, 1.1111111111, 115 / 108], rel=1e-10)
+    assert possible_crossings(terms) == CrossingPattern.THERE_AND_BACK
+    assert possible_crossings(terms, 0.24) == CrossingPattern.TO_SMALLEST
+    assert axes_kept(terms, [1.0, 0.24]).tolist() == [[False] * 3, [False, False, True]]
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
+def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> None:
+    def given(values: tuple[float, ...]) -> np.ndarray:
+        return np.array(values)[list(order)]
+
+    A = given(P1)
+    to_smallest = Dissipation(A, given((0.005, 0.004, 0.003)), given((0.01, 0.008, 0.006)))
+    assert possible_crossings(to_smallest) == CrossingPattern.TO_SMALLEST
+    assert axes_kept(to_smallest).tolist() == (A == 0.6).tolist()
+    to_largest = Dissipation(A, given((0.003, 0.004, 0.005)), kappa=0.01)
+    assert axes_kept(to_largest).tolist() == (A == 1).tolist()
+    # Equal coefficients of a drag by axes cross, too; of all others they do not.
+    by_axes = Dissipation(A, quadratic_axes=(0.01, 0.01, 0.01))
+    assert possible_crossings(by_axes) == CrossingPattern.TO_LARGEST
+    equal = Dissipation(A, (0.01,) * 3, (0.02,) * 3)
+    assert axes_kept(equal).tolist() == (A != 0.8).tolist()
+
+
+@pytest.mark.parametrize(
+    ("terms", "expected"),
+    [
+        (Dissipation(P1), CrossingPattern.NONE),
+        (Dissipation((1.0, 1.0, 0.6), (0.1, 0, 0), kappa=1.0), CrossingPattern.NONE),
+        (Dissipation((1.0, 0.6, 0.6), (0, 0, 0.1)), CrossingPattern.NONE),
+        (Dissipation(P1, (-0.01, 0, 0)), CrossingPattern.TO_LARGEST),
+        (Dissipation(P1, (0.02, 0, 0), (0.01, 0, 0.02)), CrossingPattern.UNKNOWN),
+        (Dissipation(P1, kappa=0.1, quadratic=(0.02, 0, 0)), CrossingPattern.UNKNOWN),
+        # Negative damping may make G grow, so that the sense turns more than once.
+        (Dissipation(P1, (0.02, -0.1, 0), kappa=0.1), CrossingPattern.UNKNOWN),
+        (Dissipation((1e-100, 0.8e-100, 0.6e-100), (0.02, 0, 0), kappa=1e-250), 3),
+    ],
+)
+def test_single_sums(terms: Dissipation, expected: int) -> None:
+    assert possible_crossings(terms) == expected
+
+
+def test_moments_of_any_size_turn_at_the_same_shape() -> None:
+    plain = turning_momenta(Dissipation(P1, (0.005, 0, 0.003), kappa=1.0))
+    for size in (1e-100, 1e100):
+        A = np.array(P1) * size
+        scaled = turning_momenta(Dissipation(A, (0.005, 0, 0.003), kappa=size))
+        assert [float(x) / size for x in scaled] == pytest.approx([float(x) for x in plain])
+
+
+# A tilt.
+
+
+@pytest.mark.parametrize("outer", [0, 1])
+def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
+    """Sums of all terms, each of size 1e-4, about both outer axes: the growth of what is constant
+    in free motion, the distance of the hodograph from the axis, over a long time."""
+    draw = np.random.default_rng(3 + outer)
+    A = bodies(draw, 400)
+    A = A[np.diff(np.sort(A)).min(1) > 0.12][:40]
+    n, at = len(A), np.arange(len(A))
+    axis = outer_axes(A)[:, outer]
+    media, kappa = draw.uniform(0, 1e-4, (3, n, 3)), draw.uniform(0, 1e-4, n) * A.prod(1)
+    terms = Dissipation(A, *media, kappa=kappa)
+    torque = np.zeros((n, 3))
+    torque[at, axis] = draw.uniform(-1e-4, 1e-4, n)
+    w = np.full((n, 3), 1e-6)
+    w[at, axis] = draw.uniform(0.5, 1.5, n) * draw.choice([-1, 1], n)
+    weights = np.abs(A[at, axis][:, None] - A) * A
+
+    def distance(w: Any) -> Any:
+        return np.sqrt((weights * w * w).sum(-1)) / np.abs(w[at, axis])
+
+    first, steps, h = w, 1500, 0.3
+    for _ in range(steps):
+        w = stepped(A, terms, 1e-4, torque, w, h)
+    measured = np.log(distance(w) / distance(first)) / (h * steps)
+    # The speed changes by some per cent meanwhile: that of the middle stands for all.
+    speeds = np.broadcast_to(((first + w) / 2)[at, axis][:, None], (n, 3))
+    assert np.abs(measured - tilt_growth_rates(terms, speeds, torque)[at, axis]).max() < 5e-6
+
+
+def test_equal_rates_cancel_and_the_middle_axis_has_none() -> None:
+    growth = tilt_growth_rates(Dissipation(P1, (0.1 + 0.2, 0.3, 0.3)), np.ones(3))
+    assert growth[[0, 2]].tolist() == [-0.15 + 0.15, 0]
+    assert np.isnan(growth[1])
+    assert np.isnan(tilt_growth_rates(Dissipation((1, 1, 0.6)), np.ones(3))).tolist() == [
+        True,
+        True,
+        False,
+    ]
+
+
+def test_a_driven_rotation_is_stable_where_its_eigenvalues_say_so() -> None:
+    """2000 bodies, about each of their axes, by the Jacobian of the equations as printed."""
+    draw = np.random.default_rng(4)
+    n = 2000
+    A, damping = bodies(draw, n), draw.uniform(0.01, 1, (n, 3))
+    torque = draw.normal(size=(n, 3))
+    omega, stable = driven_spin(A, damping, torque)
+    p, q, r = omega.T
+    for axis in range(3):
+        w = np.zeros((n, 3))
+        w[:, axis] = omega[:, axis]
+        p, q, r = w.T
+        A1, A2, A3 = A.T
+        jacobian = np.zeros((n, 3, 3))
+        jacobian[:, 0, 1], jacobian[:, 0, 2] = (A2 - A3) / A1 * r, (A2 - A3) / A1 * q
+        jacobian[:, 1, 0], jacobian[:, 1, 2] = (A3 - A1) / A2 * r, (A3 - A1) / A2 * p
+        jacobian[:, 2, 0], jacobian[:, 2, 1] = (A1 - A2) / A3 * q, (A1 - A2) / A3 * p
+        jacobian -= damping[:, :, None] * np.eye(3)
+        expected = np.linalg.eigvals(jacobian).real.max(-1) < 0
+        assert (stable[:, axis] == expected).all()
+        middle = np.argsort(A)[:, 1] == axis
+        assert stable[~middle, axis].all()
+        assert 0 < stable[middle, axis].sum() < middle.sum()
