@@ -108,7 +108,7 @@ def test_the_mean_by_the_arithmetic_geometric_mean_is_that_by_elliptic_integrals
 def slopes(case: Case, t: float) -> tuple[mpmath.matrix, mpmath.matrix, series.LagrangeAveraged]:
     """(Gz, H, r) at the start, and their derivatives by the reference, in 40 digits."""
     k = constants(case)
-    a = k.a if k.a_law == "polynomial" else [k.a[0] * (1 + k.a[1] * t) ** k.a[2]]
+    a = k.a if k.a_law == "polynomial" else [k.a[0] * (1 + k.a_shape[0] * t) ** k.a_shape[1]]
     reference = series.LagrangeAveraged(k.A, k.C, k.mu, a, k.b)
     values = first(case)
     y = mpmath.matrix([values[name] for name in ("Gz", "H", "r")])
@@ -410,7 +410,7 @@ def test_a_constant_is_a_polynomial_of_one_coefficient() -> None:
         ({"form": "full"}, "missing 'epsilon'"),
         ({"a": "[]"}, r"a: expected a number, or a polynomial in tau: \[a0, a1, ...\]"),
         ({"a": "much"}, r"a: expected a finite number, got 'much'"),
-        ({"a": "{law: sine, value: 1}"}, "exponential or power"),
+        ({"a": "{law: sine, value: 1}"}, "exponential, power or polynomial"),
         ({"a": "{law: exponential, value: 1}"}, "missing 'rate'"),
         (
             {"form": "full", "epsilon": "0.1", "perturbation": "quadratic"},

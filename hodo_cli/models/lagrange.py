@@ -13,6 +13,7 @@ from ..arithmetic import cos, sin, sqrt
 from ..schema.kinds import Angle, Integer, Key, Mistake, Number, Table
 from .base import Constants, Event, Label, Model, mistake_of
 from .constants import attributes
+from .terms.laws import coefficient_at, first_values, law_constants
 from .top.nutation import (
     Nutation,
     drift,
@@ -21,7 +22,7 @@ from .top.nutation import (
     nutation,
     nutation_at_start,
 )
-from .top.torques import LAW, LAWS, PERTURBATION, PERTURBATIONS, law
+from .top.torques import LAW, PERTURBATION, PERTURBATIONS
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
@@ -105,17 +106,15 @@ class Top(Model):
 
     @cached_property
     def constants(self) -> Constants:
-        a_law, a = law(self.a)
-        b_law, b = law(self.b)
-        coefficients: Constants = {"a": a, "b": b, "a_law": a_law, "b_law": b_law}
-        return {**self.inertia, "mu": self.mu, **coefficients}
+        laws = law_constants("a", self.a) | law_constants("b", self.b)
+        return {**self.inertia, "mu": self.mu, **laws}
 
     @property
     def warnings(self) -> list[str]:
         return [
             f"{name} has a negative coefficient: where {name}(tau) < 0 the torque feeds energy in"
             for name, given in (("a", self.a), ("b", self.b))
-            if (given["value"] if isinstance(given, Mapping) else min(given)) < 0
+            if min(first_values(given)) < 0
         ]
 
 
@@ -191,7 +190,7 @@ class AveragedTop(Nutating):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         r, e = y[2], y[3]
         X, w = nutation(y, k)
-        a, b = LAWS[k.a_law](k.a, t), LAWS[k.b_law](k.b, t)
+        a, b = coefficient_at(k, "a", t), coefficient_at(k, "b", t)
         towards_u2 = e * mean_cosine(e, w)
         return drift(y, k, (-a, a * towards_u2, -b * r, b * r * towards_u2), (X, w))
 
@@ -248,7 +247,7 @@ class AveragedU(Nutating):
         u1, u2, u3, r = y
         A, c, mu = k.A, k.C * r, k.mu
         Gz, H = integrals_from_roots(y, k)
-        a, b = LAWS[k.a_law](k.a, t), LAWS[k.b_law](k.b, t)
+        a, b = coefficient_at(k, "a", t), coefficient_at(k, "b", t)
         s, e = (u1 + u2) / 2, (u2 - u1) / 2
         v = s + e * e * mean_cosine(e, u3 - s)
 

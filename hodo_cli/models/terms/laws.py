@@ -1,0 +1,139 @@
+"""Coefficients that change with time: the laws that a case may name, their keys and their values.
+
+A constant NAME of a model that follows a law holds its values, which carry its unit; NAME_law is
+the law, and NAME_shape, where there is one, what has no part in the unit of NAME.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...schema.kinds import Either, Key, Kind, ListOf, Number, Variant
+
+Numbers = Sequence[Any]
+
+
+def polynomial_law(c: Numbers, shape: Numbers, t: Any) -> Any:
+    """c0 + c1 t + c2 t^2 + ..."""
+    total = c[-1]
+    for coefficient in c[-2::-1]:
+        total = coefficient + t * total
+    return total
+
+
+def exponential_law(c: Numbers, shape: Numbers, t: Any) -> Any:
+    """value exp(-rate t), from (value,) and (rate, e)."""
+    # e comes as a constant, because a power with it is what every engine has known.
+    rate, e = shape
+    return c[0] * e ** (-rate * t)
+
+
+def power_law(c: Numbers, shape: Numbers, t: Any) -> Any:
+    """value (1 + rate t)^exponent, from (value,) and (rate, exponent)."""
+    rate, exponent = shape
+    return c[0] * (1 + rate * t) ** exponent
+
+
+LAWS: Mapping[str, Callable[[Numbers, Numbers, Any], Any]] = {
+    "polynomial": polynomial_law,
+    "exponential": exponential_law,
+    "power": power_law,
+}
+
+
+def law_mapping(unit: str, t: str) -> Variant:
+    """The kind of a law that is given as a mapping, of a coefficient with a unit."""
+    value = Key(Number(), f"value at {t} = 0", unit)
+    return Variant(
+        "law",
+        {
+            "exponential": {
+                "value": value,
+                "rate": Key(Number(), f"the law is value exp(-rate {t})"),
+            },
+            "power": {
+                "value": value,
+                "rate": Key(Number(least=0), f"the law is value (1 + rate {t})^exponent"),
+                "exponent": Key(Number(), f"the law is value (1 + rate {t})^exponent"),
+            },
+            "polynomial": {
+                "coefficients": Key(ListOf(Number()), f"those of 1, {t}, {t}^2, ...", unit),
+            },
+        },
+        "which law",
+    )
+
+
+def law_kind(unit: str, t: str = "t") -> Either:
+    """The kind of a function of time: a constant, the coefficients of 1, t, t^2, ..., or a law of
+    LAWS with its parameters."""
+    title = f"a number, or a polynomial in {t}: [a0, a1, ...]"
+    return Either(ListOf(Number(), alone=True, title=title), law_mapping(unit, t))
+
+
+@dataclass(frozen=True)
+class Repeated(ListOf):
+    """One value that means that all are equal; no list."""
+
+    def check(self, value: Any) -> tuple[Any, ...]:
+        return (self.kind.check(value),) * (self.length or 1)
+
+    def takes(self, value: Any) -> bool:
+        return self.kind.takes(value)
+
+    def __str__(self) -> str:
+        return f"{self.kind}, for all axes"
+
+
+def coefficient_kind(unit: str, least: float | None = None) -> Either:
+    """The kind of one coefficient: a number, which has a least value, or a law of t."""
+    polynomial = ListOf(Number(), title="a polynomial in t: [a0, a1, ...]")
+    return Either(Number(least=least), polynomial, law_mapping(unit, "t"))
+
+
+def coefficients_kind(unit: str, least: float | None = None) -> Either:
+    """The kind of three coefficients, one an axis, or of one for all."""
+    number, mapping = Number(least=least), law_mapping(unit, "t")
+    title = "3 numbers, polynomials in t or laws"
+    one_each: Kind = ListOf(coefficient_kind(unit, least), length=3, title=title)
+    return Either(one_each, Repeated(Either(number, mapping), length=3))
+
+
+def law(given: Any) -> tuple[str, tuple[Any, ...], tuple[Any, ...]]:
+    """The name, the values and the shape of a law as given in a case; no name for a number."""
+    if not isinstance(given, Mapping):
+        return ("polynomial", tuple(given), ()) if isinstance(given, tuple) else ("", (given,), ())
+    match given["law"]:
+        case "exponential":
+            return "exponential", (given["value"],), (given["rate"], math.e)
+        case "power":
+            return "power", (given["value"],), (given["rate"], given["exponent"])
+    return "polynomial", tuple(given["coefficients"]), ()
+
+
+def law_constants(name: str, given: Any) -> dict[str, Any]:
+    """The constants of a coefficient as given in a case."""
+    kind, values, shape = law(given)
+    if not kind:
+        return {name: given}
+    return {name: values, f"{name}_law": kind} | ({f"{name}_shape": shape} if shape else {})
+
+
+def coefficient_at(k: Any, name: str, t: Any) -> Any:
+    """The value of a coefficient at the time t, from the constants of a model."""
+    kind = getattr(k, f"{name}_law", "")
+    values = getattr(k, name)
+    return LAWS[kind](values, getattr(k, f"{name}_shape", ()), t) if kind else values
+
+
+def first_values(given: Any) -> tuple[Any, ...]:
+    """The numbers of a law that carry the unit of its coefficient."""
+    return law(given)[1]
+
+
+def zero_of_base(given: Any) -> float:
+    """The time at which the base of a power law is 0, before which it has no values; minus infinity
+    for other laws."""
+    kind, _, shape = law(given)
+    return -1 / shape[0] if kind == "power" and shape[0] else -math.inf
