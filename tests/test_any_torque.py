@@ -43,8 +43,9 @@ def by_quadrature(known: Case, full: type[BodyFrame], nodes: int = 128) -> Traje
     return integrate(copy)
 
 
-TURNED = {"inertia": [0.6, 1, 0.8], "initial": {"p": 0.74, "q": -0.8, "r": 0.5}}
-"""Fig 4's body and start with its axes in an odd order."""
+EVEN = {"inertia": [0.6, 1, 0.8], "initial": {"p": 0.74, "q": -0.8, "r": 0.5}}
+ODD = {"inertia": [0.8, 1, 0.6], "initial": {"p": 0.5, "q": 0.8, "r": 0.74}}
+"""Fig 4's body with its axes in an even and in an odd order, and starts about the largest."""
 
 
 @pytest.mark.heyoka
@@ -53,7 +54,8 @@ TURNED = {"inertia": [0.6, 1, 0.8], "initial": {"p": 0.74, "q": -0.8, "r": 0.5}}
     [
         (case(), LinearDiag),
         (case(mean_start="no"), LinearDiag),
-        (case(damping=[3e-3, 5e-3, 4e-3], **TURNED), LinearDiag),
+        (case(damping=[3e-3, 5e-3, 4e-3], **EVEN), LinearDiag),
+        (case(damping=[6e-3, 9e-3, 3e-3], **ODD), LinearDiag),
         (case(inertia=[0.8, 0.8, 0.6], time={"end": 300, "samples": 11}), LinearDiag),
         (case(model="tensor", resistance={"diagonal": 3e-3, "off_diagonal": 1e-3},
               mean_start="no"), Tensor),
@@ -65,7 +67,7 @@ def test_it_is_that_of_the_forms_that_know_their_means(known: Case, full: type[B
     for passage, own in zip(theirs.events, ours.events, strict=True):
         assert own.time == pytest.approx(passage.time, rel=CLOSE)
         assert passage.details.keys() == own.details.keys()
-        assert own.details == pytest.approx(passage.details, rel=1e-8)
+        assert own.details == pytest.approx(passage.details, rel=1e-8, nan_ok=True)
     # Late, the two forms differ in when a motion turns too slowly to have a periodic part.
     seen = theirs.time <= (1000 if known.data["mean_start"] == "no" else 300)
     for name, values in theirs.variables.items():

@@ -126,7 +126,9 @@ def test_figure_4_from_its_raw_start(method: str) -> None:
     assert motion.variables["enclosed_axis"].tolist() == [1] * 4 + [3] * 7
     (passage,) = motion.events
     assert passage.time == pytest.approx(304.02105312940017, rel=CLOSE)
-    assert set(passage.details) == {"from", "to", "momentum", "frequency", "scatter"}
+    # Without mean elements the phase there is not known.
+    assert passage.details["sense"] == 0
+    assert np.isnan([passage.details["place"], passage.details["predicted"]]).all()
     assert motion.error < CLOSE
 
 

@@ -324,7 +324,8 @@ def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
     predicted = Line2D([], [], color=BLACK, marker="x", ms=5, lw=0.7)
     predicted.set_label("predicted, with the scatter of the averaged crossing")
     seen = [any(m.crossing_time.size for m in motions)]
-    seen += [any("event_predicted" in m.data for m in motions)]
+    times = [m.stored("event_predicted") for m in motions if "event_predicted" in m.data]
+    seen += [any(np.isfinite(predicted).any() for predicted in times)]
     return [handle for handle, drawn in zip((crossing, predicted), seen, strict=True) if drawn]
 
 

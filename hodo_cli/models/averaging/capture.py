@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 from ...schema.kinds import Choice, Key
 from ..base import EventOutcome
 from .forms import EDGE, left_and_entered
+from .free_turn import parity_of
 from .passage import CrossingPrediction, outcome, time_in_band
 
 FREE, STOP, OTHER, REVERSED = "free", "stop", "other-axis", "reversed"
@@ -121,6 +122,7 @@ def pass_separatrix(
     arrival's side. With `branch` FREE the motion changes its axis. Where it is `predictable` from
     its phase, its sense, place and lag are those predicted, and `rate` is that of the perturbation
     (default: the drift). Any other branch is a matter of chance: the motion ends here or takes it.
+    Regions have the sense about sorted axes, what is stored that about the axes as given.
 
     At 2 EDGE the event that has found the separatrix cannot find it again. What is added to the
     state needs no more digits than a double has.
@@ -138,10 +140,8 @@ def pass_separatrix(
     known, region = UNKNOWN, None
     if branch == FREE:
         foreseen = outcome(pull, n, float(phase), time, rate or pull)
-        details["scatter"] = foreseen.scatter
-        if predictable:
-            known = foreseen
-            details |= known.details
+        known = foreseen if predictable else UNKNOWN._replace(scatter=foreseen.scatter)
+        details |= known.details | {"sense": float(parity(k) * known.sense)}
         region = -side, known.sense or 1
     else:
         shares = capture_shares(drift_by_region(bands(edge)), arrival.region)
@@ -172,6 +172,13 @@ def grown(amplitudes: Pair, changes: Pair) -> Pair:
     """Amplitudes after changes of the logarithms of their squares."""
     first, second = (x * math.exp(by / 2) for x, by in zip(amplitudes, changes, strict=True))
     return first, second
+
+
+def parity(k: Any) -> int:
+    """The sense about an axis as given of a rotation in the sense +1 about that axis as sorted: an
+    odd order makes a left-handed system, in which every rotation is turned round."""
+    largest, smallest = round(float(k.largest)) - 1, round(float(k.smallest)) - 1
+    return parity_of((largest, 3 - largest - smallest, smallest))
 
 
 def momentum(k: Any, side: int, amplitudes: Pair) -> float:

@@ -55,9 +55,8 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOut
     amplitudes = math.exp(float(ln_e) / 2), math.exp(float(ln_o) / 2)
     u = float(ln_e - ln_o + side * k.turning_offset)
     arrival = Arrival(t, region, u, amplitudes, scaled_phase / k.scale)
-    left = pass_separatrix(
-        k, arrival, lambda _: bands, FREE, k.mean_start == "yes", max(map(abs, lam))
-    )
+    predictable = k.mean_start == k.predictable == "yes"
+    left = pass_separatrix(k, arrival, lambda _: bands, FREE, predictable, max(map(abs, lam)))
     pair = (ln + by for ln, by in zip(left.in_order((ln_e, ln_o)), left.changes, strict=True))
     return left.outcome(y, (*pair, k.scale * left.phase, left.region[0]))
 
@@ -84,6 +83,11 @@ class Damped(AveragedTurns):
     def coefficients(self) -> tuple[float, ...]:
         """lambda about x1, x2, x3."""
         raise NotImplementedError
+
+    @property
+    def predictable(self) -> bool:
+        """Whether the equations know all of the torque that the phase at a passage depends on."""
+        return True
 
     @property
     def sorted_coefficients(self) -> tuple[float, ...]:
@@ -125,6 +129,7 @@ class Damped(AveragedTurns):
         return {
             **turning_constants(self.body),
             "mean_start": self.mean_start,
+            "predictable": "yes" if self.predictable else "no",
             "e": math.e,
             "l1": l1,
             "l2": l2,

@@ -142,8 +142,9 @@ def time_in_band(u: float, pull: float) -> float:
 class CrossingPrediction(NamedTuple):
     """What is predicted of the true motion at its passage; times as that of the passage.
 
-    `place` is s; `sense` that of the rotation about the new axis, 0 where it is undetermined;
-    `scatter` the rms over all phases of predicted - t*; `lag` that of the motion afterwards.
+    `place` is s; `sense` that of the rotation about the new axis, 0 where it is undetermined, and
+    then `predicted` is nan; `scatter` the rms over all phases of predicted - t*; `lag` that of the
+    motion afterwards.
     """
 
     place: float
@@ -170,15 +171,16 @@ def outcome(pull: float, n: float, phase: float, time: float, small: float) -> C
     reach = math.log(8 * n / pull)
     scatter = reach / math.sqrt(12) / n
     if not place:  # to the last digit between two half turns: nothing decides
-        return CrossingPrediction(place, 0, time, scatter, 0.0)
+        return CrossingPrediction(place, 0, math.nan, scatter, 0.0)
     shift = (0.5 - place) * reach + math.lgamma(place) - math.log(2 * math.pi) / 2
     shift += math.log(place / (1 - place)) / 2
     half_turns = round(phase / math.pi - place + 0.5)
     # The measured error of s is a fifth of small/n. Nearer to 0 or 1 than that, the motion may
     # cross a half turn sooner or later; the lag, which is even about s = 1/2, hardly changes.
-    sense = (-1) ** half_turns if min(place, 1 - place) > small / n else 0
+    is_sure = min(place, 1 - place) > small / n
+    sense, predicted = ((-1) ** half_turns, time + shift / n) if is_sure else (0, math.nan)
     lag = -math.log(2 * math.sin(math.pi * place)) / n
-    return CrossingPrediction(place, sense, time + shift / n, scatter, lag)
+    return CrossingPrediction(place, sense, predicted, scatter, lag)
 
 
 def crossing_table(lam: Sequence[float], side: int) -> tuple[np.ndarray, np.ndarray]:
