@@ -71,7 +71,7 @@ class Tensor(BodyFrame):
     @property
     def off_diagonal(self) -> np.ndarray:
         """I with zeros on its diagonal."""
-        return self.matrix - np.diag(np.diag(self.matrix))
+        return np.asarray(self.matrix - np.diag(np.diag(self.matrix)))
 
     @cached_property
     def constants(self) -> Constants:
