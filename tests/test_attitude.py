@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import series
 
-from hodo_cli.models.closed_form import free_motion
 from hodo_cli.models.theory.along_momentum import AlongMomentum
 from hodo_cli.models.theory.attitude import carlson, free_attitude, product, turn_angle
+from hodo_cli.models.theory.closed_form import free_motion
 
 A = np.array([1.0, 0.8, 0.6])
 B, C = np.array([0.8, 0.5, 0.74]), np.array([0.5, 0.25, 1.4])

@@ -24,7 +24,7 @@ from mpmath import mpf
 from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import exact
-from hodo_cli.models import closed_form
+from hodo_cli.models.theory import closed_form
 
 EVEN = [0, 1, 2], [1, 2, 0], [2, 0, 1]
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..cases.case import Case
-from ..models.closed_form import scaled_motion
 from ..models.linear_diag import LinearDiag
+from ..models.theory.closed_form import scaled_motion
 
 
 def applies(case: Case) -> bool:

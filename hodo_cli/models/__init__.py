@@ -1,5 +1,6 @@
-"""The mechanics. A model is one file, found by scanning this folder: to add one, add a file, or
-name one of your own. Imports schema and arithmetic only; knows no solver, result or plot."""
+"""The mechanics. A model is one file, found by scanning this folder and those in it: to add one,
+add a file, or name one of your own. Imports schema and arithmetic only; knows no solver, result or
+plot."""
 
 import hashlib
 import os
@@ -49,8 +50,8 @@ def catalogue() -> dict[str, dict[str, type[Model]]]:
     Raises HodoError if an installed package's models cannot be loaded, or one is there already.
     """
     forms_by_name: dict[str, dict[str, type[Model]]] = {}
-    for info in pkgutil.iter_modules(__path__):
-        for item in _forms(import_module(f"{__name__}.{info.name}")):
+    for info in pkgutil.walk_packages(__path__, f"{__name__}."):
+        for item in _forms(import_module(info.name)):
             forms_by_name.setdefault(item.name, {})[item.form] = item
     for source, module, _ in _added_modules():
         for item in _forms(module):

@@ -16,8 +16,8 @@ from ..claims.quantities import first, number, reach, swept_angle, zeros
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration.solve import solve
-from ..models import closed_form
-from ..models.closed_form import free_motion, sn_cn_dn
+from ..models.theory import closed_form
+from ..models.theory.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion
 
 

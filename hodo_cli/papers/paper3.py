@@ -25,7 +25,7 @@ from ..claims.finding import (
 )
 from ..claims.quantities import integrated_motion, number, quantity
 from ..claims.variations import changed
-from ..models.closed_form import sn_cn_dn
+from ..models.theory.closed_form import sn_cn_dn
 from ..models.top.nutation import mean_cosine
 from ..results.motion import Motion
 

@@ -1,2 +1,2 @@
 """What can be said of a motion without integrating it: torques along G, possible crossings, rotors,
-and the attitude of a free body. Imports no model, only the rigid body and its closed form."""
+and the motion and attitude of a free body. Imports no model, only the rigid body."""

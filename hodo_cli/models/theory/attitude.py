@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ..closed_form import FreeTurn, free_motion, free_turn, in_own_units
+from .closed_form import FreeTurn, free_motion, free_turn, in_own_units
 
 DUPLICATIONS = 30
 """By the duplication theorem, each of which takes the arguments four times nearer to each other;

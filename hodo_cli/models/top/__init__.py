@@ -1,2 +1,1 @@
-"""The Lagrange top without its forms: its torques as functions of slow time, and its nutation.
-Imports no model."""
+"""The Lagrange top: its forms, its torques as functions of slow time, and its nutation."""

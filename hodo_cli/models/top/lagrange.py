@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arithmetic import cos, sin, sqrt
-from ..schema.kinds import Angle, Integer, Key, Mistake, Number, Table
-from .base import Constants, Event, Label, Model, mistake_of
-from .constants import attributes
-from .terms.laws import coefficient_at, first_values, law_constants
-from .top.nutation import (
+from ...arithmetic import cos, sin, sqrt
+from ...schema.kinds import Angle, Integer, Key, Mistake, Number, Table
+from ..base import Constants, Event, Label, Model, mistake_of
+from ..constants import attributes
+from ..terms.laws import coefficient_at, first_values, law_constants
+from .nutation import (
     Nutation,
     drift,
     first_integrals,
@@ -22,7 +22,7 @@ from .top.nutation import (
     nutation,
     nutation_at_start,
 )
-from .top.torques import LAW, PERTURBATION, PERTURBATIONS
+from .torques import LAW, PERTURBATION, PERTURBATIONS
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
