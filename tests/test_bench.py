@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,6 +83,23 @@ def test_a_trial_measures_the_true_error_and_the_drift() -> None:
     assert np.isnan(
         trials.trial(CASES["a"], trials.truth(CASES["a"]), "DOP853", 1e-6, 1, 10.0).drift
     )
+
+
+def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
+    class Sleeper:
+        def begin(self, *_: object) -> None:
+            time.sleep(0.2)
+
+        def __call__(self, *_: object) -> None: ...
+
+        def flush(self) -> None: ...
+
+    case = CASES["b"]
+    motion = solve.solve(case, "DOP853", observer=Sleeper())
+    assert motion.run_time < 0.1
+    # As if the first had compiled; a long one is not repeated.
+    assert trials.least_time(case, replace(motion, run_time=0.9), 3) < 0.1
+    assert trials.least_time(case, replace(motion, run_time=2.0), 3) == 2.0
 
 
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:

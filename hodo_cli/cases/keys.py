@@ -94,7 +94,9 @@ BENCH = Table(
             default=(),
         ),
         "repeats": Key(
-            Integer(least=1, most=1000), "runs of each; the median of their times counts", default=1
+            Integer(least=1, most=1000),
+            "least number of runs of each; the least of their times counts",
+            default=3,
         ),
         "max_seconds": Key(
             Number(above=0), "run time after which a method stops, unfinished", "s", 10.0

@@ -35,7 +35,7 @@ MEASURED = {
     "status": ("what the result is worth", "1"),
     "error": ("largest relative error of a stored variable", "1"),
     "crossing_error": ("largest relative error of the time of a crossing", "1"),
-    "run_time": ("median time of an integration", "s"),
+    "run_time": ("least processor time of an integration", "s"),
     "compile_time": ("time that the first integration took beyond its run time", "s"),
     "steps": ("steps", "1"),
     "rhs_evaluations": ("evaluations of the equations", "1"),
