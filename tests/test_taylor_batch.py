@@ -102,8 +102,8 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
     assert ta.order == taylor_batch.SERIES_ORDER
     ta.pars[:] = flat.flatten(k)[: len(ta.pars)]
     step = taylor_batch.build(model, form, None)  # type: ignore[arg-type]
-    end, m = 50.0, len(y0)
-    inputs = np.tile([[*y0, end, 1e-3, 7.0]], (taylor_batch.WIDTH, 1)).T.copy()
+    end, m, rounding = 50.0, len(y0), 1e-3
+    inputs = np.tile([[*y0, end, rounding, 7.0]], (taylor_batch.WIDTH, 1)).T.copy()
     parameters = [end, *flat.flatten(k), taylor_batch.stride(tol, None)]
     constants = np.tile([parameters], (taylor_batch.WIDTH, 1)).T.copy()
     out = np.empty((step.rows, taylor_batch.WIDTH))
@@ -114,8 +114,9 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
     rule = tol ** (1 / (ta.order - 3)) / math.exp(-2)
     # The coefficients of different orders say different radii.
     assert 0.8 < length / own / rule < 1.25
-    ta.time, ta.state[:] = 0.0, y0
-    ta.propagate_until(length)
+    # The time is the end, less what is left and what rounding has taken from it.
+    ta.time, ta.state[:] = -rounding, y0
+    ta.propagate_until(length - rounding)
     assert out[:m, 0] == pytest.approx(ta.state, rel=4 * tol, abs=4 * tol)
     # Two numbers hold the time left, and no digit of the step is lost.
     assert steps == 8

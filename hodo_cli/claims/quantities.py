@@ -46,7 +46,7 @@ def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) ->
     )
     if passed is not None:
         inertia = np.array(case.data["inertia"])
-        axes = rigid_body.enclosed_axis(inertia, extended(trajectory.state), CERTAIN * EPS)
+        axes = rigid_body.enclosed_axis(inertia, extended(trajectory.omega), CERTAIN * EPS)
         variables |= label_variables(axes, passed)
     return Motion(case, variables, label=case.name)
 

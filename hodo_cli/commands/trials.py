@@ -158,7 +158,7 @@ def drifts(motion: Trajectory) -> list[float]:
     velocity."""
     if not isinstance(motion.case.system, BodyFrame) or not len(motion.time):
         return []
-    A, omega = np.array(motion.case.data["inertia"], np.longdouble), extended(motion.state)
+    A, omega = np.array(motion.case.data["inertia"], np.longdouble), extended(motion.omega)
     size = np.ldexp(np.longdouble(1), motion.exponent - motion.exponent[0])
     with np.errstate(all="ignore"):
         energy = rigid_body.kinetic_energy(A, omega) * size**2

@@ -111,12 +111,13 @@ class StepControl:
     up.
 
     With `band` = (low, high) it also stops the leg, for new units, as soon as the norm of
-    the state leaves the band.
+    the state leaves the band: of those `rows` of it, if any are named, that carry a unit.
     """
 
     max_steps: float = math.inf
     max_seconds: float = math.inf
     band: tuple[float, float] | None = None
+    rows: np.ndarray | None = None
     observer: Observer | None = None
     longest: float = math.inf
     """The longest step that an engine may take in the leg, in its units: the leg ends where what
@@ -136,6 +137,8 @@ class StepControl:
         self.steps += 1
         if self.steps >= self._look_at and not self._goes_on():
             return False
+        if self.rows is not None:
+            y = y[self.rows]
         if self.longest < math.inf and not uneven(y.astype(float)):
             return False
         if self.band is None:

@@ -217,14 +217,16 @@ def motion(
     t: Any,
     y: Sequence[Any],
     k: Any,
+    unit: Any = 1.0,
 ) -> tuple[Series, list[Series]]:
-    """The time and the state as series in the time from `t`, where the state is `y`."""
+    """The time and the state as series in the time from `t`, where the state is `y`; the time of
+    the series runs in a `unit` of its own."""
     rates: list[Any] = []
 
     def coefficient(j: int, i: int) -> Any:
         return rates[j][i - 1] * (1 / i) if i else y[j]
 
-    time = Series(lambda i: (t, 1.0)[i] if i < 2 else 0.0)
+    time = Series(lambda i: (t, unit)[i] if i < 2 else 0.0)
     state = [Series(partial(coefficient, j)) for j in range(len(y))]
     rates += [
         rate if isinstance(rate, Series) else Series(partial(constant, rate))

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..models.base import Event, Model
 from ..models.constants import Structure, count, namespace
+from ..models.leg_time import UNIT
 from .series import TINY, Series, constant, motion, value
 from .taylor import OPTIMISED
 
@@ -101,7 +102,10 @@ class TaylorStep:
         # one is the `stride`, so that the code serves every tolerance.
         end, *numbers, most = (hy.par[i] for i in range(count(structure) + 2))
         k = namespace(structure, numbers)
-        time, state = motion(model.rhs, end - left, start, k)
+        # What is left is in units that fit the motion, in which the end is not.
+        unit = getattr(k, UNIT, 1.0)
+        begin = (end - left * unit) - lost * unit
+        time, state = motion(model.rhs, begin, start, k, unit)
         y = [coefficients(series, SERIES_ORDER) for series in state]
         step = smaller(most * radius(y), left)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.
@@ -115,7 +119,7 @@ class TaylorStep:
             self._event_series = coefficients(event.function(time, state, k), SERIES_ORDER)
             rows.append(clearance(event, time, state, k, step))
         self.rows = len(rows)
-        large = sum(map(len, model.rhs(end - left, start, k))) > OPTIMISED
+        large = sum(map(len, model.rhs(begin, start, k))) > OPTIMISED
         self._step = self._compiled(rows, 1 if large else 3)
 
     def _compiled(self, rows: list[Any], opt_level: int) -> Any:

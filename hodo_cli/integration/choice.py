@@ -9,10 +9,10 @@ from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines import exact
 from ..models.base import Model
-from ..models.constants import attributes, jacobian
+from ..models.constants import attributes, jacobian, rescaled
 from .solve import solve
 from .trajectory import Trajectory
-from .units import Units, units_at_start
+from .units import Moment, Units, is_timed, units_at_start
 
 AUTOMATIC = ("exact", "taylor", "collocation")
 """The methods that `auto` takes: those that are right to the last digits."""
@@ -69,14 +69,17 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
     """About how many Taylor steps a case takes if it is all the time as fast as at the start, or as
     on a path."""
     system, end = case.system, case.time.end
+    span = end - case.time.start if is_timed(system) else None
     if path is None:
-        rates = [rate(system, end, np.array(system.start), 0, units_at_start(system))]
+        moment = None if span is None else Moment(case.time.start, span)
+        rates = [rate(system, end, np.array(system.start), 0, units_at_start(system, moment))]
     else:
         end, rates = float(path.time[-1]), []
         for t, state, size in zip(
             path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
         ):
-            units = Units.fit(type(system), system.constants, state, size)
+            moment = None if span is None else Moment(t, span)
+            units = Units.fit(type(system), system.constants, state, size, moment)
             rates.append(rate(system, t, state, size, units))
     # A Taylor step at full precision covers some 8 units of the fastest rate: right to 25 % for a
     # stiff motion, for which it decides, and a third of the steps that others take.
@@ -84,9 +87,9 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
 
 
 def rate(system: Model, t: float, state: np.ndarray, size: int, units: Units) -> float:
-    """The fastest rate in a state (m,), which is in units of 2**size, by the units that fit it."""
+    """The fastest rate in a state (m,), in units of omega of 2**size, by the units that fit it."""
     model, k = type(system), attributes(units.constants(type(system), system.constants))
-    y = np.ldexp(state, size - units.size)
+    y = rescaled(model, state, size - units.size)
     slopes, moving = jacobian(model, k, t, y), np.array(model.rhs(t, [*y], k), dtype=float) != 0
     # A variable that keeps its value, such as a side, moves no other, however much hangs on it.
     slopes[:, ~moving & ~slopes.any(axis=1)] = 0

@@ -75,7 +75,7 @@ def classify(
     samples = dense.rows[: len(omega)]
     check_stored(dense, samples, omega, expected)
     errors, reference = against_reference(dense, judged)
-    state = extended(dense.motion.state)[samples]
+    state = extended(dense.motion.omega)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
     labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
     labels = completed(labels, case.system.absorbing_axes)
@@ -195,7 +195,7 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
     Every step errs in D by a part of what its terms are then. Where these have become small again,
     that of the largest terms so far is still there.
     """
-    A, omega = np.array(motion.case.data["inertia"]), motion.state.astype(float)
+    A, omega = np.array(motion.case.data["inertia"]), motion.omega.astype(float)
     near = rigid_body.near_middle_axis(A, omega, rigid_body.inertia_order(A))
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
@@ -208,7 +208,7 @@ def start_error(case: Case) -> float:
     So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
     to that rounding stands on neither side, in every precision.
     """
-    A, omega = np.array(case.data["inertia"]), np.array(case.system.start)
+    A, omega = np.array(case.data["inertia"]), np.array(case.system.start[:3])
     order = rigid_body.inertia_order(A)
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega, order)))
 
@@ -232,7 +232,7 @@ def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
     """|omega - omega_ref| / |omega_ref| (n,) at the times of a motion; at least its rounding."""
     n = min(len(motion.time), len(reference.time))
     shift = (motion.exponent[:n] - reference.exponent[:n])[:, None]
-    own, better = extended(motion.state[:n]), extended(reference.state[:n])
+    own, better = extended(motion.omega[:n]), extended(reference.omega[:n])
     # Only the difference needs the digits of a long double.
     apart = (np.ldexp(own, shift) - better).astype(float)
     distance, size = (np.sqrt(np.vecdot(x, x)) for x in (apart, better.astype(float)))
@@ -258,12 +258,12 @@ def crossings_of(
     if not A[order[0]] > A[order[1]] > A[order[2]] or not len(time):
         return CrossingList([], [], [])
     nothing = np.zeros(len(time))
-    G = A * motion.state.astype(float)
+    G = A * motion.omega.astype(float)
     momentum = np.sqrt(np.vecdot(G, G))
     with np.errstate(over="ignore"):
         samples = SignChanges(
             time,
-            rigid_body.margin(A, extended(motion.state), order),
+            rigid_body.margin(A, extended(motion.omega), order),
             nothing.astype(bool),
             nothing,
             np.ldexp(momentum, motion.exponent),

@@ -104,7 +104,7 @@ class CrossingSearch:
     def __call__(self, start: float, end: float, series: np.ndarray) -> None:
         """Note a step; see `Observer`."""
         i = self.filled
-        self.series[i], self.times[i, 0], self.times[i, 1] = series, start, end
+        self.series[i], self.times[i, 0], self.times[i, 1] = series[:3], start, end
         self.filled = i + 1
         if self.filled == SEARCHED:
             self.flush()

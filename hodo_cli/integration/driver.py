@@ -8,10 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..engines.protocol import Engine, Hit, Status, StepControl, uneven
-from ..models.base import Constants, Event, EventOutcome, Model
-from ..models.constants import attributes
+from ..models.base import Event, EventOutcome, Model, Passage
+from ..models.constants import attributes, moving, rescaled, state_powers
 from .trajectory import Occurrence
-from .units import Calendar, Clock, Units, longest_step, units_at_start
+from .units import Calendar, Clock, Moment, Units, is_timed, longest_step, units_at_start
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -26,7 +26,7 @@ LARGEST, OVERFLOW_MESSAGE = 1024, "the motion has outgrown the largest number"
 
 @dataclass
 class SampleBuffer:
-    """The samples of a motion under way: states (n, m) at `time` (n,), each in units of
+    """The samples of a motion under way: states (n, m) at `time` (n,), each in units of omega of
     2**exponent, of which the first `done` are known; and the events met."""
 
     time: np.ndarray
@@ -79,9 +79,11 @@ def propagate(
     `control` says so.
     """
     model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
-    units = units_at_start(system)
+    timed, rows = is_timed(system, events), moving(model)
+    moment = Moment(start, float(times[-1]) - start) if timed and len(times) else None
+    units = units_at_start(system, moment)
     exact = system.extended_start if fp is np.longdouble else np.array(y0)
-    y = np.ldexp(exact, -units.size).astype(fp)
+    y = rescaled(model, exact, -units.size).astype(fp)
     clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
     shape = len(times), len(y0)
     # Of C's int, because ldexp takes four times as long by a wider one.
@@ -90,6 +92,7 @@ def propagate(
     samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
     is_uneven = True
     control.band, control.observer = norm_band(engine, system), observer
+    control.rows = None if isinstance(rows, slice) else rows
     while samples.done < len(times) and control.status is Status.OK:
         clock.factor = float(np.ldexp(1.0, units.rate))
         next_times = times[samples.done : samples.done + SAMPLES_AT_ONCE]
@@ -100,13 +103,13 @@ def propagate(
             observer.begin(engine, clock, units)
         constants = units.constants(model, k)
         # Asked until it is not so: what becomes small on the way stays so, since it decays.
-        is_uneven = is_uneven and uneven(y.astype(float))
+        is_uneven = is_uneven and uneven(y[rows].astype(float))
         control.longest = (
-            longest_step(model, constants, float(grid[0]), y.astype(float))
+            longest_step(model, constants, float(clock.high), y.astype(float))
             if is_uneven
             else math.inf
         )
-        leg = engine.leg(constants, y, grid, control)
+        leg = engine.leg(constants | clock.constants if timed else constants, y, grid, control)
         if observer is not None:
             observer.flush()
         samples.events += [
@@ -115,38 +118,51 @@ def propagate(
         samples.add(leg.rows[1:], units.size)  # the first row is where the leg began
         if leg.hit is not None:
             event = events[leg.hit.event]
-            outcome = event_outcome(event, leg.hit, clock, k)
-            samples.events.append(Occurrence(event.kind, outcome.time, outcome.details))
-            y = np.array(outcome.state, dtype=fp)
-            if outcome.onward is None:
-                samples.end(outcome.time, y, units.size)
+            if event.passage is None:
+                samples.events.append(Occurrence(event.kind, clock.true(leg.hit.time)))
+                samples.end(samples.events[-1].time, leg.hit.state, units.size)
                 break
-            clock = Calendar(fp(outcome.onward), fp(0))
+            outcome = passed(system, event.passage, leg.hit, clock, units)
+            if outcome.details is not None:
+                samples.events.append(Occurrence(event.kind, outcome.time, outcome.details))
+            y, size = np.array(outcome.state, dtype=fp), 0
+            if outcome.onward is None:
+                samples.end(outcome.time, y, size)
+                break
+            clock.restart(fp(outcome.onward))
             # Samples that the passage skips are taken behind it.
             reached = int(np.searchsorted(times, float(outcome.onward), side="right"))
-            samples.add(np.broadcast_to(y, (max(reached - samples.done, 0), len(y))), units.size)
-            continue
-        clock.advance(leg.time)
-        if samples.done == len(times) and units.size < LARGEST // 2:
+            skipped = max(reached - samples.done, 0)
+            rest = 0 if y[rows].any() or not model.degree else -LIMIT
+            samples.add(np.broadcast_to(y, (skipped, len(y))), rest)
+        else:
+            clock.advance(leg.time)
+            y, size = leg.state, units.size
+        if samples.done == len(times) and size < LARGEST // 2:
             break  # no leg is to follow, and this one was far from the largest number
-        new = Units.fit(model, k, leg.state.astype(float), units.size)
+        if timed:
+            moment = Moment(float(clock.high), float(times[-1]) - start)
+        new = Units.fit(model, k, y.astype(float), size, moment)
         if new.size < -LIMIT:
-            samples.add(np.zeros((len(times) - samples.done, len(y0))), -LIMIT)
+            end = np.where(state_powers(model), 0, y)
+            samples.add(np.broadcast_to(end, (len(times) - samples.done, len(y))), -LIMIT)
         elif new.size > LARGEST:
             control.give_up(Status.FAILED, f"{OVERFLOW_MESSAGE} at {clock.true(fp(0)):.6g}")
-        y, units = leg.state * fp(2.0 ** (units.size - new.size)), new
+        y, units = scaled_by(model, y, size - new.size), new
     return samples
 
 
-def event_outcome(event: Event, hit: Hit, clock: Clock, k: Constants) -> EventOutcome:
-    """What becomes of the motion at a terminal event: it ends, unless the event lets it through.
+def passed(system: Model, passage: Passage, hit: Hit, clock: Clock, units: Units) -> EventOutcome:
+    """What becomes of the motion at a terminal event that lets it through."""
+    state = scaled_by(type(system), hit.state, units.size)
+    numbers = attributes(system.constants, hit.state.dtype.type)
+    return passage(clock.exact(hit.time), [*state], numbers)
 
-    A model with such an event has units of its own, so that the time and the state are its own too.
-    """
-    if event.passage is None:
-        return EventOutcome(clock.true(hit.time), {}, [*hit.state])
-    numbers = attributes(k, hit.state.dtype.type)
-    return event.passage(hit.time, [*hit.state], numbers)
+
+def scaled_by(model: type[Model], y: np.ndarray, size: int) -> np.ndarray:
+    """A state (m,) in units of omega that are 2**size times as small, in any precision."""
+    factors = [2.0 ** (size * power) for power in state_powers(model).tolist()]
+    return np.asarray(y * np.array(factors).astype(y.dtype))
 
 
 def norm_band(engine: Engine, system: Model) -> tuple[float, float] | None:
@@ -156,5 +172,6 @@ def norm_band(engine: Engine, system: Model) -> tuple[float, float] | None:
     needs none, and under a torque that is constant the motion settles at a size of its own.
     """
     constant = [name for name, degree in system.degree.items() if degree == 0]
-    forced = any(system.constants[name] for name in constant)
-    return engine.band if system.degree and any(system.start) and not forced else None
+    forced = any(np.any(system.constants[name]) for name in constant)
+    turning = np.array(system.start)[moving(type(system))].any()
+    return engine.band if system.degree and turning and not forced else None

@@ -9,7 +9,7 @@ import numpy as np
 from .. import engines
 from ..cases.case import Case
 from ..engines import extended
-from ..models.constants import attributes
+from ..models.constants import attributes, rescaled
 from .choice import AUTOMATIC, MANY_STEPS, best
 from .driver import LIMIT
 from .solve import refined, sample_times, solve
@@ -123,12 +123,13 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     rows = np.r_[0 : n - 1, -1] if errors else slice(n)
     if event_error := passages_apart(motion, reference):
         errors["event_time"] = event_error
-    state, k = motion.state[rows].astype(float), attributes(system.constants)
-    own = system.output(motion.time[rows], state, k)
+    sizes = motion.exponent[rows], reference.exponent[rows]
+    state, shift = motion.state[rows].astype(float), sizes[0] - sizes[1]
+    if system.degree and shift.any():
+        state = rescaled(type(system), state, shift)
+    own = system.output(motion.time[rows], state, attributes(system.constants))
     k = attributes(system.constants, np.longdouble)
     better = system.output(reference.time[rows], extended(reference.state[rows]), k)
-    sizes = motion.exponent[rows], reference.exponent[rows]
-    shift = (sizes[0] - sizes[1])[:, None]
     # One of the two may be called at rest a step before the other.
     resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < -LIMIT / 2)
     for name, variable in system.variables.items():
@@ -137,9 +138,8 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
         a, b = own[name], better[name]
         if a.dtype.kind == "i":  # a label has no error
             continue
-        scaled = np.ldexp(a, shift) if system.degree and shift.any() else a
-        distance, size = subtracted(scaled, b), np.abs(b.astype(float))
-        if "axis" in variable.dims:
+        distance, size = subtracted(a, b), np.abs(b.astype(float))
+        if len(variable.dims) > 1:
             distance, scale = (np.sqrt(np.vecdot(x, x)) for x in (distance, size))
             distance[resting] = 0
         else:

@@ -10,7 +10,7 @@ import numpy as np
 from ..cases.case import Case
 from ..engines.protocol import Status
 from ..models.base import Model
-from ..models.constants import attributes
+from ..models.constants import attributes, rescaled
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class Trajectory:
 
     `system` is the model with the data that were integrated, which are finer than those of the case
     where the motion needed them. `time` (n,) in the case's units; `state` (n, m) in the working
-    precision, scaled: a state of a model with units of its own is state * 2**exponent, with
-    `exponent` (n,). `evaluations` of the equations: for a series, one for each order of each step.
-    `status` and `message` say why a motion ended before its time, if it did. `errors` holds the
-    measured error of each variable.
+    precision, scaled: a state of a model with units of its own is in units of omega of 2**exponent,
+    with `exponent` (n,). `evaluations` of the equations: for a series, one for each order of each
+    step. `status` and `message` say why a motion ended before its time, if it did. `errors` holds
+    the measured error of each variable.
     """
 
     case: Case
@@ -73,14 +73,20 @@ class Trajectory:
         """The largest measured error, or nan."""
         return max(self.errors.values(), default=float("nan"))
 
+    @property
+    def omega(self) -> np.ndarray:
+        """The angular velocity (n, 3) of an oriented model, in units of 2**exponent."""
+        return self.state[:, :3]
+
     @cached_property
     @np.errstate(over="ignore")  # `remarks` says so
     def variables(self) -> dict[str, np.ndarray]:
         """The stored variables (n, ...) by name, in double precision and true size."""
         system, store = self.case.system, self.case.store
-        output = system.output(self.time, self.state.astype(float), attributes(system.constants))
+        state = self.state.astype(float)
         if system.degree:
-            output = {name: np.ldexp(x, self.exponent[:, None]) for name, x in output.items()}
+            state = rescaled(type(system), state, self.exponent)
+        output = system.output(self.time, state, attributes(system.constants))
         return {name: values for name, values in output.items() if not store or name in store}
 
     def judged(self, **judgement: Any) -> "Trajectory":

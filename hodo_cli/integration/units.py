@@ -5,17 +5,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..engines import extended
-from ..models.base import Constants, Model
-from ..models.constants import attributes, jacobian
+from ..models.base import Constants, Event, Model
+from ..models.constants import (
+    attributes,
+    in_unit,
+    jacobian,
+    moving,
+    rescaled,
+    state_powers,
+    structure,
+)
+from ..models.leg_time import START, UNIT, VELOCITY, contains_time
 
 SLOWEST = -1000
 """The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the
 motion's own would leave the range of doubles."""
+
+
+class Moment(NamedTuple):
+    """A time of motions whose equations contain it, and how long they last; both one number, or one
+    for each of n motions."""
+
+    time: Any
+    span: Any
 
 
 @dataclass(frozen=True)
@@ -31,16 +48,23 @@ class Units:
     rate: Any = 0
 
     @classmethod
-    def fit(cls, model: type[Model], k: Mapping[str, Any], y: np.ndarray, size: Any = 0) -> "Units":
-        """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size."""
+    def fit(
+        cls,
+        model: type[Model],
+        k: Mapping[str, Any],
+        y: np.ndarray,
+        size: Any = 0,
+        moment: Moment | None = None,
+    ) -> "Units":
+        """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size, and at
+        a moment if its equations contain the time."""
         if not model.degree:
             return cls()
-        largest = np.abs(y).max(axis=0)
         with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
             lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
             # In logarithms, because the products themselves may leave the range of doubles.
-            logs = {name: np.log2(np.abs(k[name])) - lightest for name in model.degree}
-        new = np.where(largest > 0, np.frexp(largest)[1] + size, -np.inf)
+            logs = {name: np.log2(largest_of(k[name])) - lightest for name in model.degree}
+        new = order_of_magnitude(model, y) + size
         for name, degree in model.degree.items():
             if degree == 0:  # a torque N spins the body up to about sqrt(N/A) in 1/sqrt(N/A)
                 new = np.maximum(new, np.ceil(logs[name] / 2))
@@ -52,32 +76,58 @@ class Units:
         most = cls(new.astype(np.int64)[()], np.ceil(rate).astype(np.int64)[()])
         # The bound above may be far too fast: a body that turns steadily about an axis needs no
         # steps.
-        speed = most.pace(model, k, np.ldexp(y, size - most.size))
-        return cls(most.size, most.rate + np.maximum(np.frexp(speed)[1], SLOWEST))
+        state = rescaled(model, y.T, size - most.size).T
+        speed = most.pace(model, k, state, moment.time if moment else 0.0)
+        fitted = most.rate + np.maximum(np.frexp(speed)[1], SLOWEST)
+        if moment:  # what is slow now may hang on a law of time that soon changes
+            fitted = np.maximum(fitted, -np.frexp(moment.span)[1])
+        return cls(most.size, fitted)
 
-    def pace(self, model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> np.ndarray:
-        """How fast motions at a state y in these units, and their derivatives, change; 0 where they
-        do not.
+    def pace(
+        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, t: Any = 0.0
+    ) -> np.ndarray:
+        """How fast motions at a state y in these units, and their derivatives, change at the time
+        t; 0 where they do not.
 
         A steady rotation about an axis is not fast however large it is. A series in a unit of time
         that is 1e15 times too short has coefficients of 0.
         """
         scaled = SimpleNamespace(**self.constants(model, k))
-        rate = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], scaled)))
+        rate = np.array(np.broadcast_arrays(*model.rhs(t, [*y], scaled)))
         speed = np.abs(rate).max(axis=0)
         along = np.divide(rate, speed, out=np.zeros_like(rate), where=speed > 0)
         # The second derivative by a complex step, as in `jacobian`: it sees what turns at constant
         # speed.
-        second = np.array(np.broadcast_arrays(*model.rhs(0.0, [*(y + 1e-100j * along)], scaled)))
+        second = np.array(np.broadcast_arrays(*model.rhs(t, [*(y + 1e-100j * along)], scaled)))
         turn = np.abs(second.imag / 1e-100).max(axis=0)
         return np.where(speed > 0, np.maximum(speed, turn), 0.0)
 
     def constants(self, model: type[Model], k: Mapping[str, Any]) -> dict[str, Any]:
         """The constants of the equations in these units."""
-        return {**k} | {
-            name: np.ldexp(k[name], (degree - 1) * self.size - self.rate)
+        scaled = {
+            name: in_unit(k[name], (degree - 1) * self.size - self.rate)
             for name, degree in model.degree.items()
         }
+        own = {VELOCITY: self.size, UNIT: -self.rate}
+        return {**k} | scaled | {name: np.ldexp(1.0, own[name]) for name in own if name in k}
+
+
+def largest_of(constant: Any) -> Any:
+    """The size of a constant of a model: of a number, or of the largest number of a tuple."""
+    return np.abs(constant).max(axis=0) if isinstance(constant, tuple) else np.abs(constant)
+
+
+def order_of_magnitude(model: type[Model], y: np.ndarray) -> np.ndarray:
+    """The binary order of magnitude of the unit of omega that fits states (m,) or (m, n); minus
+    infinity at rest."""
+    rows = moving(model)
+    largest = np.abs(y[rows])
+    powers = state_powers(model)[rows].reshape(-1, *[1] * (y.ndim - 1))
+    if (powers > 1).any():
+        orders = np.where(largest > 0, np.ceil(np.frexp(largest)[1] / powers), -np.inf)
+        return np.asarray(orders.max(axis=0))
+    largest = largest.max(axis=0)
+    return np.where(largest > 0, np.frexp(largest)[1], -np.inf)
 
 
 RESOLVED = 1.5
@@ -96,11 +146,17 @@ def longest_step(model: type[Model], k: Constants, t: float, y: np.ndarray) -> f
     return RESOLVED / fastest if fastest > 0 else math.inf
 
 
+def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
+    """Whether a motion has units of its own, and equations or events that contain the time."""
+    form = structure(system.constants)
+    return bool(system.degree) and contains_time(type(system), form, events)
+
+
 @lru_cache(maxsize=64)
-def units_at_start(system: Model) -> Units:
+def units_at_start(system: Model, moment: Moment | None = None) -> Units:
     """The units that fit a motion as it begins: its trial, the motion itself and its reference ask
     for them."""
-    return Units.fit(type(system), system.constants, np.array(system.start))
+    return Units.fit(type(system), system.constants, np.array(system.start), moment=moment)
 
 
 @dataclass
@@ -122,12 +178,25 @@ class Clock:
 
     def true(self, s: Any) -> float:
         """The true time of a moment of the leg."""
-        return float(self.high + (self.low + s / type(self.high)(self.factor)))
+        return float(self.exact(s))
+
+    def exact(self, s: Any) -> Any:
+        """The true time of a moment of the leg, in the working precision."""
+        return self.high + (self.low + s / type(self.high)(self.factor))
+
+    def restart(self, time: Any) -> None:
+        """Begin a leg at another time."""
+        self.high, self.low = time, time * 0
 
     def true_times(self, s: np.ndarray) -> np.ndarray:
         """`true` of many moments (n,), in double or extended precision."""
         high, low = extended(np.array([self.high, self.low]))
         return np.asarray(high + (low + s / np.longdouble(self.factor))).astype(float)
+
+    @property
+    def constants(self) -> dict[str, Any]:
+        """What equations that contain the time know of the leg."""
+        return {START: self.high, UNIT: 1 / self.factor}
 
     def advance(self, elapsed: tuple[Any, Any]) -> None:
         """Move on by a time in the leg's units."""
@@ -147,8 +216,8 @@ class Calendar(Clock):
     def grid(self, times: np.ndarray) -> np.ndarray:
         return np.concatenate(([self.high], times))
 
-    def true(self, s: Any) -> float:
-        return float(s)
+    def exact(self, s: Any) -> Any:
+        return s
 
     def true_times(self, s: np.ndarray) -> np.ndarray:
         return s.astype(float)

@@ -16,9 +16,12 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from .. import HodoError
 from .base import Model
-from .constants import attributes
+from .constants import attributes, in_unit, rescaled
+from .leg_time import VELOCITY
 
 OWN = "HODO_MODELS"
 """The variable of the environment with the user's own files, separated as in PATH: worker processes
@@ -181,15 +184,21 @@ def _equations_mistake(system: Model) -> str:
     k: dict[str, Any] = {**system.constants}
     if strange := [name for name in system.degree if name not in k]:
         return f"`degree` names {strange[0]!r}, but `constants` has: {', '.join(k)}"
-    start = [*system.start]
-    rates = system.rhs(0.0, start, attributes(k))
-    if len(rates) != len(start):
+    if strange := [name for name in system.state_degree if name not in system.state]:
+        return f"`state_degree` names {strange[0]!r}, but `state` has: {', '.join(system.state)}"
+    if strange := [name for name, d in system.state_degree.items() if d not in range(100)]:
+        return f"`state_degree` of {strange[0]!r} is no whole number from 0 on"
+    start = np.array(system.start)
+    rates = system.rhs(0.0, start.tolist(), attributes(k))
+    if len(rates) != len(system.state) or len(start) != len(system.state):
         return f"rhs gives {len(rates)} rates for {len(start)} variables of the state"
-    # The same motion in a unit of velocity that is four times as large.
-    other = k | {name: k[name] * 4.0 ** (degree - 1) for name, degree in system.degree.items()}
-    again = system.rhs(0.0, [value / 4 for value in start], attributes(other))
-    apart = max(abs(rate - 4 * scaled) for rate, scaled in zip(rates, again, strict=True))
-    if system.degree and apart > 1e-9 * max(map(abs, rates)):
+    # The same motion in a unit of velocity that is four times as large, 2**2.
+    other = k | {name: in_unit(k[name], 2 * degree - 2) for name, degree in system.degree.items()}
+    other |= {VELOCITY: 4.0} if VELOCITY in k else {}
+    scaled = rescaled(type(system), start, -2)
+    again = rescaled(type(system), np.array(system.rhs(0.0, scaled.tolist(), attributes(other))), 2)
+    apart = np.abs(np.array(rates) - again).max()
+    if system.degree and apart > 1e-9 * np.abs(rates).max():
         return "`degree` does not fit rhs: with the constants of other units it gives other rates"
     return ""
 

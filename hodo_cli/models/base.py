@@ -26,27 +26,32 @@ class EventOutcome(NamedTuple):
     """What an event does to a motion: it goes on from the time `onward` in another state, or ends
     in that state where `onward` is None.
 
-    `time` is what is stored as the event's time, with the numbers of `details`. `onward` may lie
-    before the time of the event: the motion then goes on as if it had passed sooner.
+    `time` is what is stored as the event's time, with the numbers of `details`; nothing is stored
+    of an event whose `details` are None. `onward` may lie before the time of the event: the motion
+    then goes on as if it had passed sooner. A state that lasts has `onward` infinite.
     """
 
     time: float
-    details: Mapping[str, float]
+    details: Mapping[str, float] | None
     state: Sequence[Any]
     onward: Any = None
+
+
+Passage = Callable[[Any, Sequence[Any], SimpleNamespace], EventOutcome]
 
 
 class Event(NamedTuple):
     """A zero of `function(t, y, k)`; integration ends there if it is `terminal`.
 
-    A terminal event with a `passage` ends only one stretch: `passage(t, y, k)`, whose state and
-    constants are numbers of the working precision, says how the motion goes on.
+    A terminal event with a `passage` ends only one stretch: `passage(t, y, k)`, whose time, state
+    and constants are numbers of the working precision in the case's own units, says how the motion
+    goes on.
     """
 
     kind: str
     function: Callable[[Any, Sequence[Any], Any], Any]
     terminal: bool = False
-    passage: Callable[[Any, Sequence[Any], SimpleNamespace], EventOutcome] | None = None
+    passage: Passage | None = None
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,16 @@ class Model:
     becomes value * sigma**(degree - 1) / rho. A model with an empty `degree` is integrated in its
     own units.
 
+    `state_degree` maps a variable of the state to the power d >= 0 of the unit of omega that it
+    carries: 1 where it is not named, as for p, q and r; 0 for what has a size of its own, such as a
+    quaternion, a direction or a sign. The degree of a constant in the rate of such a variable is 1
+    - d more than the power of omega in its terms: the factor of Q' = Q (0, omega)/2 is of degree 2,
+    as `g`, since W = omega/sigma and s change it alike.
+
+    `t` is the case's own time in `rhs`, in events and in `output`, whatever the units. What of a
+    rate has no degree finds the units where `constants` names them: `velocity_unit` (sigma) and
+    `time_unit` (1/rho), both 1 in the case's own units.
+
     A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
     not `batchable` if its equations are too large to be compiled for many motions at once.
 
@@ -82,6 +97,7 @@ class Model:
     state: ClassVar[tuple[str, ...]]
     variables: ClassVar[dict[str, Label]]
     degree: ClassVar[dict[str, int]] = {}
+    state_degree: ClassVar[dict[str, int]] = {}
     oriented: ClassVar[bool] = False
     batchable: ClassVar[bool] = True
     always_absorbing: ClassVar[bool] = False
@@ -96,7 +112,11 @@ class Model:
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`."""
+        """The stored variables from the times (n,) and the states (n, m), in the dtype of `y`.
+
+        The states of a motion of any scale are given in units of omega of their own where their
+        errors are judged, so that each variable should be homogeneous in it.
+        """
         raise NotImplementedError
 
     @classmethod

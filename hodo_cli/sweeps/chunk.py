@@ -19,7 +19,8 @@ from ..integration.integrate import integrate
 from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
-from ..models.constants import flatten
+from ..models.constants import flatten, rescaled
+from ..models.leg_time import UNIT, contains_time
 from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage.group import Attribute, Group, Variable
 from . import ensemble
@@ -200,11 +201,12 @@ def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
 
 def ensemble_of(case: Case, group: Prepared) -> Ensemble:
     """Members that share a compiled step, as an ensemble."""
-    event = next(iter(group.events), None)
+    event, model = next(iter(group.events), None), type(case.system)
     span, tol = (case.time.start, case.time.end), case.tol or EPS
-    return Ensemble(
-        type(case.system), group.structure, group.constants, group.start, span, event, tol
-    )
+    form, constants = group.structure, group.constants
+    if model.degree and contains_time(model, form, group.events) and (UNIT, 0) not in form:
+        form, constants = (*form, (UNIT, 0)), np.vstack((constants, np.ones(len(group.at))))
+    return Ensemble(model, form, constants, group.start, span, event, tol)
 
 
 def reduced_ensemble(
@@ -213,13 +215,14 @@ def reduced_ensemble(
     """The columns of the accepted motions of an ensemble, with the events `met` of those that went
     on through some."""
     accepted = np.flatnonzero(outcome.accepted)
-    state, exponent = outcome.state[:, accepted], outcome.exponent[accepted]
-    final = e.model.output(np.array([e.span[1]]), state.T, e.named(accepted))
+    state = outcome.state[:, accepted].T
     if e.model.degree:
-        final = {name: np.ldexp(values, exponent[:, None]) for name, values in final.items()}
+        state = rescaled(e.model, state, outcome.exponent[accepted])
+    final = e.model.output(np.array([e.span[1]]), state, e.named(accepted))
     final["steps"] = outcome.steps[accepted]
     if "enclosed_axis" in final:
-        start = e.model.output(np.array([0.0]), e.start[:, accepted].T, e.named(accepted))
+        begin = np.array([e.span[0]])
+        start = e.model.output(begin, e.start[:, accepted].T, e.named(accepted))
         axes = start["enclosed_axis"], final["enclosed_axis"]
         return final | event_columns([events.get(i, []) for i in accepted.tolist()], axes)
     passed = accepted_passages(outcome)
@@ -248,14 +251,14 @@ def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
 
 def least_separation(e: Ensemble, outcome: Outcome, at: np.ndarray) -> np.ndarray:
     """The smaller `rigid_body.separation` of start and end of the motions `at` (k,)."""
-    A, ends = e.inertia[:, at], (e.start[:, at], outcome.state[:, at])
+    A, ends = e.inertia[:, at], (e.start[:3, at], outcome.state[:3, at])
     order = rigid_body.inertia_order(e.inertia[:, 0])
     return np.asarray(np.minimum(*(rigid_body.separation(A, omega, order) for omega in ends)))
 
 
 def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
     """Passages (k,) through the separatrix, as CROSSING_COLUMNS."""
-    G = e.inertia[:, passed.motion] * passed.state
+    G = e.inertia[:, passed.motion] * passed.state[:3]
     return {
         "crossing_time": passed.time,
         "crossing_error": passed.error,
@@ -296,7 +299,7 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     case, omega = motion.case, motion.variables["omega"]
     classification = classify(case, motion.method, motion.tol, motion.error, omega)
     A = np.array(case.data["inertia"])[:, None]
-    ends = np.array([case.system.start, omega[-1]]).T
+    ends = np.array([case.system.start[:3], omega[-1]]).T
     part = rigid_body.separation(A, ends, rigid_body.inertia_order(A[:, 0])).min()
     member = np.zeros(len(classification.crossings), dtype=np.int64)
     columns = columns_of(CROSSING_COLUMNS, classification.crossings)

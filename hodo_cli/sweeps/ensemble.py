@@ -18,9 +18,10 @@ from ..engines.protocol import uneven
 from ..engines.series import value
 from ..integration.choice import MANY_STEPS
 from ..integration.trajectory import Occurrence
-from ..integration.units import Units
+from ..integration.units import Moment, Units
 from ..models.base import Event, Model
-from ..models.constants import Structure, namespace
+from ..models.constants import Structure, moving, namespace, rescaled
+from ..models.leg_time import UNIT, VELOCITY
 
 if TYPE_CHECKING:
     from ..engines.taylor_batch import TaylorStep
@@ -126,34 +127,39 @@ class Ensemble:
         return np.array([k.A1, k.A2, k.A3])
 
     @cached_property
-    def scaled_rows(self) -> dict[str, int]:
+    def scaled_rows(self) -> dict[str, slice]:
         """Where among the constants those stand that change with the units."""
-        names = [
-            name
-            for name, size in self.structure
-            if isinstance(size, int)
-            for _ in range(max(size, 1))
-        ]
-        return {name: names.index(name) for name in self.model.degree}
+        rows, first = {}, 0
+        for name, size in self.structure:
+            length = max(size, 1) if isinstance(size, int) else 0
+            rows[name] = slice(first, first + length)
+            first += length
+        return {name: rows[name] for name in (*self.model.degree, UNIT, VELOCITY) if name in rows}
 
-    def uncertainty(self, event: Event, y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
-        """How far an event's function (n,) may be off in states y (m, n): its slope along each
-        component, by a complex step, times the error that the largest one may have.
+    @property
+    def is_timed(self) -> bool:
+        """Whether the motions have units of their own, and equations that contain the time."""
+        return UNIT in self.scaled_rows
+
+    def uncertainty(self, event: Event, t: Any, y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
+        """How far an event's function (n,) may be off in states y (m, n) at the time t: its slope
+        along each component, by a complex step, times the error that the largest one may have.
 
         The slopes are those where all components are as large as the largest: what D has lost while
         its terms were large is still lost when they have become small, near the middle axis.
         """
-        size = np.abs(y).max(axis=0)
+        size = np.abs(y[moving(self.model)]).max(axis=0)
         tilts = [size + 1e-100j * np.eye(len(y))[:, [i]] for i in range(len(y))]
-        slopes = [np.abs(np.imag(event.function(0.0, [*tilt], k))) / 1e-100 for tilt in tilts]
+        slopes = [np.abs(np.imag(event.function(t, [*tilt], k))) / 1e-100 for tilt in tilts]
         return np.asarray(self.error_bound * size * sum(slopes))
 
-    def side(self, y: np.ndarray) -> np.ndarray:
-        """The sign (n,) of the event's function in states y (m, n), 0 where it is uncertain."""
+    def side(self, t: Any, y: np.ndarray) -> np.ndarray:
+        """The sign (n,) of the event's function in states y (m, n) at the time t, 0 where it is
+        uncertain."""
         assert self.event is not None
         k = self.named()
-        off = self.event.function(0.0, [*y], k)
-        return np.where(np.abs(off) > self.uncertainty(self.event, y, k), np.sign(off), 0)
+        off = self.event.function(t, [*y], k)
+        return np.where(np.abs(off) > self.uncertainty(self.event, t, y, k), np.sign(off), 0)
 
 
 @dataclass
@@ -233,15 +239,16 @@ class BatchState:
 
         e, m = self.ensemble, self.m
         # Those of uneven starts are left to single cases, whose steps can be limited.
-        moving = np.flatnonzero((e.start != 0).any(axis=0) & ~uneven(e.start))
-        number = padded(moving)
+        omega = e.start[moving(e.model)]
+        begun = np.flatnonzero((omega != 0).any(axis=0) & ~uneven(omega))
+        number = padded(begun)
         self.now, self.next = np.zeros((2, self.step.rows, len(number)))
         self.now[:m], self.now[m] = e.start[:, number], e.lengths[number]
         self.params = np.zeros((len(e.constants) + 5, len(number)))
         self.params[0], self.params[1:STRIDE] = e.span[1], e.constants[:, number]
         self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.event), number
         self.renew(np.arange(len(number)))
-        self.empty(len(moving))
+        self.empty(len(begun))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
         np.copyto(self.outcome.samples, e.start[:, :, None], where=at_start)
 
@@ -282,7 +289,7 @@ class BatchState:
         k = self.params[:NUMBER].take(column, axis=1)
         # Row by row, which is four times as fast as all rows at once.
         entry = number[column] * len(e.times) + at
-        there = states_after(self.step, *shortened(before, k, place))
+        there = states_after(self.step, *shortened(before, k, place, rate[column]))
         for samples, values in zip(self.outcome.samples, there, strict=True):
             samples.reshape(-1)[entry] = values
         self.outcome.sample_exponent.reshape(-1)[entry] = size[column]
@@ -302,7 +309,10 @@ class BatchState:
         # end, for all at once.
         if event is not None and event.terminal:
             k = namespace(self.ensemble.structure, list(params[1:STRIDE]))
-            ends = (event.function(0.0, [*y[:m]], k) for y in (before, after))
+            times = (times_of(y, params, self.ensemble.span[1], m) for y in (before, after))
+            ends = (
+                event.function(t, [*y[:m]], k) for t, y in zip(times, (before, after), strict=True)
+            )
             stopped = np.multiply(*ends) < 0
             if event.passage:
                 self.note_hits(after[:, stopped], params[:, stopped])
@@ -313,9 +323,11 @@ class BatchState:
 
         Its formulas begin from any state behind its zero, so that this need not be found.
         """
-        m = self.m
-        time = self.ensemble.span[1] - (after[m] + after[m + 1])
-        self.departures.append(TerminalHits(params[NUMBER].astype(np.int64), time, after[:m]))
+        e, m = self.ensemble, self.m
+        size, _ = units_of(params)
+        state = rescaled(e.model, after[:m].T, size).T if e.model.degree else after[:m]
+        time = e.span[1] - np.ldexp(after[m] + after[m + 1], -units_of(params)[1])
+        self.departures.append(TerminalHits(params[NUMBER].astype(np.int64), time, state))
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
@@ -337,7 +349,7 @@ class BatchState:
         if np.count_nonzero(going) < FULL * len(going):
             self.drop(~going)
         if self.ensemble.model.degree:
-            largest = np.abs(self.now[: self.m]).max(axis=0)
+            largest = np.abs(self.now[: self.m][moving(self.ensemble.model)]).max(axis=0)
             low, high = WIDE_BAND if self.pauses % RENEWAL else BAND
             outgrown = (largest < low) | (largest > high)
             self.renew(np.flatnonzero(outgrown & (self.now[self.m] > 0)))
@@ -363,15 +375,19 @@ class BatchState:
             return
         params = self.params[:, at]
         size, rate = units_of(params)
-        y, k = self.now[:m, at], vars(e.named(params[NUMBER].astype(np.int64)))
+        number = params[NUMBER].astype(np.int64)
+        y, k = self.now[:m, at], vars(e.named(number))
         y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
-        units = Units.fit(e.model, k, y, size)
+        moment = None
+        if e.is_timed:
+            moment = Moment(times_of(self.now[:, at], params, e.span[1], m), e.lengths[number])
+        units = Units.fit(e.model, k, y, size, moment)
         # By powers of two throughout, so that new units change no digit.
-        self.now[:m, at] = np.ldexp(self.now[:m, at], size - units.size)
+        self.now[:m, at] = rescaled(e.model, self.now[:m, at].T, size - units.size).T
         self.now[m : m + 2, at] = np.ldexp(self.now[m : m + 2, at], units.rate - rate)
         scaled = units.constants(e.model, k)
-        for name, row in e.scaled_rows.items():
-            params[row + 1] = scaled[name]
+        for name, rows in e.scaled_rows.items():
+            params[1:STRIDE][rows] = scaled[name]
         params[SIZE], params[RATE] = units.size, units.rate
         self.params[:, at] = params
 
@@ -380,6 +396,13 @@ def units_of(params: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The size and the rate (k,) of the units of columns, from their params."""
     size, rate = params[[SIZE, RATE]].astype(np.int64)
     return size, rate
+
+
+def times_of(columns: np.ndarray, params: np.ndarray, end: float, m: int) -> np.ndarray:
+    """The case's own times (k,) of columns with m state variables."""
+    left, lost = np.ldexp(columns[m : m + 2], -units_of(params)[1])
+    # In this order, because the end less what is left may be far smaller than either.
+    return np.asarray((end - left) - lost)
 
 
 def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -445,6 +468,7 @@ def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
         constants, span = e.constants[:, numbers], (begin, e.span[1])
         part = advance(replace(e, constants=constants, start=start, span=span))
         outcome.state[:, numbers], outcome.accepted[numbers] = part.state, part.accepted
+        outcome.exponent[numbers] = part.exponent
         outcome.steps[numbers] += part.steps
     outcome.accepted &= np.isfinite(outcome.state).all(axis=0)
     return outcome, met
@@ -465,10 +489,11 @@ def restart_after_event(
         except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
             outcome.accepted[i] = False
             continue
-        events.setdefault(int(i), []).append(
-            Occurrence(e.event.kind, passage.time, passage.details)
-        )
-        outcome.state[:, i] = passage.state
+        if passage.details is not None:
+            events.setdefault(int(i), []).append(
+                Occurrence(e.event.kind, passage.time, passage.details)
+            )
+        outcome.state[:, i], outcome.exponent[i] = passage.state, 0
         if passage.onward is not None and passage.onward < e.span[1]:
             onward.append((int(i), passage.onward, passage.state))
     return onward
@@ -486,7 +511,7 @@ def judge(
     A motion is accepted if its zeros lead, by turns, from the sign at its start to that at its end,
     and none of these is uncertain.
     """
-    outcome.first, outcome.last = e.side(e.start), e.side(outcome.state)
+    outcome.first, outcome.last = e.side(e.span[0], e.start), e.side(e.span[1], outcome.state)
     # With an uncertain sign a motion is not accepted, whatever zeros it has.
     certain = (outcome.first != 0) & (event.terminal | (outcome.last != 0))
     steps = steps_of(candidates, certain)
@@ -526,7 +551,8 @@ def passages(
     """The zeros in steps that may have some, and the motions that are undecided."""
     before, params, m = steps.before, steps.params, len(e.start)
     series = columnwise(step.event_series, before, params[:NUMBER])
-    noise = e.uncertainty(event, before[:m], namespace(e.structure, list(params[1:STRIDE])))
+    k = namespace(e.structure, list(params[1:STRIDE]))
+    noise = e.uncertainty(event, times_of(before, params, e.span[1], m), before[:m], k)
     order = len(series) - 1
     powers = series.T * steps.length[:, None] ** np.arange(order + 1)
     # Row by row: one product of all would round as the number of rows happens to be.
@@ -536,9 +562,9 @@ def passages(
     place = zeros.x[zeros.sure] * steps.length[at]
     slope = value(series[1:, at] * np.arange(1, order + 1)[:, None], place)
     left = (before[m, at] - place) + before[m + 1, at]
-    cut = shortened(before[:, at], params[:NUMBER, at], place)
-    state = columnwise(partial(states_after, step), *cut)
     size, rate = units_of(params[:, at])
+    cut = shortened(before[:, at], params[:NUMBER, at], place, rate)
+    state = columnwise(partial(states_after, step), *cut)
     times, motion = e.span[1] - np.ldexp(left, -rate), params[NUMBER, at].astype(np.int64)
     part = (STEP_ROUNDING + PER_STEP * e.tol) * (before[m + 2, at] + 2) / e.error_bound
     uncertainty = np.ldexp(noise[at] / np.abs(slope), -rate)
@@ -550,11 +576,12 @@ def passages(
 
 
 def shortened(
-    columns: np.ndarray, k: np.ndarray, place: np.ndarray
+    columns: np.ndarray, k: np.ndarray, place: np.ndarray, rate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns and constants with no more time left than `place` (k,), in the arrays given."""
+    """Columns and constants with no more time left than `place` (k,), in the arrays given; their
+    unit of time is 2**-rate (k,)."""
     m = len(columns) - TIME_ROWS
-    k[0] += place - columns[m]  # the end's time, so that the step begins when it did
+    k[0] += np.ldexp(place - columns[m], -rate)  # the end, so that the step begins when it did
     columns[m] = place
     return columns, k
 

@@ -16,7 +16,7 @@ from ..integration.error import errors_against, references
 from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
 from ..models import rigid_body
-from ..models.constants import attributes
+from ..models.constants import attributes, rescaled
 from ..storage.group import Group, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import columns
@@ -87,12 +87,15 @@ def _final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> floa
     """The largest error of what is stored of a member at its end; of a vector relative to its
     length there, of a number to its largest value at start and end, since it may vanish."""
     case, last = reference.case, reference.at(slice(-1, None))
-    if not case.system.no_axis_reason:  # what is stored is the state, which is compared as it is
-        own = replace(last, state=final["omega"][None], exponent=np.zeros(1, dtype=np.int64))
-        return errors_against(case, own, last)["omega"]
-    errors = [0.0]
+    errors, compared = [0.0], set()
+    if not case.system.no_axis_reason:  # omega is the state, which is compared as it is
+        true = rescaled(type(case.system), last.state.astype(float), last.exponent)
+        state = np.concatenate((final["omega"][None], true[:, 3:]), axis=1)
+        own = replace(last, state=state, exponent=np.zeros(1, dtype=np.intc))
+        errors.append(errors_against(case, own, last)["omega"])
+        compared.add("omega")
     for name, values in reference.variables.items():
-        if name in final:
+        if name in final and name not in compared:
             distance = np.linalg.norm(final[name] - values[-1])
             size = np.linalg.norm(values[-1]) if values.ndim > 1 else np.abs(values).max()
             errors.append(float(distance / size) if size else float(distance))
@@ -102,13 +105,13 @@ def _final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> floa
 def _newton(reference: Trajectory) -> float:
     """|D / (dD/dt)| at the second sample of a motion."""
     system, A = reference.case.system, np.array(reference.case.data["inertia"])
-    state, exponent = reference.state[1], int(reference.exponent[1])
+    omega, exponent = reference.omega[1], int(reference.exponent[1])
     order = rigid_body.inertia_order(A)
-    outer, inner = rigid_body.separatrix_terms(A, state, order)
-    k = attributes(system.constants)
-    omega = np.ldexp(state.astype(float), exponent)
-    rate = np.ldexp(np.array(system.rhs(0.0, list(omega), k)), -exponent)
-    w = state.astype(float)
+    outer, inner = rigid_body.separatrix_terms(A, omega, order)
+    k, time = attributes(system.constants), float(reference.time[1])
+    state = rescaled(type(system), reference.state[1].astype(float), exponent)
+    rate = np.ldexp(np.array(system.rhs(time, state.tolist(), k)[:3]), -exponent)
+    w = omega.astype(float)
     # D is a quadratic form, so this difference of finite steps is its derivative along the motion,
     # exactly.
     faster, slower = (
