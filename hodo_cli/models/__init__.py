@@ -73,8 +73,9 @@ def add_averaged(forms: dict[str, type[Model]]) -> None:
     if "averaged" in forms or "full" not in forms:
         return
     make = import_module(f"{__name__}.averaging.any_torque")
-    if issubclass(forms["full"], make.BodyFrame):
-        forms["averaged"] = make.averaged_form(forms["full"])
+    # The means over a turn know of no other state than omega.
+    if issubclass(full := forms["full"], make.BodyFrame) and full.state == make.BodyFrame.state:
+        forms["averaged"] = make.averaged_form(full)
 
 
 @cache
