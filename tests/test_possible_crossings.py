@@ -218,6 +218,12 @@ def test_the_axes_are_those_of_the_body_in_any_order(order: tuple[int, ...]) -> 
         (Dissipation(P1, (-0.01, 0, 0)), CrossingPattern.TO_LARGEST),
         (Dissipation(P1, (0.02, 0, 0), (0.01, 0, 0.02)), CrossingPattern.UNKNOWN),
         (Dissipation(P1, kappa=0.1, quadratic=(0.02, 0, 0)), CrossingPattern.UNKNOWN),
+        # Where |omega| counts beside |G|, the sense turns at no one size.
+        (Dissipation(P1, (0.02, 0, 0), (0.02, 0, 0), kappa=0.1), CrossingPattern.UNKNOWN),
+        (
+            Dissipation(P1, (0.02, 0, 0), quadratic_axes=(0.02, 0, 0), kappa=0.1),
+            CrossingPattern.UNKNOWN,
+        ),
         # Negative damping may make G grow, so that the sense turns more than once.
         (Dissipation(P1, (0.02, -0.1, 0), kappa=0.1), CrossingPattern.UNKNOWN),
         (Dissipation((1e-100, 0.8e-100, 0.6e-100), (0.02, 0, 0), kappa=1e-250), 3),
