@@ -113,8 +113,9 @@ class Ensemble:
 
     @property
     def lengths(self) -> np.ndarray:
-        """How long each motion takes (n,)."""
-        return np.broadcast_to(self.span[1] - self.span[0], self.start.shape[1])
+        """How long each motion takes, as the sum of two rows (2, n)."""
+        begin = np.broadcast_to(self.span[0], self.start.shape[1])
+        return np.array(exact_difference(self.span[1], begin))
 
     def named(self, at: Any = slice(None)) -> SimpleNamespace:
         """The constants of the motions `at` by name."""
@@ -243,7 +244,7 @@ class BatchState:
         begun = np.flatnonzero((omega != 0).any(axis=0) & ~uneven(omega))
         number = padded(begun)
         self.now, self.next = np.zeros((2, self.step.rows, len(number)))
-        self.now[:m], self.now[m] = e.start[:, number], e.lengths[number]
+        self.now[:m], self.now[m : m + 2] = e.start[:, number], e.lengths[:, number]
         self.params = np.zeros((len(e.constants) + 5, len(number)))
         self.params[0], self.params[1:STRIDE] = e.span[1], e.constants[:, number]
         self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.event), number
@@ -281,11 +282,13 @@ class BatchState:
         )  # (m + TIME_ROWS, steps + 1, n)
         self.history.clear()
         # A motion at its end has none left, though rounding has taken some of it.
-        left = np.where(history[m] > 0, history[m] + history[m + 1], 0)
-        step, at = map(padded, times_within(e.times, e.span[1] - np.ldexp(left, -rate)))
+        lost = np.where(history[m] > 0, history[m + 1], 0)
+        time, rest = time_reached(e.span[1], history[m], lost, rate)
+        step, at = map(padded, times_within(e.times, time + rest))
         column = step % len(number)
         before = history[:, :-1].reshape(m + TIME_ROWS, -1).take(step, axis=1)
-        place = before[m] + before[m + 1] - np.ldexp(e.span[1] - e.times[at], rate[column])
+        since = (e.times[at] - time.ravel()[step]) - rest.ravel()[step]
+        place = np.ldexp(since, rate[column])
         k = self.params[:NUMBER].take(column, axis=1)
         # Row by row, which is four times as fast as all rows at once.
         entry = number[column] * len(e.times) + at
@@ -326,7 +329,7 @@ class BatchState:
         e, m = self.ensemble, self.m
         size, _ = units_of(params)
         state = rescaled(e.model, after[:m].T, size).T if e.model.degree else after[:m]
-        time = e.span[1] - np.ldexp(after[m] + after[m + 1], -units_of(params)[1])
+        time = times_of(after, params, e.span[1], m)
         self.departures.append(TerminalHits(params[NUMBER].astype(np.int64), time, state))
 
     def pause(self) -> None:
@@ -344,7 +347,7 @@ class BatchState:
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
         if self.pauses == 1 and not (event and event.passage):
             number = params[NUMBER].astype(np.int64)
-            span = np.ldexp(self.ensemble.lengths[number], units_of(params)[1])
+            span = np.ldexp(self.ensemble.lengths[0, number], units_of(params)[1])
             going &= PAUSE * span < HOPELESS * (span - left)
         if np.count_nonzero(going) < FULL * len(going):
             self.drop(~going)
@@ -380,7 +383,7 @@ class BatchState:
         y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
         moment = None
         if e.is_timed:
-            moment = Moment(times_of(self.now[:, at], params, e.span[1], m), e.lengths[number])
+            moment = Moment(times_of(self.now[:, at], params, e.span[1], m), e.lengths[0, number])
         units = Units.fit(e.model, k, y, size, moment)
         # By powers of two throughout, so that new units change no digit.
         self.now[:m, at] = rescaled(e.model, self.now[:m, at].T, size - units.size).T
@@ -398,11 +401,26 @@ def units_of(params: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return size, rate
 
 
+def exact_difference(a: Any, b: Any) -> tuple[Any, Any]:
+    """a - b (...) as its rounded value and the rest.
+
+    Source: D. E. Knuth, The Art of Computer Programming 2, section 4.2.2.
+    """
+    high = a - b
+    minus_b = high - a
+    return high, (a - (high - minus_b)) - (b + minus_b)
+
+
+def time_reached(end: float, left: Any, lost: Any, rate: Any) -> tuple[Any, Any]:
+    """The times (...) of columns from their TIME_ROWS and the rate of their units, as sums of two:
+    early in a long span the time left has fewer digits than the time itself."""
+    time, rest = exact_difference(end, np.ldexp(left, -rate))
+    return time, rest - np.ldexp(lost, -rate)
+
+
 def times_of(columns: np.ndarray, params: np.ndarray, end: float, m: int) -> np.ndarray:
     """The case's own times (k,) of columns with m state variables."""
-    left, lost = np.ldexp(columns[m : m + 2], -units_of(params)[1])
-    # In this order, because the end less what is left may be far smaller than either.
-    return np.asarray((end - left) - lost)
+    return np.asarray(sum(time_reached(end, columns[m], columns[m + 1], units_of(params)[1])))
 
 
 def times_within(times: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -561,14 +579,15 @@ def passages(
     at = zeros.row[zeros.sure]
     place = zeros.x[zeros.sure] * steps.length[at]
     slope = value(series[1:, at] * np.arange(1, order + 1)[:, None], place)
-    left = (before[m, at] - place) + before[m + 1, at]
     size, rate = units_of(params[:, at])
+    begun, rest = time_reached(e.span[1], before[m, at], before[m + 1, at], rate)
+    times = begun + (rest + np.ldexp(place, -rate))
     cut = shortened(before[:, at], params[:NUMBER, at], place, rate)
     state = columnwise(partial(states_after, step), *cut)
-    times, motion = e.span[1] - np.ldexp(left, -rate), params[NUMBER, at].astype(np.int64)
+    motion = params[NUMBER, at].astype(np.int64)
     part = (STEP_ROUNDING + PER_STEP * e.tol) * (before[m + 2, at] + 2) / e.error_bound
     uncertainty = np.ldexp(noise[at] / np.abs(slope), -rate)
-    errors = part * uncertainty + np.spacing(times) / 2
+    errors = part * uncertainty + np.spacing(np.abs(times)) / 2
     by_time = np.lexsort((times, motion))
     columns = motion, times, errors, uncertainty, np.sign(slope).astype(np.int64), state, size
     undecided = params[NUMBER, zeros.row[~zeros.sure]].astype(np.int64)
