@@ -26,9 +26,12 @@ from .sweep_block import SWEEP, axes_of
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
-AS_PRINTED = "reproduced as printed only"
-VERDICTS = (REPRODUCED, PLOTTING, AS_PRINTED, UNDERDETERMINED, CONTRADICTED, NOT_TESTED)
-"""The verdicts on a statement. One that inherits an erratum is reproduced as printed only."""
+THEOREM = "holds by theorem"
+AS_PRINTED, ONCE_CORRECTED = "reproduced as printed only", "reproduced once corrected"
+COMPLYING = (REPRODUCED, THEOREM, PLOTTING)
+VERDICTS = (*COMPLYING, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED, CONTRADICTED, NOT_TESTED)
+"""The verdicts on a statement; the first ones say that it holds. One that rests on an erratum holds
+as printed only, or once corrected."""
 
 CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading"
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
@@ -168,6 +171,12 @@ CHECK = Variant("kind", CHECK_KINDS, "how it is checked")
 ID = Key(Text(), "name")
 WHERE = Key(Text(), "section, figure or equation of the text")
 REMARK = Key(Text(), "remark", default="")
+THEOREM_KEY = Key(
+    Text(),
+    "why it holds for all motions of the kind; the cases, or each member of `over`, try it, and "
+    "one that does not comply contradicts it",
+    default="",
+)
 CASES = Key(NAMES, "cases that it concerns", default=())
 OVER = Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None)
 
@@ -175,6 +184,7 @@ READING = {
     "cases": CASES,
     "check": Key(CHECK, "how this reading is checked (default: the claim's check)", default=None),
     "over": Key(SWEEP, "members of this reading (default: the claim's)", default=None),
+    "theorem": THEOREM_KEY,
 }
 
 CLAIM = {
@@ -205,6 +215,7 @@ CLAIM = {
         "(default: they are a grid over what the text leaves open)",
         default=None,
     ),
+    "theorem": THEOREM_KEY,
     "measured": Key(
         Text(), "what is measured instead, if no check can decide the statement itself", default=""
     ),
@@ -237,7 +248,7 @@ def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claim under each of its readings, by name; under none, the claim itself."""
     merged: dict[str, Mapping[str, Any]] = {}
     for name, reading in claim["readings"].items():
-        own = {key: value for key, value in reading.items() if value is not None}
+        own = {key: value for key, value in reading.items() if value not in (None, "")}
         merged[name] = {**claim, **own, "readings": {}}
     return merged or {"": claim}
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..models import rigid_body
 from ..results.motion import Array, Motion
 from ..sweeps.averages import average
-from .finding import ROUNDING, Finding, beyond, if_true, listed
+from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed
 from .quantities import number, quantity
 
 Keys = Mapping[str, Any]
@@ -27,7 +27,8 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
         for pair in ends
     ]
     words = ", ".join(f"{start} to {end}" if start != end else start for start, end in ends)
-    return Finding(if_true(all(right)), float(sum(right)), words)
+    other = " or ".join(f"at the {at} not {check[at]}" for at in ("start", "end") if check[at])
+    return Finding(if_true(all(right)), float(sum(right)), words, f"an axis {other}")
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -43,9 +44,19 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
             check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages
         )
         words.append(
-            ", ".join(f"{time:.12g} ({a} to {b})" for time, a, b in passages) or "no crossing"
+            ", ".join(f"{time:.6g} ({a} to {b})" for time, a, b in passages) or "no crossing"
         )
-    return Finding(if_true(right), float(max(len(m.crossings) for m in motions)), "; ".join(words))
+    largest = float(max(len(m.crossings) for m in motions))
+    return Finding(if_true(right), largest, "; ".join(words), other_crossings(check))
+
+
+def other_crossings(check: Keys) -> str:
+    """The crossings that a check of crossings does not allow, in words."""
+    words = [f"fewer crossings than {check['least']}"] if check["least"] else []
+    words += [f"more crossings than {check['most']}"] if check["most"] is not None else []
+    ends = [f"{side} {check[side]}" for side in ("from", "to") if check[side]]
+    words += [f"a crossing that is not {' '.join(ends)}"] if ends else []
+    return " or ".join(words)
 
 
 def values_given(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -61,14 +72,16 @@ def values_given(check: Keys, motions: Sequence[Motion]) -> Finding:
             worst = max(
                 worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
             )
-    return Finding(worst, float(np.max(differences)), "; ".join(words))
+    other = f"a difference above {check['within']:g} and {PLOTTING_ACCURACY:.0%} of the range"
+    return Finding(worst, float(np.max(differences)), "; ".join(words), other)
 
 
 def range_of(m: Motion, name: str) -> float:
-    """The range of a quantity, zero included; of a single number its size."""
+    """The range of a quantity; of a single number its size."""
     values = quantity(m, name)
+    size = abs(float(values[0])) if len(values) == 1 else float(np.ptp(values))
     # The smallest double, so that a quantity that is 0 throughout can be divided by.
-    return max(float(np.max(values, initial=0) - np.min(values, initial=0)), math.ulp(0))
+    return max(size, math.ulp(0))
 
 
 def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -92,13 +105,15 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
     # As the axis of a figure would reach, which shows both the values and the bound.
     scale = max(max(range_of(m, name) for m in motions), abs(most or 0), abs(least or 0))
     words = (
-        f"{name} from {low:.6g} to {high:.6g}"
+        f"{name} from {low:.4g} to {high:.4g}"
         if everywhere
         else f"{name} = {listed(x[0] for x in values)}"
     )
     # What is met is met at any scale: a time that is infinite has none.
     deviation = 0.0 if violation <= 0 else beyond(violation / scale, ROUNDING)
-    return Finding(deviation, high if most is not None else low, words)
+    bounds = (("above", most), ("below", least))
+    other = " or ".join(f"a value {side} {value:g}" for side, value in bounds if value is not None)
+    return Finding(deviation, high if most is not None else low, words, other)
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -116,7 +131,10 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
                 worst = max(worst, violation)
                 when = f"{m.time[back.argmax()]:.4g}"
                 words.append(f"{name} goes back by {violation:.2g} of its range at {when}")
-    return Finding(worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back")
+    other = f"a step back above {PLOTTING_ACCURACY:.0%} of the range"
+    return Finding(
+        worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back", other
+    )
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -128,11 +146,12 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
     words = f"{check['of']}: {'; '.join(listed(group) for group in groups)}"
     if check["sense"] == "equal":
         apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))
-        return Finding(beyond(apart, ROUNDING), apart, words)
+        return Finding(beyond(apart, ROUNDING), apart, words, "two values that differ")
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
     right = all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
     # The smallest step is the number that would decide otherwise first.
-    return Finding(if_true(right), min(map(abs, steps)), words)
+    other = f"a value that {'rises' if check['sense'] == 'falls' else 'falls'} or stays"
+    return Finding(if_true(right), min(map(abs, steps)), words, other)
 
 
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -140,8 +159,9 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     values = [quantity(m, name) for m in motions for name in check["of"]]
     changes = [float(np.ptp(x) / max(np.abs(x).max(), math.ulp(0))) for x in values]
     worst = float(np.max(changes))
-    words = f"{', '.join(check['of'])}: relative change {listed(changes)}"
-    return Finding(beyond(worst, check["within"]), worst, words)
+    words = f"{', '.join(check['of'])}: relative change at most {worst:.2g}"
+    other = f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}"
+    return Finding(beyond(worst, check["within"]), worst, words, other)
 
 
 MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
@@ -181,4 +201,5 @@ def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> 
             f"varies by {x:.3g} along {along}"
             for x, along in zip(means, check["along"], strict=True)
         )
-    return Finding(beyond(max(wrong, default=0.0) / scale, ROUNDING), means[-1], words)
+    other = "an average beyond its bounds, or a step the other way"
+    return Finding(beyond(max(wrong, default=0.0) / scale, ROUNDING), means[-1], words, other)

@@ -20,15 +20,17 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found: the deviation, the number that decides, and this in words.
+    """What a check found: the deviation, the number that decides, this in words, and what would
+    have contradicted the statement.
 
     The deviation is 0 where the statement holds, else its violation relative to the range of the
-    quantity (as an axis that shows it is drawn, zero included), infinite for yes/no statements.
+    quantity, infinite for yes/no statements.
     """
 
     deviation: float
     number: float
     words: str
+    contradicted_by: str = ""
 
     @property
     def holds(self) -> bool:
@@ -45,7 +47,8 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What stands of a claim or an erratum, the number that decides, and this in words.
+    """What stands of a claim or an erratum, the number that decides, this in words, and what would
+    have contradicted it.
 
     `readings` holds the verdicts under each reading of the text, by its name.
     """
@@ -54,6 +57,7 @@ class Verdict:
     verdict: str
     number: float
     evidence: str
+    contradicted_by: str = ""
     readings: Mapping[str, "Verdict"] = field(default_factory=dict)
 
 
@@ -69,7 +73,7 @@ def if_true(holds: bool) -> float:
     return 0.0 if holds else math.inf
 
 
-def listed(values: Iterable[float], digits: int = 6) -> str:
+def listed(values: Iterable[float], digits: int = 4) -> str:
     """Numbers to so many digits."""
     return ", ".join(f"{value:.{digits}g}" for value in values)
 
@@ -93,7 +97,14 @@ def difference(pairs: Sequence[ValuePair]) -> float:
 def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
     """A formula beside motions; decided by the largest relative difference."""
     worst = difference(pairs)
-    return Finding(beyond(worst, within), worst, f"differs by {worst:.2g}")
+    return Finding(
+        beyond(worst, within), worst, f"differs by {worst:.2g}", difference_above(within)
+    )
+
+
+def difference_above(within: float) -> str:
+    """What contradicts an agreement to `within`: a figure hides less than PLOTTING_ACCURACY."""
+    return f"a relative difference above {max(within, PLOTTING_ACCURACY):g}"
 
 
 def erratum(printed: float, corrected: float, within: float) -> Finding:
@@ -101,7 +112,8 @@ def erratum(printed: float, corrected: float, within: float) -> Finding:
     error of each; decided by that of the printed form.
     """
     words = f"as printed off by {printed:.3g}, corrected by {corrected:.2g}"
-    return Finding(if_true(corrected <= within < printed), printed, words)
+    shown = if_true(corrected <= within < printed)
+    return Finding(shown, printed, words, f"a corrected form that is off by more than {within:g}")
 
 
 @dataclass(frozen=True)

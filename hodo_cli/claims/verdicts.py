@@ -8,7 +8,7 @@ sample of them, of which a share must comply.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -17,12 +17,15 @@ from ..cases.case import parse_case
 from ..cases.claim_block import (
     AS_PRINTED,
     BY_READING,
+    COMPLYING,
     CONFIRMED,
     CONTRADICTED,
     NOT_CONFIRMED,
     NOT_TESTED,
+    ONCE_CORRECTED,
     PLOTTING,
     REPRODUCED,
+    THEOREM,
     UNDERDETERMINED,
     readings,
 )
@@ -56,7 +59,11 @@ class Judge:
         evidence = "; ".join(
             f"{name}: {verdict.verdict} ({verdict.evidence})" for name, verdict in verdicts.items()
         )
-        return Verdict(claim, together(claim, verdicts), first.number, evidence, verdicts)
+        others = {verdict.contradicted_by: name for name, verdict in verdicts.items()}
+        other = "; ".join(
+            f"{name}: {words}" if len(others) > 1 else words for words, name in others.items()
+        )
+        return Verdict(claim, together(claim, verdicts), first.number, evidence, other, verdicts)
 
     def erratum(self, erratum: Mapping[str, Any]) -> Verdict:
         """Whether the printed form is wrong and the corrected one right. Raises as `claim`."""
@@ -78,7 +85,7 @@ class Judge:
         try:
             if claim["check"]["kind"] == "average":
                 return by_finding(claim, of_sweep(claim, self.run))
-            return self.measure(claim, self._motions(claim))
+            return proved(self.measure(claim, self._motions(claim)))
         except HodoError as error:
             raise _located(f"claim {claim['id']}", self.run, error) from error
 
@@ -118,21 +125,30 @@ class Judge:
 def together(claim: Mapping[str, Any], by_reading: Mapping[str, Verdict]) -> str:
     """The verdict over the readings of a claim."""
     verdicts = [reading.verdict for reading in by_reading.values()]
-    holds = [verdict in (REPRODUCED, PLOTTING) for verdict in verdicts]
+    holds = [verdict in COMPLYING for verdict in verdicts]
     if NOT_TESTED in verdicts:
         return NOT_TESTED
     # The readings of an erratum are two, as printed and corrected, in this order.
-    if claim["erratum"] and holds == [True, False]:
-        return AS_PRINTED
+    if claim["erratum"] and holds[0] != holds[1]:
+        return AS_PRINTED if holds[0] else ONCE_CORRECTED
     if all(holds):
-        return PLOTTING if PLOTTING in verdicts else REPRODUCED
+        weakest = (PLOTTING, REPRODUCED, THEOREM)
+        return next(verdict for verdict in weakest if verdict in verdicts)
     # Contradicted only under every reading: the text may have meant the one under which it holds.
     return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
 
 
 def by_finding(claim: Mapping[str, Any], finding: Finding) -> Verdict:
     """The verdict on a claim that one finding decides."""
-    return Verdict(claim, finding.degree, finding.number, finding.words)
+    other = finding.contradicted_by
+    return Verdict(claim, finding.degree, finding.number, finding.words, other)
+
+
+def proved(verdict: Verdict) -> Verdict:
+    """A verdict with what a theorem makes of it: one motion that does not comply refutes it."""
+    if not verdict.claim["theorem"]:
+        return verdict
+    return replace(verdict, verdict=THEOREM if verdict.verdict in COMPLYING else CONTRADICTED)
 
 
 def unusable(cases: Sequence[str], run: ResultFile) -> str:
@@ -186,7 +202,8 @@ def gridded(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdic
     )
     words = f"holds on {holds} of {len(findings)} members{spread(findings)}{violation}"
     verdict = UNDERDETERMINED if part else findings[worst].degree
-    return Verdict(claim, verdict, findings[worst].number, words)
+    other = f"{'a' if claim['theorem'] else 'every'} member with {findings[worst].contradicted_by}"
+    return Verdict(claim, verdict, findings[worst].number, words, other)
 
 
 def sampled(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
@@ -197,10 +214,14 @@ def sampled(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdic
     words = (
         f"holds for {holds} of {len(findings)} members of a sample ({percent}){spread(findings)}"
     )
-    return Verdict(claim, REPRODUCED if share >= claim["share"] else CONTRADICTED, share, words)
+    some = next(iter(findings.values())).contradicted_by
+    missing = 1 - claim["share"]
+    other = f"{f'more than {missing:.0%} of the members' if missing else 'a member'} with {some}"
+    verdict = REPRODUCED if share >= claim["share"] else CONTRADICTED
+    return Verdict(claim, verdict, share, words, other)
 
 
 def spread(findings: Mapping[str, Finding]) -> str:
     """The range of the deciding number over the members, where there is one."""
     numbers = [finding.number for finding in findings.values()]
-    return f", {min(numbers):.6g} to {max(numbers):.6g}" if min(numbers) < max(numbers) else ""
+    return f", {min(numbers):.4g} to {max(numbers):.4g}" if min(numbers) < max(numbers) else ""

@@ -70,6 +70,8 @@ STATEMENT_COLUMNS = (
     "verdict",
     "expect",
     "evidence",
+    "contradicted_by",
+    "theorem",
     "measured",
     "note",
 )
@@ -98,7 +100,8 @@ def claim_row(verdict: Verdict) -> dict[str, Any]:
 
 def decision(verdict: Verdict) -> dict[str, Any]:
     """A verdict without its claim."""
-    return {"verdict": verdict.verdict, "number": verdict.number, "evidence": verdict.evidence}
+    names = ("verdict", "number", "evidence", "contradicted_by")
+    return {name: getattr(verdict, name) for name in names}
 
 
 def as_expected(row: Mapping[str, Any]) -> bool:

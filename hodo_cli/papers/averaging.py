@@ -36,7 +36,8 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
     words = f"order {slope:.3f}, from distances {listed(errors)}"
-    return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words)
+    other = f"an order below {expected - ORDER_WITHIN:g}"
+    return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words, other)
 
 
 @Check
@@ -45,7 +46,8 @@ def first_order(motions: Sequence[Motion]) -> Finding:
     nearer."""
     order = order_finding(motions, 1)
     no_nearer = if_true(order.number < 1 + ORDER_WITHIN)
-    return Finding(max(order.deviation, no_nearer), order.number, order.words)
+    other = f"{order.contradicted_by} or above {1 + ORDER_WITHIN:g}"
+    return Finding(max(order.deviation, no_nearer), order.number, order.words, other)
 
 
 @Check
@@ -73,7 +75,8 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     right = all(a < b for a, b in zip(missed[1:], missed, strict=False))
     right &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
     words = f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}"
-    return Finding(if_true(right), missed[-1], words)
+    other = "an error that does not fall, or is not below that of the averaged crossing"
+    return Finding(if_true(right), missed[-1], words, other)
 
 
 @Check
@@ -84,13 +87,13 @@ def predicted_sense(motions: Sequence[Motion]) -> Finding:
         seen = np.sign(full.omega[-1, full.labels[-1] - 1])
         right += bool(seen == averaged.stored("event_sense")[0])
     count = len(motions) // 2
-    return Finding(if_true(right == count), float(right), f"{right} of {count} as predicted")
+    words = f"{right} of {count} as predicted"
+    return Finding(if_true(right == count), float(right), words, "a sense that is not predicted")
 
 
 @Check
 def steps_do_not_grow(motions: Sequence[Motion]) -> Finding:
     """The steps of motions are the same to a tenth, whatever the size of their resistance."""
     steps = [int(m.attrs["steps"]) for m in motions]
-    return Finding(
-        if_true(max(steps) <= 1.1 * min(steps)), float(max(steps)), f"steps {listed(steps)}"
-    )
+    alike, words = if_true(max(steps) <= 1.1 * min(steps)), f"steps {listed(steps)}"
+    return Finding(alike, float(max(steps)), words, "steps that differ by more than a tenth")

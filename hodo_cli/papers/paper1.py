@@ -5,17 +5,19 @@ Equation numbers are the paper's. Its body axes are ordered: A1 > A2 > A3.
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ..claims.finding import Check, Finding, Trend, agreement, difference, erratum, if_true, listed
-from ..claims.quantities import first, number, reach, swept_angle, zeros
+from ..claims.quantities import first, integrated_motion, number, reach, swept_angle, zeros
+from ..claims.variations import changed
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration.solve import solve
+from ..models.rigid_body import LABELS
 from ..models.theory import closed_form
 from ..models.theory.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion
@@ -43,7 +45,8 @@ def free_rotation(motions: Sequence[Motion]) -> Finding:
 def no_closed_form(motions: Sequence[Motion]) -> Finding:
     """There is no closed form: holds where that of `free_rotation` fails."""
     free = free_rotation.judge(motions)
-    return Finding(if_true(free.deviation > 0), free.number, f"the closed form {free.words}")
+    words = f"the closed form {free.words}"
+    return Finding(if_true(free.deviation > 0), free.number, words, "a closed form that agrees")
 
 
 @Check
@@ -84,11 +87,9 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
         ]
         seen = {(True, False): largest + 1, (False, True): smallest + 1}.get((keeps[0], keeps[1]))
         right += seen == m.labels[0]
-    return Finding(
-        if_true(right == len(motions)),
-        float(right),
-        f"{right} of {len(motions)} as the criterion says",
-    )
+    words = f"{right} of {len(motions)} as the criterion says"
+    other = "a motion about another axis than the criterion says"
+    return Finding(if_true(right == len(motions)), float(right), words, other)
 
 
 @Check
@@ -102,8 +103,7 @@ def equal_damping(motions: Sequence[Motion]) -> Finding:
 
 def by_equal_damping(m: Motion) -> np.ndarray:
     """omega (n, 3) by the closed form for three equal coefficients."""
-    lam = m.case.data["damping"][0]
-    return closed_form.damped_motion(m.inertia, m.omega[0], lam, m.time - m.time[0])
+    return damped_from(m, m.omega[0])
 
 
 @Check
@@ -123,7 +123,8 @@ def turns_about_others(motions: Sequence[Motion], axis: int) -> Finding:
     others = [abs(swept_angle(m, i)) for m in motions for i in range(3) if i != axis]
     own = [abs(swept_angle(m, axis)) for m in motions]
     words = f"{listed(own)} turns about x{axis + 1}, at most {max(others):.3g} about another axis"
-    return Finding(if_true(max(others) < 1), max(others), words)
+    other = "a full turn about another axis"
+    return Finding(if_true(max(others) < 1), max(others), words, other)
 
 
 @Check
@@ -140,7 +141,8 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         # Written out as the paper has it, and not by `slope`, which is what is tested.
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
         wrong += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
-    return Finding(if_true(wrong == 0), float(wrong), f"{wrong} samples on the other side")
+    words = f"{wrong} samples on the other side"
+    return Finding(if_true(wrong == 0), float(wrong), words, "a sample on the other side")
 
 
 def decay_rate(m: Motion) -> float:
@@ -165,7 +167,8 @@ def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
     values = [decay_rate(m) for m in motions]
     diagonal, off = factorial_effects(values)
     words = f"rate of decay {listed(values)}: effects {listed((diagonal, off))}"
-    return Finding(if_true(diagonal > off), diagonal / off, words)
+    other = "a larger effect of the off-diagonal entries"
+    return Finding(if_true(diagonal > off), diagonal / off, words, other)
 
 
 @Check
@@ -175,7 +178,8 @@ def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
     values = [reach(m, 0) for m in motions]
     diagonal, off = factorial_effects(values)
     words = f"largest p^2 in A {listed(values)}: effects {listed((diagonal, off))}"
-    return Finding(if_true(off > diagonal), off / diagonal, words)
+    other = "a larger effect of the diagonal entries"
+    return Finding(if_true(off > diagonal), off / diagonal, words, other)
 
 
 @Check
@@ -190,9 +194,9 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
         ]
         steps += [times[1] - times[0], times[2] - times[1]]
         words.append(listed(times))
-    return Finding(
-        if_true(min(steps) > 0), min(steps), f"last of r, crossing, first of p: {'; '.join(words)}"
-    )
+    found = f"last zero of r, crossing, first zero of p: {'; '.join(words)}"
+    other = "a zero of p before the crossing, or one of r after it"
+    return Finding(if_true(min(steps) > 0), min(steps), found, other)
 
 
 @Trend
@@ -205,11 +209,46 @@ def difference_decides(members: Sequence[Sequence[Motion]]) -> Finding:
         f"{crossed} of {len(up)} cross where lambda1 > lambda3, "
         f"{wrong} of {len(down)} where lambda1 <= lambda3"
     )
-    return Finding(if_true(crossed > 0 and wrong == 0), crossed / len(up), words)
+    other = "a crossing where lambda1 <= lambda3, or none where lambda1 > lambda3"
+    return Finding(if_true(crossed > 0 and wrong == 0), crossed / len(up), words, other)
 
 
 @Trend
 def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
+    """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the sooner the crossing."""
+    sooner = compared_by_difference(members, lambda m: -number(m, "first_crossing"), -math.inf)
+    return Finding(*sooner, "a later crossing at a larger difference")
+
+
+@Trend
+def larger_difference_larger_area(members: Sequence[Sequence[Motion]]) -> Finding:
+    """With lambda1 and lambda2 held, the larger lambda1 - lambda3, the more of B is filled."""
+    larger = compared_by_difference(members, lambda m: number(m, "area_smallest"), 0.0)
+    return Finding(*larger, "a smaller area at a larger difference")
+
+
+def compared_by_difference(
+    members: Sequence[Sequence[Motion]], value: Callable[[Motion], float], without: float
+) -> tuple[float, float, str]:
+    """Deviation, share and words of: a value rises with lambda1 - lambda3 where lambda1 and lambda2
+    are the same; pairs that have the value of a motion `without` a crossing are left out."""
+    held: dict[tuple[float, float], list[tuple[float, float]]] = {}
+    for (m,) in members:
+        lambda1, lambda2, lambda3 = m.case.data["damping"]
+        held.setdefault((lambda1, lambda2), []).append((lambda1 - lambda3, value(m)))
+    pairs = [
+        (low, high)
+        for values in held.values()
+        for (_, low), (_, high) in itertools.pairwise(sorted(values))
+    ]
+    met = [(low, high) for low, high in pairs if (low, high) != (without, without)]
+    rises = sum(low < high for low, high in met)
+    words = f"{rises} of {len(met)} pairs as said; {len(pairs) - len(met)} pairs do not cross"
+    return if_true(0 < rises == len(met)), rises / len(met), words
+
+
+@Trend
+def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> Finding:
     """The larger lambda1 - lambda3, the sooner the crossing, as a trend over all coefficients.
 
     Decided by the rank correlation (Spearman's) of the difference and the time of the crossing,
@@ -224,7 +263,7 @@ def larger_difference_sooner(members: Sequence[Sequence[Motion]]) -> Finding:
     share = reversed_ / len(apart)
     words = f"rank correlation {correlation:.2f}, {share:.1%} of {len(apart)} pairs reversed"
     # A trend, and no law: the middle coefficient matters too, so pairs may be reversed.
-    return Finding(if_true(correlation < -0.8), correlation, words)
+    return Finding(if_true(correlation < -0.8), correlation, words, "a correlation above -0.8")
 
 
 def ranks(values: np.ndarray) -> np.ndarray:
@@ -255,7 +294,8 @@ def explicitly_about_x3(motions: Sequence[Motion]) -> Finding:
     """
     turns = [longest_turn(m, 2, EXPLICIT) for m in motions]
     most = max(turns)
-    return Finding(if_true(most < 1), most, f"{listed(turns)} turns about x3")
+    words = f"{listed(turns)} turns about x3"
+    return Finding(if_true(most < 1), most, words, "a full turn about x3")
 
 
 @Check
@@ -265,7 +305,86 @@ def another_character(motions: Sequence[Motion]) -> Finding:
     """
     first, second = (longest_turn(m, 2, EXPLICIT) for m in motions)
     words = f"{first:.3g} turns about x3 in Fig 12, {second:.3g} in Fig 14"
-    return Finding(if_true(second < 1 <= first), second, words)
+    other = "a full turn about x3 in Fig 14, or none in Fig 12"
+    return Finding(if_true(second < 1 <= first), second, words, other)
+
+
+@Check
+def full_turn_about_x3(motions: Sequence[Motion]) -> Finding:
+    """Every motion makes a full turn about x3; decided by the fewest turns."""
+    turns = [longest_turn(m, 2, 0.0) for m in motions]
+    words = f"{listed(turns)} turns about x3"
+    return Finding(if_true(min(turns) >= 1), min(turns), words, "less than a full turn")
+
+
+SUBSTANTIAL = 0.1
+"""The part of a figure of quadrants from which on a region counts as substantially filled."""
+
+
+@Check
+def visibly_about_x1(motions: Sequence[Motion]) -> Finding:
+    """A is filled substantially, and the motion makes a full turn about x1 with |G| > EXPLICIT;
+    decided by the part of the figure that A fills."""
+    filled, turns, words = about_x1(motions)
+    seen = filled >= SUBSTANTIAL and turns >= 1
+    return Finding(if_true(seen), filled, words, f"less than {SUBSTANTIAL:.0%}, or no full turn")
+
+
+@Check
+def not_visibly_about_x1(motions: Sequence[Motion]) -> Finding:
+    """A is filled insignificantly, and the motion makes no full turn about x1 with |G| > EXPLICIT;
+    decided as `visibly_about_x1` is."""
+    filled, turns, words = about_x1(motions)
+    hidden = filled < SUBSTANTIAL and turns < 1
+    return Finding(if_true(hidden), filled, words, f"{SUBSTANTIAL:.0%} or more, or a full turn")
+
+
+def about_x1(motions: Sequence[Motion]) -> tuple[float, float, str]:
+    """The part of the figure that one motion fills in A, its turns about x1, and both in words."""
+    (m,) = motions
+    filled, turns = number(m, "area_largest"), longest_turn(m, 0, EXPLICIT)
+    return filled, turns, f"p^2 reaches {filled:.2%} of the figure in A; {turns:.3g} turns about x1"
+
+
+@Trend
+def size_changes_spacing(members: Sequence[Sequence[Motion]]) -> Finding:
+    """Every motion, of growing resistance, turns from x3 to x1, and makes the fewer turns about x3
+    before, the larger the resistance; decided by the least step of the turns."""
+    motions = [m for (m,) in members]
+    turns = [longest_turn(m, 2, 0.0) for m in motions]
+    steps = [a - b for a, b in itertools.pairwise(turns)]
+    character = all((m.labels[0], m.labels[-1]) == (3, 1) for m in motions)
+    words = f"{listed(turns)} turns about x3, {'all' if character else 'not all'} x3 to x1"
+    other = "as many turns for another size, or another order of the axes"
+    return Finding(if_true(character and min(steps) > 0), min(steps), words, other)
+
+
+LATE = 3000.0
+"""The one time to which motions are followed for where they tend; Fig 18 crosses until 1625. By the
+asymptotic laws that `hodo classify` applies, the side of the separatrix stays after it."""
+
+
+def late(m: Motion) -> Motion:
+    """A motion to LATE, sampled as densely as it is."""
+    samples = round((len(m.time) - 1) * LATE / (m.time[-1] - m.time[0])) + 1
+    return integrated_motion(changed(m.case, {"time.end": LATE, "time.samples": samples}))
+
+
+@Check
+def late_axis_is_x1(motions: Sequence[Motion]) -> Finding:
+    """The axis enclosed at LATE is x1; decided by the number of motions for which it is."""
+    ends = [LABELS[int(late(m).labels[-1])] for m in motions]
+    right = ends.count("x1")
+    words = f"{', '.join(ends)} at tau = {LATE:g}"
+    return Finding(if_true(right == len(ends)), float(right), words, "another axis at the end")
+
+
+@Check
+def late_direction_is_x1(motions: Sequence[Motion]) -> Finding:
+    """G points along x1 at LATE, to 1 %; decided by the smallest |G1|/|G|."""
+    along = [float(late(m)["x1_direction"][-1]) for m in motions]
+    words = f"|G1|/|G| = {listed(along, 3)} at tau = {LATE:g}"
+    return Finding(if_true(min(along) >= 0.99), min(along), words, "a ratio below 0.99")
 
 
 def longest_turn(m: Motion, axis: int, least: float) -> float:
@@ -281,17 +400,42 @@ def longest_turn(m: Motion, axis: int, least: float) -> float:
 
 @Check
 def unit_of_angular_velocity(motions: Sequence[Motion]) -> Finding:
-    """|omega(0)| = 1, as omega0 = |omega(0)| makes it, is farther off in the printed starts than
-    |G(0)| = 1.
-    """
-    speed = [float(np.linalg.norm(m.omega[0])) for m in motions]
-    size = [float(m["G"][0]) for m in motions]
-    off, corrected = (float(np.abs(np.array(values) - 1).max()) for values in (speed, size))
-    words = (
-        f"|omega(0)| from {min(speed):.4g} to {max(speed):.4g}, "
-        f"|G(0)| from {min(size):.4g} to {max(size):.4g}"
+    """|omega(0)| = 1, as omega0 = |omega(0)| makes it, holds for the first of the printed starts
+    alone, and |G(0)| = 1 for all others."""
+    speed, size = (
+        np.abs(np.array(values) - 1)
+        for values in ([np.linalg.norm(m.omega[0]) for m in motions], [m["G"][0] for m in motions])
     )
-    return Finding(if_true(corrected < off / 5), off, words)
+    words = (
+        f"||G(0)| - 1| is at most {size[1:].max():.2g} for {len(size) - 1} starts, and "
+        f"{size[0]:.3g} for curve 1 of Fig 1; ||omega(0)| - 1| up to {speed.max():.2g}, and "
+        f"{speed[0]:.2g} for curve 1"
+    )
+    right = size[1:].max() < UNIT_SPHERE < speed[1:].min() and speed[0] < 2 * UNIT_SPHERE < size[0]
+    return Finding(if_true(right), float(speed.max()), words)
+
+
+UNIT_SPHERE = 0.0025
+"""What rounding to two digits leaves of |G| - 1."""
+
+
+@Check
+def curve_1(motions: Sequence[Motion]) -> Finding:
+    """||G(0)| - 1| of curve 1 with the printed r0 and with 0.73."""
+    (m,) = motions
+    corrected = m.inertia * (m.omega[0, 0], m.omega[0, 1], 0.73)
+    printed = abs(float(m["G"][0]) - 1)
+    return erratum(printed, abs(float(np.linalg.norm(corrected)) - 1), UNIT_SPHERE)
+
+
+@Check
+def start_of_fig_14(motions: Sequence[Motion]) -> Finding:
+    """D at the start, positive about x1, with r0 by either normalisation and with a smaller one."""
+    D = [float(m["D"][0]) for m in motions]
+    words = (
+        f"D = {D[0]:.3g} with |G(0)| = 1, {D[1]:.3g} with |omega(0)| = 1, {D[2]:.3g} with r0 = 0.4"
+    )
+    return Finding(if_true(max(D[:2]) < 0 < D[2]), D[0], words)
 
 
 @Check
@@ -363,18 +507,36 @@ def third_coefficient(motions: Sequence[Motion]) -> Finding:
 
 
 @Check
-def equation_6(motions: Sequence[Motion]) -> Finding:
-    """(5)-(6) as printed, in the better of their two signs, and the closed form that meets the
-    initial data, each beside the motion.
-    """
-    printed = difference([(numerical_motion(m), as_in_equation_6(m)) for m in motions])
-    corrected = difference([(numerical_motion(m), by_equal_damping(m)) for m in motions])
-    return erratum(printed, corrected, 1e-10)
+def signs_in_equation_6(motions: Sequence[Motion]) -> Finding:
+    """(5)-(6) beside the motion that starts where they start, with opposite signs as printed and
+    with equal ones; of each the better of two choices."""
+    (m,) = motions
+    off = []
+    for signs in ((1, -1), (1, 1)):
+        shapes = [as_in_equation_6(m, s * signs[0], s * signs[1]) for s in (1, -1)]
+        off.append(min(difference([(damped_from(m, shape[0]), shape)]) for shape in shapes))
+    # The argument is some hundred turns at the start, which the functions reduce.
+    return erratum(off[0], off[1], 1e-9)
 
 
-def as_in_equation_6(m: Motion) -> np.ndarray:
-    """omega (n, 3) by (5)-(6) as printed, for D < 0 or D > 0, with that of its two signs which is
-    nearer."""
+@Check
+def phase_in_equation_6(motions: Sequence[Motion]) -> Finding:
+    """q at the start by (5)-(6), and by the closed form that meets the initial data."""
+    (m,) = motions
+    printed, corrected = as_in_equation_6(m, 1, 1)[0, 1], by_equal_damping(m)[0, 1]
+    q0 = m.omega[0, 1]
+    return erratum(abs(float(printed - q0)), abs(float(corrected - q0)), 1e-12)
+
+
+def damped_from(m: Motion, start: np.ndarray) -> np.ndarray:
+    """omega (n, 3) of a motion under equal damping from another start."""
+    return closed_form.damped_motion(
+        m.inertia, start, m.case.data["damping"][0], m.time - m.time[0]
+    )
+
+
+def as_in_equation_6(m: Motion, oscillating: int, middle: int) -> np.ndarray:
+    """omega (n, 3) by (5)-(6), for D < 0 or D > 0, with the signs of the cosine and of q."""
     A1, A2, A3 = A = m.inertia
     start, lam = m.omega[0], m.case.data["damping"][0]
     h, G2 = (A * start * start).sum(), (A * A * start * start).sum()
@@ -386,14 +548,6 @@ def as_in_equation_6(m: Motion) -> np.ndarray:
     sn, cn, dn = sn_cn_dn(n * decay / lam, math.sqrt(1 - (modulus if about_x3 else 1 / modulus)))
     size1, size3 = math.sqrt(X / (A1 * (A1 - A3))), math.sqrt(Y / (A3 * (A1 - A3)))
     size2 = math.sqrt(X / (A2 * (A2 - A3)) if about_x3 else Y / (A2 * (A1 - A2)))
-    outer, inner = (cn, dn) if about_x3 else (dn, cn)
-    signs = [(s, -s, 1) if about_x3 else (1, s, -s) for s in (1, -1)]
-    shapes = [
-        np.stack([a * size1 * outer, b * size2 * sn, c * size3 * inner], axis=-1)
-        for a, b, c in signs
-    ]
-    omega = numerical_motion(m)
-    return min(
-        (decay[:, None] * shape for shape in shapes),
-        key=lambda printed: float(np.abs(printed - omega).max()),
-    )
+    first, third = (oscillating * cn, dn) if about_x3 else (dn, oscillating * cn)
+    shape = np.stack([size1 * first, middle * size2 * sn, size3 * third], axis=-1)
+    return np.asarray(decay[:, None] * shape)

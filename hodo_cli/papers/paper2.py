@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 
 from ..cases.case import Case
-from ..claims.finding import Check, Finding, Trend, beyond, erratum, if_true, in_pairs, listed
+from ..claims.finding import (
+    Check,
+    Finding,
+    Trend,
+    beyond,
+    difference_above,
+    erratum,
+    if_true,
+    in_pairs,
+    listed,
+)
 from ..claims.quantities import end_of_spin, integrated_motion, quantity
 from ..claims.variations import changed
 from ..models.cavity import reynolds
@@ -29,7 +39,8 @@ the paper averages."""
 def never_at_zero(motions: Sequence[Motion]) -> Finding:
     """y nears zero asymptotically: it does not reach it in finite time."""
     times = [end_of_spin(m) for m in motions]
-    return Finding(if_true(min(times) == math.inf), max(times), f"y reaches 0 at {listed(times)}")
+    words = f"y reaches 0 at {listed(times)}"
+    return Finding(if_true(min(times) == math.inf), max(times), words, "a finite time")
 
 
 def x_at_end_of_spin(m: Motion) -> float:
@@ -61,7 +72,8 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     )
     # Within a tenth of 1/2, and falling throughout.
     holds = abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))
-    return Finding(if_true(holds), power, f"power {power:.3g}; {words}")
+    other = "a power outside 0.4 to 0.6"
+    return Finding(if_true(holds), power, f"power {power:.3g}; {words}", other)
 
 
 def with_torque(m: Motion, factor: float, angle: float) -> Motion:
@@ -84,7 +96,8 @@ def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
 def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
     """The Reynolds number of the flow at the start is at most 0.01; decided by the largest."""
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
-    return Finding(if_true(max(numbers) <= 0.01), max(numbers), f"Re = {listed(numbers)}")
+    words = f"Re = {listed(numbers)}"
+    return Finding(if_true(max(numbers) <= 0.01), max(numbers), words, "a number above 0.01")
 
 
 TURN_SAMPLES = 401
@@ -108,7 +121,7 @@ def slow_x_and_y(motions: Sequence[Motion]) -> Finding:
     changed_by = "; ".join(words)
     evidence = f"x or y changes by {changed_by} at factors {listed(SMALLER)}: power {power:.3g}"
     # x and y are 1 at the start; the second order still bends the power at these factors.
-    return Finding(if_true(power >= 0.9), power, evidence)
+    return Finding(if_true(power >= 0.9), power, evidence, "a power below 0.9")
 
 
 def first_turn(m: Motion, factor: float) -> Motion:
@@ -129,7 +142,8 @@ def averaging_is_exact(motions: Sequence[Motion]) -> Finding:
     in pairs, full and averaged, compared until the spin ends.
     """
     worst = max(apart(full, averaged) for full, averaged in in_pairs(motions))
-    return Finding(beyond(worst, 1e-10), worst, f"x and y differ by {worst:.2g}")
+    words = f"x and y differ by {worst:.2g}"
+    return Finding(beyond(worst, 1e-10), worst, words, difference_above(1e-10))
 
 
 def apart(full: Motion, other: Motion) -> float:
@@ -158,7 +172,8 @@ def ratio_to_1(members: Sequence[Sequence[Motion]]) -> Finding:
             f"at {ratios[least]:.4g}, {limits[-1]:.4f} at {ratios[-1]:.4g}"
         )
     falls = all(ratio == min(ratios) for ratio in turning)
-    return Finding(if_true(falls), min(turning), "; ".join(words))
+    other = "a least x at another A/C than the smallest"
+    return Finding(if_true(falls), min(turning), "; ".join(words), other)
 
 
 # Errata: each check shows the printed form wrong and the corrected one right.

@@ -18,6 +18,7 @@ from ..claims.finding import (
     agreement,
     beyond,
     difference,
+    difference_above,
     erratum,
     if_true,
     in_pairs,
@@ -99,7 +100,8 @@ def ordering(motions: Sequence[Motion]) -> Finding:
     for m in motions:
         u1, u2, u3 = (quantity(m, name) for name in ROOTS)
         least = min(least, float(np.min([u1 + 1, u2 - u1, 1 - u2, u3 - 1])))
-    return Finding(beyond(-least, 1e-12), least, f"the least distance is {least:.2g}")
+    words = f"the least distance is {least:.2g}"
+    return Finding(beyond(-least, 1e-12), least, words, "a distance below -0.01")
 
 
 def signs(m: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +158,8 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
         f"{max(before):.1g} until then, and by {listed(after, 1)} after it"
     )
     right = max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf
-    return Finding(if_true(right), min(times), words)
+    other = f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it"
+    return Finding(if_true(right), min(times), words, other)
 
 
 RUNGE_KUTTA_STEPS = 1000
@@ -176,7 +179,8 @@ def r_by_2_5(motions: Sequence[Motion]) -> Finding:
         exact = quantity(m, "r")[0] * np.exp(-integral / m.inertia[2])
         worst.append(float(np.abs(r - exact).max()))
     words = f"r differs by {listed(worst, 1)}"
-    return Finding(beyond(max(worst), HALF_THE_DIGITS), max(worst), words)
+    other = difference_above(HALF_THE_DIGITS)
+    return Finding(beyond(max(worst), HALF_THE_DIGITS), max(worst), words, other)
 
 
 def integrate_3_5(m: Motion, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -249,13 +253,21 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
             words.append(f"{name} {listed(errors, 3)}")
     least = min(powers)
     # The second order still bends the power at these epsilons.
-    return Finding(if_true(least >= 0.9), least, f"power {least:.3g}: {'; '.join(words)}")
+    found = f"power {least:.3g}: {'; '.join(words)}"
+    return Finding(if_true(least >= 0.9), least, found, "a power below 0.9")
 
 
 @Check
 def u3_quickly(motions: Sequence[Motion]) -> Finding:
     """u3 comes within 1 % of 1 sooner in the first case than in the others; decided by the time."""
     return sooner(motions, "u3", 1.0)
+
+
+@Check
+def u3_quickly_for_good(motions: Sequence[Motion]) -> Finding:
+    """u3 stays within 1 % of 1 from an earlier time on in the first case than in the others;
+    decided by the time."""
+    return sooner(motions, "u3", 1.0, for_good=True)
 
 
 @Check
@@ -266,14 +278,17 @@ def H_quickly(motions: Sequence[Motion]) -> Finding:
     return sooner(motions[::-1], "H", -0.5)
 
 
-def sooner(motions: Sequence[Motion], name: str, limit: float) -> Finding:
-    """Whether a quantity first comes within 1 % of a limit sooner in the first motion."""
+def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = False) -> Finding:
+    """Whether a quantity comes within 1 % of a limit, first or for good, sooner in the first
+    motion."""
     times = []
     for m in motions:
         near = np.abs(quantity(m, name) - limit) <= 0.01 * abs(limit)
-        times.append(float(m.time[np.argmax(near)]) if near.any() else math.inf)
-    words = f"within 1 % of {limit:g} at {listed(times)}"
-    return Finding(if_true(times[0] < min(times[1:])), times[0], words)
+        stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
+        times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
+    words = f"within 1 % of {limit:g}{' for good' if for_good else ''} at {listed(times)}"
+    other = "an earlier time in another case"
+    return Finding(if_true(times[0] < min(times[1:])), times[0], words, other)
 
 
 def roughness(m: Motion) -> float:
@@ -298,7 +313,8 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     pairs = [(roughness(a), roughness(b)) for a, b in in_pairs(motions)]
     steps = [growing - constant for constant, growing in pairs]
     words = f"roughness {'; '.join(map(listed, pairs))}"
-    return Finding(if_true(max(steps) < 0), min(map(abs, steps)), words)
+    other = "a rougher motion with coefficients that grow"
+    return Finding(if_true(max(steps) < 0), min(map(abs, steps)), words, other)
 
 
 @Check
