@@ -16,6 +16,8 @@ BIN := $(VENV)/bin
 # Two stamps, so that drawing the figures does not wait for the tools of the tests.
 READY := $(VENV)/.ready
 TOOLS := $(VENV)/.ready-dev
+# What sets a PDF is 70 MB, and nothing else needs it.
+PRINTING := build/printing/.ready
 # A file's tests stay in one process, so that what its fixtures integrate is integrated once.
 PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
@@ -28,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test stress mutants lint bench docs lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test stress mutants lint bench docs papers lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -92,14 +94,19 @@ bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); 
 			| $(BIN)/python tools/tables.py docs/accuracy.md "bench: $$config"; \
 	done; exit $$status
 
-docs: docs/papers.md  ## Renew what the documents quote from the program
+docs: claims  ## Renew what the documents quote from the program, and what they say of the papers
 	$(BIN)/hodo schema --table | $(BIN)/python tools/tables.py docs/case-files.md keys
 	$(BIN)/python tools/models.py | $(BIN)/python tools/tables.py docs/models.md models
-
-docs/papers.md: claims  ## Renew what is said of the papers, from the verdicts of `make claims`
 	for paper in $(PAPERS:configs/%.yaml=%); do \
-		$(BIN)/python tools/papers.py runs/$$paper.h5 | $(BIN)/python tools/tables.py $@ $$paper; \
+		$(BIN)/python tools/papers.py runs/$$paper.h5 | $(BIN)/python tools/tables.py docs/$$paper.md $$paper; \
 	done
+	for picture in paper1/fig12-readings paper2/x paper3/u3; do \
+		$(BIN)/hodo plot configs/$${picture%/*}.yaml $${picture#*/} --format svg --out build/pictures; \
+		cp build/pictures/$$picture.svg docs/$${picture%/*}.svg; \
+	done
+
+papers: $(PRINTING)  ## Set the pages on the papers as one PDF, build/papers.pdf
+	$(PRINTING:/.ready=)/bin/python tools/print_papers.py build/papers.pdf docs/papers.md docs/paper?.md
 
 lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
 	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml
@@ -125,6 +132,11 @@ else
 	$(PIP) --require-hashes --requirement requirements.lock
 	$(PIP) --no-deps --no-build-isolation --editable .
 endif
+	@touch $@
+
+$(PRINTING): $(READY)
+	$(BIN)/python -m venv $(@D)
+	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check pypandoc-binary==1.17 typst==0.15.0
 	@touch $@
 
 $(TOOLS): $(READY) requirements-dev.lock

@@ -1,12 +1,13 @@
 """Print what a result says about its paper, in Markdown: `python tools/papers.py runs/paper1.h5`.
 
 The verdicts must be stored (`hodo claims`). Statements, errata and readings come from the result
-itself; links go to the figures that `make figures` draws.
+itself; the head of each page in docs/ is written by hand.
 """
 
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from hodo_cli.cases.claim_block import (
     AS_PRINTED,
     CONTRADICTED,
     MISPRINTS,
-    QUANTITY_NAMES,
+    ONCE_CORRECTED,
+    THEOREM,
     UNDERDETERMINED,
     VERDICTS,
 )
@@ -22,30 +24,90 @@ from hodo_cli.cases.config import Config, parse
 from hodo_cli.storage.hdf5 import ResultFile, open_run
 from hodo_cli.tables import totals
 
-LONGEST = 400
-"""Characters of evidence that a cell holds; `hodo claims` prints all of it."""
+WIDTH = 120
+"""Characters of a line of the source, so that a change shows as a change of few lines."""
 
+LONGEST = 700
+"""Characters of evidence that an entry holds; `hodo claims` prints all of it."""
 
 OURS = "not in the paper"
 """How the place of a statement begins that is not the paper's."""
 
+NOT_SIMPLY = (CONTRADICTED, AS_PRINTED, ONCE_CORRECTED, UNDERDETERMINED)
+"""The verdicts on statements that do not simply hold, in the order in which they are told."""
+
+GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "epsilon": "ε", "theta": "θ", "kappa": "κ",
+    "lambda": "λ", "mu": "μ", "nu": "ν", "rho": "ρ", "tau": "τ", "chi": "χ", "omega": "ω",
+}  # fmt: skip
+
+SIGNS = {"^2": "²", "^3": "³", "<=": "≤", ">=": "≥"}
+"""Powers and signs as they are set."""
+
+SPOKEN = {
+    "separatrix_distance": "|D|/G^2",
+    "x1_direction": "|G1|/|G|",
+    "first_crossing": "first crossing",
+    "area_smallest": "area in B",
+    "growth_smallest": "rate of growth",
+    "end_of_spin": "end of spin",
+    "damping.0": "lambda1",
+    "damping.1": "lambda2",
+    "damping.2": "lambda3",
+    "initial.G": "|G(0)|",
+    "a.0": "a0",
+    "b.0": "b0",
+}
+"""The words of a paper for the names that stand in the evidence."""
+
+
+def spoken(text: str) -> str:
+    """Text as a paper has it: with its own names, Greek letters, indices and powers."""
+    for name, words in SPOKEN.items():
+        text = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", words, text)
+    letters = "|".join(GREEK)
+    text = re.sub(rf"(?<![A-Za-z])({letters})(?![a-z])", lambda m: GREEK[m[1]], text)
+    for printed, sign in SIGNS.items():
+        text = text.replace(printed, sign)
+    text = re.sub(r"sqrt\((\w+)\)", r"√\1", text).replace("sqrt(", "√(")
+    text = re.sub(r"(?<=\d)%", " %", text)
+    digits = str.maketrans("0123", "₀₁₂₃")
+    return re.sub(r"(?<!\w)([A-Za-zλω])([0-3])(?!\w)", lambda m: m[1] + m[2].translate(digits), text)
+
 
 def plain(text: str) -> str:
-    """Text on one line, with no character that Markdown obeys."""
-    for mark in "|*_<":
+    """`spoken` text on one line, with no character that Markdown obeys."""
+    text = spoken(text)
+    for mark in "\\*_<[":
         text = text.replace(mark, f"\\{mark}")
     return " ".join(text.split())
 
 
-def cell(text: str) -> str:
-    """Text in a cell of a table, cut where it is long."""
+def shortened(text: str) -> str:
+    """`plain` text, cut where it is long."""
     return plain(text if len(text) <= LONGEST else f"{text[:LONGEST].rsplit(' ', 1)[0]} ...")
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown; its cells are Markdown already."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def sentence(text: str) -> str:
+    """A remark that stands by itself: it begins with a capital, unless its first word is a letter
+    of a formula, and ends with a stop."""
+    text = spoken(text.rstrip("."))
+    if not text:
+        return ""
+    return f"{text[:1].upper() + text[1:] if text[1:2].isalpha() else text}."
+
+
+def item(parts: Iterable[str]) -> str:
+    """An item of a list, of sentences, in lines of WIDTH."""
+    lines = textwrap.wrap(
+        " ".join(filter(None, parts)),
+        WIDTH - 2,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    # A sign, or a number with a stop, at the start of a line would begin a list of its own.
+    lines = [lines[0], *(re.sub(r"^(\d*)([-+#>.)])(?= |$)", r"\1\\\2", x) for x in lines[1:])]
+    return "- " + "\n  ".join(lines)
 
 
 def stored(run: ResultFile, name: str) -> list[dict[str, Any]]:
@@ -57,110 +119,115 @@ def stored(run: ResultFile, name: str) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def figures_of(where: str, config: Config, stem: str) -> str:
-    """Links to the figures that a place in the text names, under all readings."""
-    numbers = []
-    for first, last in re.findall(r"Figs? (\d+)(?:(?:-| and |, )(\d+))?", where):
-        numbers += range(int(first), int(last or first) + 1)
-    names = [
-        name
-        for name in config.figures
-        if (match := re.match(r"fig(\d+)(?!\d)", name)) and int(match[1]) in numbers
-    ]
-    return ", ".join(f"[{name}](../runs/figures/{stem}/{name}.png)" for name in names)
+def place(row: Mapping[str, Any]) -> str:
+    """Where in the paper an entry stands."""
+    return f"**{plain(sentence(row['where']))}**"
 
 
-def statements(rows: Sequence[Mapping[str, Any]], config: Config, stem: str) -> str:
-    """Every statement with its verdict and what decides it."""
-    lines = []
-    for row in rows:
-        quoted = f"{cell(row['statement'])}<br>*{cell(row['original'])}*"
-        statement = cell(row["statement"]) if not row["original"] else quoted
-        remarks = "; ".join(filter(None, (row["measured"], row["note"])))
-        figures = figures_of(row["where"], config, stem)
-        where = f"{cell(row['where'])}<br>{figures}" if figures else cell(row["where"])
-        lines.append([where, statement, row["verdict"], cell(row["evidence"]), cell(remarks)])
-    header = ("where", "statement", "verdict", "decided by", "what is measured; notes")
-    return table(header, lines)
+def saying(row: Mapping[str, Any]) -> Iterator[str]:
+    """Where a statement stands, the statement, and the paper's own words."""
+    yield place(row)
+    yield plain(row["statement"])
+    if row["original"]:
+        yield f"*{plain(row['original'])}*"
 
 
-def errata(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Every misprint with what shows it."""
-    names = ("where", "printed", "should_be", "verdict", "evidence")
-    lines = [[cell(row[name]) for name in names] for row in rows]
-    header = ("where", "printed", "should be", "verdict", "shown by")
-    return table(header, lines)
+def deciding(row: Mapping[str, Any]) -> Iterator[str]:
+    """The verdict with what decides it, what would contradict it, and the remarks."""
+    yield f"**{row['verdict'].capitalize()}**: {shortened(row['evidence'])}."
+    if row["verdict"] not in NOT_SIMPLY:
+        yield f"Contradicted by {shortened(row['contradicted_by'])}."
+    if row["measured"]:
+        yield f"Measured: {plain(row['measured'])}."
+    yield plain(sentence(row["note"]))
 
 
-def assumptions(config: Config) -> str:
+def statement(row: Mapping[str, Any]) -> str:
+    """A statement with what decides it, unless another section tells it."""
+    if row["verdict"] in NOT_SIMPLY:
+        return item([*saying(row), f"**{row['verdict'].capitalize()}**, see above."])
+    return item([*saying(row), *deciding(row)])
+
+
+def theorem(row: Mapping[str, Any]) -> str:
+    """A statement that holds by theorem, with the reason and the motions that tried it."""
+    why, tried = plain(sentence(row["theorem"])), shortened(row["evidence"])
+    return item([*saying(row), f"**{sentence(THEOREM)}**", why, f"Tried: {tried}."])
+
+
+def misprint(row: Mapping[str, Any]) -> str:
+    """A misprint with what shows it."""
+    parts = [place(row), f"Printed: {plain(row['printed'])}."]
+    parts.append(f"Should be: {plain(row['should_be'])}.")
+    shown = f": {plain(row['evidence'])}" if row["evidence"] else ""
+    return item([*parts, f"**{row['verdict'].capitalize()}**{shown}.", plain(sentence(row["note"]))])
+
+
+def shown(config: Config) -> list[str]:
+    """The cases that figures show, each once."""
+    names = [name for figure in config.figures.values() for name in figure.get("cases", ())]
+    return list(dict.fromkeys(names))
+
+
+def numbered(names: Iterable[str]) -> str:
+    """The figures and cases of the paper that cases are made for, by their numbers."""
+    parts = []
+    for stem, words in (("fig", "Fig"), ("case", "case")):
+        matches = (re.match(rf"{stem}(\d+)", name) for name in names)
+        if numbers := sorted({int(match[1]) for match in matches if match}):
+            plural = "s" if len(numbers) > 1 else ""
+            parts.append(f"{words}{plural} {', '.join(map(str, numbers))}")
+    return "; ".join(parts)
+
+
+def assumptions(config: Config) -> Iterator[str]:
     """What the cases of the figures take that the paper does not print."""
-    shown = {name for figure in config.figures.values() for name in figure.get("cases", ())}
     taken: dict[str, list[str]] = {}
-    for name, case in config.cases.items():
-        for key, text in case.assumes.items() if name in shown else ():
+    for name in shown(config):
+        for key, text in config.cases[name].assumes.items():
             taken.setdefault(f"{key}: {text}", []).append(name)
-    if not taken:
-        return "The paper prints everything that its figures need."
-    lines = [[plain(text), plain(", ".join(names))] for text, names in taken.items()]
-    return table(("taken here, and not printed", "by the motions"), lines)
+    for text, names in taken.items():
+        if figures := numbered(names):
+            yield item([f"{plain(text)} ({figures})"])
 
 
-def sentence(text: str) -> str:
-    """A remark that stands by itself: it begins with a capital, unless its first word is a letter
-    of a formula, and ends with a stop."""
-    if not text:
-        return ""
-    return f"{text[:1].upper() + text[1:] if text[1:2].isalpha() else text}."
+def section(heading: str, items: Iterable[str]) -> str:
+    """A list under a heading; nothing where it is empty."""
+    lines = "\n".join(items)
+    return f"## {heading}\n\n{lines}" if lines else ""
 
 
-def what_does_not_hold(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """The statements that do not simply hold, with what each reading of the text decides."""
-    for verdict in (CONTRADICTED, AS_PRINTED, UNDERDETERMINED):
-        for row in (row for row in rows if row["verdict"] == verdict):
-            measured = f"measured: {row['measured']}" if row["measured"] else ""
-            parts = (row["evidence"], measured, row["note"])
-            words = " ".join(filter(None, (plain(sentence(part)) for part in parts)))
-            statement = f"{plain(row['statement'])} *{plain(row['original'])}*"
-            yield f"- **{verdict.capitalize()}** ({plain(row['where'])}). {statement}<br>{words}"
-
-
-def names_used(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The meanings of the names of quantities in the evidence."""
-    evidence = " ".join(row["evidence"] for row in rows)
-    meanings = [
-        f"- `{name}`: {plain(meaning)}"
-        for name, meaning in QUANTITY_NAMES.items()
-        if "_" in name and re.search(rf"\b{name}\b", evidence)
-    ]
-    return "\n".join(meanings)
+def summary(run: ResultFile, config: Config, claims: Sequence[Any], errata: Sequence[Any]) -> str:
+    """How many statements, errata, figures and motions there are, in one paragraph."""
+    names = shown(config)
+    errors = [run.row(name, {"error": float})["error"] for name in names]
+    largest = max((error for error in errors if error == error), default=float("nan"))
+    words = (
+        f"{totals('statement', claims, VERDICTS)}. {totals('erratum', errata, MISPRINTS)}. "
+        f"{len(config.figures)} figures are drawn from {len(names)} motions, whose measured errors "
+        f"are at most {largest:.1g}."
+    )
+    return textwrap.fill(words, WIDTH)
 
 
 def page(run: ResultFile) -> str:
     """All that a result says about its paper."""
-    config, stem = parse(run.text, str(run.path)), run.path.stem
-    misprints = stored(run, "_errata")
-    rows = stored(run, "_claims")
+    config = parse(run.text, str(run.path))
+    errata, rows = stored(run, "_errata"), stored(run, "_claims")
     claims = [row for row in rows if not row["where"].startswith(OURS)]
-    ours = [row for row in rows if row["where"].startswith(OURS)]
-    errors = [run.row(name, {"error": float})["error"] for name in run.cases()]
-    largest = max((error for error in errors if error == error), default=float("nan"))
+    not_simply = [row for verdict in NOT_SIMPLY for row in claims if row["verdict"] == verdict]
+    proved = [row for row in claims if row["verdict"] == THEOREM]
+    others = [row for row in claims if row["verdict"] != THEOREM]
     parts = [
-        f"## {config.title}\n\n{config.references}",
-        f"{totals('statement', claims, VERDICTS)}. {totals('erratum', misprints, MISPRINTS)}. "
-        f"{len(config.figures)} figures are drawn from {len(config.cases)} motions, whose measured "
-        f"errors are at most {largest:.1g}; they are in `runs/figures/{stem}/` once `make figures` "
-        "has drawn them.",
-        f"### Errata\n\n{errata(misprints)}",
-        f"### What the text leaves open\n\n{assumptions(config)}",
+        summary(run, config, claims, errata),
+        section("Errata", map(misprint, errata)),
+        section("What the text leaves open, and what is taken here", assumptions(config)),
+        section("What does not simply hold", (item([*saying(r), *deciding(r)]) for r in not_simply)),
+        section("Every statement", map(statement, others)),
+        section("What holds by theorem", map(theorem, proved)),
+        section("Not in the paper", (theorem(row) for row in rows if row not in claims)),
     ]
-    if lines := [*what_does_not_hold(claims)]:
-        parts.append("### What does not simply hold\n\n" + "\n".join(lines))
-    parts.append(f"### Every statement\n\n{statements(claims, config, stem)}")
-    if ours:
-        parts.append(f"### Not in the paper\n\n{statements(ours, config, stem)}")
-    if meanings := names_used(rows):
-        parts.append(f"Names in the fourth column:\n\n{meanings}")
-    return "\n\n".join(parts)
+    return "\n\n".join(filter(None, parts))
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
             check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages
         )
         words.append(
-            ", ".join(f"{time:.6g} ({a} to {b})" for time, a, b in passages) or "no crossing"
+            ", ".join(f"{time:.4g} ({a} to {b})" for time, a, b in passages) or "no crossing"
         )
     largest = float(max(len(m.crossings) for m in motions))
     return Finding(if_true(right), largest, "; ".join(words), other_crossings(check))

@@ -74,8 +74,10 @@ def if_true(holds: bool) -> float:
 
 
 def listed(values: Iterable[float], digits: int = 4) -> str:
-    """Numbers to so many digits."""
-    return ", ".join(f"{value:.{digits}g}" for value in values)
+    """Numbers to so many digits; the rounding of larger ones beside them is 0."""
+    numbers = [*values]
+    least = 1e-15 * max((abs(x) for x in numbers if math.isfinite(x)), default=0.0)
+    return ", ".join(f"{0 if abs(x) <= least else x:.{digits}g}" for x in numbers)
 
 
 ValuePair = tuple[np.ndarray, np.ndarray]

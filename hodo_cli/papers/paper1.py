@@ -375,7 +375,7 @@ def late_axis_is_x1(motions: Sequence[Motion]) -> Finding:
     """The axis enclosed at LATE is x1; decided by the number of motions for which it is."""
     ends = [LABELS[int(late(m).labels[-1])] for m in motions]
     right = ends.count("x1")
-    words = f"{', '.join(ends)} at tau = {LATE:g}"
+    words = f"{right} of {len(ends)} about x1 at tau = {LATE:g}"
     return Finding(if_true(right == len(ends)), float(right), words, "another axis at the end")
 
 

@@ -68,7 +68,7 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
     ends = [x_at_end_of_spin(m) for m in given]
     words = (
         f"x off by {listed(apart, 3)} at factors {listed(SMALLER)}; "
-        f"with a torque of the figures' size x = {listed(ends)}, without {limit:.6g}"
+        f"with a torque of the figures' size x = {listed(ends)}, without {limit:.4g}"
     )
     # Within a tenth of 1/2, and falling throughout.
     holds = abs(power - 0.5) < 0.1 and all(b < a for a, b in itertools.pairwise(apart))
