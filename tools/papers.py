@@ -71,8 +71,8 @@ def spoken(text: str) -> str:
         text = text.replace(printed, sign)
     text = re.sub(r"sqrt\((\w+)\)", r"√\1", text).replace("sqrt(", "√(")
     text = re.sub(r"(?<=\d)%", " %", text)
-    digits = str.maketrans("0123", "₀₁₂₃")
-    return re.sub(r"(?<!\w)([A-Za-zλω])([0-3])(?!\w)", lambda m: m[1] + m[2].translate(digits), text)
+    index = str.maketrans("0123", "₀₁₂₃")
+    return re.sub(r"(?<!\w)([A-Za-zλω])([0-3])(?!\w)", lambda m: m[0].translate(index), text)
 
 
 def plain(text: str) -> str:
@@ -160,7 +160,8 @@ def misprint(row: Mapping[str, Any]) -> str:
     parts = [place(row), f"Printed: {plain(row['printed'])}."]
     parts.append(f"Should be: {plain(row['should_be'])}.")
     shown = f": {plain(row['evidence'])}" if row["evidence"] else ""
-    return item([*parts, f"**{row['verdict'].capitalize()}**{shown}.", plain(sentence(row["note"]))])
+    parts += [f"**{row['verdict'].capitalize()}**{shown}.", plain(sentence(row["note"]))]
+    return item(parts)
 
 
 def shown(config: Config) -> list[str]:
@@ -218,11 +219,12 @@ def page(run: ResultFile) -> str:
     not_simply = [row for verdict in NOT_SIMPLY for row in claims if row["verdict"] == verdict]
     proved = [row for row in claims if row["verdict"] == THEOREM]
     others = [row for row in claims if row["verdict"] != THEOREM]
+    failing = (item([*saying(row), *deciding(row)]) for row in not_simply)
     parts = [
         summary(run, config, claims, errata),
         section("Errata", map(misprint, errata)),
         section("What the text leaves open, and what is taken here", assumptions(config)),
-        section("What does not simply hold", (item([*saying(r), *deciding(r)]) for r in not_simply)),
+        section("What does not simply hold", failing),
         section("Every statement", map(statement, others)),
         section("What holds by theorem", map(theorem, proved)),
         section("Not in the paper", (theorem(row) for row in rows if row not in claims)),

@@ -347,7 +347,15 @@ CASE_HEADER = (
     "parameters",
     "notes and warnings",
 )
-CLAIM_HEADER = ("where", "statement", "verdict", "decided by", "measured, notes", "figures")
+CLAIM_HEADER = (
+    "where",
+    "statement",
+    "verdict",
+    "decided by",
+    "contradicted by",
+    "reason, measured, notes",
+    "figures",
+)
 ERRATUM_HEADER = ("where", "printed", "should be", "verdict", "shown by", "figures")
 CROSSING_HEADER = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|", "figures")
 
@@ -385,18 +393,19 @@ def _claims(cases: StoredCases, places: Places) -> str:
     if "_claims" not in cases:
         return ""
     claims = cases["_claims"].variables
-    names = ("claim", "where", "statement", "original", "verdict", "evidence", "measured", "note")
-    columns = [map(str, claims[name].data) for name in names]
+    names = ("claim", "where", "statement", "original", "verdict", "evidence", "contradicted_by")
+    columns = [map(str, claims[name].data) for name in (*names, "theorem", "measured", "note")]
     rows = [
         [
             f'<td id="{places.statement("claim", name)}">{escape(where)}</td>',
             f"<td class=text>{escape(statement)}{_in_its_words(original)}</td>",
             _cell(verdict),
             _cell(evidence, "text"),
+            _cell(other, "text"),
             _cell("; ".join(filter(None, remarks)), "text"),
             f"<td>{places.figures_about('claim', name)}</td>",
         ]
-        for name, where, statement, original, verdict, evidence, *remarks in zip(
+        for name, where, statement, original, verdict, evidence, other, *remarks in zip(
             *columns, strict=True
         )
     ]

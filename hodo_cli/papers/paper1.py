@@ -195,8 +195,9 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
         steps += [times[1] - times[0], times[2] - times[1]]
         words.append(listed(times))
     found = f"last zero of r, crossing, first zero of p: {'; '.join(words)}"
-    other = "a zero of p before the crossing, or one of r after it"
-    return Finding(if_true(min(steps) > 0), min(steps), found, other)
+    other = "no crossing, a zero of p before it, or one of r after it"
+    # Without a crossing a step is no number, which is not above 0.
+    return Finding(if_true(all(step > 0 for step in steps)), min(steps), found, other)
 
 
 @Trend
