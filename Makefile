@@ -92,7 +92,10 @@ bench: $(READY)  ## Error against run time, and the extreme cases (10 minutes); 
 		$(BIN)/hodo bench configs/$$config.yaml -j 2 --markdown > runs/$$config.md || status=1; \
 		($(BIN)/python tools/machine.py; cat runs/$$config.md) \
 			| $(BIN)/python tools/tables.py docs/accuracy.md "bench: $$config"; \
-	done; exit $$status
+	done; \
+	$(BIN)/python tools/bench_table.py runs/error_time.bench.h5 docs/error_time.svg \
+		| $(BIN)/python tools/tables.py docs/accuracy.md "table: error_time"; \
+	exit $$status
 
 docs: claims  ## Renew what the documents quote from the program, and what they say of the papers
 	$(BIN)/hodo schema --table | $(BIN)/python tools/tables.py docs/case-files.md keys

@@ -170,6 +170,11 @@ def test_figures_of_the_first_paper_at_their_end(figure: int) -> None:
     assert len(motion.events) == (figure == 11)
 
 
+def test_a_tolerance_that_brings_the_motion_back_to_the_separatrix_is_named() -> None:
+    with pytest.raises(HodoError, match="its tol is too large"):
+        integrate(case(method="Radau", tol=1e-3, time={"end": 400, "samples": 11}))
+
+
 def test_figure_4_from_mean_elements() -> None:
     (passage,) = integrate(case()).events
     found = passage.time, passage.details["predicted"], passage.details["place"]

@@ -102,6 +102,14 @@ def test_a_time_is_the_least_of_the_repeats_and_the_processor_s() -> None:
     assert trials.least_time(case, replace(motion, run_time=2.0), 3) == 2.0
 
 
+def test_an_averaged_motion_is_tried_too() -> None:
+    text = CONFIG.replace("damping: [0.05, 0.04, 0.03],", "damping: 0.001, form: averaged,")
+    averaged = parse(text, "x.yaml").cases["a"]
+    tried = trials.trial(averaged, trials.truth(averaged), "DOP853", 1e-6, 1, 10.0)
+    assert tried.error < 1e-4
+    assert np.isnan(tried.drift)
+
+
 def test_the_fastest_is_taken_among_those_that_are_right() -> None:
     tried = tuple(
         trials.Trial(error=e, run_time=t)

@@ -22,7 +22,6 @@ from ..integration.integrate import ASKED, remarks, solved
 from ..integration.solve import sample_times, solve
 from ..integration.trajectory import Trajectory
 from ..models import rigid_body
-from ..models.rigid_body import BodyFrame
 
 TRIAL_VERDICTS = (
     "accurate",
@@ -156,7 +155,7 @@ def _moved(value: Any, towards: Iterator[float]) -> Any:
 def drifts(motion: Trajectory) -> list[float]:
     """The largest relative changes of T and |G|, for a motion whose state is the angular
     velocity."""
-    if not isinstance(motion.case.system, BodyFrame) or not len(motion.time):
+    if [*motion.case.system.variables] != ["omega"] or not len(motion.time):
         return []
     A, omega = np.array(motion.case.data["inertia"], np.longdouble), extended(motion.omega)
     size = np.ldexp(np.longdouble(1), motion.exponent - motion.exponent[0])

@@ -394,7 +394,12 @@ def _claims(cases: StoredCases, places: Places) -> str:
         return ""
     claims = cases["_claims"].variables
     names = ("claim", "where", "statement", "original", "verdict", "evidence", "contradicted_by")
-    columns = [map(str, claims[name].data) for name in (*names, "theorem", "measured", "note")]
+    # Verdicts of an earlier version have fewer texts.
+    without = [""] * len(claims["claim"].data)
+    columns = [
+        map(str, claims[name].data if name in claims else without)
+        for name in (*names, "theorem", "measured", "note")
+    ]
     rows = [
         [
             f'<td id="{places.statement("claim", name)}">{escape(where)}</td>',

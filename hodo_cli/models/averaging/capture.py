@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any, NamedTuple
 
+from ... import HodoError
 from ...schema.kinds import Choice, Key
 from ..base import EventOutcome
 from .forms import EDGE, left_and_entered
@@ -125,11 +126,16 @@ def pass_separatrix(
     Regions have the sense about sorted axes, what is stored that about the axes as given.
 
     At 2 EDGE the event that has found the separatrix cannot find it again. What is added to the
-    state needs no more digits than a double has.
+    state needs no more digits than a double has. Raises HodoError for a motion that comes back to
+    the separatrix all the same, as a loose tolerance lets it.
     """
     side, _ = arrival.region
     here = bands(arrival.amplitudes)[arrival.region]
     pull = -here.drift
+    if not pull > 0:
+        raise HodoError(
+            "the averaged motion comes back to the separatrix that it leaves: its tol is too large"
+        )
     seconds = time_in_band(arrival.u, pull)
     to_edge = here.changes(seconds, -arrival.u)
     edge = grown(arrival.amplitudes, to_edge)
