@@ -80,7 +80,7 @@ stress: $(TOOLS)  ## Kill runs at random moments, run 10,000 cases, let calls fa
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
 
 mutants: $(TOOLS)  ## Break the package at COUNT=300 random places (SEED=1) and see that tests notice
-	nice $(BIN)/python tools/mutants.py --map --count $(or $(COUNT),300) --seed $(or $(SEED),1) $(TESTS)
+	nice $(BIN)/python tools/mutants.py --map --count $(or $(COUNT),300) --seed $(or $(SEED),1) $(if $(ROOMS),--rooms $(ROOMS)) $(TESTS)
 
 lint: $(TOOLS)  ## ruff on everything (rules and format), mypy --strict on the package
 	$(BIN)/ruff check .
