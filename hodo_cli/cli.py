@@ -432,13 +432,16 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
 
     A and B are results (*.h5), or configs with a result in runs/. Every case, label, crossing and
     value of B is compared.
-    The scaled error is max|a - b| / (atol + rtol max|b|); exit status 3 if it exceeds 1 anywhere.
-    Times of crossings and events may differ by 100 times rtol.
+    The scaled error is |a - b| / (atol + rtol |b|), where |b| is the length of a vector and the
+    amplitude of a scalar about that time; exit status 3 if it exceeds 1 anywhere. Times of
+    crossings and events may differ by 100 times rtol, stated errors by a factor of 30; sample
+    times, labels, units and warnings are equal or not.
     """
     from . import tables, text
     from .commands import compare
+    from .results.agreement import Tolerance
 
-    lines = compare.compare_results(a, b, compare.Tolerance(rtol, atol))
+    lines = compare.compare_results(a, b, Tolerance(rtol, atol))
     rows = [{**vars(line), "differs": line.differs} for line in lines]
     click.echo(text.as_json(rows) if as_json else tables.comparison_table(rows))
     if any(line.differs for line in lines):

@@ -74,12 +74,12 @@ def put(group: Group, name: str, data: np.ndarray) -> None:
 
 
 def shifted(case: str, name: str, at: tuple[int, ...], by: float) -> Change:
-    """One number moved by `by` times the tolerance of its variable."""
+    """One vector or number moved by `by` times the tolerance of its variable."""
 
     def change(cases: dict[str, Group]) -> None:
         variable = cases[case].variables[name]
         data = variable.data.copy()
-        size = np.abs(data[at[0]] if "axis" in variable.dims else data).max()
+        size = np.abs(data[at[0]]).max()
         data[at] += by * variable.attrs["rtol"] * size
         put(cases[case], name, data)
 
@@ -204,6 +204,154 @@ def test_what_is_forged_is_found(
 ) -> None:
     lines = compared(tmp_path, lambda cases: change(cases["fig4"]))
     assert differing(lines) == [("fig4", said)]
+
+
+ALIKE = {
+    "a": "{form: averaged, damping: [0.5, 0.4, 0.3], time: {end: 200, samples: 201}}",
+    "b": "{damping: [0.005, 0.004, 0.003], tol: 1e-9, time: {end: 400, unit: s}}",
+    "c": """{time: {end: 400}, damping: [0.005, 0.004, 0.003],
+        sweep: {damping.0: {linspace: [0.004, 0.006, 5]}}}""",
+}
+
+
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Group]:
+    """A decayed averaged motion, a full one at 1e-9 and a sweep, as the program stores them."""
+    folder = tmp_path_factory.mktemp("computed")
+    body = "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}}"
+    cases = "\n".join(f"  {name}: {text}" for name, text in ALIKE.items())
+    (folder / "m.yaml").write_text(f"{body}\ncases:\n{cases}\n", encoding="utf-8")
+    assert call(folder, "run", "m.yaml", "--quiet").returncode == 0
+    assert call(folder, "classify", "runs/m.h5").returncode == 0
+    with open_run(folder / "runs" / "m.h5") as run:
+        return {name: run.read(name) for name in run.cases()}
+
+
+def scaled_attribute(name: str, factor: float) -> Callable[[Group], object]:
+    return lambda group: group.attributes.update({name: group.attributes[name] * factor})  # type: ignore[attr-defined]
+
+
+def scaled_variable(name: str, factor: float) -> Callable[[Group], object]:
+    return lambda group: put(group, name, group.variables[name].data * factor)
+
+
+def attribute_of(name: str, **attributes: object) -> Callable[[Group], object]:
+    return lambda group: group.variables[name].attrs.update(attributes)
+
+
+def negated_tail(group: Group) -> None:
+    energy = group.variables["kinetic_energy"].data.copy()
+    tail = energy < 1e-12 * energy[0]
+    assert tail.sum() > 100
+    put(group, "kinetic_energy", np.where(tail, -energy, energy))
+
+
+def in_degrees(group: Group) -> None:
+    scaled_variable("omega", 180 / np.pi)(group)
+    attribute_of("omega", units="deg/s")(group)
+
+
+FORGED: list[tuple[str, Callable[[Group], object], str]] = [
+    ("b", attribute_of("enclosed_axis", flag_meanings="undetermined separatrix x3 x2 x1"),
+     "enclosed_axis:flag_meanings"),
+    ("b", attribute_of("crossing_to", flag_values=np.array([-1, 0, 3, 2, 1], dtype=np.int8)),
+     "crossing_to:flag_values"),
+    ("c", attribute_of("status", flag_meanings="failed ok timeout invalid undecided"),
+     "status:flag_meanings"),
+    ("a", negated_tail, "kinetic_energy"),
+    ("b", lambda b: put(b, "time", b.variables["time"].data + 9e-7), "time"),
+    ("b", lambda b: put(b, "time", b.variables["time"].data * (1 + 2e-15)), "time"),
+    ("c", scaled_variable("damping.0", 1 + 2e-15), "damping.0"),
+    ("b", in_degrees, "omega:units"),
+    ("b", attribute_of("omega", units="deg/s"), "omega:units"),
+    ("a", lambda a: a.attributes.update(warnings="careful"), "warnings"),
+    ("b", lambda b: b.attributes.update(message="ends early"), "message"),
+    ("b", lambda b: b.attributes.update(error_kind="exact"), "error_kind"),
+    ("c", lambda c: c.attributes.update(members=4), "members"),
+    *[
+        (case, change(name, factor), said)
+        for factor in (900.0, 1 / 900)
+        for case, change, name, said in (
+            ("a", scaled_attribute, "error", "error"),
+            ("b", scaled_attribute, "error", "error"),
+            ("b", scaled_variable, "crossing_error", "crossing_error"),
+            ("c", scaled_attribute, "error_quantiles", "error_quantiles"),
+            ("c", scaled_attribute, "crossing_error_quantiles", "crossing_error_quantiles"),
+            ("c", scaled_attribute, "error_levels", "error_levels"),
+        )
+    ],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("case", "change", "said"), FORGED, ids=[said for *_, said in FORGED])
+def test_what_a_number_means_and_how_good_it_is_is_compared(
+    tmp_path: Path, computed: dict[str, Group], case: str, change: Callable[[Group], object],
+    said: str,
+) -> None:  # fmt: skip
+    def copied() -> dict[str, Group]:
+        return {
+            name: Group(
+                dict(group.attributes),
+                {
+                    key: replace(variable, attrs=dict(variable.attrs))
+                    for key, variable in group.variables.items()
+                },
+            )
+            for name, group in computed.items()
+        }
+
+    forged = copied()
+    change(forged[case])
+    paths = write(tmp_path / "a.h5", forged), write(tmp_path / "b.h5", copied())
+    done = call(tmp_path, "compare", *paths, "--json")
+    rows = json.loads(done.stdout)
+    assert done.returncode == 3
+    assert (case, said) in differing(rows)
+    assert {name for name, _ in differing(rows)} == {case}
+
+
+def test_emptied_warnings_are_found(tmp_path: Path) -> None:
+    warned = lambda cases: cases["fig4"].attributes.update(warnings="the error 3e-9 is large")  # noqa: E731
+    assert differing(compared(tmp_path, reference=warned)) == [("fig4", "warnings")]
+    other = lambda cases: cases["fig4"].attributes.update(warnings="the error 4.5e-9 is large")  # noqa: E731
+    assert not differing(compared(tmp_path, other, reference=warned))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.sin(np.linspace(0, 30, 400)),
+        np.exp(-np.linspace(0, 300, 400)) * np.cos(np.linspace(0, 40, 400)),
+        np.linspace(0, 1, 50) ** 2,
+        np.linspace(1, 0, 50),
+    ],
+    ids=["oscillating", "decaying", "growing from 0", "ending at 0"],
+)
+def test_a_scalar_is_judged_by_its_amplitude_about_each_time(
+    tmp_path: Path, values: np.ndarray
+) -> None:
+    rounding = np.random.default_rng(1).uniform(-1, 1, len(values))
+    envelope = np.abs(values)
+    near = np.maximum.accumulate(envelope[::-1])[::-1]
+    amplitude = np.minimum(np.maximum.accumulate(envelope), near)
+
+    def stored(off: np.ndarray) -> Change:
+        def change(cases: dict[str, Group]) -> None:
+            time = Variable(("time",), np.arange(float(len(values))))
+            cases["fig4"] = Group(
+                cases["fig4"].attributes,
+                {"time": time, "height": Variable(("time",), values + off)},
+            )
+
+        return change
+
+    alike = compared(
+        tmp_path, stored(0.9e-9 * rounding * amplitude), reference=stored(0 * rounding)
+    )
+    assert not differing(alike)
+    off = np.zeros(len(values))
+    off[-len(values) // 4] = 2.5e-9 * amplitude[-len(values) // 4]
+    assert differing(compared(tmp_path, stored(off), reference=stored(0 * off)))
 
 
 def test_parameters_that_differ_come_first(tmp_path: Path) -> None:

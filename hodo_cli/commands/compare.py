@@ -15,9 +15,16 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case, parse_case
-from ..engines.protocol import EPS
 from ..integration.choice import AUTOMATIC
 from ..models import rigid_body
+from ..results.agreement import (
+    ERRORS,
+    Tolerance,
+    alike,
+    allowed_difference,
+    differing_attributes,
+    same_errors,
+)
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
 from ..storage.group import Group, Variable
@@ -25,95 +32,18 @@ from ..storage.hdf5 import ResultFile, open_run
 from ..storage.provenance import typed
 from .resume import result_named, warn_of_changes
 
-# Looser than the results' 1e-12, so that another machine's compiler changes no verdict, and tighter
-# than any figure shows.
-RTOL = 1e-9
-"""The relative tolerance of a variable that has none of its own."""
-
-# A time is worse conditioned than the state: 20 to 30 times on Fig 4 of paper 1, up to 1,000 times
-# on Fig 12, whose states agree far better than RTOL asks.
-CONDITION = 100.0
-"""By how much more the time of an event may be off than the state, and what is measured at that
-time."""
-
-LOCATED = ("event_time", "crossing_time", "crossing_G")
-"""The variables to which `CONDITION` applies."""
-
-STATED = 10.0
-"""A time may be off by so many times its stated error, which is that of one compiler's rounding."""
-
-ERRORS = ("crossing_error",)
-"""Variables that are errors themselves: they agree to their order of magnitude."""
-
-MAGNITUDE = 1e3
-"""The factor by which measured errors of one method may differ: rounding may cancel in one of two
-runs, and then the error is smaller by luck."""
-
 COMPUTED = ("name", "time.samples", "store", "error", "note", "method", "precision", "tol")
 """Settings that may differ between a result and its reference: they say how the motion is computed,
 sampled and remarked upon, not which one it is."""
-
-SUBNORMAL = 2.0**-1060
-"""A few thousand times the smallest double."""
-
-EXACT = ("model", "form", "status")
-"""The attributes that have to be equal."""
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """The difference that is allowed: atol + rtol max|b|. None: the variable's own, or the
-    default. Raises HodoError for a negative or infinite one."""
-
-    rtol: float | None = None
-    atol: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            # An infinite one would call all values equal, and nan none.
-            if value is not None and not 0 <= value < math.inf:
-                raise HodoError(f"--{name}: expected a number >= 0, got {value:g}")
-
-    def of(self, name: str, variable: Variable) -> tuple[float, float]:
-        """rtol and atol of a variable of the reference."""
-        own = {key: float(variable.attrs[key]) for key in ("rtol", "atol") if key in variable.attrs}
-        condition = CONDITION if name in LOCATED else 1.0
-        rtol = self.rtol * condition if self.rtol is not None else own.get("rtol", RTOL * condition)
-        return rtol, own.get("atol", 0.0) if self.atol is None else self.atol
-
-    def allowed(self, name: str, group: Group, error: float) -> np.ndarray:
-        """The difference allowed in a variable of the reference, whose stated error is given.
-
-        A vector is judged by its length, sample by sample, so that the last of a motion that has
-        decayed counts as the first does. A scalar is judged by its largest value: where it passes
-        through 0 it has no relative error. A time may be off by its own error.
-        """
-        variable = group.variables[name]
-        b = variable.data
-        if b.dtype.kind != "f":
-            return np.zeros(b.shape)
-        rtol, atol = self.of(name, variable)
-        size = np.where(np.isfinite(b), np.abs(b), 0)
-        if "axis" in variable.dims and b.ndim > 1:
-            scale = np.max(size, axis=variable.dims.index("axis"), keepdims=True, initial=0)
-            # Below the smallest normal double a number has fewer digits than any tolerance.
-            return np.asarray(atol + np.maximum(rtol * scale, SUBNORMAL))
-        if name in LOCATED and self.rtol is None and "rtol" not in variable.attrs:
-            stated = group.variables.get("crossing_error")
-            own = stated.data if name == "crossing_time" and stated is not None else 0.0
-            # A stated error below some ulps is luck, and another machine has less of it.
-            of_state = CONDITION * max(error, 1e-14) if math.isfinite(error) else rtol
-            return np.asarray(atol + STATED * np.nan_to_num(own) + of_state * size)
-        return np.full(b.shape, atol + rtol * float(np.max(size, initial=0)))
 
 
 @dataclass(frozen=True)
 class Line:
     """The comparison of one variable of one case.
 
-    `scaled` is max|a - b| / (atol + rtol max|b|): above 1 it is a difference, and infinite where
-    there is no degree (labels, counts, what is missing). `place` says where it is the largest, or
-    what is wrong.
+    `scaled` is max|a - b| as a part of what is allowed: above 1 it is a difference, and infinite
+    where there is no degree (labels, counts, what is missing). `place` says where it is the
+    largest, or what is wrong.
     """
 
     case: str
@@ -203,15 +133,8 @@ def differing_computation(name: str, a: Group, b: Group) -> Iterator[Line]:
 def variable_lines(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
     """Every difference in one case, and a line for each of its variables."""
     yield from differing_settings(name, a, b)
-    for key in EXACT:
-        words = [str(group.attributes.get(key)) for group in (a, b)]
-        if words[0] != words[1]:
-            yield Line(name, key, math.inf, f"{words[0]}, not {words[1]}")
-    alike = all(a.attributes.get(key) == b.attributes.get(key) for key in ("method", "tol"))
-    error_a, error_b = (float(group.attributes.get("error", math.nan)) for group in (a, b))
-    # Errors of different methods, or tolerances, have no reason to agree.
-    if alike and not same_magnitude(np.array(error_a), np.array(error_b)):
-        yield Line(name, "error", math.inf, f"{error_a:.1e}, not {error_b:.1e}")
+    for attribute, place in differing_attributes(a, b):
+        yield Line(name, attribute, math.inf, place)
     times = [
         group.variables["time"].data if "time" in group.variables else np.empty(0)
         for group in (a, b)
@@ -228,14 +151,11 @@ def variable_lines(name: str, a: Group, b: Group, tolerance: Tolerance) -> Itera
         if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
             ours = ours[rows]
         if key in ERRORS:
-            if (
-                alike
-                and ours.shape == reference.data.shape
-                and not same_magnitude(ours, reference.data)
-            ):
-                yield Line(name, key, math.inf, "of another order of magnitude")
+            if alike(a, b) and not same_errors(key, a, b):
+                place = largest_at(key, (), ours, reference, b.variables)
+                yield Line(name, key, math.inf, place or "of another order of magnitude")
             continue
-        allowed = tolerance.allowed(key, b, error_b)
+        allowed = allowed_difference(key, b, tolerance)
         scaled, at = scaled_difference(ours, reference.data, allowed)
         place = largest_at(key, at, ours, reference, b.variables) if scaled else "equal"
         yield Line(name, key, scaled, place)
@@ -284,16 +204,6 @@ def settings(case: Case) -> dict[str, Any]:
 
 LABELS_STORED = ("enclosed_axis", *CROSSING_COLUMNS, "growth_rate", "final_axis")
 """The variables that `classify` adds to a case."""
-
-
-def same_magnitude(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two measured errors are alike; below the rounding of a double all are."""
-    if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
-        return False
-    low, high = (np.maximum(np.abs(x), EPS) for x in (a, b))
-    with np.errstate(invalid="ignore"):
-        apart = (low > MAGNITUDE * high) | (high > MAGNITUDE * low)
-    return not apart.any()
 
 
 def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
