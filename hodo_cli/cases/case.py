@@ -169,6 +169,8 @@ def checked_case(name: str, block: Block) -> Case:
         raise Wrong(*mistakes)
     data = {key: values[key] for key in model.keys if key in values}
     mistakes += model.check(data)
+    if "time" in values and not mistakes:
+        mistakes += model.check_start(data, values["time"]["start"])
     # The stored variables are those of the class that stands in for a form with these data.
     system = None if mistakes else model.of(data)
     concrete_model = type(system) if system else model

@@ -285,24 +285,23 @@ def _check_range(given: Mapping[str, Any], key: str, kind: Kind, data: Any) -> I
             yield (), unknown(f"key {key!r}", str(path[0]), known)
             return
         inner = nested
+    whole, inner = inner, _of_shape(inner, data)
     of_numbers = isinstance(inner, ListOf) and inner.length is not None
     is_number = isinstance(inner, Number | Integer | Angle)
-    if not (is_number or of_numbers) or not inner.takes(0.0):
+    if not (is_number or of_numbers) or not whole.takes(0.0):
         yield (), "is not a number, so it cannot be swept"
         return
     ((word, value),) = given.items()
     values = value if word == "values" else value[:2]  # a span ends with the number of values
     if not isinstance(inner, Angle) and any(isinstance(item, InDegrees) for item in values):
         yield (word,), "expected numbers, got an angle in degrees"
-    _, mistakes = check_parts((i, inner, item) for i, item in enumerate(values))
+    _, mistakes = check_parts((i, whole, item) for i, item in enumerate(values))
     yield from (((word, *at), message) for at, message in mistakes)
 
 
 def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
     """The kind and value of one part of a value; no kind where there is no such part."""
-    if isinstance(kind, Either):
-        nested = Table | Variant if isinstance(data, Mapping) else ListOf
-        kind = next((option for option in kind.kinds if isinstance(option, nested)), kind)
+    kind = _of_shape(kind, data)
     if isinstance(kind, Variant):
         kind = Table(kind.tables[data[kind.tag]])
     if isinstance(kind, ListOf) and isinstance(part, int) and part < len(data or ()):
@@ -313,6 +312,18 @@ def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
         if isinstance(data, Mapping) or key.default is not REQUIRED:
             return key.kind, given
     return None, None
+
+
+def _of_shape(kind: Kind, data: Any) -> Kind:
+    """The kind of a value, of several the one that has its shape."""
+    if not isinstance(kind, Either):
+        return kind
+    shape: Any = ListOf
+    if isinstance(data, Mapping):
+        shape = Table | Variant
+    elif isinstance(data, float):
+        shape = Number
+    return next((option for option in kind.kinds if isinstance(option, shape)), kind)
 
 
 def put(value: Any, path: Sequence[str | int], new: float) -> Any:

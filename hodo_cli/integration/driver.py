@@ -171,7 +171,7 @@ def norm_band(engine: Engine, system: Model) -> tuple[float, float] | None:
     New units serve a motion that decays or grows. A model without degrees has none, a body at rest
     needs none, and under a torque that is constant the motion settles at a size of its own.
     """
-    constant = [name for name, degree in system.degree.items() if degree == 0]
+    constant = {name for name, degree in system.degree.items() if degree == 0} - system.opposing
     forced = any(np.any(system.constants[name]) for name in constant)
     turning = np.array(system.start)[moving(type(system))].any()
     return engine.band if system.degree and turning and not forced else None

@@ -66,7 +66,8 @@ class Units:
             logs = {name: np.log2(largest_of(k[name])) - lightest for name in model.degree}
         new = order_of_magnitude(model, y) + size
         for name, degree in model.degree.items():
-            if degree == 0:  # a torque N spins the body up to about sqrt(N/A) in 1/sqrt(N/A)
+            if degree == 0 and name not in model.opposing:
+                # A torque N spins the body up to about sqrt(N/A) in 1/sqrt(N/A).
                 new = np.maximum(new, np.ceil(logs[name] / 2))
         new = np.where(np.isfinite(new), new, 0)  # neither motion nor torque: any unit serves
         rate = new

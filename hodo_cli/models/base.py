@@ -82,6 +82,9 @@ class Model:
     rate has no degree finds the units where `constants` names them: `velocity_unit` (sigma) and
     `time_unit` (1/rho), both 1 in the case's own units.
 
+    A constant of degree 0 is a torque that spins a body up, and so sets a least unit of omega,
+    unless it is one of those `opposing` every rotation.
+
     A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
     not `batchable` if its equations are too large to be compiled for many motions at once.
 
@@ -98,6 +101,7 @@ class Model:
     variables: ClassVar[dict[str, Label]]
     degree: ClassVar[dict[str, int]] = {}
     state_degree: ClassVar[dict[str, int]] = {}
+    opposing: ClassVar[frozenset[str]] = frozenset()
     oriented: ClassVar[bool] = False
     batchable: ClassVar[bool] = True
     always_absorbing: ClassVar[bool] = False
@@ -125,6 +129,11 @@ class Model:
 
         Keys whose values are wrong by themselves are missing from `data`.
         """
+        yield from ()
+
+    @classmethod
+    def check_start(cls, data: Mapping[str, Any], start: float) -> Iterator[Mistake]:
+        """What is wrong with right values in a motion that begins at the time `start`."""
         yield from ()
 
     @classmethod

@@ -12,7 +12,7 @@ from ..arithmetic import isfinite, sqrt
 from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
-from .terms.torques import CONSTANT, FLUID, accelerations, fluid_torque
+from .terms.torques import CONSTANT, FLUID, fluid_torque, rates_under
 
 # First-order theories are then off by some per cent, which figures show.
 LARGE = 0.1
@@ -253,4 +253,4 @@ class Full(Cavity, BodyFrame):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return accelerations((FLUID, CONSTANT), t, y, k)
+        return rates_under((FLUID, CONSTANT), t, y, k)

@@ -12,7 +12,13 @@ from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame, absorbing_axes
-from .terms.torques import DAMPING, accelerations
+from .terms.torques import DAMPING, rates_under
+
+
+def damping_warnings(damping: Sequence[float]) -> list[str]:
+    """What coefficients of resistance say against a medium."""
+    negative = ", ".join(f"lambda{i + 1} = {x:g}" for i, x in enumerate(damping) if x < 0)
+    return [f"negative damping feeds energy in: {negative}"] if negative else []
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class LinearDiag(BodyFrame):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return accelerations((DAMPING,), t, y, k)
+        return rates_under((DAMPING,), t, y, k)
 
     @cached_property
     def constants(self) -> Constants:
@@ -68,8 +74,7 @@ class LinearDiag(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        negative = ", ".join(f"lambda{i + 1} = {x:g}" for i, x in enumerate(self.damping) if x < 0)
-        return [f"negative damping feeds energy in: {negative}"] if negative else []
+        return damping_warnings(self.damping)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,30 @@ from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame
-from .terms.torques import RESISTANCE, accelerations
+from .terms.torques import RESISTANCE, rates_under
+
+
+def tensor_matrix(given: Sequence[Sequence[float]] | Mapping[str, float]) -> np.ndarray:
+    """The tensor that a case gives, as a 3x3 array."""
+    if isinstance(given, Mapping):
+        on, off = given["diagonal"], given["off_diagonal"]
+        return np.array([[on, off, off], [off, on, off], [off, off, on]])
+    return np.array(given)
+
+
+def tensor_warnings(I: np.ndarray) -> list[str]:
+    """What a tensor of resistance says against a medium."""
+    values = np.linalg.eigvalsh(I / 2 + I.T / 2)
+    messages = []
+    if values[0] < -1e-12 * abs(values[-1]):
+        named = ", ".join(f"{value:.6g}" for value in values)
+        messages.append(
+            f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"
+        )
+    # A tensor given in decimals, turned into other axes, is symmetric to its last digits.
+    if np.abs(I - I.T).max() > 1e-9 * np.abs(I).max():
+        messages.append("the tensor is not symmetric")
+    return messages
 
 
 @dataclass(frozen=True)
@@ -57,16 +80,12 @@ class Tensor(BodyFrame):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return accelerations((RESISTANCE,), t, y, k)
+        return rates_under((RESISTANCE,), t, y, k)
 
     @property
     def matrix(self) -> np.ndarray:
         """I as a 3x3 array."""
-        given = self.resistance
-        if isinstance(given, Mapping):
-            on, off = given["diagonal"], given["off_diagonal"]
-            return np.array([[on, off, off], [off, on, off], [off, off, on]])
-        return np.array(given)
+        return tensor_matrix(self.resistance)
 
     @property
     def off_diagonal(self) -> np.ndarray:
@@ -106,18 +125,7 @@ class Tensor(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        I = self.matrix
-        values = np.linalg.eigvalsh(I / 2 + I.T / 2)
-        messages = []
-        if values[0] < -1e-12 * abs(values[-1]):
-            named = ", ".join(f"{value:.6g}" for value in values)
-            messages.append(
-                f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"
-            )
-        # A tensor given in decimals, turned into other axes, is symmetric to its last digits.
-        if np.abs(I - I.T).max() > 1e-9 * np.abs(I).max():
-            messages.append("the tensor is not symmetric")
-        return messages
+        return tensor_warnings(self.matrix)
 
 
 @dataclass(frozen=True)

@@ -147,6 +147,9 @@ EVENT_DETAILS = {
     "sense": Stored("predicted sense of rotation afterwards, 0 undetermined", ("event",)),
     "lag": Stored("predicted delay of the motion after the passage", ("event",)),
     "probability": Stored("probability of capture about the other axis", ("event",)),
+    "G1": Stored("G/|G| along x1 as the body stops", ("event",)),
+    "G2": Stored("G/|G| along x2 as the body stops", ("event",)),
+    "G3": Stored("G/|G| along x3 as the body stops", ("event",)),
 }
 """What may be stored with an event as `event_NAME`, by the names in `Occurrence.details`; nan where
 one has none. They are those of passages in averaged motions."""

@@ -381,7 +381,7 @@ class AnyTorque(AveragedTurns):
 
 def looked_up(name: str, form: str, data: Mapping[str, Any]) -> BodyFrame:
     """The object of a form of a model with these data."""
-    model: BodyFrame = import_module(__package__.rpartition(".")[0]).find(name, form)(**data)
+    model: BodyFrame = import_module(__package__.rpartition(".")[0]).find(name, form).of(data)
     return model
 
 

@@ -112,12 +112,13 @@ def law(given: Any) -> tuple[str, tuple[Any, ...], tuple[Any, ...]]:
     return "polynomial", tuple(given["coefficients"]), ()
 
 
-def law_constants(name: str, given: Any) -> dict[str, Any]:
-    """The constants of a coefficient as given in a case."""
+def law_constants(name: str, given: Any, factor: Any = 1.0) -> dict[str, Any]:
+    """The constants of a coefficient as given in a case, times a factor."""
     kind, values, shape = law(given)
     if not kind:
-        return {name: given}
-    return {name: values, f"{name}_law": kind} | ({f"{name}_shape": shape} if shape else {})
+        return {name: factor * given}
+    scaled = tuple(factor * value for value in values)
+    return {name: scaled, f"{name}_law": kind} | ({f"{name}_shape": shape} if shape else {})
 
 
 def coefficient_at(k: Any, name: str, t: Any) -> Any:

@@ -1,32 +1,48 @@
 """The torques on a rigid body, one function each, and the rates of a body under a sum of them.
 
-A term is a function of the time, the state, whose first three variables are p, q, r, and the
-constants. It is written with + - * / and **, so that numbers, arrays and an engine's symbols all
-pass through it.
+A term is a function of the time, of omega = (p, q, r), of the constants and of state variables of
+its own. It is written with + - * /, ** and the functions of `arithmetic`, so that numbers, arrays
+and an engine's symbols all pass through it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
+from ...arithmetic import evaluate
+from ...schema.expression import parse_expression
+from .laws import coefficient_at
+
 Components = tuple[Any, Any, Any]
+Function = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
+
+VARIABLES = ("p", "q", "r", "t")
+"""What an expression may contain."""
+
+
+def at_rest(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Sequence[Any]:
+    """The rates of state variables that only an event changes."""
+    return [0 * value for value in own]
 
 
 class Term(NamedTuple):
-    """One torque N (3,) as a function of (t, y, k), and the degree in the angular velocity of what
-    each of its constants multiplies.
+    """One torque N (3,) as a function of (t, omega, k, own), and the degree in the angular velocity
+    of what each of its constants multiplies.
 
     `by_momentum` is set where the function gives N_i/A_i: of a torque that is proportional to the
-    angular momentum the moments of inertia drop out.
+    angular momentum the moments of inertia drop out. `own` names the term's own state variables
+    with the powers of omega that they carry; `rates` are their derivatives.
     """
 
-    function: Callable[[Any, Sequence[Any], Any], Components]
+    function: Function
     degree: dict[str, int]
     by_momentum: bool = False
+    own: dict[str, int] = {}
+    rates: Function = at_rest
 
 
-def gyroscopic(y: Sequence[Any], k: Any) -> Components:
+def gyroscopic(w: Sequence[Any], k: Any) -> Components:
     """-omega x G by body axis, each over its moment of inertia; of degree 2 by the constant g."""
-    p, q, r = y[:3]
+    p, q, r = w
     return (
         k.g * (k.A2 - k.A3) / k.A1 * q * r,
         k.g * (k.A3 - k.A1) / k.A2 * p * r,
@@ -34,38 +50,58 @@ def gyroscopic(y: Sequence[Any], k: Any) -> Components:
     )
 
 
-def added(a: Components, b: Components) -> Components:
+def added(a: Sequence[Any], b: Sequence[Any]) -> Components:
     """The sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def accelerations(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> Components:
-    """omega' of a body under a sum of torques."""
-    rates, torque = gyroscopic(y, k), None
+def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+    """The rates of omega, and of the terms' own variables behind it, under a sum of torques."""
+    w, left = y[:3], y[3:]
+    rates, torque, more = gyroscopic(w, k), None, list[Any]()
     for term in terms:
-        part = term.function(t, y, k)
+        own, left = left[: len(term.own)], left[len(term.own) :]
+        more += term.rates(t, w, k, own)
+        part = term.function(t, w, k, own)
         if term.by_momentum:
             rates = added(rates, part)
         else:
             torque = part if torque is None else added(torque, part)
-    if torque is None:
-        return rates
-    return added(rates, (torque[0] / k.A1, torque[1] / k.A2, torque[2] / k.A3))
+    if torque is not None:
+        rates = added(rates, (torque[0] / k.A1, torque[1] / k.A2, torque[2] / k.A3))
+    return *rates, *more
 
 
-def damping_torque(t: Any, y: Sequence[Any], k: Any) -> Components:
+def damping_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
     """-lambda_i omega_i: a medium that resists each component of the angular momentum."""
-    p, q, r = y[:3]
-    return -(k.lam1 * p), -(k.lam2 * q), -(k.lam3 * r)
+    lam1, lam2, lam3 = (coefficient_at(k, name, t) for name in DAMPING.degree)
+    return -(lam1 * w[0]), -(lam2 * w[1]), -(lam3 * w[2])
 
 
-def resistance_torque(t: Any, y: Sequence[Any], k: Any) -> Components:
+def resistance_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
     """-I omega, with a tensor I."""
-    p, q, r = y[:3]
+    p, q, r = w
     return (
         -(k.I11 * p + k.I12 * q + k.I13 * r),
         -(k.I21 * p + k.I22 * q + k.I23 * r),
         -(k.I31 * p + k.I32 * q + k.I33 * r),
+    )
+
+
+def quadratic_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """-c_i |omega| omega_i."""
+    size = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) ** 0.5
+    c1, c2, c3 = (coefficient_at(k, name, t) for name in QUADRATIC.degree)
+    return -(c1 * size * w[0]), -(c2 * size * w[1]), -(c3 * size * w[2])
+
+
+def axes_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """-c_i omega_i |omega_i|; `own` are the signs of omega_i, which an event turns over."""
+    e1, e2, e3 = (coefficient_at(k, name, t) for name in QUADRATIC_AXES.degree)
+    return (
+        -(e1 * own[0] * w[0] * w[0]),
+        -(e2 * own[1] * w[1] * w[1]),
+        -(e3 * own[2] * w[2] * w[2]),
     )
 
 
@@ -89,14 +125,45 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
     )
 
 
-def cavity_torque(t: Any, y: Sequence[Any], k: Any) -> Components:
+def cavity_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
     """That of the fluid in a cavity of the body."""
-    return fluid_torque((k.A1, k.A2, k.A3), y[:3], k.kappa)
+    return fluid_torque((k.A1, k.A2, k.A3), w, coefficient_at(k, "kappa", t))
 
 
-def body_torque(t: Any, y: Sequence[Any], k: Any) -> Components:
-    """A torque that is constant in the body."""
-    return k.N1, k.N2, k.N3
+def body_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """A torque whose direction is constant in the body."""
+    N1, N2, N3 = (coefficient_at(k, name, t) for name in CONSTANT.degree)
+    return N1, N2, N3
+
+
+def brake_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """-b G/|G|, which brings a free body to rest in the shortest time."""
+    G = k.A1 * w[0], k.A2 * w[1], k.A3 * w[2]
+    size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
+    rate = coefficient_at(k, "brake", t) / size
+    return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
+
+
+def space_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """F e, with e fixed in space; `own` is e in body axes."""
+    size = coefficient_at(k, "F", t)
+    return size * own[0], size * own[1], size * own[2]
+
+
+def direction_rates(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """gamma x omega: how a direction fixed in space turns in the body."""
+    p, q, r = w
+    c1, c2, c3 = own
+    return k.g * (c2 * r - c3 * q), k.g * (c3 * p - c1 * r), k.g * (c1 * q - c2 * p)
+
+
+def expression_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """Three formulas in p, q, r and t, in the case's own units whatever those of the motion."""
+    values = dict(zip(VARIABLES, [*(k.velocity_unit * x for x in w), t], strict=True))
+    factor = k.time_unit / k.velocity_unit
+    texts = k.expression1, k.expression2, k.expression3
+    N1, N2, N3 = (factor * evaluate(parse_expression(text, VARIABLES), values) for text in texts)
+    return N1, N2, N3
 
 
 ENTRIES = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
@@ -106,3 +173,18 @@ DAMPING = Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_mo
 RESISTANCE = Term(resistance_torque, dict.fromkeys(ENTRIES, 1))
 FLUID = Term(cavity_torque, {"kappa": 3})
 CONSTANT = Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0))
+QUADRATIC = Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True)
+QUADRATIC_AXES = Term(
+    axes_torque,
+    dict.fromkeys(("e1", "e2", "e3"), 2),
+    by_momentum=True,
+    own=dict.fromkeys(("s1", "s2", "s3"), 0),
+)
+BRAKE = Term(brake_torque, {"brake": 0}, own={"leg": 1})
+SPACE = Term(
+    space_torque,
+    {"F": 0},
+    own=dict.fromkeys(("gamma1", "gamma2", "gamma3"), 0),
+    rates=direction_rates,
+)
+EXPRESSION = Term(expression_torque, {})

@@ -1,0 +1,419 @@
+"""A body under any sum of torques."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from functools import cache, cached_property, partial
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..schema.expression import Expression
+from ..schema.kinds import Key, ListOf, Mistake, Number, Table, vector
+from .averaging.any_torque import AnyTorque, averaged_form, looked_up
+from .base import Constants, Event, EventOutcome, Model, mistake_of
+from .cavity import CAVITY, coefficient, heavy_fluid, slow_flow, weak
+from .constants import attributes
+from .linear_diag import damping_warnings
+from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, enclosed_axis
+from .tensor import Tensor, tensor_matrix, tensor_warnings
+from .terms import torques as terms
+from .terms.laws import (
+    coefficient_at,
+    coefficient_kind,
+    coefficients_kind,
+    first_values,
+    law_constants,
+    zero_of_base,
+)
+from .terms.torques import Term, added, rates_under
+
+TERMS: Mapping[str, Term] = {
+    "damping": terms.DAMPING,
+    "resistance": terms.RESISTANCE,
+    "quadratic": terms.QUADRATIC,
+    "quadratic_axes": terms.QUADRATIC_AXES,
+    "kappa": terms.FLUID,
+    "torque": terms.CONSTANT,
+    "brake": terms.BRAKE,
+    "space_torque": terms.SPACE,
+    "expression": terms.EXPRESSION,
+}
+"""What a case may name; a `cavity` is a kappa."""
+
+AVERAGED = frozenset(TERMS) - {"quadratic_axes", "brake", "space_torque"}
+"""The terms that the quadrature over a turn takes: they are functions of omega and the time, have
+no corner, and do not bring the body to rest."""
+
+LEGS, FALL = 14, 8
+"""How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it."""
+
+BEHIND_ZERO = 1e-30
+"""The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
+that the same zero is not met again."""
+
+NEGATIVE = "a negative coefficient drives the body: write that as an expression"
+
+
+def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """The terms that a case names, in the order of TERMS."""
+    given = {name for name in TERMS if data.get(name) is not None}
+    if data.get("cavity") is not None:
+        given.add("kappa")
+    return tuple(name for name in TERMS if name in given)
+
+
+@dataclass(frozen=True)
+class Torques(BodyFrame):
+    """A rigid body under any sum of torques.
+
+    A omega' + omega x A omega = N, the sum of what the case names:
+
+    -lambda_i A_i omega_i (`damping`), -I omega (`resistance`), -c_i |omega| A_i omega_i
+    (`quadratic`), -c_i A_i omega_i |omega_i| (`quadratic_axes`), the fluid's torque of
+    cavity+constant (`kappa` or `cavity`), epsilon M, constant in the body (`torque`, `epsilon`), -b
+    G/|G| (`brake`), F e, e fixed in space (`space_torque`), and three formulas in p, q, r and t
+    (`expression`).
+
+    omega = (p, q, r): angular velocity in principal axes, 1/time (`initial`); A: principal moments
+    of inertia (`inertia`); G = A omega. Each coefficient but those of `resistance`, `cavity` and
+    `expression` may be a law of time. Only the terms named are part of the equations. A brake stops
+    the body (event `stopped`): from there on omega is 0, and no axis is enclosed. What has a corner
+    where omega_i = 0 is integrated from one such moment to the next.
+
+    The torque along G of equal damping, a brake, or both changes the clock of the free motion and
+    not its path: such a case is solved in closed form (method exact).
+    """
+
+    damping: Any
+    resistance: Any
+    quadratic: Any
+    quadratic_axes: Any
+    cavity: Any
+    kappa: Any
+    torque: Any
+    epsilon: float
+    brake: Any
+    space_torque: Any
+    expression: Any
+
+    name = "torques"
+    form = "full"
+    keys = {
+        "inertia": INERTIA,
+        "damping": Key(
+            coefficients_kind("1/time"),
+            "coefficients lambda_i of -lambda_i A_i omega_i",
+            unit="1/time",
+            default=None,
+        ),
+        "resistance": Key(
+            Tensor.keys["resistance"].kind,
+            "tensor I of -I omega",
+            unit="moment of inertia / time",
+            default=None,
+        ),
+        "quadratic": Key(
+            coefficients_kind("1"), "coefficients c_i of -c_i |omega| A_i omega_i", default=None
+        ),
+        "quadratic_axes": Key(
+            coefficients_kind("1"), "coefficients c_i of -c_i A_i omega_i |omega_i|", default=None
+        ),
+        "cavity": CAVITY,
+        "kappa": Key(
+            coefficient_kind("moment of inertia * time"),
+            "rho P0/nu of a fluid, instead of `cavity`",
+            unit="moment of inertia * time",
+            default=None,
+        ),
+        "torque": Key(
+            coefficients_kind("moment of inertia / time^2"),
+            "torque M1, M2, M3, constant in the body",
+            unit="moment of inertia / time^2",
+            default=None,
+        ),
+        "epsilon": Key(Number(), "small parameter, the factor of `torque`", default=1.0),
+        "brake": Key(
+            coefficient_kind("moment of inertia / time^2"),
+            "b of -b G/|G|, which brings a free body to rest in the shortest time",
+            unit="moment of inertia / time^2",
+            default=None,
+        ),
+        "space_torque": Key(
+            Table(
+                {
+                    "size": Key(
+                        coefficient_kind("moment of inertia / time^2"),
+                        "F of the torque F e",
+                        "moment of inertia / time^2",
+                    ),
+                    "direction": Key(
+                        vector(3),
+                        "e, of any length, in axes that are the body's at t = 0",
+                    ),
+                }
+            ),
+            "a torque fixed in space",
+            default=None,
+        ),
+        "expression": Key(
+            ListOf(Expression(terms.VARIABLES), length=3, title="3 expressions in p, q, r and t"),
+            "torque N1, N2, N3: numbers, p, q, r, t, + - * / **, sqrt, sin, cos, exp",
+            unit="moment of inertia / time^2",
+            default=None,
+        ),
+        "initial": INITIAL,
+    }
+    terms: ClassVar[tuple[Term, ...]] = ()
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Model:
+        made = sum_of(terms_named(data))
+        return (averaged_form(made) if issubclass(cls, AnyTorque) else made)(**data)
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        yield from super().check(data)
+        named = terms_named(data)
+        if not named and data.keys() >= TERMS.keys():
+            yield (), f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion"
+        yield from negative_coefficients(data)
+        if data.get("cavity") is not None:
+            yield from mistake_of(("cavity",), coefficient, data["cavity"], data.get("kappa"))
+        if (space := data.get("space_torque")) and not any(space["direction"]):
+            yield ("space_torque", "direction"), "a direction has a length, and this one has none"
+        if "brake" in named and {"inertia", "initial"} <= data.keys():
+            with suppress(ValueError):  # said by the check above
+                if not any(cls.velocity(data["inertia"], data["initial"])):
+                    yield ("brake",), "a body at rest has no direction to brake in"
+        for name in named:
+            if issubclass(cls, AnyTorque) and name not in AVERAGED:
+                yield (name,), "form averaged does not take this torque; form full does"
+
+    @classmethod
+    def check_start(cls, data: Mapping[str, Any], start: float) -> Iterator[Mistake]:
+        for name, entries in coefficients(data).items():
+            zero = max(map(zero_of_base, entries), default=-math.inf)
+            if start <= zero:
+                yield (name,), f"the base of its power law is 0 at t = {zero:.6g}: start later"
+
+    @cached_property
+    def constants(self) -> Constants:
+        every: dict[str, Any] = {}
+        for term, entries in coefficients(vars(self)).items():
+            factor = self.epsilon if term == "torque" else 1.0
+            for name, given in zip(TERMS[term].degree, entries, strict=True):
+                every |= law_constants(name, given, factor)
+        if self.expression is not None:
+            texts = {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
+            every |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
+        if self.brake is not None:
+            omega = np.array(self.velocity(self.inertia, self.initial))
+            every["momentum_at_start"] = float(np.linalg.norm(omega * self.inertia))
+        # heyoka counts parameters up to the last that the equations use: that has to come last.
+        return {**every, **body_constants(self.inertia)}
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        w = np.moveaxis(omega, -1, 0)
+        own = {
+            "brake": [np.linalg.norm(omega * self.inertia, axis=-1)],
+            "quadratic_axes": [*np.where(w == 0, np.sign(self.slopes(w)), np.sign(w))],
+            "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
+        }
+        more = (x for name in terms_named(vars(self)) for x in own.get(name, ()))
+        return np.stack([*w, *more])
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        omega = super().start
+        if not any(term.own for term in self.terms):
+            return omega
+        return tuple(self.starts(np.array(omega)).tolist())
+
+    @staticmethod
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        return {"omega": y[:, :3]}
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        own = {name: 3 + i for i, name in enumerate(self.state[3:])}
+        events = [
+            Event("turned", Component(i, own[f"s{i + 1}"]), True, Turned(i, own[f"s{i + 1}"]))
+            for i in range(3)
+            if "s1" in own and any(first_values(self.quadratic_axes[i]))
+        ]
+        if "leg" in own:
+            stop = BrakedLeg(own["leg"], terms_named(vars(self)))
+            events.append(Event("stopped", LegEnd(own["leg"]), True, stop))
+        return tuple(events)
+
+    def slopes(self, w: np.ndarray) -> np.ndarray:
+        """omega' (3, ...) at the start, whose signs are those of the components that begin at 0."""
+        smooth = [term for term in self.terms if not term.own]
+        k = attributes(self.constants)
+        return np.array(np.broadcast_arrays(*rates_under(smooth, 0.0, [*w], k)))
+
+    @property
+    def direction(self) -> np.ndarray:
+        """e of the torque fixed in space (3,), of length 1."""
+        given = np.array(self.space_torque["direction"] if self.space_torque else (1.0, 0, 0))
+        unit = given / np.abs(given).max()
+        return np.asarray(unit / np.linalg.norm(unit))
+
+    @property
+    def warnings(self) -> list[str]:
+        A, omega = np.array(self.inertia), np.array(self.velocity(self.inertia, self.initial))
+        damping = [x for x in self.damping or () if isinstance(x, float)]
+        tensor = [] if self.resistance is None else tensor_warnings(tensor_matrix(self.resistance))
+        kappa, torque = self.kappa if isinstance(self.kappa, float) else 0.0, (0.0, 0.0, 0.0)
+        if self.cavity is not None:
+            kappa = coefficient(self.cavity, None)
+        if self.torque is not None and all(isinstance(x, float) for x in self.torque):
+            torque = tuple(self.epsilon * x for x in self.torque)
+        return [
+            *damping_warnings(damping),
+            *tensor,
+            *slow_flow(self.cavity, omega),
+            *weak(A, omega, kappa, torque),
+            *heavy_fluid(self.cavity, A),
+        ]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The class is made from the terms that are named; other processes make it again.
+        return looked_up, (
+            self.name,
+            self.form,
+            {f.name: getattr(self, f.name) for f in fields(self)},
+        )
+
+
+@dataclass(frozen=True)
+class Component:
+    """|omega_i|, by its sign in the state."""
+
+    axis: int
+    sign: int
+
+    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
+        return y[self.sign] * y[self.axis]
+
+
+@dataclass(frozen=True)
+class Turned:
+    """The passage of omega_i through 0, behind which its sign is the other one."""
+
+    axis: int
+    sign: int
+
+    def __call__(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+        state = [*y]
+        state[self.sign] = -y[self.sign]
+        size = abs(y[0]) + abs(y[1]) + abs(y[2])
+        state[self.axis] = state[self.sign] * size * BEHIND_ZERO
+        return EventOutcome(float(t), None, state, t)
+
+
+def momentum_of(y: Sequence[Any], k: Any) -> list[Any]:
+    """G (3,) of a state."""
+    return [k.A1 * y[0], k.A2 * y[1], k.A3 * y[2]]
+
+
+@dataclass(frozen=True)
+class LegEnd:
+    """|G|^2 less what it is where a leg of braking ends, in units of that at its start."""
+
+    leg: int
+
+    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
+        G = momentum_of(y, k)
+        return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[self.leg] * y[self.leg] / FALL**2
+
+
+@dataclass(frozen=True)
+class BrakedLeg:
+    """What follows a leg of braking: another one, or rest.
+
+    With a brake the equations have no solution at rest, and an integrator that does not know of it
+    goes on behind it. After LEGS legs what is left of the time is |G|/(b - |N0|), with N0 the other
+    torques of those named at rest.
+    """
+
+    leg: int
+    named: tuple[str, ...]
+
+    def __call__(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+        G = momentum_of(y, k)
+        size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
+        force = coefficient_at(k, "brake", t) - self.against(t, y, k)
+        if not (force > 0 and size < 2 * k.momentum_at_start / FALL**LEGS):
+            state = [*y]
+            state[self.leg] = size
+            return EventOutcome(float(t), None, state, t)
+        A, omega = np.array([k.A1, k.A2, k.A3], float), np.array([float(x) for x in y[:3]])
+        details = {f"G{i}": float(x / size) for i, x in enumerate(G, 1)}
+        details["from"] = float(enclosed_axis(A, omega, 0.0))
+        resting = [*(0 * x for x in y[:3]), *y[3:]]
+        resting[self.leg] = 0 * size
+        return EventOutcome(float(t + size / force), details, resting, math.inf)
+
+    def against(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> Any:
+        """|N0|."""
+        torque, zero, left = [0 * x for x in y[:3]], [0 * x for x in y[:3]], y[3:]
+        for term in (TERMS[name] for name in self.named):
+            own, left = left[: len(term.own)], left[len(term.own) :]
+            if term in (terms.CONSTANT, terms.SPACE, terms.EXPRESSION):
+                torque = [*added(torque, term.function(t, zero, k, own))]
+        return (torque[0] ** 2 + torque[1] ** 2 + torque[2] ** 2) ** 0.5
+
+
+def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes of coefficients of which only positive ones resist."""
+    for name in ("quadratic", "quadratic_axes"):
+        for i, entry in enumerate(data.get(name) or ()):
+            if not isinstance(entry, tuple | Mapping) and entry < 0:
+                yield (name, i), NEGATIVE
+    for name in ("kappa", "brake"):
+        entry = data.get(name)
+        if entry is not None and not isinstance(entry, tuple | Mapping) and entry < 0:
+            yield (name,), NEGATIVE
+
+
+def coefficients(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+    """The coefficients of each term that a case names, numbers or laws, in the order of the term's
+    constants."""
+    entries = {name: data[name] for name in terms_named(data) if name != "kappa"}
+    if "resistance" in entries:
+        entries["resistance"] = tuple(tensor_matrix(entries["resistance"]).ravel().tolist())
+    if "brake" in entries:
+        entries["brake"] = (entries["brake"],)
+    if "space_torque" in entries:
+        entries["space_torque"] = (entries["space_torque"]["size"],)
+    if "expression" in entries:
+        entries["expression"] = ()
+    if data.get("cavity") is not None:
+        entries["kappa"] = (coefficient(data["cavity"], None),)
+    elif data.get("kappa") is not None:
+        entries["kappa"] = (data["kappa"],)
+    return entries
+
+
+@cache
+def sum_of(names: tuple[str, ...]) -> type[Torques]:
+    """The form of `Torques` whose equations have the terms of these names only."""
+    chosen = tuple(TERMS[name] for name in names)
+    own = {name: power for term in chosen for name, power in term.own.items()}
+    attributes_of = {
+        "__module__": __name__,
+        "__doc__": Torques.__doc__,
+        "terms": chosen,
+        "rhs": staticmethod(partial(rates_under, chosen)),
+        "state": ("p", "q", "r", *own),
+        "state_degree": {name: power for name, power in own.items() if power != 1},
+        "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
+        "batchable": not own,
+        "opposing": frozenset({"brake"}),
+    }
+    made = type("Torques", (Torques,), attributes_of)
+    return dataclass(frozen=True)(made)
