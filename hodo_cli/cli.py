@@ -287,7 +287,7 @@ def _init(name: Path) -> None:
 @click.option(
     "--scheduler",
     metavar="dask|tcp://HOST:PORT",
-    help="Run on dask: dask starts N processes here, tcp://HOST:PORT joins a scheduler.",
+    help="Run on dask: dask starts N processes here, tcp:// or tls://HOST:PORT joins a scheduler.",
 )
 @click.option("--dry-run", is_flag=True, help="Print what would run, and why; run nothing.")
 @click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")

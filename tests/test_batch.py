@@ -139,6 +139,29 @@ def test_what_still_runs_is_given_up_at_the_end() -> None:
 # Runs.
 
 
+def plant(folder: Path) -> None:
+    """Modules that take the names of the standard library's, and say in a file that they ran."""
+    for name in sys.stdlib_module_names:
+        (folder / f"{name}.py").write_text("open(__name__ + '.imported', 'w')\n")
+
+
+START_METHODS = {"processes": ["-j", "2"], "dask": ["--scheduler", "dask", "-j", "2"]}
+
+
+@pytest.mark.parametrize("method", START_METHODS)
+def test_workers_import_nothing_from_the_current_folder(
+    tmp_path: Path, hodo: Hodo, method: str
+) -> None:
+    """The folder may be a stranger's, of which only the case file was asked for."""
+    if method == "dask":
+        pytest.importorskip("distributed")
+    (tmp_path / "case.yaml").write_text(CONFIG)
+    plant(tmp_path)
+    done = hodo("run", "case.yaml", *START_METHODS[method])
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.glob("*.imported")] == []
+
+
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
     path = tmp_path / "four.yaml"

@@ -1,13 +1,18 @@
 """Runs on a dask scheduler with two worker processes, all on the loopback interface, one of them
 killed on the way."""
 
+import asyncio
+import http.client
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +21,10 @@ import numpy as np
 import pytest
 from conftest import Hodo
 
+from hodo_cli.batch.pool import pool
+
 pytest.importorskip("distributed")
+psutil = pytest.importorskip("psutil")
 
 SWEEP = """\
 title: t
@@ -77,6 +85,26 @@ def address(file: Path) -> str:
     return found
 
 
+@pytest.fixture
+def cluster_with_certificates(tmp_path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """The address of a scheduler with a worker, and what the environment must hold to use it."""
+    from distributed import LocalCluster, Security
+
+    security = Security.temporary()
+    names = {}
+    for name, text in {
+        "CA_FILE": security.tls_ca_file,
+        "CLIENT__CERT": security.tls_client_cert,
+        "CLIENT__KEY": security.tls_client_key,
+    }.items():
+        (tmp_path / f"{name}.pem").write_text(text)
+        names[f"DASK_DISTRIBUTED__COMM__TLS__{name}"] = str(tmp_path / f"{name}.pem")
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, security=security
+    ) as there:
+        yield there.scheduler_address, names
+
+
 def equal(a: Path, b: Path) -> None:
     with h5py.File(a) as ours, h5py.File(b) as theirs:
         assert list(ours) == list(theirs)
@@ -134,6 +162,63 @@ def test_a_cluster_of_this_machine(tmp_path: Path, hodo: Hodo) -> None:
         done = hodo("run", "a.yaml", "--out", out, *options, timeout=120)
         assert done.returncode == 0, done.stderr
     equal(tmp_path / "far" / "a.h5", tmp_path / "here" / "a.h5")
+
+
+def listening() -> set[int]:
+    """The ports of this machine at which this process and its children listen."""
+    us = psutil.Process()
+    found = [each.net_connections("tcp") for each in [us, *us.children(recursive=True)]]
+    return {c.laddr.port for some in found for c in some if c.status == psutil.CONN_LISTEN}
+
+
+def answers(address: str) -> bool:
+    """Whether a scheduler or worker lets a client without its certificate do anything."""
+    from distributed.core import rpc
+
+    async def ask() -> None:
+        async with asyncio.timeout(5), rpc(address) as there:
+            await there.identity()
+
+    with suppress(OSError, TypeError, TimeoutError):
+        asyncio.run(ask())
+        return True
+    return False
+
+
+def page(port: int) -> int:
+    """The status of the page that shows what a scheduler or worker does; 0 if there is none."""
+    try:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=5) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+    except (OSError, http.client.HTTPException):
+        return 0
+
+
+def test_nobody_else_can_use_a_cluster_of_this_machine() -> None:
+    before = listening()
+    with pool(1, "dask") as workers:
+        assert [done for _, done in workers.map(abs, [-1])] == [1]
+        ports = listening() - before
+        assert len(ports) >= 3  # the scheduler, a nanny, a worker
+        assert not [port for port in ports if answers(f"tcp://127.0.0.1:{port}")]
+        assert not [port for port in ports if page(port) == 200]
+
+
+def test_a_scheduler_with_certificates_takes_who_has_them(
+    tmp_path: Path, hodo: Hodo, cluster_with_certificates: tuple[str, dict[str, str]]
+) -> None:
+    """By the variables, or files, with which dask itself is told of them."""
+    address, certificates = cluster_with_certificates
+    (tmp_path / "a.yaml").write_text(SWEEP.replace("COUNT", "6"), encoding="utf-8")
+    command = ["run", "a.yaml", "--scheduler", address]
+    bare = hodo(*command, timeout=120)
+    assert bare.returncode == 2
+    assert bare.stderr.startswith(f"no dask scheduler answers at {address}: ")
+    assert len(bare.stderr.splitlines()) == 1
+    done = hodo(*command, env={**os.environ, **certificates}, timeout=120)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("wrong", ["nonsense", "tcp://127.0.0.1:1"])

@@ -4,27 +4,38 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from functools import partial
+from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
 from .. import BatchError
 from . import WorkerLost
+from .processes import SAFE_PATH
 
 MOST_WAIT = 60.0
 """Seconds in which a scheduler must answer, or one of this machine start its workers."""
 
 
 class Dask(Executor):
-    """The workers of a dask scheduler: those at tcp://HOST:PORT, or, for "dask", so many processes
-    of this machine.
+    """The workers of a dask scheduler: those at tcp://HOST:PORT or tls://HOST:PORT (with the
+    certificates that dask's own configuration names), or, for "dask", so many processes of this
+    machine.
 
     A task whose worker is lost is done again by another one. Raises BatchError if dask is not
     installed, or no scheduler answers.
     """
 
     def __init__(self, scheduler: str, workers: int) -> None:
+        self._address = scheduler
+        self._scratch = TemporaryDirectory(ignore_cleanup_errors=True)
         try:
             import distributed
+
+            connect = (
+                partial(distributed.Client, **_of_this_machine(workers, self._scratch.name))
+                if scheduler == "dask"
+                else partial(distributed.Client, scheduler, timeout=10)
+            )
         except ImportError:
             raise BatchError(
                 "--scheduler needs dask, which is not installed: pip install '.[dask]'"
@@ -32,19 +43,8 @@ class Dask(Executor):
         # It logs with tracebacks what ends up as one line of ours.
         for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-        local = {
-            "n_workers": workers,
-            "threads_per_worker": 1,
-            "host": "127.0.0.1",
-            "dashboard_address": None,
-        }
-        self._address = scheduler
         self._killed = distributed.KilledWorker
-        self._client = self._connected(
-            partial(distributed.Client, **local)
-            if scheduler == "dask"
-            else partial(distributed.Client, scheduler, timeout=10)
-        )
+        self._client = self._connected(connect)
         self._inner = self._client.get_executor(pure=False)
 
     def _connected(self, connect: Callable[[], Any]) -> Any:
@@ -99,3 +99,28 @@ class Dask(Executor):
         """Leave the scheduler; a cluster of this machine ends."""
         self._inner.shutdown(wait=wait and not cancel_futures)
         self._client.close()
+        self._scratch.cleanup()
+
+
+def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
+    """What makes a client start a cluster that no other user of this machine can use.
+
+    Whoever reaches a scheduler runs code as its owner, and any user reaches a port: so there is a
+    certificate that only these processes have, and no page. What is spilled to the disk is
+    unpickled again, and lies in a folder that nobody else can exchange.
+    """
+    import dask
+
+    closed: dict[str, Any] = {
+        f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")
+    }
+    # As in `processes.spawning`; a worker that has died is started again in the same way.
+    dask.config.set({**closed, f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"})
+    return {
+        "n_workers": workers,
+        "threads_per_worker": 1,
+        "host": "127.0.0.1",
+        "dashboard_address": None,
+        "security": True,  # made anew, and kept in memory
+        "local_directory": scratch,
+    }

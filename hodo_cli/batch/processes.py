@@ -55,25 +55,32 @@ class Processes(Executor):
             worker.end()
 
 
-MAIN = Lock()
-"""Held while the main module is another one; workers start side by side."""
+SPAWNING = Lock()
+"""Held while the main module and the environment are changed; workers start side by side."""
+
+SAFE_PATH = "PYTHONSAFEPATH"
+"""The variable that keeps Python from importing what lies in the current folder."""
 
 
 @contextmanager
-def without_main() -> Iterator[None]:
-    """The time in which a process may be spawned that does not run the main module's file again.
+def spawning() -> Iterator[None]:
+    """The time in which a process may be spawned that runs no file of the user's.
 
-    The standard library lets it: then a script without `if __name__ == "__main__":` would run as
-    many times as there are workers, and a script from stdin not at all. No task needs it, because
-    none is a function of the main module.
+    The standard library lets it run the main module's file again: then a script without
+    `if __name__ == "__main__":` would run as many times as there are workers, and a script from
+    stdin not at all. No task needs it, because none is a function of the main module. And it starts
+    Python with `-c`, which takes a `pickle.py` of the current folder for the library's own.
     """
-    with MAIN:
-        main = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
+    with SPAWNING:
+        main, before = sys.modules["__main__"], os.environ.get(SAFE_PATH)
+        sys.modules["__main__"], os.environ[SAFE_PATH] = ModuleType("__main__"), "1"
         try:
             yield
         finally:
             sys.modules["__main__"] = main
+            del os.environ[SAFE_PATH]
+            if before is not None:
+                os.environ[SAFE_PATH] = before
 
 
 class _Worker(Thread):
@@ -90,7 +97,8 @@ class _Worker(Thread):
     def run(self) -> None:
         if hasattr(signal, "pthread_sigmask"):  # Windows has neither this nor the helper
             # Starting this helper of the standard library unblocks the signal, so it comes first.
-            resource_tracker.ensure_running()
+            with spawning():
+                resource_tracker.ensure_running()
             # Processes inherit it: Ctrl-C, which a terminal sends to all of them, is this process's
             # affair.
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -141,7 +149,7 @@ class _Worker(Thread):
             if self._ended:
                 raise EOFError
             self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
-            with without_main():
+            with spawning():
                 self._process.start()
         return ours
 
