@@ -159,6 +159,14 @@ def test_a_part_is_drawn_as_that_part(motion: xr.Dataset) -> None:
         assert len(crossing.get_xdata()) == crosses
 
 
+def test_the_components_that_are_left_are_drawn_by_their_names(motion: xr.Dataset) -> None:
+    left = motion.isel(axis=[2, 0])
+    figure = hodo.plot(left, "series", variables=["omega.x3", "p", "G.x3"])
+    for axes, (name, scale) in zip(figure.axes, (("x3", 1), ("x1", 1), ("x3", 0.6)), strict=False):
+        expected = scale * motion.omega.sel(axis=name)
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), expected)
+
+
 @pytest.mark.parametrize("change", SAME_MOTION)
 def test_two_motions_are_compared_time_by_time(motion: xr.Dataset, change: str) -> None:
     other = hodo.run({**FIG4, "damping": 0.004}, classify=False)
