@@ -967,6 +967,45 @@ def test_an_early_crossing_in_a_long_span_has_its_digits(end: float) -> None:
 
 
 @pytest.mark.heyoka
+@pytest.mark.parametrize("end", [5e3, 1e4, 1e5])
+def test_a_decayed_member_has_the_labels_of_its_case(end: float) -> None:
+    """Below 1e-1233 a motion is at rest, and has no label."""
+    case = one(
+        "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.5, 0.4, 0.3], "
+        f"initial: {{p: 0.8, q: 0.5, r: 0.99}}, time: {{end: {end}}}, error: off, "
+        "sweep: {initial.p: {values: [0.77, 0.8, 0.83]}}"
+    )
+    beside, alone = computed(case), computed(replace(case, max_steps=10**6))
+    assert set(beside["end_axis"]) == ({3} if end < 8e3 else {-1})
+    for name in ("start_axis", "end_axis", "crossings", "crossing_from", "crossing_to"):
+        assert beside[name].tolist() == alone[name].tolist()
+    for name in ("crossing_time", "share", "separation"):
+        assert beside[name] == pytest.approx(alone[name], rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("size", [1e-150, 1e-14, 1e17, 1e150])
+def test_the_errors_of_a_sweep_are_measured_at_every_scale(size: float, tmp_path: Path) -> None:
+    case = one(
+        "model: linear-diag, inertia: [1, 0.8, 0.6], "
+        f"damping: [{0.01 * size}, {0.008 * size}, {0.006 * size}], time: {{end: {200 / size}}}, "
+        f"initial: {{p: {0.8 * size}, q: {0.5 * size}, r: {0.74 * size}}}, "
+        f"sweep: {{initial.p: {{linspace: [{0.75 * size}, {0.85 * size}, 40]}}}}"
+    )
+    attributes = sweep_of(case, tmp_path).attributes
+    assert attributes["status"] == Status.OK
+    assert 1e-15 < attributes["error"] < 1e-11
+    quantiles = size * attributes["crossing_error_quantiles"]
+    assert 1e-15 < quantiles[0] <= quantiles[-1] < 1e-10
+
+
+def test_a_sweep_that_failed_as_a_whole_is_a_line_of_the_table() -> None:
+    case = one(f"{FIG4}, {RANDOM}")
+    _, row = classify.classified(case.name, run.failure(case, RuntimeError("no memory")))
+    assert row["warnings"] == ["failed: RuntimeError: no memory"]
+
+
+@pytest.mark.heyoka
 def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
     """It is the distance of what is stored from the single cases at full precision."""
     text = (

@@ -131,6 +131,8 @@ def inapplicable(case: Case, group: Group) -> str:
 def tabulated(case: Case, group: Group) -> dict[str, Any]:
     """A sweep's line in the table of `classify`, from what is stored of it."""
     row: dict[str, Any] = {"case": case.name, "start": "-", "end": "-", "crossings": []}
+    if "status" not in group.variables:  # the sweep failed as a whole
+        return {**row, "warnings": [f"{group.attributes['status']}: {group.attributes['message']}"]}
     ok = group.variables["status"].data == Status.OK.code
     for end in ("start", "end"):
         if (column := group.variables.get(f"{end}_axis")) is not None:

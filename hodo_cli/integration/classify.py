@@ -20,6 +20,7 @@ from .crossings import (
     SignChanges,
     read_sign_changes,
 )
+from .driver import at_rest
 from .error import references, with_step_limit
 from .solve import sample_times, solve
 from .trajectory import Trajectory
@@ -77,7 +78,9 @@ def classify(
     errors, reference = against_reference(dense, judged)
     state = extended(dense.motion.omega)[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    labels[: len(samples)] = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
+    axes = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
+    resting = at_rest(state, dense.motion.exponent[samples])
+    labels[: len(samples)] = np.where(resting, rigid_body.UNDETERMINED, axes)
     labels = completed(labels, case.system.absorbing_axes)
     own = crossings_of(dense, errors)
     crossings, warnings = (

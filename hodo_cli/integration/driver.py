@@ -24,6 +24,13 @@ LARGEST, OVERFLOW_MESSAGE = 1024, "the motion has outgrown the largest number"
 """The binary order of magnitude of the largest double, and what is said of a motion beyond it."""
 
 
+def at_rest(omega: np.ndarray, exponent: Any) -> np.ndarray:
+    """Whether (...) angular velocities (..., 3), in units of 2**exponent (...), are below LIMIT: a
+    case and a member of a sweep have no label then."""
+    largest = np.abs(omega).max(axis=-1).astype(float)
+    return np.asarray((largest == 0) | (np.frexp(largest)[1] + exponent < -LIMIT))
+
+
 @dataclass
 class SampleBuffer:
     """The samples of a motion under way: states (n, m) at `time` (n,), each in units of omega of

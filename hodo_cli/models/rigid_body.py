@@ -54,7 +54,9 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
 def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
     """|D| as a part of the sum of its two terms (n,), for omega (3, n); infinite for a spherical
     body, which has no separatrix."""
-    outer, inner = separatrix_terms(A, omega, order)
+    # By a power of two, which changes no digit: of 1e-170 the squares would be 0.
+    near_1 = np.ldexp(omega, -np.frexp(np.abs(omega).max(axis=0))[1])
+    outer, inner = separatrix_terms(A, near_1, order)
     total = outer + inner
     part = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
     return np.where(A[order[0]] == A[order[2]], np.inf, part)

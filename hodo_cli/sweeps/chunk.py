@@ -299,7 +299,7 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     case, omega = motion.case, motion.variables["omega"]
     classification = classify(case, motion.method, motion.tol, motion.error, omega)
     A = np.array(case.data["inertia"])[:, None]
-    ends = np.array([case.system.start[:3], omega[-1]]).T
+    ends = np.array([case.system.start[:3], motion.omega[-1]], dtype=float).T
     part = rigid_body.separation(A, ends, rigid_body.inertia_order(A[:, 0])).min()
     member = np.zeros(len(classification.crossings), dtype=np.int64)
     columns = columns_of(CROSSING_COLUMNS, classification.crossings)

@@ -17,6 +17,7 @@ from ..engines.polynomial import TAYLOR, isolate, to_bernstein
 from ..engines.protocol import uneven
 from ..engines.series import value
 from ..integration.choice import MANY_STEPS
+from ..integration.driver import LIMIT, at_rest
 from ..integration.trajectory import Occurrence
 from ..integration.units import Moment, Units
 from ..models.base import Event, Model
@@ -461,10 +462,27 @@ def advance(e: Ensemble) -> Outcome:
         outcome.departures = batch.departures
         if e.event is not None and not e.event.passage:
             judge(e, e.event, batch.candidates, step, outcome)
+    if e.model.degree and e.model.oriented:
+        stop_at_rest(outcome)
     outcome.accepted &= np.isfinite(outcome.state).all(axis=0)
     for state in (e.start, outcome.state):  # single cases refine what approximates the equations
         outcome.accepted &= e.model.is_accurate(state, e.named(), e.tol)
     return outcome
+
+
+def stop_at_rest(outcome: Outcome) -> None:
+    """Put motions that have become too slow to be followed at rest, as single cases are."""
+    for state, exponent in (
+        (outcome.state, outcome.exponent),
+        (outcome.samples, outcome.sample_exponent),
+    ):
+        if exponent.size and exponent.min() < -LIMIT:
+            resting = at_rest(np.moveaxis(state[:3], 0, -1), exponent)
+            state[:3, resting], exponent[resting] = 0, -LIMIT
+    passed = outcome.passages
+    moved = ~at_rest(passed.state[:3].T, passed.exponent)
+    outcome.passages = Passages(*(column[..., moved] for column in passed))
+    outcome.last[(outcome.state[:3] == 0).all(axis=0)] = 0
 
 
 def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:

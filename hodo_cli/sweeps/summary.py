@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +16,9 @@ from ..integration.choice import choose
 from ..integration.error import errors_against, references
 from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
+from ..integration.units import Units
 from ..models import rigid_body
-from ..models.constants import attributes, rescaled
+from ..models.constants import rescaled
 from ..storage.group import Group, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import columns
@@ -103,21 +105,23 @@ def _final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> floa
 
 
 def _newton(reference: Trajectory) -> float:
-    """|D / (dD/dt)| at the second sample of a motion."""
+    """|D / (dD/dt)| at the second sample of a motion; infinite where D stands still beside 0."""
     system, A = reference.case.system, np.array(reference.case.data["inertia"])
-    omega, exponent = reference.omega[1], int(reference.exponent[1])
+    model, k, time = type(system), system.constants, float(reference.time[1])
+    state, exponent = reference.state[1].astype(float), int(reference.exponent[1])
+    # In units that fit: the rates of a motion at 1e-160 are below the smallest double.
+    units = Units.fit(model, k, state, exponent)
+    scaled = rescaled(model, state, exponent - units.size)
+    rates = model.rhs(time, scaled.tolist(), SimpleNamespace(**units.constants(model, k)))
     order = rigid_body.inertia_order(A)
-    outer, inner = rigid_body.separatrix_terms(A, omega, order)
-    k, time = attributes(system.constants), float(reference.time[1])
-    state = rescaled(type(system), reference.state[1].astype(float), exponent)
-    rate = np.ldexp(np.array(system.rhs(time, state.tolist(), k)[:3]), -exponent)
-    w = omega.astype(float)
-    # D is a quadratic form, so this difference of finite steps is its derivative along the motion,
-    # exactly.
-    faster, slower = (
-        np.subtract(*rigid_body.separatrix_terms(A, w + sign * rate, order)) for sign in (1, -1)
-    )
-    return abs(float(outer - inner) / (float(faster - slower) / 2))
+    # The derivative by a complex step, for which the rates may be of any size.
+    ahead = scaled[:3] + 1e-100j * np.array(rates[:3], dtype=float)
+    slope = float(np.subtract(*rigid_body.separatrix_terms(A, ahead, order)).imag) / 1e-100
+    shift = 2 * (exponent - int(units.size)) - int(units.rate)
+    off = float(np.subtract(*rigid_body.separatrix_terms(A, reference.omega[1], order)))
+    if not slope:
+        return math.inf if off else 0.0
+    return abs(math.ldexp(off / slope, shift))
 
 
 class FinishedChunk(NamedTuple):
