@@ -48,7 +48,7 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
                 row["start"],
                 row["end"],
                 ", ".join(f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()),
-                row.get("final", ""),
+                "; ".join(filter(None, [row.get("final", ""), *row.get("predictions", ())])),
                 "; ".join([*few_passages(row["crossings"]), *row["warnings"]]),
             )
             for row in rows

@@ -298,7 +298,7 @@ def test_a_tensor_that_feeds_energy_in_is_named() -> None:
 
 
 def test_exact_says_where_it_does_not_apply() -> None:
-    with pytest.raises(HodoError, match="three equal coefficients"):
+    with pytest.raises(HodoError, match="torques along G: equal damping"):
         solve(diagonal((0.1, 0.2, 0.3)), "exact")
 
 

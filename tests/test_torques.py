@@ -1,6 +1,7 @@
 """Sums of torques, at the door: a case and what it comes to."""
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -286,3 +287,70 @@ def test_any_coefficient_may_vary(key: str, values: list[float], member: Any) ->
         member = {"torque": [{**law, "rate": rate}, 0.0, 0.001]}
     alone = hodo.run({**case, **member, "time": {"end": 60, "samples": 2}})
     assert swept["omega"].values[-1] == pytest.approx(alone["omega"].values[-1], abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("terms", "predictions"),
+    [
+        (
+            {"damping": MEDIUM, "kappa": 0.03},
+            ["x3 to x1 only above .G. = 0.261861, x1 to x3 only below 0.244949; .* at 0.250217"],
+        ),
+        ({"damping": MEDIUM}, ["one crossing at most, x1 to x3"]),
+        ({"kappa": 0.03}, ["one crossing at most, x3 to x1"]),
+        (
+            {"brake": 0.01, "kappa": 0.01},
+            ["one crossing at most, x3 to x1", "stops after 99.779757466131[34]"],
+        ),
+        ({"brake": 0.01, "damping": 0.004}, ["no crossing is possible", "stops after "]),
+        (
+            {"brake": 0.002, "damping": MEDIUM},
+            ["one crossing at most, x1 to x3", "stops after 250.238 to 304.98"],
+        ),
+        ({"damping": MEDIUM, "torque": [0, 0, 0.001]}, []),
+        ({"damping": {"law": "exponential", "value": 0.01, "rate": 1}}, []),
+    ],
+)
+def test_classify_says_what_theory_foretells(terms: Any, predictions: list[str]) -> None:
+    told = run(C, 120, **terms).attrs["predictions"].splitlines()
+    assert len(told) == len(predictions)
+    for sentence, pattern in zip(told, predictions, strict=True):
+        assert re.match(pattern, sentence)
+
+
+def test_nothing_is_undecided_behind_a_stop() -> None:
+    motion = run(C, 120, brake=0.01, kappa=0.01)
+    assert motion.attrs["classify_warnings"] == ""
+
+
+@pytest.mark.parametrize("name", ["brake", "brake and damping"])
+def test_torques_along_G_have_a_closed_form(name: str) -> None:
+    start, end, terms = END_STATES[name][0]
+    exact, series = (run(start, end, **terms, method=method) for method in ("auto", "taylor"))
+    assert exact.attrs["method"] == "exact"
+    assert np.abs(exact["omega"].values - series["omega"].values).max() < 1e-14
+    assert exact.attrs["error"] < 1e-14
+
+
+def test_random_sums_obey_the_theorems() -> None:
+    rng = np.random.default_rng(26)
+    crossings = 0
+    for _ in range(12):
+        damping, quadratic = rng.uniform(0, 0.006, 3), rng.uniform(0, 0.01, 3)
+        terms = {
+            "damping": damping.tolist(),
+            "quadratic": quadratic.tolist(),
+            "kappa": float(rng.choice([0, 0.02])),
+        }
+        motion = run(C if rng.random() < 0.5 else B, 200, **terms)
+        foretold = motion.attrs["predictions"].splitlines()
+        passed = list(
+            zip(motion["crossing_from"].values, motion["crossing_to"].values, strict=True)
+        )
+        crossings += len(passed)
+        for sentence in foretold:
+            if found := re.match("one crossing at most, x(.) to x(.)", sentence):
+                assert passed in ([], [(int(found[1]), int(found[2]))])
+            if sentence == "no crossing is possible":
+                assert not passed
+    assert crossings

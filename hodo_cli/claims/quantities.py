@@ -104,10 +104,10 @@ def area(m: Motion, side: int) -> float:
 def tilt_growth(m: Motion, side: int) -> float:
     """The rate at which a small tilt away from the axis of largest (0) or smallest (2) inertia
     grows."""
-    rates = m.case.system.damping_rates
+    rates = m.case.system.tilt_growth
     if rates is None:
         raise HodoError(f"case {m.name} has no medium, which the growth of a tilt needs")
-    return float(rigid_body.growth_rates(m.inertia, rates)[m.order[side]])
+    return float(rates[m.order[side]])
 
 
 def zeros(time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -108,6 +108,7 @@ def row_of(name: str, labelled: Classification) -> dict[str, Any]:
         "end": ends[1],
         "growth": growth(labelled.growth),
         "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
+        "predictions": list(labelled.predictions),
         "crossings": table,
         "warnings": list(labelled.warnings),
     }

@@ -1,22 +1,16 @@
-"""The closed form as an engine: cases of `linear-diag` with three equal dampings."""
+"""The closed form as an engine: cases whose model has one."""
 
 import numpy as np
 
 from ..cases.case import Case
-from ..models.linear_diag import LinearDiag
-from ..models.theory.closed_form import scaled_motion
 
 
 def applies(case: Case) -> bool:
-    """Whether the case has a closed form here: `linear-diag` with three equal dampings."""
-    full = case.model == LinearDiag.name and case.form == LinearDiag.form
-    return full and len(set(case.data["damping"])) == 1
+    """Whether the case has a closed form here: torques along G, such as three equal dampings."""
+    return case.system.has_closed_form
 
 
 def exact_scaled(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The angular velocity at `times` (n,) of a case to which this `applies`, as a state (n, 3) of
-    size about 1 and an exponent (n,); in the precision of `times`."""
-    body = case.system
-    assert isinstance(body, LinearDiag)
-    A, omega0 = np.array(body.inertia), np.array(body.start)
-    return scaled_motion(A, omega0, body.damping[0], times - case.time.start)
+    """The states (n, m) of size about 1 at `times` (n,) of a case to which this `applies`, and the
+    exponents (n,) of their units; in the precision of `times`."""
+    return case.system.exact_states(times - case.time.start)

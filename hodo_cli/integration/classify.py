@@ -45,7 +45,8 @@ class Classification:
     """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
 
     `growth` (3,) are the rates at which a small tilt away from each axis grows, None without a
-    medium; `final` is the label in the end where theory predicts it. `hidden` is set where the
+    medium; `final` is the label in the end where theory predicts it, `predictions` what else it
+    says. `hidden` is set where the
     error of the motion hides a crossing, or which list of them is right.
     """
 
@@ -55,6 +56,7 @@ class Classification:
     growth: np.ndarray | None = None
     final: int | None = None
     hidden: bool = False
+    predictions: tuple[str, ...] = ()
 
 
 def classify(
@@ -91,9 +93,9 @@ def classify(
     hidden = bool(warnings)
     if len(samples) < len(omega):
         warnings += (f"no labels after {len(samples)} samples: {dense.motion.message}",)
-    rates, final = case.system.damping_rates, case.system.final_axis
-    growth = None if rates is None else rigid_body.growth_rates(A, rates)
-    return Classification(labels, tuple(crossings), warnings, growth, final, hidden)
+    system = case.system
+    growth, final, predictions = system.tilt_growth, system.final_axis, tuple(system.predictions)
+    return Classification(labels, tuple(crossings), warnings, growth, final, hidden, predictions)
 
 
 class DenseSolution(NamedTuple):
@@ -263,13 +265,16 @@ def crossings_of(
     nothing = np.zeros(len(time))
     G = A * motion.omega.astype(float)
     momentum = np.sqrt(np.vecdot(G, G))
+    # Behind a stop there is no side.
+    last = len(time) - int(np.argmax(momentum[::-1] > 0))
+    turning = slice(last)
     with np.errstate(over="ignore"):
         samples = SignChanges(
-            time,
-            rigid_body.margin(A, extended(motion.omega), order),
-            nothing.astype(bool),
-            nothing,
-            np.ldexp(momentum, motion.exponent),
+            time[turning],
+            rigid_body.margin(A, extended(motion.omega[turning]), order),
+            nothing[turning].astype(bool),
+            nothing[turning],
+            np.ldexp(momentum, motion.exponent)[turning],
         )
     signs = SignChanges.joined([dense.signs, samples])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)

@@ -22,7 +22,7 @@ from .driver import (
     StepObserver,
     propagate,
 )
-from .trajectory import Trajectory
+from .trajectory import Occurrence, Trajectory
 from .units import Clock, Units
 
 REFINEMENTS, FEW = {"taylor": 5}, 2
@@ -155,14 +155,16 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Tra
     """
     if not exact.applies(case):
         raise HodoError(
-            f"{case.name}: method exact needs linear-diag with three equal coefficients of damping"
+            f"{case.name}: method exact needs torques along G: equal damping, a brake, or both"
         )
     if precision == "quadruple":
         raise HodoError(f"{case.name}: method exact works in double and extended precision only")
     control = StepControl(max_seconds=case.max_seconds or math.inf)
     began, fp = thread_time(), np.longdouble if precision == "extended" else np.float64
     samples = SampleBuffer(
-        times, np.empty((len(times), 3), dtype=fp), np.empty(len(times), dtype=np.int64)
+        times,
+        np.empty((len(times), len(case.system.state)), dtype=fp),
+        np.empty(len(times), dtype=np.int64),
     )
     # In blocks, for the memory: the closed form makes a dozen arrays of its times.
     for i in range(0, len(times), SAMPLES_AT_ONCE):
@@ -170,6 +172,11 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Tra
             control.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
             break
         samples.add(*exact.exact_scaled(case, times[i : i + SAMPLES_AT_ONCE].astype(fp)))
+    if end := case.system.exact_end:
+        kind, outcome = end
+        time = case.time.start + outcome.time
+        if time <= case.time.end:
+            samples.events.append(Occurrence(kind, time, outcome.details or {}))
     known = slice(samples.done)
     outgrown = samples.exponent[known] > LARGEST
     lost = np.flatnonzero(outgrown | ~np.isfinite(samples.state[known]).all(axis=1))

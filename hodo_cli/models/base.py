@@ -177,6 +177,32 @@ class Model:
         return None
 
     @property
+    def tilt_growth(self) -> np.ndarray | None:
+        """The rates (3,) at which a small tilt away from each body axis grows; None where theory
+        gives none."""
+        return None
+
+    @property
+    def predictions(self) -> list[str]:
+        """What theory says of the motion, from the data alone."""
+        return []
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether `exact_states` has the motion."""
+        return False
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The states (n, m) of size about 1 at times t (n,) from the start, in the precision of t,
+        and the exponents (n,) of their units."""
+        raise NotImplementedError
+
+    @property
+    def exact_end(self) -> tuple[str, EventOutcome] | None:
+        """The event that ends a motion in closed form, at its time from the start, and its kind."""
+        return None
+
+    @property
     def final_axis(self) -> int | None:
         """The axis enclosed in the end, where theory predicts it from the data alone."""
         return None

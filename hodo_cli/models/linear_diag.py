@@ -13,6 +13,7 @@ from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame, absorbing_axes
 from .terms.torques import DAMPING, rates_under
+from .theory.closed_form import scaled_motion
 
 
 def damping_warnings(damping: Sequence[float]) -> list[str]:
@@ -63,6 +64,13 @@ class LinearDiag(BodyFrame):
     @cached_property
     def constants(self) -> Constants:
         return {**super().constants, **dict(zip(DAMPING.degree, self.damping, strict=True))}
+
+    @property
+    def has_closed_form(self) -> bool:
+        return self.form == "full" and len(set(self.damping)) == 1
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return scaled_motion(np.array(self.inertia), np.array(self.start), self.damping[0], t)
 
     @property
     def damping_rates(self) -> np.ndarray:

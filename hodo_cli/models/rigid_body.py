@@ -313,6 +313,11 @@ class BodyFrame(Model):
         return body_constants(self.inertia)
 
     @property
+    def tilt_growth(self) -> np.ndarray | None:
+        rates = self.damping_rates
+        return None if rates is None else growth_rates(np.array(self.inertia), rates)
+
+    @property
     def class_events(self) -> tuple[Event, ...]:
         return (Event("separatrix", Separatrix(inertia_order(self.inertia))),)
 

@@ -29,6 +29,17 @@ from .terms.laws import (
     zero_of_base,
 )
 from .terms.torques import Term, added, rates_under
+from .theory.along_momentum import AlongMomentum
+from .theory.closed_form import free_motion, scaled_motion
+from .theory.possible_crossings import (
+    CrossingPattern,
+    Dissipation,
+    axes_kept,
+    outer_axes,
+    possible_crossings,
+    turning_momenta,
+)
+from .theory.steady_spin import tilt_growth_rates
 
 TERMS: Mapping[str, Term] = {
     "damping": terms.DAMPING,
@@ -53,6 +64,9 @@ LEGS, FALL = 14, 8
 BEHIND_ZERO = 1e-30
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
 that the same zero is not met again."""
+
+AT_REST = -(2**12)
+"""The exponent of a motion that has stopped, as of one that has decayed beyond every double."""
 
 NEGATIVE = "a negative coefficient drives the body: write that as an expression"
 
@@ -263,6 +277,99 @@ class Torques(BodyFrame):
         return np.asarray(unit / np.linalg.norm(unit))
 
     @property
+    def along_momentum(self) -> AlongMomentum | None:
+        """The rates of a sum of equal damping and a brake, both constant; None for other sums."""
+        given = coefficients(vars(self))
+        rates = given.get("damping", (0.0,)) + given.get("brake", ())
+        if given.keys() - {"damping", "brake"} or not all(isinstance(x, float) for x in rates):
+            return None
+        if len(set(given.get("damping", (0.0,)))) > 1 or not any(self.start):
+            return None
+        G = np.linalg.norm(np.array(self.inertia) * self.start[:3])
+        return AlongMomentum.of(G, damping=rates[0], brake=self.brake or 0.0)
+
+    @property
+    def has_closed_form(self) -> bool:
+        return self.form == "full" and self.along_momentum is not None
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        A, omega, along = np.array(self.inertia), np.array(self.start[:3]), self.along_momentum
+        assert along is not None
+        if self.brake is None:
+            return scaled_motion(A, omega, float(along.damping), t)
+        clock = along.clock(t)
+        slowed, exponent = np.frexp(np.asarray(clock.g, dtype=t.dtype))
+        state = slowed[:, np.newaxis] * free_motion(A, omega, np.asarray(clock.s, dtype=t.dtype))
+        leg = np.zeros((len(t), 1), dtype=t.dtype)
+        return np.hstack((state, leg)), np.where(slowed > 0, exponent, AT_REST)
+
+    @property
+    def exact_end(self) -> tuple[str, EventOutcome] | None:
+        along = self.along_momentum
+        if along is None or not np.isfinite(along.stop):
+            return None
+        A, omega = np.array(self.inertia), np.array(self.start[:3])
+        at_stop = free_motion(A, omega, np.array([along.clock(along.stop).s]))[0]
+        details = stop_details(A, at_stop)
+        return "stopped", EventOutcome(float(along.stop), details, ())
+
+    @property
+    def dissipation(self) -> Dissipation | None:
+        """The coefficients that theorems on crossings take; None for a sum that they do not
+        cover."""
+        given = coefficients(vars(self))
+        numbers = [x for entries in given.values() for x in entries]
+        if given.keys() & {"space_torque", "expression"} or not all(
+            isinstance(x, float) for x in numbers
+        ):
+            return None
+        damping = np.array(given.get("damping", np.zeros(3)))
+        if self.resistance is not None:
+            I = tensor_matrix(self.resistance)
+            if np.count_nonzero(I - np.diag(np.diag(I))):
+                return None
+            damping = damping + np.diag(I) / self.inertia
+        zeros = (0.0, 0.0, 0.0)
+        quadratic, by_axes = (given.get(name, zeros) for name in ("quadratic", "quadratic_axes"))
+        return Dissipation(self.inertia, damping, quadratic, by_axes, *given.get("kappa", (0.0,)))
+
+    @property
+    def absorbing_axes(self) -> frozenset[int]:
+        terms = self.dissipation
+        if terms is None or self.torque is not None:
+            return frozenset()
+        return frozenset((np.flatnonzero(axes_kept(terms)) + 1).tolist())
+
+    @property
+    def tilt_growth(self) -> np.ndarray | None:
+        terms = self.dissipation
+        if terms is None:
+            return None
+        torque = [self.epsilon * x for x in self.torque or (0.0, 0.0, 0.0)]
+        rates = tilt_growth_rates(terms, np.array(self.start[:3]), torque)
+        return rates if np.isfinite(rates).any() else None
+
+    @property
+    def predictions(self) -> list[str]:
+        terms = self.dissipation
+        if terms is None or self.torque is not None:
+            return []
+        return [*crossings_foretold(terms), *self.stop_foretold(terms)]
+
+    def stop_foretold(self, terms: Dissipation) -> list[str]:
+        """When the brake stops the body, or between which times: fluid does not change |G|."""
+        if self.brake is None or self.quadratic or self.quadratic_axes or not self.brake:
+            return []
+        G = np.linalg.norm(np.array(self.inertia) * self.start[:3])
+        first, last = (
+            float(AlongMomentum.of(G, damping=rate, brake=self.brake).stop)
+            for rate in (max(terms.damping), min(terms.damping))
+        )
+        if first == last:
+            return [f"stops after {first:.15g}"] if math.isfinite(first) else []
+        return [f"stops after {first:.6g} to {last:.6g}"]
+
+    @property
     def warnings(self) -> list[str]:
         A, omega = np.array(self.inertia), np.array(self.velocity(self.inertia, self.initial))
         damping = [x for x in self.damping or () if isinstance(x, float)]
@@ -320,6 +427,14 @@ def momentum_of(y: Sequence[Any], k: Any) -> list[Any]:
     return [k.A1 * y[0], k.A2 * y[1], k.A3 * y[2]]
 
 
+def stop_details(A: np.ndarray, omega: np.ndarray) -> dict[str, float]:
+    """What is stored of a stop: the direction of G, and the enclosed axis."""
+    G = A * omega
+    direction = G / np.linalg.norm(G)
+    named = {f"G{i}": float(x) for i, x in enumerate(direction, 1)}
+    return named | {"from": float(enclosed_axis(A, omega, 0.0))}
+
+
 @dataclass(frozen=True)
 class LegEnd:
     """|G|^2 less what it is where a leg of braking ends, in units of that at its start."""
@@ -352,8 +467,7 @@ class BrakedLeg:
             state[self.leg] = size
             return EventOutcome(float(t), None, state, t)
         A, omega = np.array([k.A1, k.A2, k.A3], float), np.array([float(x) for x in y[:3]])
-        details = {f"G{i}": float(x / size) for i, x in enumerate(G, 1)}
-        details["from"] = float(enclosed_axis(A, omega, 0.0))
+        details = stop_details(A, omega)
         resting = [*(0 * x for x in y[:3]), *y[3:]]
         resting[self.leg] = 0 * size
         return EventOutcome(float(t + size / force), details, resting, math.inf)
@@ -366,6 +480,23 @@ class BrakedLeg:
             if term in (terms.CONSTANT, terms.SPACE, terms.EXPRESSION):
                 torque = [*added(torque, term.function(t, zero, k, own))]
         return (torque[0] ** 2 + torque[1] ** 2 + torque[2] ** 2) ** 0.5
+
+
+def crossings_foretold(terms: Dissipation) -> list[str]:
+    """Which crossings are possible, in a sentence."""
+    largest, smallest = (f"x{i + 1}" for i in outer_axes(terms.inertia).tolist())
+    up, down = f"{smallest} to {largest}", f"{largest} to {smallest}"
+    at_most_one = {
+        CrossingPattern.NONE: "no crossing is possible",
+        CrossingPattern.TO_SMALLEST: f"one crossing at most, {down}",
+        CrossingPattern.TO_LARGEST: f"one crossing at most, {up}",
+    }
+    pattern = CrossingPattern(int(possible_crossings(terms)))
+    if pattern is CrossingPattern.THERE_AND_BACK:
+        turning = turning_momenta(terms)
+        band = f"{up} only above |G| = {turning.fluid:.6g}, {down} only below {turning.damping:.6g}"
+        return [f"{band}; on the mean the sense turns at {turning.mean:.6g}"]
+    return [at_most_one[pattern]] if pattern in at_most_one else []
 
 
 def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:

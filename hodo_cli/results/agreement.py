@@ -223,6 +223,7 @@ OF_CASE: Mapping[str, Callable[[Any, Any], bool]] = {
     "message": same_words,
     "warnings": same_words,
     "classify_warnings": same_words,
+    "predictions": same_words,
 }
 """The attributes of a case that carry meaning, and when two of them agree."""
 

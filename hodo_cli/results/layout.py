@@ -327,4 +327,8 @@ def label_group(labelled: Classification) -> Group:
         variables |= principal_axes(variables.values())
     if labelled.final is not None:
         variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
-    return Group({"classify_warnings": "\n".join(labelled.warnings)}, variables)
+    texts = {
+        "classify_warnings": "\n".join(labelled.warnings),
+        "predictions": "\n".join(labelled.predictions),
+    }
+    return Group(texts, variables)
