@@ -8,14 +8,14 @@ precision, complex steps, power series and an engine's symbols all pass through 
 import math
 import operator
 from collections.abc import Callable, Mapping
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from . import HodoError
 
-SYMBOLS: dict[type, ModuleType] = {}
+SYMBOLS: dict[type, ModuleType | SimpleNamespace] = {}
 """The functions of an engine's symbols, by the symbols' type; the engine enters itself."""
 
 

@@ -21,7 +21,7 @@ LAYERS = (
     "claims figures",
     "papers",
     "commands tables",
-    "api cli",
+    "api cli functions",
 )
 FLOOR = {name: floor for floor, names in enumerate(LAYERS) for name in names.split()}
 # The package itself hands on the Python interface, by name, and loads it at first use.

@@ -1,6 +1,7 @@
 """Models that are not hodo's: the example of the documents in a file, and in a package."""
 
 import json
+import math
 import os
 from pathlib import Path
 
@@ -86,6 +87,105 @@ def test_a_package_names_its_models_as_entry_points(hodo: Hodo, folder: Path) ->
     done = hodo("schema", env=installed)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("dragging (entry point drag): ModuleNotFoundError: No module")
+
+
+HELPER = "def drag(k, w):\n    return k.c * w\n"
+
+
+def with_helper(folder: Path) -> None:
+    """The example, with a factor from a file beside it."""
+    helped = EXAMPLE.replace("k.c * w *", "drag(k, w) *")
+    (folder / "drag.py").write_text(f"from laws.drag import drag\n{helped}", encoding="utf-8")
+    (folder / "laws").mkdir()
+    (folder / "laws" / "__init__.py").touch()
+    (folder / "laws" / "drag.py").write_text(HELPER, encoding="utf-8")
+    (folder / "other.py").write_text("not imported = 1", encoding="utf-8")
+
+
+def test_what_a_model_imports_from_its_folder_is_stored_and_hashed(
+    hodo: Hodo, folder: Path
+) -> None:
+    with_helper(folder)
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    run = ("--models", folder / "drag.py", "run", "../a.yaml", "--out", "../runs")
+    done = hodo(*run, "-j", "2", cwd=elsewhere)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(folder / "runs" / "a.h5") as file:
+        for name in ("one", "swept"):
+            source = file[name].attrs["model_source"]
+            assert source.index("class QuadraticDrag") < source.index("# laws/drag.py\n" + HELPER)
+            assert "other" not in source
+        assert "model_source" not in file["known"].attrs
+    assert hodo(*run, "--dry-run", cwd=elsewhere).stdout.count("is kept") == 4
+    (folder / "laws" / "drag.py").write_text(HELPER.replace("k.c", "2 * k.c"), encoding="utf-8")
+    planned = hodo(*run, "--dry-run", cwd=elsewhere).stdout
+    assert planned.count("the code that computes it has changed") == 3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("def drag(k, w):\n    return k.e * w\n", ":2: there is no constant 'e'"),
+        ("def drag(k, w:\n    return 1\n", ":1: '(' was never closed"),
+        ("raise ValueError('no')", ":1: ValueError: no"),
+        ("from math import sin\ndef drag(k, w):\n    return sin(w)", ":3: TypeError: must be real"),
+    ],
+)
+def test_a_mistake_in_what_it_imports_is_named_there(
+    hodo: Hodo, folder: Path, wrong: str, said: str
+) -> None:
+    with_helper(folder)
+    (folder / "laws" / "drag.py").write_text(wrong, encoding="utf-8")
+    done = hodo("--models", "drag.py", "run", "a.yaml")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert f"{folder / 'laws' / 'drag.py'}{said}" in done.stderr.splitlines()[0]
+
+
+FIVE = (
+    EXAMPLE.replace("p, q, r = y", "p, q, r, s, c = y")
+    .replace("- k.c * w * r,", "- k.c * w * r * (2 + s) / 2, k.v * c, -k.v * s,")
+    .replace('"c": 2,', '"c": 2, "v": 1,')
+    .replace('"c": self.drag}', '"c": self.drag, "v": 0.7}')
+    .replace(
+        "    @staticmethod",
+        """    state = ("p", "q", "r", "s", "c")
+    state_degree = {"s": 0, "c": 0}
+    variables = BodyFrame.variables | {"s": Label(("time",), "sine of the phase")}
+
+    @property
+    def start(self):
+        return (*super().start, 0.0, 1.0)
+
+    @staticmethod""",
+    )
+)
+"""The example with two more variables of the state, one of which is stored."""
+
+
+def test_a_state_may_hold_more_than_the_velocity(hodo: Hodo, folder: Path) -> None:
+    """From its run to its pictures, by itself and in sweeps."""
+    label = "from hodo_cli.models.base import Label\n"
+    (folder / "five.py").write_text(label + FIVE, encoding="utf-8")
+    random = "sweep: {d: {sphere: {count: 5, seed: 1}}}"
+    starts = f"  starts: {{model: quadratic-drag, drag: 0.2, {random}}}\n"
+    figures = """figures:
+  path: {kind: hodograph, cases: [one]}
+  phase: {kind: series, cases: [one, two], variables: [s, omega.x1]}
+"""
+    (folder / "a.yaml").write_text(CONFIG + starts + figures, encoding="utf-8")
+    for command in (["run", "a.yaml"], ["classify", "runs/a.h5"], ["plot", "runs/a.h5"]):
+        done = hodo("--models", "five.py", *command)
+        assert done.returncode == 0, done.stderr
+    with h5py.File(folder / "runs" / "a.h5") as file:
+        assert file["one/omega"].shape == (3, 3)
+        assert file["one/s"].shape == (3,)
+        assert file["one/s"][-1] == pytest.approx(math.sin(7), abs=1e-12)
+        assert list(file["starts/status"]) == [0] * 5
+    assert {path.name for path in (folder / "runs" / "figures" / "a").glob("*.png")} == {
+        "path.png",
+        "phase.png",
+    }
 
 
 @pytest.mark.parametrize(
@@ -178,6 +278,27 @@ def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
             ":38: AttributeError: 'QuadraticDrag' object has no attribute",
         ),
         ("return (\n", "return (\n0,", ": rhs gives 4 rates for 3 variables of the state"),
+        ("w = (p**2", "w = __import__('math').sqrt(p**2", ":29: TypeError: must be real number"),
+        ("w = (p**2", "w = __import__('numpy').exp(p**2", ":29: TypeError: operand 'Symbol'"),
+        ("w = (p**2", "w = abs(p**2", ":29: TypeError: bad operand type for abs()"),
+        ("w = (p**2", "w = p if p > 0 else q\n        w = (p**2", ":29: TypeError: which of two"),
+        (
+            "    @cached_property",
+            "    @staticmethod\n    def output(t, y, k):\n        return {'omega': y[:, :2]}\n\n"
+            "    @cached_property",
+            ": output gives omega of the shape (2, 2) for 2 times: expected (time, axis)",
+        ),
+        (
+            "    @cached_property",
+            "    @staticmethod\n    def output(t, y, k):\n        return {'w': y}\n\n"
+            "    @cached_property",
+            ": output gives w, but `variables` has: omega",
+        ),
+        (
+            "    @cached_property",
+            "    start = (1.0, 2.0)\n\n    @cached_property",
+            ": start gives 2 numbers for 3 variables of the state",
+        ),
         ('"c": 2,', '"cc": 2,', ": `degree` names 'cc', but `constants` has: A1, A2, A3, g, c"),
         ('"c": 2,', '"c": 1,', ": `degree` does not fit rhs: with the constants of other units"),
         ("def rhs(t, y, k)", "def rates(t, y, k)", ": the model quadratic-drag states no rhs"),

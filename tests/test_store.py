@@ -886,6 +886,10 @@ def test_a_package_outside_a_checkout_without_a_library_says_so(tmp_path: Path) 
     shutil.copytree(
         ROOT / "hodo_cli", tmp_path / "hodo_cli", ignore=shutil.ignore_patterns("__pycache__")
     )
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "mine"\n', encoding="utf-8")
+    commit = ["git", "-c", "user.name=a", "-c", "user.email=a", "commit", "-qm", "x"]
+    for command in (["git", "init", "-q"], ["git", "add", "pyproject.toml"], commit):
+        subprocess.run(command, cwd=tmp_path, check=True)
     code = (
         "import importlib.metadata as metadata, json\n"
         "plain = metadata.version\n"
@@ -901,7 +905,7 @@ def test_a_package_outside_a_checkout_without_a_library_says_so(tmp_path: Path) 
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     versions = json.loads(done.stdout)
-    assert "git_commit" not in versions
+    assert "git_commit" not in versions  # which would be that of the checkout it is copied into
     assert (versions["scipy_version"], versions["numpy_version"]) == (
         "not installed",
         np.__version__,

@@ -44,10 +44,10 @@ reach it in the steps that a motion may take. Where it would decide, a reference
 class Classification:
     """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
 
-    `growth` (3,) are the rates at which a small tilt away from each axis grows, None without a
-    medium; `final` is the label in the end where theory predicts it, `predictions` what else it
-    says. `hidden` is set where the
-    error of the motion hides a crossing, or which list of them is right.
+    `growth` (3,) are the rates at which a small tilt away from each axis grows, None where none can
+    be told; `final` is the label in the end where theory predicts it, `predictions` what else it
+    says. `hidden` is set where the error of the motion hides a crossing, or which list of them is
+    right.
     """
 
     labels: np.ndarray

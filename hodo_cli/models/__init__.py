@@ -2,26 +2,21 @@
 add a file, or name one of your own. Imports schema and arithmetic only; knows no solver, result or
 plot."""
 
-import hashlib
 import os
 import pkgutil
 import sys
-import traceback
 from collections.abc import Iterator
 from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
-from typing import Any
-
-import numpy as np
+from types import ModuleType
 
 from .. import HodoError
+from .added.mistakes import equations_mistake, located
+from .added.sources import AddedModule, texts_of
 from .base import Model
-from .constants import attributes, in_unit, rescaled
-from .leg_time import VELOCITY
 
 OWN = "HODO_MODELS"
 """The variable of the environment with the user's own files, separated as in PATH: worker processes
@@ -80,13 +75,15 @@ def add_averaged(forms: dict[str, type[Model]]) -> None:
 
 @cache
 def added_models_digest(name: str = "") -> str:
-    """The digest of the sources of models that are not hodo's: of those with a name, or of all;
-    empty if there are none."""
-    return " ".join(digest for _, _, digest in (_modules_with(name) if name else _added_modules()))
+    """The digest of the sources of models that are not hodo's, and of what they import from their
+    own folders: of those with a name, or of all; empty if there are none."""
+    return " ".join(item.digest for item in (_modules_with(name) if name else _added_modules()))
 
 
-AddedModule = tuple[str, ModuleType, str]
-"""Where a module with models comes from, the module, and the digest of its source."""
+def added_source(name: str) -> str:
+    """The source of a model that is not hodo's, with that of all that it imports from its own
+    folder; empty for one of hodo's own."""
+    return "\n".join(item.source for item in _modules_with(name))
 
 
 @cache
@@ -97,10 +94,11 @@ def _added_modules() -> tuple[AddedModule, ...]:
         source = f"{point.value} (entry point {point.name})"
         try:
             module = import_module(point.module)
-            text = Path(str(module.__file__)).read_bytes()
+            path = Path(str(module.__file__))
+            texts = texts_of(path, path.read_bytes(), point.module)
         except Exception as error:
             raise HodoError(f"{source}: {type(error).__name__}: {error}") from error
-        added.append((source, module, hashlib.sha256(text).hexdigest()))
+        added.append(AddedModule(source, module, texts))
     for source, module, _ in added:
         if not (forms := [*_forms(module)]):
             raise HodoError(f"{source}: there is no model in it (a class with `name` and `form`)")
@@ -125,7 +123,7 @@ def _class_mistake(form: type[Model]) -> str:
 def _modules_with(name: str) -> list[AddedModule]:
     """The modules that are not hodo's and state a model of this name."""
     return [
-        module for module in _added_modules() if name in {form.name for form in _forms(module[1])}
+        item for item in _added_modules() if name in {form.name for form in _forms(item.module)}
     ]
 
 
@@ -138,70 +136,25 @@ def _load(path: str, name: str) -> AddedModule:
     module.__file__, module.__package__ = path, __name__
     # Before it runs, because `dataclass` looks its module up.
     sys.modules[module.__name__] = module
+    # Its own folder goes last: no file there is taken for a library.
+    if (folder := str(Path(path).resolve().parent)) not in sys.path:
+        sys.path.append(folder)
     try:
         # Read once, so that the text hashed is the text run, even if the file is edited meanwhile.
         text = Path(path).read_bytes()
         exec(compile(text, path, "exec"), vars(module))
     except OSError as error:
         raise HodoError(f"{path}: {str(error.strerror).lower()}") from None
-    except SyntaxError as error:
-        raise HodoError(f"{path}:{error.lineno or 1}: {error.msg}") from None
     except Exception as error:
-        raise HodoError(_located(error, path)) from error
-    return path, module, hashlib.sha256(text).hexdigest()
-
-
-def _located(error: Exception, path: str) -> str:
-    """An error that a file raises, after the line where it did."""
-    lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at[0] == path]
-    message = f"{type(error).__name__}: {error}".partition("\n")[0]
-    if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
-        known = ", ".join(vars(error.obj))
-        message = f"there is no constant {error.name!r} (`constants` has: {known})"
-    return f"{path}:{lines[-1] if lines else 1}: {message}"
+        raise HodoError(located(error, path)) from error
+    return AddedModule(path, module, texts_of(Path(path), text))
 
 
 def mistake_in(system: Model) -> str:
     """The mistake in equations that are not hodo's, tried at the start of a motion; empty if there
     is none."""
     modules = _modules_with(system.name)
-    if not modules:
-        return ""
-    path = str(modules[0][1].__file__)
-    try:
-        message = _equations_mistake(system)
-    except ArithmeticError:
-        return ""  # that is for the numbers of a case to answer, not for its equations
-    except NotImplementedError:
-        message = f"the model {system.name} states no rhs"
-    except Exception as error:
-        return _located(error, path)
-    return f"{path}: {message}" if message else ""
-
-
-def _equations_mistake(system: Model) -> str:
-    """Why the rates of a motion at its start do not fit its state or its `degree`; empty if they
-    do."""
-    k: dict[str, Any] = {**system.constants}
-    if strange := [name for name in system.degree if name not in k]:
-        return f"`degree` names {strange[0]!r}, but `constants` has: {', '.join(k)}"
-    if strange := [name for name in system.state_degree if name not in system.state]:
-        return f"`state_degree` names {strange[0]!r}, but `state` has: {', '.join(system.state)}"
-    if strange := [name for name, d in system.state_degree.items() if d not in range(100)]:
-        return f"`state_degree` of {strange[0]!r} is no whole number from 0 on"
-    start = np.array(system.start)
-    rates = system.rhs(0.0, start.tolist(), attributes(k))
-    if len(rates) != len(system.state) or len(start) != len(system.state):
-        return f"rhs gives {len(rates)} rates for {len(start)} variables of the state"
-    # The same motion in a unit of velocity that is four times as large, 2**2.
-    other = k | {name: in_unit(k[name], 2 * degree - 2) for name, degree in system.degree.items()}
-    other |= {VELOCITY: 4.0} if VELOCITY in k else {}
-    scaled = rescaled(type(system), start, -2)
-    again = rescaled(type(system), np.array(system.rhs(0.0, scaled.tolist(), attributes(other))), 2)
-    apart = np.abs(np.array(rates) - again).max()
-    if system.degree and apart > 1e-9 * np.abs(rates).max():
-        return "`degree` does not fit rhs: with the constants of other units it gives other rates"
-    return ""
+    return equations_mistake(system, str(modules[0].module.__file__)) if modules else ""
 
 
 def find(name: str, form: str) -> type[Model]:

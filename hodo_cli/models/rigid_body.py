@@ -13,6 +13,7 @@ import numpy as np
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Event, Label, Model, mistake_of
+from .theory.steady_spin import tilt_growth_by_equations
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
@@ -263,7 +264,7 @@ def body_constants(inertia: Sequence[float]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class BodyFrame(Model):
-    """A model whose state is the angular velocity (p, q, r) in principal axes.
+    """A model whose state begins with the angular velocity (p, q, r) in principal axes.
 
     Its constants are A1, A2, A3 and `g` = 1, the factor of the gyroscopic terms (of degree 2), and
     what a form adds.
@@ -278,9 +279,10 @@ class BodyFrame(Model):
     velocity = staticmethod(complete)
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 
-    @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        return {"omega": y}
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        more = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
+        return {"omega": y[:, :3], **more}
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -306,7 +308,11 @@ class BodyFrame(Model):
         return self.velocity(self.inertia, self.initial)
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        return np.moveaxis(omega, -1, 0)
+        turning = np.moveaxis(omega, -1, 0)
+        if len(self.state) == len(turning):
+            return turning
+        more = [np.full(turning.shape[1:], value) for value in self.start[3:]]
+        return np.concatenate([turning, more])
 
     @cached_property
     def constants(self) -> Constants:
@@ -315,7 +321,9 @@ class BodyFrame(Model):
     @property
     def tilt_growth(self) -> np.ndarray | None:
         rates = self.damping_rates
-        return None if rates is None else growth_rates(np.array(self.inertia), rates)
+        if rates is None:
+            return tilt_growth_by_equations(self)
+        return growth_rates(np.array(self.inertia), rates)
 
     @property
     def class_events(self) -> tuple[Event, ...]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import models
 from ..cases.case import Case, dump
 from ..cases.sweep_block import PASSED
 from ..engines.protocol import Status
@@ -43,6 +44,10 @@ ATTRIBUTES = {
 """The attributes of every stored case; `case` is its text, `run_time` in seconds."""
 
 
+MODEL_SOURCE = "model_source"
+"""The attribute with the source of a model that is not hodo's."""
+
+
 def typed_as(*names: str) -> dict[str, type]:
     """Some of the attributes with their types."""
     return {name: ATTRIBUTES[name] for name in names}
@@ -61,10 +66,13 @@ SHOWN = SUMMARY | typed_as("case", "error_kind")
 
 
 def case_attributes(case: Case, mark: str, **others: Any) -> dict[str, Attribute]:
-    """The attributes of a stored case: `mark` is its hash, `others` are the rest by name.
+    """The attributes of a stored case: `mark` is its hash, `others` are the rest by name. The
+    source of a model that is not hodo's comes with it.
 
     Raises TypeError if one of `ATTRIBUTES` is missing.
     """
+    if source := models.added_source(case.model):
+        others[MODEL_SOURCE] = source
     given = {"model": case.model, "form": case.form, "case": dump(case), "hash": mark} | others
     if missing := ATTRIBUTES.keys() - given.keys():
         raise TypeError(f"a case is stored without {', '.join(sorted(missing))}")

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -53,8 +54,8 @@ def root_attributes(title: str, references: str, config: str, history: str) -> d
 
 
 def versions() -> dict[str, str]:
-    """The versions of Python and the libraries that count, and the commit of hodo where it is a git
-    checkout."""
+    """The versions of Python and the libraries that count, and the commit of hodo where it
+    runs from its own git checkout."""
     # Started first and read last: git takes longer than all the rest.
     git = _git_status()
     known = {"python_version": sys.version.split()[0]}
@@ -71,8 +72,8 @@ def _git_status() -> "subprocess.Popen[str] | None":
     """A process that prints the commit and the changes of the package's own checkout; None if it is
     not in one."""
     package = Path(__file__).parents[1]
-    # An installed package may stand inside a checkout of something else.
-    if not (package.parent / ".git").exists():
+    # A copy of the package may stand in a checkout of something else.
+    if not (package.parent / ".git").exists() or not _is_own(package.parent / "pyproject.toml"):
         return None
     command = [
         "git",
@@ -91,3 +92,11 @@ def _git_status() -> "subprocess.Popen[str] | None":
             command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
     return None
+
+
+def _is_own(project: Path) -> bool:
+    """Whether a pyproject.toml is that of hodo."""
+    try:
+        return bool(tomllib.loads(project.read_text("utf-8"))["project"]["name"] == "hodo")
+    except (OSError, ValueError, KeyError):
+        return False

@@ -4,6 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from ..base import Model
+from ..constants import attributes, jacobian, structure
+from ..leg_time import contains_time
 from .possible_crossings import Dissipation
 
 
@@ -35,6 +38,32 @@ def tilt_growth_rates(terms: Dissipation, omega: Any, torque: Any = (0.0, 0.0, 0
     # For an axis whose moment is the middle one too, a symmetric body has no such turn.
     middle = np.sort(A, axis=-1)[..., 1:2]
     return np.where(middle == A, np.nan, growth)
+
+
+def tilt_growth_by_equations(system: Model) -> np.ndarray | None:
+    """The same rate (3,), at the speed at which a motion starts, from the equations of its model
+    alone; not a number for an axis that a torque drives rotation away from. None where rotation
+    about an axis lets no rate be told: at rest, where the equations contain the time, and where the
+    state holds more than omega.
+
+    With w_i' the rate of the speed w, and J the Jacobian of the equations there, it is
+    (J_jj + J_kk)/2 - w_i'/w: a tilt turns, and the mean of its growth is half the trace.
+    """
+    model, form = type(system), structure(system.constants)
+    speed = float(np.linalg.norm(system.start))
+    if len(system.state) != 3 or not speed or contains_time(model, form):
+        return None
+    k, omega = attributes(system.constants), speed * np.eye(3)
+    along = np.diagonal(jacobian(model, k, 0.0, omega)).T  # J_ii (i, axis)
+    rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*omega], k))) / speed
+    own = np.diag(rates)
+    growth = (along.sum(axis=0) - np.diag(along)) / 2 - own
+    scale = np.maximum(np.abs(along).max(axis=0), np.abs(own))
+    growth = np.where(np.abs(growth) <= 4 * np.finfo(float).eps * scale, 0, growth)
+    across = np.abs(rates - np.diag(own)).max(axis=0)
+    A = np.array([system.constants[name] for name in ("A1", "A2", "A3")])
+    steady = (across == 0) & (np.sort(A)[1] != A)
+    return np.where(steady, growth, np.nan) if steady.any() else None
 
 
 def _above_others(rates: np.ndarray) -> np.ndarray:

@@ -1,0 +1,114 @@
+"""What is wrong with a file of models, or with their equations, as one line with its place."""
+
+import traceback
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ... import HodoError
+from ..base import Model
+from ..constants import attributes, in_unit, rescaled
+from ..leg_time import VELOCITY
+from .symbols import Symbol
+
+HODO = Path(__file__).parents[2]
+"""The package, which may stand in the folder of a model."""
+
+
+def located(error: Exception, path: str) -> str:
+    """An error that a file of models raises, after the line of it, or of a file that it imports
+    from its own folder, where it did."""
+    if isinstance(error, SyntaxError):
+        return f"{error.filename or path}:{error.lineno or 1}: {error.msg}"
+    folder = Path(path).resolve().parent
+    places = [
+        f"{at.filename}:{at.lineno}"
+        for at in traceback.extract_tb(error.__traceback__)
+        if at.filename == path or _is_beside(Path(at.filename).resolve(), folder)
+    ]
+    kind = "" if isinstance(error, HodoError) else f"{type(error).__name__}: "
+    message = f"{kind}{error}".partition("\n")[0]
+    if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
+        known = ", ".join(vars(error.obj))
+        message = f"there is no constant {error.name!r} (`constants` has: {known})"
+    return f"{places[-1] if places else f'{path}:1'}: {message}"
+
+
+def _is_beside(file: Path, folder: Path) -> bool:
+    """Whether a file lies in the folder of a model, and is no library's."""
+    return (
+        file.is_relative_to(folder)
+        and not file.is_relative_to(HODO)
+        and "site-packages" not in file.parts
+    )
+
+
+def equations_mistake(system: Model, path: str) -> str:
+    """The mistake in the equations of a file's model, tried at the start of a motion: with symbols,
+    with its numbers, and with those of other units; empty if there is none."""
+    try:
+        _try_symbols(system)
+        message = _misfit(system)
+    except ArithmeticError:
+        return ""  # that is for the numbers of a case to answer, not for its equations
+    except NotImplementedError:
+        message = f"the model {system.name} states no rhs"
+    except Exception as error:
+        return located(error, path)
+    return f"{path}: {message}" if message else ""
+
+
+def _try_symbols(system: Model) -> None:
+    """Pass symbols through the equations. Raises TypeError where these do what no symbol knows."""
+    k = attributes(system.constants, lambda _: Symbol())
+    try:
+        system.rhs(Symbol(), [Symbol() for _ in system.state], k)
+    except TypeError as error:
+        allowed = "+ - * / ** and sin, cos, exp, log, sqrt of hodo_cli.functions"
+        error.args = (f"{error}; equations consist of {allowed}",)
+        raise
+
+
+def _misfit(system: Model) -> str:
+    """Why the rates of a motion at its start, or what is stored of it, do not fit its state, its
+    variables or its `degree`; empty if they do."""
+    k: dict[str, Any] = {**system.constants}
+    if strange := [name for name in system.degree if name not in k]:
+        return f"`degree` names {strange[0]!r}, but `constants` has: {', '.join(k)}"
+    if strange := [name for name in system.state_degree if name not in system.state]:
+        return f"`state_degree` names {strange[0]!r}, but `state` has: {', '.join(system.state)}"
+    if strange := [name for name, d in system.state_degree.items() if d not in range(100)]:
+        return f"`state_degree` of {strange[0]!r} is no whole number from 0 on"
+    start = np.array(system.start)
+    if len(start) != len(system.state):
+        return f"start gives {len(start)} numbers for {len(system.state)} variables of the state"
+    rates = system.rhs(0.0, start.tolist(), attributes(k))
+    if len(rates) != len(start):
+        return f"rhs gives {len(rates)} rates for {len(start)} variables of the state"
+    # The same motion in a unit of velocity that is four times as large, 2**2.
+    other = k | {name: in_unit(k[name], 2 * degree - 2) for name, degree in system.degree.items()}
+    other |= {VELOCITY: 4.0} if VELOCITY in k else {}
+    scaled = rescaled(type(system), start, -2)
+    again = rescaled(type(system), np.array(system.rhs(0.0, scaled.tolist(), attributes(other))), 2)
+    apart = np.abs(np.array(rates) - again).max()
+    if system.degree and apart > 1e-9 * np.abs(rates).max():
+        return "`degree` does not fit rhs: with the constants of other units it gives other rates"
+    return _misfit_of_output(system, start)
+
+
+def _misfit_of_output(system: Model, start: np.ndarray) -> str:
+    """Why what is stored of a state is not what `variables` name; empty if it is."""
+    stored = system.output(np.zeros(2), np.array([start, start]), attributes(system.constants))
+    if stored.keys() != system.variables.keys():
+        return (
+            f"output gives {', '.join(stored)}, but `variables` has: {', '.join(system.variables)}"
+        )
+    for name, label in system.variables.items():
+        shape, sizes = np.shape(stored[name]), {"time": 2, "axis": 3}
+        of_dims = zip(label.dims, shape, strict=False)
+        if len(shape) != len(label.dims) or any(sizes.get(dim, n) != n for dim, n in of_dims):
+            dims = ", ".join(label.dims)
+            return f"output gives {name} of the shape {shape} for 2 times: expected ({dims})"
+    return ""
