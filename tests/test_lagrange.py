@@ -15,15 +15,16 @@ import numpy as np
 import pytest
 import series
 
+import hodo_cli as hodo
 from hodo_cli import HodoError
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
-from hodo_cli.models import catalogue, lagrange
+from hodo_cli.models import catalogue
 from hodo_cli.models.base import Event
-from hodo_cli.models.top import nutation
+from hodo_cli.models.top import lagrange, nutation
 from hodo_cli.models.top.torques import cubic_dissipation
 from hodo_cli.sweeps.chunk import Chunk, compute
 
@@ -554,3 +555,83 @@ def test_the_rounding_of_the_roots_at_the_start_is_part_of_their_error(
     off /= np.abs(plain.variables["Gz"]).max()
     assert off > least
     assert roots.errors["Gz"] == pytest.approx(off, rel=0.1)
+
+
+# omega and gamma at tau = 1, by a Taylor series in 176 to 224 bits that shares no code with hodo.
+LAWS_OF_TIME = {
+    "axial torque": (
+        {"m": 0.2, "a": 0.125, "b": 0.1, "mu": 0.5},
+        (7.14615158788087723e-5, -0.483421185149415059, 1.75754954455580245),
+        (-0.448675351253786695, -0.886842219122204261, 0.110459529057910492),
+    ),
+    "falling mu": (
+        {"mu": {"law": "power", "value": 0.5, "rate": 0.3, "exponent": -1}, "a": 0, "b": 0},
+        (0.0728953513394852740, -0.501290446981690064, 1.73205080756887729),
+        (0.0595182228060932324, -0.996188403105960674, 0.0637671284534613974),
+    ),
+    "both": (
+        {
+            "m": {"law": "power", "value": 0.2, "rate": 1, "exponent": -1},
+            "mu": [0.5, 0.15],
+            "a": 0.125,
+            "b": 0.1,
+        },
+        (0.428277629153334897, -0.282365071105278370, 1.69839359908822709),
+        (0.442736113796192254, -0.891876926990276199, 0.0924136388366275793),
+    ),
+}
+
+
+def run_top(end: float, **keys: Any) -> Any:
+    return hodo.run(
+        {
+            "model": "Lagrange-averaged",
+            "inertia": {"A": 1.5, "C": 1},
+            "initial": {"theta": "60 deg", "r": math.sqrt(3)},
+            "time": {"end": end, "samples": 5},
+            **keys,
+        }
+    )
+
+
+@pytest.mark.parametrize(("keys", "omega", "gamma"), LAWS_OF_TIME.values(), ids=LAWS_OF_TIME)
+def test_the_full_top_follows_laws_of_m_and_mu(keys: Any, omega: Any, gamma: Any) -> None:
+    motion = run_top(1, form="full", epsilon=0.02, **keys)
+    assert motion["omega"].values[-1] == pytest.approx(omega, abs=5e-14)
+    assert motion["gamma"].values[-1] == pytest.approx(gamma, abs=5e-14)
+
+
+def test_the_averaged_top_follows_laws_of_m_and_mu() -> None:
+    falling = run_top(2, **LAWS_OF_TIME["falling mu"][0])
+    at_end = [falling[name].values[-1] for name in ("Gz", "H", "r")]
+    assert at_end == pytest.approx([0.86602540378, 1.69309225147, math.sqrt(3)], abs=1e-11)
+    keys = LAWS_OF_TIME["both"][0]
+    averaged = run_top(1, **keys)
+    apart = []
+    for epsilon in (0.02, 0.005):
+        full = run_top(1, form="full", epsilon=epsilon, **keys)
+        (p, q, r), (g1, g2, g3) = full["omega"].values[-1], full["gamma"].values[-1]
+        H = (1.5 * (p * p + q * q) + r * r) / 2 + 0.65 * g3
+        Gz = 1.5 * (p * g1 + q * g2) + r * g3
+        assert r == pytest.approx(averaged["r"].values[-1], abs=1e-13)
+        apart.append([abs(H - averaged["H"].values[-1]), abs(Gz - averaged["Gz"].values[-1])])
+    # The error of averaging is of the order of epsilon.
+    assert np.array(apart[0]) / apart[1] == pytest.approx([4, 4], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"mu": [0.5, -1]}, "mu: mu falls to -0.5 in the span"),
+        ({"mu": -0.5}, "mu: expected a positive number"),
+        ({"mu": [0.5, 0.1], "form": "averaged-u"}, "mu: form averaged-u takes a constant mu"),
+        ({"m": 0.1, "form": "averaged-u"}, "m: form averaged-u has no m"),
+        (
+            {"mu": [0.5, 0.1], "time": {"start": 1, "end": 2}},
+            "mu: a law of mu begins with the initial data",
+        ),
+    ],
+)
+def test_laws_that_a_top_cannot_follow_are_refused(keys: Any, message: str) -> None:
+    with pytest.raises(HodoError, match=message):
+        run_top(1, **{"mu": 0.5, "a": 0.1, "b": 0.1, **keys})

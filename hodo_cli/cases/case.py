@@ -170,7 +170,7 @@ def checked_case(name: str, block: Block) -> Case:
     data = {key: values[key] for key in model.keys if key in values}
     mistakes += model.check(data)
     if "time" in values and not mistakes:
-        mistakes += model.check_start(data, values["time"]["start"])
+        mistakes += model.check_span(data, values["time"]["start"], values["time"]["end"])
     # The stored variables are those of the class that stands in for a form with these data.
     system = None if mistakes else model.of(data)
     concrete_model = type(system) if system else model

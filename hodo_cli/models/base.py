@@ -132,8 +132,8 @@ class Model:
         yield from ()
 
     @classmethod
-    def check_start(cls, data: Mapping[str, Any], start: float) -> Iterator[Mistake]:
-        """What is wrong with right values in a motion that begins at the time `start`."""
+    def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
+        """What is wrong with right values in a motion from one time to another."""
         yield from ()
 
     @classmethod

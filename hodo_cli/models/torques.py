@@ -207,7 +207,7 @@ class Torques(BodyFrame):
                 yield (name,), "form averaged does not take this torque; form full does"
 
     @classmethod
-    def check_start(cls, data: Mapping[str, Any], start: float) -> Iterator[Mistake]:
+    def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         for name, entries in coefficients(data).items():
             zero = max(map(zero_of_base, entries), default=-math.inf)
             if start <= zero:

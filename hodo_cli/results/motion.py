@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,7 +19,9 @@ from ..cases.figure_block import BODY_AXES
 from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
+from ..models.constants import attributes
 from ..models.top.nutation import first_integrals
+from ..models.top.torques import with_mu
 from ..storage.provenance import typed
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 
@@ -373,7 +374,7 @@ def _separatrix_ratio(m: Motion) -> np.ndarray:
 def _first_integral(m: Motion, name: str) -> np.ndarray:
     """Gz or H of a top that stores its angular velocity."""
     vertical = [*m.whole("gamma").T]
-    k = SimpleNamespace(**m.case.data["inertia"], mu=m.case.data["mu"])
+    k = with_mu(attributes(m.case.system.constants), m.time)
     return np.asarray(first_integrals([*m.omega.T], vertical, k)[("Gz", "H").index(name)])
 
 

@@ -7,7 +7,10 @@ the law, and NAME_shape, where there is one, what has no part in the unit of NAM
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
+
+import numpy as np
 
 from ...schema.kinds import Either, Key, Kind, ListOf, Number, Variant
 
@@ -86,17 +89,17 @@ class Repeated(ListOf):
         return f"{self.kind}, for all axes"
 
 
-def coefficient_kind(unit: str, least: float | None = None) -> Either:
-    """The kind of one coefficient: a number, which has a least value, or a law of t."""
-    polynomial = ListOf(Number(), title="a polynomial in t: [a0, a1, ...]")
-    return Either(Number(least=least), polynomial, law_mapping(unit, "t"))
+def coefficient_kind(unit: str, t: str = "t", above: float | None = None) -> Either:
+    """The kind of one coefficient: a number, which may have a bound, or a law of t."""
+    polynomial = ListOf(Number(), title=f"a polynomial in {t}: [a0, a1, ...]")
+    return Either(Number(above=above), polynomial, law_mapping(unit, t))
 
 
-def coefficients_kind(unit: str, least: float | None = None) -> Either:
+def coefficients_kind(unit: str) -> Either:
     """The kind of three coefficients, one an axis, or of one for all."""
-    number, mapping = Number(least=least), law_mapping(unit, "t")
+    number, mapping = Number(), law_mapping(unit, "t")
     title = "3 numbers, polynomials in t or laws"
-    one_each: Kind = ListOf(coefficient_kind(unit, least), length=3, title=title)
+    one_each: Kind = ListOf(coefficient_kind(unit), length=3, title=title)
     return Either(one_each, Repeated(Either(number, mapping), length=3))
 
 
@@ -126,6 +129,28 @@ def coefficient_at(k: Any, name: str, t: Any) -> Any:
     kind = getattr(k, f"{name}_law", "")
     values = getattr(k, name)
     return LAWS[kind](values, getattr(k, f"{name}_shape", ()), t) if kind else values
+
+
+def slope_at(k: Any, name: str, t: Any) -> Any:
+    """The derivative by time of a coefficient that follows a law."""
+    values, kind = getattr(k, name), getattr(k, f"{name}_law")
+    if kind == "polynomial":
+        terms = [i * values[i] for i in range(1, len(values))]
+        return polynomial_law(terms, (), t) if terms else 0 * t
+    value, (rate, last) = coefficient_at(k, name, t), getattr(k, f"{name}_shape")
+    return -rate * value if kind == "exponential" else last * rate * value / (1 + rate * t)
+
+
+def least_value(given: Any, start: float, end: float) -> float:
+    """The smallest value of a law between two times; of the laws other than polynomials all are
+    monotonic."""
+    kind, values, _ = law(given)
+    times = [start, end]
+    if kind == "polynomial" and len(values) > 2:
+        turns = np.roots([i * values[i] for i in range(len(values) - 1, 0, -1)]).real.tolist()
+        times += [t for t in turns if start < t < end]
+    k = SimpleNamespace(**law_constants("c", given))
+    return min(float(coefficient_at(k, "c", t)) for t in times)
 
 
 def first_values(given: Any) -> tuple[Any, ...]:

@@ -13,16 +13,26 @@ from ...arithmetic import cos, sin, sqrt
 from ...schema.kinds import Angle, Integer, Key, Mistake, Number, Table
 from ..base import Constants, Event, Label, Model, mistake_of
 from ..constants import attributes
-from ..terms.laws import coefficient_at, first_values, law_constants
+from ..terms.laws import (
+    coefficient_at,
+    coefficient_kind,
+    first_values,
+    law,
+    law_constants,
+    least_value,
+    slope_at,
+    zero_of_base,
+)
 from .nutation import (
     Nutation,
     drift,
+    drift_by_mu,
     first_integrals,
     mean_cosine,
     nutation,
     nutation_at_start,
 )
-from .torques import LAW, PERTURBATION, PERTURBATIONS
+from .torques import LAW, PERTURBATION, PERTURBATIONS, axial_torque, with_mu
 
 NEAR, TOO_NEAR = 1e-8, 1e-14
 """The 1 - k^2 below which the averaged forms have lost half their digits, and all."""
@@ -43,7 +53,8 @@ class Top(Model):
     """What the forms share: the keys and their checks."""
 
     inertia: Mapping[str, float]
-    mu: float
+    mu: Any
+    m: Any
     a: tuple[float, ...] | Mapping[str, Any]
     b: tuple[float, ...] | Mapping[str, Any]
     initial: Mapping[str, float | None]
@@ -60,9 +71,15 @@ class Top(Model):
             "moments of inertia about the fixed point",
         ),
         "mu": Key(
-            Number(above=0),
-            "largest restoring moment (heavy top: m g l)",
+            coefficient_kind("moment of inertia / time^2", "tau", above=0),
+            "largest restoring moment (heavy top: mass g l)",
             "moment of inertia / time^2",
+        ),
+        "m": Key(
+            coefficient_kind("moment of inertia / time^2", "tau"),
+            "torque m(tau) about the axis of symmetry",
+            "moment of inertia / time^2",
+            default=None,
         ),
         "a": Key(LAW, "equatorial coefficient of resistance a(tau)", "moment of inertia / time"),
         "b": Key(LAW, "axial coefficient of resistance b(tau)", "moment of inertia / time"),
@@ -95,19 +112,39 @@ class Top(Model):
             top = cls(**{**dict.fromkeys(cls.keys), **data})
             yield from mistake_of(("initial",), top.refuse_start)
 
+    @classmethod
+    def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
+        for name in ("mu", "m", "a", "b"):
+            if (given := data.get(name)) is not None and start <= (zero := zero_of_base(given)):
+                yield (name,), f"the base of its power law is 0 at tau = {zero:.6g}: start later"
+                return
+        if not law(data["mu"])[0]:
+            return
+        if start:
+            yield ("mu",), "a law of mu begins with the initial data: take time.start 0"
+        elif (least := least_value(data["mu"], start, end)) <= 0:
+            yield ("mu",), f"mu falls to {least:.6g} in the span, and has to stay positive"
+
     def refuse_start(self) -> None:
         """Raise ValueError, with a sentence, if no motion of this form has these initial data."""
         _ = self.nutation
 
+    @property
+    def mu_at_start(self) -> Any:
+        """mu at tau = 0."""
+        return coefficient_at(SimpleNamespace(**law_constants("mu", self.mu)), "mu", 0.0)
+
     @cached_property
     def nutation(self) -> Nutation:
         """The start, and the nutation there."""
-        return nutation_at_start(self.inertia, self.mu, self.initial)
+        return nutation_at_start(self.inertia, self.mu_at_start, self.initial)
 
     @cached_property
     def constants(self) -> Constants:
-        laws = law_constants("a", self.a) | law_constants("b", self.b)
-        return {**self.inertia, "mu": self.mu, **laws}
+        laws = law_constants("mu", self.mu)
+        if self.m is not None:
+            laws |= law_constants("m", self.m)
+        return {**self.inertia, **laws, **law_constants("a", self.a), **law_constants("b", self.b)}
 
     @property
     def warnings(self) -> list[str]:
@@ -150,7 +187,7 @@ class Nutating(Top):
 
 def upright_stability(t: Any, y: Sequence[Any], k: Any) -> Any:
     """C^2 r^2 - 4 A mu: positive while a top that turns upright is stable."""
-    return k.C * k.C * y[2] * y[2] - 4 * k.A * k.mu
+    return k.C * k.C * y[2] * y[2] - 4 * k.A * coefficient_at(k, "mu", t)
 
 
 @dataclass(frozen=True)
@@ -158,19 +195,19 @@ class AveragedTop(Nutating):
     """The Lagrange top under linear resistance that changes slowly with time, averaged over its
     nutation.
 
-    dGz/dtau = -[a (Gz - C r v)/A + b r v]
-    dH/dtau = -[a (2 H - C r^2 - 2 mu v)/A + b r^2]
-    dr/dtau = -b r/C
+    dGz/dtau = -[a (Gz - C r v)/A + b r v] + m v
+    dH/dtau = -[a (2 H - C r^2 - 2 mu v)/A + b r^2] + m r + mu' v
+    C dr/dtau = m - b r
     v = <cos theta> = u3 - (u3 - u1) E(k)/K(k)
 
     Gz, H, r: vertical angular momentum, energy, angular velocity about the axis of symmetry
     (`initial`); u1 <= u2 <= 1 <= u3: roots of the cubic Q(cos theta), cos theta running from u1 to
     u2, and k^2 = (u2 - u1)/(u3 - u1); A, C: equatorial and axial moments of inertia about the fixed
-    point (`inertia`); mu: largest restoring moment (`mu`); a, b: coefficients of resistance,
-    functions of tau (`a`, `b`); tau = epsilon t is the time. Assumed: epsilon small; right to
-    O(epsilon) on an interval of order 1/epsilon, while u2 < u3. A = C is allowed: no formula
-    divides by A - C. An upright top, theta = 0, ends when it becomes unstable (event
-    `upright_unstable`): where C^2 r^2 = 4 A mu.
+    point (`inertia`); mu: largest restoring moment (`mu`); a, b: coefficients of resistance (`a`,
+    `b`); m: torque about the axis of symmetry (`m`), 0 in the source; all functions of tau; tau =
+    epsilon t is the time. Assumed: epsilon small; right to O(epsilon) on an interval of order
+    1/epsilon, while u2 < u3. A = C is allowed: no formula divides by A - C. An upright top, theta =
+    0, ends when it becomes unstable (event `upright_unstable`): where C^2 r^2 = 4 A mu.
 
     The state is U = Gz - C r and Z = 1 - (2 H - C r^2)/(2 mu), both 0 for an upright top, r, and e
     = (u2 - u1)/2, which obeys e' = e F with F regular: so regular precession (u1 = u2, where every
@@ -188,14 +225,21 @@ class AveragedTop(Nutating):
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        r, e = y[2], y[3]
-        X, w = nutation(y, k)
-        a, b = coefficient_at(k, "a", t), coefficient_at(k, "b", t)
-        towards_u2 = e * mean_cosine(e, w)
-        return drift(y, k, (-a, a * towards_u2, -b * r, b * r * towards_u2), (X, w))
+        now = with_mu(k, t)
+        X, w = nutation(y, now)
+        a, M3 = coefficient_at(k, "a", t), axial_torque(t, y[2], k)
+        mean = mean_cosine(y[3], w)
+        towards_u2 = y[3] * mean
+        rates = drift(y, now, (-a, a * towards_u2, M3, -M3 * towards_u2), (X, w))
+        if now is k:
+            return rates
+        change = slope_at(k, "mu", t) / now.mu
+        by_mu = drift_by_mu(y, now, change, mean, (X, w))
+        return tuple(rate + more for rate, more in zip(rates, by_mu, strict=True))
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        k = with_mu(k, t)
         U, Z, r, e = y.T
         # w is 0 where an upright top becomes unstable, and rounding may bring w^2 below.
         X, w = (value.real for value in nutation([*(y.T + 0j)], k))
@@ -241,6 +285,11 @@ class AveragedU(Nutating):
 
     form = "averaged-u"
     state = ("u1", "u2", "u3", "r")
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        yield from super().check(data)
+        yield from constant_mu(cls.form, data, "m")
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -292,6 +341,15 @@ class AveragedU(Nutating):
         return np.array([1 - X - y[3], 1 - X + y[3], 1 - X + w, y[2]])
 
 
+def constant_mu(form: str, data: Mapping[str, Any], *others: str) -> Iterator[Mistake]:
+    """The mistakes of a form in which mu is constant and other torques do not occur."""
+    for name in ("mu", *others):
+        given = data.get(name)
+        if given is not None and (name != "mu" or law(given)[0]):
+            wanted = "takes a constant mu" if name == "mu" else f"has no {name}"
+            yield (name,), f"form {form} {wanted}; forms averaged and full have it"
+
+
 def integrals_from_roots(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
     """Gz and H from (u1, u2, u3, r): the second and the first of eqs (1.5)."""
     u1, u2, u3, r = y
@@ -337,8 +395,9 @@ class FullTop(Top):
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         p, q, r, g1, g2, g3 = y
-        A, C, mu, eps = k.A, k.C, k.mu, k.epsilon
-        f, M3 = PERTURBATIONS[k.perturbation](t, *first_integrals(y[:3], y[3:], k), r, g3, k)
+        now = with_mu(k, t)
+        A, C, mu, eps = k.A, k.C, now.mu, k.epsilon
+        f, M3 = PERTURBATIONS[k.perturbation](t, *first_integrals(y[:3], y[3:], now), r, g3, now)
         return (
             # By tau = eps t: the free motion is divided by eps, and the eps of the torque drops
             # out.
@@ -372,7 +431,7 @@ class FullTop(Top):
         x = min(max(self.nutation.X, 0.0), 2.0)
         sine = sqrt(x * (2 - x))
         q = (self.nutation.U + C * r * x) / (A * sine) if sine else 0.0
-        p = sqrt(max(2 * self.mu * (x - self.nutation.Z) / A - q * q, 0.0))
+        p = sqrt(max(2 * self.mu_at_start * (x - self.nutation.Z) / A - q * q, 0.0))
         return p, q, r, 0.0, sine, 1 - x
 
 
@@ -407,6 +466,11 @@ class AveragedQuadrature(AveragedTop):
             default=32,
         ),
     }
+
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        yield from super().check(data)
+        yield from constant_mu(cls.form, data)
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:

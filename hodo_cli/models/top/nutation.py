@@ -84,6 +84,26 @@ def drift(
     return dU, dZ, M3 / C, de
 
 
+def drift_by_mu(
+    y: Sequence[Any], k: Any, change: Any, mean: Any, shape: tuple[Any, Any]
+) -> tuple[Any, ...]:
+    """dy/dtau of the state (U, Z, r, e) where mu changes at the rate `change` = mu'/mu, by dH/dtau
+    = mu' v; `mean` is that of `mean_cosine`.
+
+    As in `drift` M(X) is divided by e by hand: by the cubic itself (U + c X)^2/(2 A mu) is X (2 -
+    X)(X - Z) - e^2 w, so that all that is not of the order of e^2 cancels.
+    """
+    U, Z, r, e = y
+    X, w = shape
+    c = k.C * r
+    dZ = change * (X - Z - e * e * mean)
+    dT1 = dZ + change * c * c / (2 * k.A * k.mu)
+    M = change * e * (mean * X * (2 - X) - w)
+    slope = 2 * dZ * (X - 1) + change * c * (U + c * X) / (k.A * k.mu)
+    de = (w * (M + e * dT1) - e * slope) / (2 * (w - e) * (w + e))
+    return 0 * U, dZ, 0 * r, de
+
+
 def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any]:
     """Gz and H, eqs (1.2), from the components of omega and of the vertical in body axes; k has A,
     C and mu."""

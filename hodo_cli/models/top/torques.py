@@ -1,6 +1,7 @@
 """The torques on a Lagrange top, whose coefficients are functions of slow time."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 from ...schema.kinds import Choice, Key
@@ -10,9 +11,22 @@ LAW = law_kind("moment of inertia / time", "tau")
 """A coefficient of resistance as a function of tau."""
 
 
+def axial_torque(tau: Any, r: Any, k: Any) -> Any:
+    """M3 = m - b r; where a case gives no m it is 0."""
+    resistance = -coefficient_at(k, "b", tau) * r
+    return resistance + coefficient_at(k, "m", tau) if hasattr(k, "m") else resistance
+
+
+def with_mu(k: Any, tau: Any) -> Any:
+    """The constants of a top with mu as it is at tau."""
+    if not hasattr(k, "mu_law"):
+        return k
+    return SimpleNamespace(**{**vars(k), "mu": coefficient_at(k, "mu", tau)})
+
+
 def linear_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
-    """M = (-a p, -a q, -b r), eq. (3.1)."""
-    return -coefficient_at(k, "a", tau), -coefficient_at(k, "b", tau) * r
+    """M = (-a p, -a q, m - b r); eq. (3.1) where m = 0."""
+    return -coefficient_at(k, "a", tau), axial_torque(tau, r, k)
 
 
 def cubic_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tuple[Any, Any]:
