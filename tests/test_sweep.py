@@ -26,6 +26,7 @@ from hodo_cli.cases import sweep_block
 from hodo_cli.cases.case import Case, parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import classify, run
+from hodo_cli.engines import protocol
 from hodo_cli.engines.protocol import Status
 from hodo_cli.figures import geometry, maps
 from hodo_cli.integration.classify import cross
@@ -436,6 +437,18 @@ def test_the_limits_of_a_case_are_those_of_each_member() -> None:
         f"{{damping.2: {{values: [0, 1]}}}}"
     )
     assert computed(case)["status"].tolist() == [Status.TIMEOUT.code, Status.TIMEOUT.code]
+
+
+def test_members_have_the_limit_of_steps_that_cases_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1e7 of them take a member to its end or to a timeout in some 10 s."""
+    for method in protocol.LAST_STEP:
+        monkeypatch.setitem(protocol.LAST_STEP, method, 60)
+    case = one(
+        "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [5e-13, 4e-13, 3e-13], "
+        "time: {end: 1e12}, error: off, initial: {p: 0.8, q: 0.5, r: 0.74}, "
+        "sweep: {damping.2: {values: [2e-13, 3e-13]}}"
+    )
+    assert computed(case)["status"].tolist() == [Status.TIMEOUT.code] * 2
 
 
 def test_the_end_of_spin_of_members() -> None:
