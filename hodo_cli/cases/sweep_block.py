@@ -74,6 +74,7 @@ PASSED = (
     *("crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings"),
     *("start_axis", "end_axis"),
     *("event_predicted", "event_scatter", "event_sense", "event_probability"),
+    "event_probability_error",
 )
 """What a member is reduced to where the motion itself stores its axis and its passages."""
 

@@ -23,6 +23,9 @@ SHORT = 0.02
 _RUN: set[tuple[type[Model], str]] = set()
 """The kinds of motions that this process has timed."""
 
+CHANCE_ERROR = 0.05
+"""The error of a probability of which a motion is warned: what 100 motions by chance show."""
+
 
 def integrate(case: Case) -> Trajectory:
     """Integrate a case by its method and measure its error.
@@ -66,6 +69,12 @@ def remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[str]:
     if worst > 10 * asked:
         whose = "asked for" if case.tol else "that is usual"
         yield f"the measured error {worst:.1e} exceeds ten times the {asked:.0e} {whose}"
+    for event in motion.events:
+        if (off := event.details.get("probability_error", 0.0)) > CHANCE_ERROR:
+            yield (
+                f"event_probability at t = {event.time:.6g} may be off by {off:.2g}: it holds in "
+                "the limit of a weak torque"
+            )
     if case.error == "on" and math.isnan(worst):
         yield "the error could not be measured"
     for name, values in motion.variables.items():

@@ -155,6 +155,7 @@ EVENT_DETAILS = {
     "sense": Stored("predicted sense of rotation afterwards, 0 undetermined", ("event",)),
     "lag": Stored("predicted delay of the motion after the passage", ("event",)),
     "probability": Stored("probability of capture about the other axis", ("event",)),
+    "probability_error": Stored("how far off it may be, for the torque's strength", ("event",)),
     "G1": Stored("G/|G| along x1 as the body stops", ("event",)),
     "G2": Stored("G/|G| along x2 as the body stops", ("event",)),
     "G3": Stored("G/|G| along x3 as the body stops", ("event",)),
