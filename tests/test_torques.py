@@ -354,3 +354,22 @@ def test_random_sums_obey_the_theorems() -> None:
             if sentence == "no crossing is possible":
                 assert not passed
     assert crossings
+
+
+def test_a_symmetric_body_with_fluid_and_damping_has_a_closed_form() -> None:
+    A, C, kappa, rate, end = 1.0, 0.6, 0.02, 0.002, 400.0
+    motion = hodo.run(
+        {
+            "model": "torques",
+            "inertia": [A, A, C],
+            "initial": {"p": 0.5, "q": 0.25, "r": 1.4},
+            "damping": rate,
+            "kappa": kappa,
+            "time": {"end": end, "samples": 5},
+        }
+    )
+    G = motion["omega"].values * [A, A, C]
+    t, square = motion["time"].values, (G[0] ** 2).sum()
+    tilt = np.log(np.hypot(G[:, 0], G[:, 1]) / np.abs(G[:, 2]))
+    fall = -np.expm1(-2 * rate * t) / (2 * rate)
+    assert tilt - tilt[0] == pytest.approx(kappa * (A - C) * square * fall / (A**3 * C), abs=1e-12)

@@ -387,9 +387,18 @@ KEY_SYMBOLS = {
     "cavity.kappa": r"\kappa",
     "mu": r"\mu",
     "damping": r"\lambda",
+    "quadratic": "c",
+    "quadratic_axes": "c",
+    "brake": "b",
 }
 
-VECTOR_SYMBOLS = {"damping": r"\lambda", "inertia": "A", "torque": "M"}
+VECTOR_SYMBOLS = {
+    "damping": r"\lambda",
+    "inertia": "A",
+    "torque": "M",
+    "quadratic": "c",
+    "quadratic_axes": "c",
+}
 
 
 def key_symbol(key: str) -> str:
