@@ -208,7 +208,7 @@ def summary(run: ResultFile, config: Config, claims: Sequence[Any], errata: Sequ
         f"{len(config.figures)} figures are drawn from {len(names)} motions, whose measured errors "
         f"are at most {largest:.1g}."
     )
-    return textwrap.fill(words, WIDTH)
+    return textwrap.fill(words, WIDTH, break_on_hyphens=False)
 
 
 def page(run: ResultFile) -> str:

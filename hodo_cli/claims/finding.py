@@ -109,11 +109,11 @@ def difference_above(within: float) -> str:
     return f"a relative difference above {max(within, PLOTTING_ACCURACY):g}"
 
 
-def erratum(printed: float, corrected: float, within: float) -> Finding:
+def erratum(printed: float, corrected: float, within: float, what: str = "off by") -> Finding:
     """A printed form that is wrong and a corrected one that is right to `within`, by the relative
-    error of each; decided by that of the printed form.
+    error of each, or by what is said of it; decided by that of the printed form.
     """
-    words = f"as printed off by {printed:.3g}, corrected by {corrected:.2g}"
+    words = f"{what} {printed:.3g} as printed, {corrected:.2g} corrected"
     shown = if_true(corrected <= within < printed)
     return Finding(shown, printed, words, f"a corrected form that is off by more than {within:g}")
 

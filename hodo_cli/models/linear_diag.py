@@ -37,7 +37,7 @@ class LinearDiag(BodyFrame):
     D changes sign at most once: with l and s the axes of largest and smallest inertia, where D = 0
     dD/dt = -2 (lambda_l - lambda_s) A_l (A_l - A_m) w_l^2, which never changes sign.
 
-    Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (1)-(4).
+    Source: A. L. Rachinskaya, rotation of a rigid body in a resistant medium, eqs (1)-(4).
     """
 
     damping: tuple[float, float, float]

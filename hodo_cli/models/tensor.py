@@ -50,7 +50,7 @@ class Tensor(BodyFrame):
     I is constant. It takes energy out of every motion only if its symmetric part is positive
     semi-definite; a tensor that feeds energy in runs too, with a warning.
 
-    Source: A. L. Rachinskaya, rotation of a rigid body in a resisting medium, eqs (9)-(11).
+    Source: A. L. Rachinskaya, rotation of a rigid body in a resistant medium, eqs (9)-(11).
     """
 
     resistance: tuple[tuple[float, ...], ...] | Mapping[str, float]

@@ -1,4 +1,4 @@
-"""Checks for A. L. Rachinskaya, Rotation of a rigid body in a resisting medium (UDC 521.1).
+"""Checks for A. L. Rachinskaya, Rotation of a rigid body in a resistant medium (UDC 521.1).
 
 Equation numbers are the paper's. Its body axes are ordered: A1 > A2 > A3.
 """
@@ -426,7 +426,8 @@ def curve_1(motions: Sequence[Motion]) -> Finding:
     (m,) = motions
     corrected = m.inertia * (m.omega[0, 0], m.omega[0, 1], 0.73)
     printed = abs(float(m["G"][0]) - 1)
-    return erratum(printed, abs(float(np.linalg.norm(corrected)) - 1), UNIT_SPHERE)
+    off = abs(float(np.linalg.norm(corrected)) - 1)
+    return erratum(printed, off, UNIT_SPHERE, "||G(0)| - 1| is")
 
 
 @Check
@@ -494,7 +495,7 @@ def scaled(motions: Sequence[Motion], letter: str) -> Finding:
 def curve_3(motions: Sequence[Motion]) -> Finding:
     """|D|/G^2 of curve 3 with the printed and with the corrected r0; near is up to 0.001."""
     printed, corrected = (number(m, "separatrix_distance", "start") for m in motions)
-    return erratum(printed, corrected, 0.001)
+    return erratum(printed, corrected, 0.001, "|D|/G^2 is")
 
 
 @Check
@@ -526,7 +527,8 @@ def phase_in_equation_6(motions: Sequence[Motion]) -> Finding:
     (m,) = motions
     printed, corrected = as_in_equation_6(m, 1, 1)[0, 1], by_equal_damping(m)[0, 1]
     q0 = m.omega[0, 1]
-    return erratum(abs(float(printed - q0)), abs(float(corrected - q0)), 1e-12)
+    off = abs(float(printed - q0)), abs(float(corrected - q0))
+    return erratum(*off, 1e-12, "|q1(0) - q0| is")
 
 
 def damped_from(m: Motion, start: np.ndarray) -> np.ndarray:

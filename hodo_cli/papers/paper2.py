@@ -220,7 +220,7 @@ def power_of_epsilon(motions: Sequence[Motion]) -> Finding:
         limits = [float(quantity(integrated_motion(case), "x")[-1]) for case in ends]
         off.append(max(abs(x - given) for x, given in zip(limits, read, strict=True)))
     # The text rounds 0.767 to 0.76.
-    return erratum(off[0], off[1], 0.01)
+    return erratum(off[0], off[1], 0.01, "the limits of x are off by")
 
 
 @Check
