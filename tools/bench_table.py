@@ -9,12 +9,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+import xarray
 
 from hodo_cli.commands.trials import TRIAL_VERDICTS
 from hodo_cli.figures.costs import draw_bench
 from hodo_cli.figures.sheet import save
-from hodo_cli.storage.group import Group
-from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.text import magnitude, seconds
 
 STEP = 2
@@ -28,7 +27,7 @@ def cell(error: float, time: float, status: str) -> str:
     return f"{magnitude(error)}, {seconds(time)}"
 
 
-def rows(trials: Group) -> Iterator[Sequence[str]]:
+def rows(trials: xarray.Dataset) -> Iterator[Sequence[str]]:
     """The lines of the table; a method that solves a case at no tolerance has none."""
     columns = trials.variables
     cases, methods, tols = (columns[name].data for name in ("case", "method", "tol"))
@@ -43,7 +42,6 @@ def rows(trials: Group) -> Iterator[Sequence[str]]:
 
 
 if __name__ == "__main__":
-    with open_run(Path(sys.argv[1])) as run:
-        bench = run.read("bench")
+    bench = xarray.load_dataset(sys.argv[1], group="bench", engine="netcdf4")
     print("\n".join(f"| {' | '.join(row)} |" for row in rows(bench)))
     save(draw_bench(bench, TRIAL_VERDICTS), Path(sys.argv[2]))
