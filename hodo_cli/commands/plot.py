@@ -235,7 +235,7 @@ class Folder:
 
     def _kept(self, name: str) -> DrawnFigure | None:
         """A figure all of whose files are as they would be drawn; None if one is not."""
-        entries = {file: self.record.get(file, NEVER) for file in self._files(name)}
+        entries = {file: self.record.get(file, NEVER_DRAWN) for file in self._files(name)}
         for file, entry in entries.items():
             if entry["digest"] != self._digest(name, entry["cases"], file):
                 return None
@@ -265,7 +265,7 @@ class Folder:
 def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: bool) -> Sequence[str]:
     """Write the page of all figures, unless it is as it would be; the warnings that it gives."""
     record = read_record(out)
-    entry = record.get(PAGE_FILE, NEVER)
+    entry = record.get(PAGE_FILE, NEVER_DRAWN)
     if force or entry["digest"] != page_digest(out, folders):
         shown = [(folder.result, folder.config, folder.figures) for folder in folders]
         for _, given in workers.map(page_written, [PageTask(out, shown)]):
@@ -314,28 +314,30 @@ def bytes_digest(file: Path) -> str:
         return ""
 
 
-Entry = dict[str, Any]
+FileRecord = dict[str, Any]
 
-NEVER: Entry = {"digest": None, "cases": (), "warnings": ()}
-"""The entry of a file that has not been drawn."""
+NEVER_DRAWN: FileRecord = {"digest": None, "cases": (), "warnings": ()}
+"""The record of a file that has not been drawn."""
 
 
-def entry_of(digest: str, cases: Sequence[str], given: Sequence[str]) -> Entry:
+def entry_of(digest: str, cases: Sequence[str], given: Sequence[str]) -> FileRecord:
     """How a file was made: the digest of what it depends on and of its content, the cases that it
     has asked for, and the warnings that it gave."""
     return {"digest": digest, "cases": cases, "warnings": given}
 
 
-def read_record(folder: Path) -> dict[str, Entry]:
+def read_record(folder: Path) -> dict[str, FileRecord]:
     """How the files of a folder were made, as JSON beside them says."""
     # One that is missing, unreadable or not ours costs no more than drawing anew.
     with suppress(OSError, ValueError, AttributeError):
         entries = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        return {name: entry for name, entry in entries.items() if entry.keys() == NEVER.keys()}
+        return {
+            name: entry for name, entry in entries.items() if entry.keys() == NEVER_DRAWN.keys()
+        }
     return {}
 
 
-def save_record(folder: Path, record: dict[str, Entry]) -> None:
+def save_record(folder: Path, record: dict[str, FileRecord]) -> None:
     """Write the record of a folder. Raises HodoError if that is refused."""
     with replacing(folder / RECORD) as draft:
         draft.write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8")

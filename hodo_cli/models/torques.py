@@ -208,7 +208,7 @@ class Torques(BodyFrame):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        for name, entries in coefficients(data).items():
+        for name, entries in given_coefficients(data).items():
             zero = max(map(zero_of_base, entries), default=-math.inf)
             if start <= zero:
                 yield (name,), f"the base of its power law is 0 at t = {zero:.6g}: start later"
@@ -216,7 +216,7 @@ class Torques(BodyFrame):
     @cached_property
     def constants(self) -> Constants:
         every: dict[str, Any] = {}
-        for term, entries in coefficients(vars(self)).items():
+        for term, entries in given_coefficients(vars(self)).items():
             factor = self.epsilon if term == "torque" else 1.0
             for name, given in zip(TERMS[term].degree, entries, strict=True):
                 every |= law_constants(name, given, factor)
@@ -279,7 +279,7 @@ class Torques(BodyFrame):
     @property
     def along_momentum(self) -> AlongMomentum | None:
         """The rates of a sum of equal damping and a brake, both constant; None for other sums."""
-        given = coefficients(vars(self))
+        given = given_coefficients(vars(self))
         rates = given.get("damping", (0.0,)) + given.get("brake", ())
         if given.keys() - {"damping", "brake"} or not all(isinstance(x, float) for x in rates):
             return None
@@ -317,7 +317,7 @@ class Torques(BodyFrame):
     def dissipation(self) -> Dissipation | None:
         """The coefficients that theorems on crossings take; None for a sum that they do not
         cover."""
-        given = coefficients(vars(self))
+        given = given_coefficients(vars(self))
         numbers = [x for entries in given.values() for x in entries]
         if given.keys() & {"space_torque", "expression"} or not all(
             isinstance(x, float) for x in numbers
@@ -511,7 +511,7 @@ def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
             yield (name,), NEGATIVE
 
 
-def coefficients(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+def given_coefficients(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     """The coefficients of each term that a case names, numbers or laws, in the order of the term's
     constants."""
     entries = {name: data[name] for name in terms_named(data) if name != "kappa"}

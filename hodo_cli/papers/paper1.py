@@ -360,31 +360,31 @@ def size_changes_spacing(members: Sequence[Sequence[Motion]]) -> Finding:
     return Finding(if_true(character and min(steps) > 0), min(steps), words, other)
 
 
-LATE = 3000.0
+LATE_TIME = 3000.0
 """The one time to which motions are followed for where they tend; Fig 18 crosses until 1625. By the
 asymptotic laws that `hodo classify` applies, the side of the separatrix stays after it."""
 
 
 def late(m: Motion) -> Motion:
-    """A motion to LATE, sampled as densely as it is."""
-    samples = round((len(m.time) - 1) * LATE / (m.time[-1] - m.time[0])) + 1
-    return integrated_motion(changed(m.case, {"time.end": LATE, "time.samples": samples}))
+    """A motion to LATE_TIME, sampled as densely as it is."""
+    samples = round((len(m.time) - 1) * LATE_TIME / (m.time[-1] - m.time[0])) + 1
+    return integrated_motion(changed(m.case, {"time.end": LATE_TIME, "time.samples": samples}))
 
 
 @Check
 def late_axis_is_x1(motions: Sequence[Motion]) -> Finding:
-    """The axis enclosed at LATE is x1; decided by the number of motions for which it is."""
+    """The axis enclosed at LATE_TIME is x1; decided by the number of motions for which it is."""
     ends = [LABELS[int(late(m).labels[-1])] for m in motions]
     right = ends.count("x1")
-    words = f"{right} of {len(ends)} about x1 at tau = {LATE:g}"
+    words = f"{right} of {len(ends)} about x1 at tau = {LATE_TIME:g}"
     return Finding(if_true(right == len(ends)), float(right), words, "another axis at the end")
 
 
 @Check
 def late_direction_is_x1(motions: Sequence[Motion]) -> Finding:
-    """G points along x1 at LATE, to 1 %; decided by the smallest |G1|/|G|."""
+    """G points along x1 at LATE_TIME, to 1 %; decided by the smallest |G1|/|G|."""
     along = [float(late(m)["x1_direction"][-1]) for m in motions]
-    words = f"|G1|/|G| = {listed(along, 3)} at tau = {LATE:g}"
+    words = f"|G1|/|G| = {listed(along, 3)} at tau = {LATE_TIME:g}"
     return Finding(if_true(min(along) >= 0.99), min(along), words, "a ratio below 0.99")
 
 

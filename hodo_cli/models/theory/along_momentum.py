@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-TERMS = 32
+SERIES_TERMS = 32
 """Terms of the series of int a: of 2^n/n! the last one is below the rounding of long double."""
 
 
@@ -131,7 +131,7 @@ def _area(z: Any, w: Any) -> Any:
     """y(1) of y'' + z y' + w y = 1 from rest, for |z| < 2 and w < 1, by its Taylor series."""
     before, last = 0 * (z + w), 0.5 + 0 * (z + w)
     total = last
-    for n in range(1, TERMS):
+    for n in range(1, SERIES_TERMS):
         before, last = last, -(z * (n + 1) * last + w * before) / ((n + 2) * (n + 1))
         total = total + last
     return total
