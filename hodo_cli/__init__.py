@@ -12,11 +12,18 @@ __version__ = "0.2.0"
 
 
 class HodoError(Exception):
-    """A mistake that the user can mend; shown as one line, without a traceback. Exit status 2."""
+    """A mistake that the user can mend; shown as one line, without a traceback. Exit status 2.
+
+    Where cases, figures or statements are gone through, it belongs to one of them."""
 
 
-class BatchError(HodoError):
-    """Nothing can be computed or written any more: the batch ends, and no case is to blame."""
+class BatchError(Exception):
+    """Nothing can be computed, read or written any more: the command ends, and no case is to blame;
+    shown as one line. Exit status 2."""
+
+
+NOT_OF_A_CASE = (BatchError, OSError, ModuleNotFoundError)
+"""What no case, figure or task is to blame for. Who catches every exception lets these pass."""
 
 
 LATE = ("Case", "open", "plot", "run", "sweep")

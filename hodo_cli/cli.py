@@ -1,7 +1,6 @@
 """The command line: one short function a command. Each imports what it needs, so that `--help`
 loads nothing heavy."""
 
-import errno
 import io
 import json
 import os
@@ -16,7 +15,8 @@ from typing import Any, NoReturn, TypeVar
 
 import click
 
-from . import HodoError, __version__
+from . import BatchError, HodoError, __version__
+from .machine import RESOURCES
 
 
 def _end(number: int, frame: object) -> NoReturn:
@@ -50,7 +50,7 @@ class Hodo(click.Group):
                     return super().invoke(ctx)
                 finally:  # a full device is noticed here, not when Python ends
                     sys.stdout.flush()
-        except HodoError as error:
+        except (HodoError, BatchError) as error:
             if ctx.params["traceback"]:
                 traceback.print_exc()
             _refuse(ctx, str(error))
@@ -84,13 +84,6 @@ def misused(error: click.UsageError) -> str:
     """A wrong option or argument in one line: click's own message takes four."""
     command = error.ctx.command_path if error.ctx else "hodo"
     return f"{command}: {error.format_message().rstrip('.')} (see {command} --help)"
-
-
-RESOURCES = (
-    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF),
-    *(errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM),
-)
-"""Errors of the machine, which a traceback would not explain."""
 
 
 def _open_standard_files() -> None:

@@ -1,5 +1,6 @@
 """This machine: its memory, and the versions of the libraries that are installed."""
 
+import errno
 import os
 import sys
 from contextlib import suppress
@@ -11,6 +12,12 @@ from pathlib import Path
 HAVE_LIMITS = find_spec("resource") is not None
 if HAVE_LIMITS:
     import resource
+
+RESOURCES = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF),
+    *(errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM),
+)
+"""Errors of the machine, which no file and no case is to blame for."""
 
 
 @cache

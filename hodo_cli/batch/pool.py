@@ -6,7 +6,7 @@ from functools import partial
 from itertools import islice
 from typing import Any, Self, TypeVar
 
-from .. import BatchError, HodoError
+from .. import NOT_OF_A_CASE, BatchError, HodoError
 from . import WorkerLost
 from .digests import process_digest
 
@@ -15,9 +15,6 @@ Result = TypeVar("Result")
 
 TOGETHER = 2
 """How often a task is tried beside others: a worker may be killed for memory that others take."""
-
-NOT_OF_A_TASK = (BatchError, ModuleNotFoundError)
-"""What ends the batch, because no task is to blame for it."""
 
 DIED = "its process died: killed, or out of memory"
 
@@ -104,7 +101,7 @@ def _is_lost(future: Future[Any]) -> bool:
 def _attempt(function: Callable[[Task], Result], task: Task) -> Result | Exception:
     try:
         return _with_digest(function, task)[1]
-    except NOT_OF_A_TASK:
+    except NOT_OF_A_CASE:
         raise
     except Exception as error:
         return error
@@ -118,6 +115,8 @@ def _with_digest(function: Callable[[Task], Result], task: Task) -> tuple[str, R
         raise
     except ImportError as error:  # too large for a limit on memory, say
         raise BatchError(f"a library cannot be loaded: {error}") from None
+    except OSError as error:
+        raise BatchError(f"the operating system refuses it: {error}") from error
     return process_digest(), result
 
 
@@ -126,7 +125,7 @@ def _outcome(future: Future[tuple[str, Any]]) -> Any:
 
     Raises BatchError if the executor has given up, or another version computed the result.
     """
-    if isinstance(error := future.exception(), NOT_OF_A_TASK):
+    if isinstance(error := future.exception(), NOT_OF_A_CASE):
         raise error
     if isinstance(error, Exception):
         return error

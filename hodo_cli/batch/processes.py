@@ -192,7 +192,9 @@ def _answer(call: bytes) -> bytes:
         function, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, function(*args, **kwargs)))
     except Exception as error:
-        if not isinstance(error, HodoError):  # a bug, which is looked for where it arose
+        if not isinstance(
+            error, HodoError | BatchError
+        ):  # a bug, which is looked for where it arose
             error.add_note(traceback.format_exc())
         try:
             return pickle.dumps((False, error))

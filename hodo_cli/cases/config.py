@@ -100,8 +100,13 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     for each mistake.
     """
     file_path, name = _path_and_label(str(path))
+    return parse(text_of(file_path, name), name, overrides)
+
+
+def text_of(path: Path, name: str) -> str:
+    """The text of a case file, which messages call `name`. Raises HodoError if it has none."""
     try:
-        with open(file_path, "rb") as file:
+        with open(path, "rb") as file:
             # One byte more than allowed tells a file that is too large without reading it.
             raw = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
@@ -117,13 +122,12 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Config:
         raise mistakes.fatal(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
     try:
         # Editors on Windows put a byte order mark before the text.
-        text = raw.decode("utf-8-sig")
+        return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         column = error.start - raw.rfind(b"\n", 0, error.start)
         message = f"not UTF-8 text (byte {raw[error.start]:#04x})"
         raise mistakes.fatal(Place(line, column), message) from None
-    return parse(text, name, overrides)
 
 
 def no_case(globs: Sequence[str], names: Iterable[str]) -> HodoError:

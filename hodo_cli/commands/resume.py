@@ -12,7 +12,7 @@ from pathlib import Path
 from .. import HodoError, models
 from ..batch.digests import PACKAGE, code_digest, digest, library_digest
 from ..cases.case import Case, dump
-from ..cases.config import Config, is_bare, load, parse
+from ..cases.config import Config, is_bare, load, parse, text_of
 from ..schema.document import YAML_SUFFIXES
 from ..storage.finished import Finished
 from ..storage.hdf5 import ResultFile
@@ -130,8 +130,9 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
 def _config_of(run: ResultFile) -> Config | None:
     """The config of a result where it lies, if it has changed and can be read."""
     path = run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))
+    # A result never needs its config, and a stranger's may name any file as such.
     with suppress(OSError, HodoError):
-        if path.is_file() and path.read_text(encoding="utf-8-sig") != run.text:
+        if path.is_file() and text_of(path, str(path)) != run.text:
             return load(os.path.relpath(path))
     return None
 

@@ -11,7 +11,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from .. import BatchError, HodoError
+from .. import NOT_OF_A_CASE, HodoError
 from ..batch.digests import digest
 from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
@@ -283,7 +283,7 @@ def outcomes(
             try:
                 id = case_digest(case)
                 yield case, sweep.run_sweep(case, id, pool, writer, resume, progress)
-            except BatchError:
+            except NOT_OF_A_CASE:
                 raise
             except Exception as error:
                 yield case, error

@@ -14,7 +14,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from .. import HodoError
+from .. import NOT_OF_A_CASE, HodoError
 from ..cases.figure_block import Drawable, DrawnFigure, check_drawn
 from ..results.dataset import MOTION_DIMS, Cases, case_in, sweep_axes
 from ..schema.kinds import Wrong, unknown
@@ -126,7 +126,7 @@ def render(
         return DrawnFigure(name, tuple(_files(cases, figures, name, files)))
     except HodoError as error:
         return DrawnFigure(name, problem="; ".join(str(error).splitlines()))
-    except ModuleNotFoundError:
+    except NOT_OF_A_CASE:
         raise
     except Exception as error:
         # A mistake of ours in one figure shall not cost the others; it is no traceback then, so

@@ -2,6 +2,7 @@
 their staging folders. A Batch shows both as one result."""
 
 import os
+import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -186,11 +187,22 @@ def resume_attributes(run: ResultFile, name: str) -> dict[str, str]:
 
 
 def shards(folder: Path) -> list[Path]:
-    """The files with finished cases in a staging folder."""
+    """The files with finished cases in a staging folder. Raises OSError if it cannot be listed."""
     # By their numbers: a draft that a kill has left behind is not among them.
-    return sorted(folder.glob("[0-9]*.h5"))
+    return _listed(folder, r"[0-9].*\.h5")
 
 
-def chunks_in(folder: Path) -> list[Path]:
-    """The finished chunks of sweeps in a staging folder, a file each."""
-    return sorted(folder.glob("part-*.h5"))
+def chunks_in(folder: Path, sweep_id: str = "") -> list[Path]:
+    """The finished chunks of sweeps, or of one sweep, in a staging folder, a file each. Raises
+    OSError as `shards` does."""
+    return _listed(folder, rf"part-{sweep_id}.*\.h5")
+
+
+def _listed(folder: Path, pattern: str) -> list[Path]:
+    """What is in a staging folder; nothing where that is a draft, another user's, or gone.
+
+    Raises OSError if it cannot be listed otherwise: `glob` would show an empty folder.
+    """
+    with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+        return [folder / name for name in sorted(os.listdir(folder)) if re.fullmatch(pattern, name)]
+    return []

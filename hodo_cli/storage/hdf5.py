@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5ds, h5g, h5l, h5o, h5t
 
-from .. import HodoError
-from ..machine import memory_limit
+from .. import BatchError, HodoError
+from ..machine import RESOURCES, memory_limit
 from ..schema.document import YAML_SUFFIXES
 from ..text import in_bytes
 from .disk import (
@@ -164,7 +164,7 @@ class ResultFile:
                     return
         except DAMAGE as error:
             if reason := refusal(error):
-                raise HodoError(f"{self.path} cannot be read: {reason}") from error
+                raise BatchError(f"{self.path} cannot be read: {reason}") from error
             raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
 
@@ -283,7 +283,7 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
     """A result file, open for reading.
 
     Raises HodoError if it is missing, unreadable, in use for writing, damaged, not hodo's, or of a
-    newer format.
+    newer format, and BatchError if the machine cannot open it.
     """
     path = Path(path)
     damaged = _damage(path)
@@ -313,7 +313,7 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         except DAMAGE as error:
             if "file read failed" not in str(error):  # HDF5's words, whatever it was asked for
                 raise
-            raise HodoError(f"{path} cannot be read: {refusal(error)}") from error
+            raise BatchError(f"{path} cannot be read: {refusal(error)}") from error
 
 
 def _opened(path: Path) -> h5py.File:
@@ -323,7 +323,7 @@ def _opened(path: Path) -> h5py.File:
         # case.
         return h5py.File(path, "r", locking="best-effort")
     except (OSError, ValueError) as error:
-        raise HodoError(f"{path}: {_why_closed(path, error)}") from None
+        raise _not_opened(path, error) from None
 
 
 def _damage(path: Path) -> Mapping[str, str]:
@@ -338,7 +338,7 @@ def _damage(path: Path) -> Mapping[str, str]:
         if stat.S_ISREG(status.st_mode) and not checksum_fits(path):
             return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
     except OSError as error:
-        raise HodoError(f"{path}: {_why_closed(path, error)}") from None
+        raise _not_opened(path, error) from None
     return INTACT
 
 
@@ -363,6 +363,13 @@ def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
 
 ROOT = "/"
 """The name under which the root attributes are looked at; no group has it."""
+
+
+def _not_opened(path: Path, error: Exception) -> HodoError | BatchError:
+    """The error to raise where a file cannot be opened."""
+    is_machine = getattr(error, "errno", None) in RESOURCES
+    kind = BatchError if is_machine and not isinstance(error, BlockingIOError) else HodoError
+    return kind(f"{path}: {_why_closed(path, error)}")
 
 
 def _why_closed(path: Path, error: Exception) -> str:

@@ -15,7 +15,8 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from .. import BatchError, HodoError
+from .. import BatchError
+from ..machine import RESOURCES
 from .disk import refusal
 
 HAVE_FLOCK = find_spec("fcntl") is not None
@@ -92,7 +93,7 @@ class Staging:
 def replacing(path: Path) -> Iterator[Path]:
     """An empty file beside `path`, which takes its name when the block ends well.
 
-    Raises HodoError if the operating system refuses it; then, and after any other exception, what
+    Raises BatchError if the operating system refuses it; then, and after any other exception, what
     had the name keeps it.
     """
     path = destination(path)
@@ -132,24 +133,28 @@ def destination(path: Path) -> Path:
 
 
 def check_writable(path: Path) -> None:
-    """Raise HodoError if a file is marked as read-only, which replacing it would ignore."""
+    """Raise BatchError if a file is marked as read-only, which replacing it would ignore."""
     with suppress(OSError):  # there is none yet, or writing it will say what is wrong
         mode = stat.S_IMODE(path.stat().st_mode)
         if not mode & 0o222:
-            raise HodoError(f"{path} is read-only (mode {mode:o}): chmod u+w, or run --force")
+            raise BatchError(f"{path} is read-only (mode {mode:o}): chmod u+w, or run --force")
 
 
 def staging_folders(path: Path) -> list[Path]:
-    """The hidden folders and drafts of all processes, living or dead, that write `path`."""
+    """The hidden folders and drafts of all processes, living or dead, that write `path`. Raises
+    OSError if the machine cannot list them."""
     path = destination(path)
-    with suppress(OSError):  # no such folder: nor can a result be written there
+    try:
         names = sorted(os.listdir(path.parent))
-        return [
-            path.parent / name
-            for name in names
-            if name.startswith(f".{path.name}.") and name.endswith(".partial")
-        ]
-    return []
+    except OSError as error:
+        if error.errno in RESOURCES:
+            raise
+        return []  # no such folder: nor can a result be written there
+    return [
+        path.parent / name
+        for name in names
+        if name.startswith(f".{path.name}.") and name.endswith(".partial")
+    ]
 
 
 def identity(path: Path) -> tuple[int, int] | None:

@@ -34,7 +34,7 @@ class Draft:
     def write(self, name: str, group: Group) -> None:
         """Write a group as it is now, after those that stand before it in the result.
 
-        Raises HodoError if it cannot be written.
+        Raises BatchError if it cannot be written.
         """
         with os_errors_as(self._run.path, KEPT):
             if self._output is None:
@@ -73,14 +73,14 @@ class Update:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
         made anew. `old` is what the result holds of it, if that was read already.
 
-        Raises HodoError if it cannot be written.
+        Raises BatchError if it cannot be written.
         """
         if old is None and name in self.run and name not in self.run.damaged:
             old = self.run.read(name)
         if old is None or not _holds(old, addition, is_complete=name.startswith("_")):
-            self.additions[name] = addition
             if self._draft:
                 self._draft.write(name, _changed(name, old, addition))
+            self.additions[name] = addition
 
 
 @contextmanager
@@ -89,7 +89,7 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
     `publish_finished`. It is replaced at the end, or left alone if the changes change nothing.
 
     If another process has replaced it meanwhile, the changes apply to the cases that are still the
-    same. Raises HodoError as `open_run` does, or if the result cannot be written.
+    same. Raises HodoError as `open_run` does, and BatchError if the result cannot be written.
     """
     path = Path(path)
     publish_finished(path)

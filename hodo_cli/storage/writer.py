@@ -191,17 +191,14 @@ class Writer:
     def chunks(self, sweep_id: str) -> set[int]:
         """The numbers of a sweep's chunks that this run and dead ones have finished; all are now
         its own. `sweep_id` is the digest of what the sweep depends on."""
-        for folder in self._dead_folders:
-            for chunk in folder.glob(f"part-{sweep_id}-*.h5"):
-                with os_errors_as(self.path, KEPT):
+        with os_errors_as(self.path, KEPT):
+            for folder in self._dead_folders:
+                for chunk in chunks_in(folder, sweep_id):
                     # Not moved: should this process die too, the next one finds both.
                     _take(chunk, self._staging / chunk.name)
-        own = self._staging.folder
-        return (
-            {int(chunk.stem.rpartition("-")[2]) for chunk in own.glob(f"part-{sweep_id}-*.h5")}
-            if own
-            else set()
-        )
+            own = self._staging.folder
+            found = chunks_in(own, sweep_id) if own else []
+        return {int(chunk.stem.rpartition("-")[2]) for chunk in found}
 
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises

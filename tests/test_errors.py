@@ -1,0 +1,172 @@
+"""One rule for errors: what the machine refuses belongs to no case, and ends the command in one
+line; and a result never needs its config."""
+
+import ast
+import errno
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import chdir
+from pathlib import Path
+
+import h5py
+import pytest
+from click.testing import CliRunner, Result
+from conftest import Hodo
+
+from hodo_cli import NOT_OF_A_CASE, BatchError, HodoError
+from hodo_cli.cli import main
+from hodo_cli.storage.hdf5 import open_run
+
+CONFIG = """\
+defaults:
+  model: linear-diag
+  inertia: [1, 0.8, 0.6]
+  time: {end: 40, samples: 801}
+  initial: {p: 0.8, q: 0.5, r: 0.74}
+  error: off
+cases:
+  a: {damping: [0.05, 0.04, 0.03]}
+  b: {damping: [0.03, 0.04, 0.05]}
+  s: {damping: [0.03, 0.04, 0.05], sweep: {damping.0: {linspace: [0.01, 0.05, 300]}}}
+figures:
+  both: {kind: phase, cases: [a, b], x: p, y: r}
+"""
+
+PACKAGE = Path(__file__).parents[1] / "hodo_cli"
+
+MAY_TAKE_ALL = {
+    "batch/dask.py": 3,  # dask raises anything, which becomes a BatchError
+    "batch/processes.py": 3,  # sends what a worker raises, or says that it cannot be sent
+    "models/__init__.py": 3,  # a user's own file may raise anything
+    "storage/disk.py": 1,  # the last words of a process that only looks
+    "storage/writer.py": 3,  # stores what it can, and raises what came first
+}
+"""How many handlers of every exception a module has that are right without `NOT_OF_A_CASE`."""
+
+
+def hodo(*arguments: object) -> Result:
+    """A command in this process."""
+    return CliRunner().invoke(main, [str(word) for word in arguments])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder with a config and its result, as the current one."""
+    (tmp_path / "x.yaml").write_text(CONFIG)
+    with chdir(tmp_path):
+        assert hodo("run", "x.yaml", "--out", ".", "--case", "[ab]").exit_code == 0
+        yield tmp_path
+
+
+def broad_handlers(tree: ast.AST) -> int:
+    """The handlers of every exception that follow none for `NOT_OF_A_CASE`."""
+
+    def is_broad(kind: ast.expr | None) -> bool:
+        return kind is None or (isinstance(kind, ast.Name) and "Exception" in kind.id)
+
+    count = 0
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Try):
+            kinds = [handler.type for handler in node.handlers]
+            names = [kind.id for kind in kinds if isinstance(kind, ast.Name)]
+            count += any(map(is_broad, kinds)) and "NOT_OF_A_CASE" not in names
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "suppress":
+            count += any(map(is_broad, node.args))
+    return count
+
+
+def test_who_takes_every_exception_lets_those_of_no_case_pass() -> None:
+    found = {
+        str(file.relative_to(PACKAGE).as_posix()): broad_handlers(ast.parse(file.read_bytes()))
+        for file in PACKAGE.rglob("*.py")
+    }
+    assert {name: count for name, count in found.items() if count} == MAY_TAKE_ALL
+
+
+def test_who_takes_a_mistake_of_the_user_takes_nothing_else() -> None:
+    assert not [kind for kind in NOT_OF_A_CASE if issubclass(kind, HodoError)]
+    assert not [kind for kind in NOT_OF_A_CASE if issubclass(HodoError, kind)]
+
+
+def test_labels_that_cannot_be_stored_are_one_line(folder: Path, hodo: Hodo) -> None:
+    def little() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
+
+    full = hodo("classify", "x.h5", preexec_fn=little)
+    assert full.returncode == 2
+    assert full.stderr == "cannot write x.h5: file too large; finished cases are kept\n"
+    (folder / "x.h5").chmod(0o444)
+    marked = hodo("classify", "x.h5")
+    assert marked.returncode == 2
+    assert marked.stderr == "x.h5 is read-only (mode 444): chmod u+w, or run --force\n"
+
+
+def test_too_few_descriptors_are_one_line(folder: Path, hodo: Hodo) -> None:
+    said = set()
+    for most in range(3, 40):
+
+        def few(most: int = most) -> None:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+        done = hodo("classify", "x.h5", preexec_fn=few)
+        if done.returncode == 0:
+            break
+        if "site-packages" not in done.stderr and "importlib" not in done.stderr:
+            said.add(done.stderr)
+    assert all(line.count("\n") == 1 for line in said), said
+
+
+@pytest.mark.parametrize("content", ["latin", "binary", "long name"])
+def test_a_result_needs_no_config_that_can_be_read(folder: Path, content: str) -> None:
+    """The config may have been saved by another editor since, and a stranger's result may name any
+    file as its config."""
+    given = {"latin": CONFIG.encode() + b"# \xe9t\xe9\n", "binary": os.urandom(1 << 16)}
+    (folder / "x.yaml").write_bytes(given.get(content, b""))
+    if content not in given:
+        rename_config(folder / "x.h5", "n" * 5000)
+    for command in ("show", "classify", "plot", "claims"):
+        done = hodo(command, "x.h5")
+        assert done.exit_code == 0, done.output
+        assert "Traceback" not in done.output
+
+
+def rename_config(file: Path, name: str) -> None:
+    """Let a result say that its config is another one."""
+    with h5py.File(file, "r+") as result:
+        result.attrs["config_path"] = name
+        del result.attrs["checksum"]
+
+
+def test_a_folder_that_cannot_be_listed_fails_no_sweep(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, left = os.listdir, [0]
+
+    def listdir(path: str = ".") -> list[str]:
+        if str(path).endswith(".partial"):
+            left[0] -= 1
+            if left[0] == 0:
+                raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
+        return real(path)
+
+    monkeypatch.setattr(os, "listdir", listdir)
+    for at in range(1, 12):
+        left[0] = at
+        done = hodo("run", "x.yaml", "--out", ".", "--case", "s", "--force")
+        if left[0] > 0:
+            break
+        assert done.exit_code in (0, 2), done.output
+        if done.exit_code:
+            assert "input/output error" in done.stderr.splitlines()[-1]
+        with open_run(folder / "x.h5") as run:
+            if "s" in run:
+                assert run.row("s", {"status": str}) == {"status": "ok"}
+    assert at > 1
+
+
+def test_a_bug_of_the_machine_in_a_task_ends_the_batch() -> None:
+    from hodo_cli.batch.pool import pool
+
+    with pool(1) as workers, pytest.raises(BatchError, match="No such file"):
+        list(workers.map(open, ["/no/such/file"]))
