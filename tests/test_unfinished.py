@@ -1,6 +1,7 @@
 """Batches that are running, or were interrupted: what they have finished can be used at once."""
 
 import json
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -11,6 +12,7 @@ from conftest import call
 from hodo_cli.storage.finished import finished, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
+from hodo_cli.storage.staging import replacing, staging_folders
 from hodo_cli.storage.writer import Writer, publish_finished
 
 CONFIG = """\
@@ -183,3 +185,19 @@ def test_a_result_that_is_damaged_is_left_alone(path: Path) -> None:
     before = path.read_bytes()
     publish_finished(path)
     assert path.read_bytes() == before
+
+
+def test_what_is_unfinished_is_as_private_as_its_result(path: Path) -> None:
+    """After a kill too: whoever may not read the result may not read what it is made of."""
+    with run_of(path, {"first": stored(1)}):
+        pass
+    path.chmod(0o600)
+    interrupted(path, {"second": stored(2)})
+    (folder,) = staging_folders(path)
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    with replacing(path) as draft:
+        assert stat.S_IMODE(draft.stat().st_mode) == 0o600
+        draft.write_bytes(path.read_bytes())
+    publish_finished(path)
+    assert hashes(path) == {"first": "hash 1", "second": "hash 2"}
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600

@@ -40,7 +40,7 @@ class Staging:
         while self.folder is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             folder = _beside(self.path)
-            folder.mkdir()
+            folder.mkdir(mode=0o700)  # the result may be private, and its owner alone takes it over
             # Before it is locked, another process may take it for a dead one's, and remove it.
             with suppress(FileNotFoundError):
                 self._hold(_lock(folder, wait=True))
@@ -105,7 +105,9 @@ def replacing(path: Path) -> Iterator[Path]:
                     failed.callback(lock)
                     leftover.unlink()
         draft = _beside(path)
-        os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
+        # No wider than the file that it replaces, also if a kill leaves it behind.
+        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666
+        os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, mode | stat.S_IWUSR))
         # Open for writing, without which NFS gives no lock.
         with suppress(OSError):
             if (lock := _lock(draft, flags=os.O_RDWR)) is not None:
