@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import json
 import math
 import os
 import subprocess
@@ -963,3 +964,39 @@ def test_a_page_leaves_out_what_it_cannot_read(several: Drawings, tmp_path: Path
         (tmp_path / "old" / PIECE).write_text(text, encoding="utf-8")
         several.write_page(tmp_path / "index.html", [])
         assert "several.h5" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_a_page_runs_nothing_that_another_folder_brings(several: Drawings, tmp_path: Path) -> None:
+    """A folder of figures may be a stranger's."""
+    run = [
+        "<script>alert(1)</script>",
+        "<img src=x onerror=alert(1)>",
+        '<a href="javascript:alert(1)">a</a>',
+        '<a href="java&#x09;script:alert(1)">a</a>',
+        "<a href=' javascript:alert(1)'>a</a>",
+        '<a href="//elsewhere/x">a</a>',
+        '<img src="http://elsewhere/x.png">',
+        "<iframe src=x></iframe><svg onload=alert(1)><style>*{}</style><base href=//elsewhere>",
+        "<form action=//elsewhere><input></form><meta http-equiv=refresh content=0>",
+        "<p style='position:fixed' onclick=alert(1)>p</p><script",
+        '<!--><img src=x onerror=alert(1)>--><b title="<script>">b</b>',
+    ]
+    entry = dict.fromkeys(("kind", "name", "link", "text", "verdict", "run"), '"><script>"')
+    for i, text in enumerate(run):
+        (tmp_path / f"old{i}").mkdir()
+        piece = {"section": text, "link": text, "entries": [entry]}
+        (tmp_path / f"old{i}" / PIECE).write_text(json.dumps(piece), encoding="utf-8")
+    several.write_page(tmp_path / "index.html", [])
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            assert tag not in ("iframe", "svg", "base", "form", "object", "embed", "link")
+            found[tag] = found.get(tag, 0) + 1
+            for name, value in attrs:
+                assert not name.startswith("on")
+                assert name not in ("href", "src") or ":" not in value
+                assert name not in ("href", "src") or not value.startswith("//")
+
+    found: dict[str, int] = {}
+    Reader().feed((tmp_path / "index.html").read_text(encoding="utf-8"))
+    assert {tag: found[tag] for tag in ("script", "style")} == {"script": 1, "style": 1}

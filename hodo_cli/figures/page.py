@@ -4,12 +4,14 @@ HTML that opens from disk and asks no network for anything."""
 import json
 import math
 import os
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
+from html.parser import HTMLParser
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -90,10 +92,84 @@ def index_totals(entries: Iterable[Entry]) -> str:
 def _pieces(folder: Path) -> Iterator[dict[str, Any]]:
     """What the folders of results tell the page; one that is damaged is drawn anew some time."""
     for file in sorted(folder.glob(f"*/{PIECE}")):
-        with suppress(ValueError):
+        # Nor does a parser of HTML promise anything about what is none.
+        with suppress(ValueError, TypeError, AssertionError, RecursionError):
             piece = json.loads(file.read_text(encoding="utf-8"))
             if isinstance(piece, dict) and piece.keys() >= {"section", "entries", "link"}:
-                yield piece
+                entries = [
+                    {key: str(entry[key]) for key in ENTRY_KEYS}
+                    for entry in piece["entries"]
+                    if isinstance(entry, dict) and entry.keys() >= set(ENTRY_KEYS)
+                ]
+                markup = {key: Markup.checked(str(piece[key])) for key in ("section", "link")}
+                yield {**markup, "entries": entries}
+
+
+ENTRY_KEYS = ("kind", "name", "link", "text", "verdict", "run")
+"""What each entry of the index has."""
+
+
+class Markup(HTMLParser):
+    """What a folder says of itself, rebuilt from the tags, attributes and links inside the folder
+    that this module writes. The folder may be a stranger's: all else is text, or gone."""
+
+    TAGS = frozenset(
+        [
+            "a",
+            "b",
+            "br",
+            "details",
+            "div",
+            "figcaption",
+            "figure",
+            "h2",
+            "h3",
+            "i",
+            "img",
+            "p",
+            "section",
+            "summary",
+            "table",
+            "tbody",
+            "td",
+            "th",
+            "thead",
+            "tr",
+        ]
+    )
+    EMPTY = frozenset({"br", "img"})
+    ATTRIBUTES = frozenset(
+        {"alt", "class", "data-of", "height", "href", "id", "loading", "src", "width"}
+    )
+    LINK = re.compile(r"(?!//)[\w.~/%#-]*", re.ASCII)
+    """A relative address as `quote` writes it: without a colon it has no scheme."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._made: list[str] = []
+
+    @classmethod
+    def checked(cls, text: str) -> str:
+        """HTML without anything that would run, or fetch from elsewhere."""
+        parser = cls()
+        parser.feed(text)
+        parser.close()
+        return "".join(parser._made)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        kept = "".join(
+            f' {name}="{escape(value or "")}"'
+            for name, value in attrs
+            if name in self.ATTRIBUTES
+            and (name not in ("href", "src") or self.LINK.fullmatch(value or ""))
+        )
+        self._made += [f"<{tag}{kept}>"] if tag in self.TAGS else []
+
+    def handle_endtag(self, tag: str) -> None:
+        self._made += [f"</{tag}>"] if tag in self.TAGS - self.EMPTY else []
+
+    def handle_data(self, data: str) -> None:
+        self._made.append(escape(data))
 
 
 def _piece(result: PageResult, base: Path) -> dict[str, Any]:
@@ -204,12 +280,12 @@ def _judged(cases: StoredCases, places: Places, group: str) -> list[Entry]:
 def _index_row(entry: Entry) -> str:
     cells = [
         _cell(entry["kind"]),
-        f'<td class=n><a href="#{entry["link"]}">{escape(entry["name"])}</a></td>',
+        f'<td class=n><a href="#{escape(entry["link"])}">{escape(entry["name"])}</a></td>',
         _cell(entry["run"], "n"),
         _cell(entry["verdict"], "n"),
         _cell(entry["text"], "text"),
     ]
-    return f'<tr data-kind="{entry["kind"]}">{"".join(cells)}</tr>'
+    return f'<tr data-kind="{escape(entry["kind"])}">{"".join(cells)}</tr>'
 
 
 def _link(target: Path, base: Path, text: str = "") -> str:
