@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from conftest import call
 
-from hodo_cli import HodoError
+from hodo_cli import BatchError, HodoError
 from hodo_cli.storage import writer as writing
 from hodo_cli.storage.finished import finished
 from hodo_cli.storage.group import Group, Variable
@@ -746,7 +746,7 @@ try:
     with Writer(Path(sys.argv[1]), ROOT_ATTRIBUTES) as writer:
         for seed in range(30):
             writer.add(f"c{seed}", group(seed=seed))
-except HodoError as error:
+except BatchError as error:
     print(json.dumps(str(error)))
 """
     assert (
@@ -762,7 +762,7 @@ def test_read_only_folder(path: Path) -> None:
     path.parent.chmod(0o555)
     with Writer(path, ROOT_ATTRIBUTES) as writer:
         writer.keep(writer.finished["a"][0])
-        with pytest.raises(HodoError, match="permission denied"):
+        with pytest.raises(BatchError, match="permission denied"):
             writer.add("b", group())
 
 

@@ -113,31 +113,12 @@ class Markup(HTMLParser):
     """What a folder says of itself, rebuilt from the tags, attributes and links inside the folder
     that this module writes. The folder may be a stranger's: all else is text, or gone."""
 
-    TAGS = frozenset(
-        [
-            "a",
-            "b",
-            "br",
-            "details",
-            "div",
-            "figcaption",
-            "figure",
-            "h2",
-            "h3",
-            "i",
-            "img",
-            "p",
-            "section",
-            "summary",
-            "table",
-            "tbody",
-            "td",
-            "th",
-            "thead",
-            "tr",
-        ]
+    BLOCKS = frozenset(
+        {"details", "div", "figcaption", "figure", "h2", "h3", "p", "section", "summary"}
     )
+    TABLES = frozenset({"table", "tbody", "td", "th", "thead", "tr"})
     EMPTY = frozenset({"br", "img"})
+    TAGS = BLOCKS | TABLES | EMPTY | {"a", "b", "i"}
     ATTRIBUTES = frozenset(
         {"alt", "class", "data-of", "height", "href", "id", "loading", "src", "width"}
     )

@@ -85,6 +85,12 @@ def refusal(error: BaseException) -> str:
     return os.strerror(number).lower() if number else ""
 
 
+def refusal_number(error: BaseException) -> int | None:
+    """The number of what the operating system said."""
+    quoted = re.search(r"errno = (\d+)", str(error))
+    return int(quoted[1]) if quoted else getattr(error, "errno", None)
+
+
 CHECKSUM_MARKER = b"\nhodo sha256 "
 TRAILER = len(CHECKSUM_MARKER) + 64 + 1
 """The bytes of a file's checksum. It stands behind the end of the HDF5 file proper, where readers

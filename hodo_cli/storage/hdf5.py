@@ -26,6 +26,7 @@ from .disk import (
     checksum_of_values,
     look,
     refusal,
+    refusal_number,
 )
 from .group import Group, Report, Variable, is_number
 from .provenance import FORMAT_VERSION, typed
@@ -164,7 +165,7 @@ class ResultFile:
                     return
         except DAMAGE as error:
             if reason := refusal(error):
-                raise BatchError(f"{self.path} cannot be read: {reason}") from error
+                raise _kind(error)(f"{self.path} cannot be read: {reason}") from error
             raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
 
@@ -176,7 +177,7 @@ class ResultFile:
             group_read = self.read(name)
             known = {key: group_read.attributes[key] for key in covered}
             return "" if stored in ("", _checksum(known, group_read.variables, stored)) else MISFIT
-        except HodoError as error:
+        except (HodoError, BatchError) as error:  # a bad sector costs the case that lies there
             reason = str(error).removeprefix(f"{self.path}: ")
             return reason.removeprefix(f"{name} is damaged (").removesuffix(")")
 
@@ -313,7 +314,7 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         except DAMAGE as error:
             if "file read failed" not in str(error):  # HDF5's words, whatever it was asked for
                 raise
-            raise BatchError(f"{path} cannot be read: {refusal(error)}") from error
+            raise _kind(error)(f"{path} cannot be read: {refusal(error)}") from error
 
 
 def _opened(path: Path) -> h5py.File:
@@ -323,7 +324,7 @@ def _opened(path: Path) -> h5py.File:
         # case.
         return h5py.File(path, "r", locking="best-effort")
     except (OSError, ValueError) as error:
-        raise _not_opened(path, error) from None
+        raise _kind(error)(f"{path}: {_why_closed(path, error)}") from None
 
 
 def _damage(path: Path) -> Mapping[str, str]:
@@ -338,7 +339,7 @@ def _damage(path: Path) -> Mapping[str, str]:
         if stat.S_ISREG(status.st_mode) and not checksum_fits(path):
             return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
     except OSError as error:
-        raise _not_opened(path, error) from None
+        raise _kind(error)(f"{path}: {_why_closed(path, error)}") from None
     return INTACT
 
 
@@ -365,11 +366,12 @@ ROOT = "/"
 """The name under which the root attributes are looked at; no group has it."""
 
 
-def _not_opened(path: Path, error: Exception) -> HodoError | BatchError:
-    """The error to raise where a file cannot be opened."""
-    is_machine = getattr(error, "errno", None) in RESOURCES
-    kind = BatchError if is_machine and not isinstance(error, BlockingIOError) else HodoError
-    return kind(f"{path}: {_why_closed(path, error)}")
+def _kind(error: BaseException) -> type[HodoError | BatchError]:
+    """What an error in reading a file means: the machine lacks something, or the file is wrong."""
+    # In a damaged file HDF5 asks for impossible addresses, and is refused by the system as well. A
+    # file that another program has locked is no lack either.
+    lacks = refusal_number(error) in RESOURCES and not isinstance(error, BlockingIOError)
+    return BatchError if lacks else HodoError
 
 
 def _why_closed(path: Path, error: Exception) -> str:
