@@ -1019,6 +1019,25 @@ def test_a_sweep_that_failed_as_a_whole_is_a_line_of_the_table() -> None:
 
 
 @pytest.mark.heyoka
+@pytest.mark.parametrize("inertia", ["[8, 8, 4]", "[8, 4, 4]"])
+def test_a_body_with_two_equal_moments_is_not_searched_for_crossings(inertia: str) -> None:
+    """Its D touches 0 where the spin reverses: a quarter of the members went by themselves."""
+    torque = "[0, 0, -0.1]" if inertia == "[8, 8, 4]" else "[-0.1, 0, 0]"
+    case = one(
+        f"model: cavity+constant, inertia: {inertia}, kappa: 0.6048, torque: {torque}, "
+        "epsilon: 0.1, initial: {p: 1, q: 0.3, r: 1}, time: {end: 30}, error: off, "
+        "sweep: {initial.p: {linspace: [0.5, 1.5, 200]}}"
+    )
+    group = chunk.compute(chunk.Chunk(case, 0, 200))
+    assert group.attributes["alone"] <= 2
+    alone = computed(replace(case, max_steps=10**6), 0, 5)
+    for name in ("status", "start_axis", "end_axis", "crossings"):
+        beside = group.variables[name].data[:5]
+        assert beside.tolist() == alone[name].tolist()
+    assert not group.variables["crossings"].data.any()
+
+
+@pytest.mark.heyoka
 def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
     """It is the distance of what is stored from the single cases at full precision."""
     text = (

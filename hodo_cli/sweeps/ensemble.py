@@ -23,6 +23,7 @@ from ..integration.units import Moment, Units
 from ..models.base import Event, Model
 from ..models.constants import Structure, moving, namespace, rescaled
 from ..models.leg_time import UNIT, VELOCITY
+from ..models.rigid_body import Separatrix
 
 if TYPE_CHECKING:
     from ..engines.taylor_batch import TaylorStep
@@ -127,6 +128,14 @@ class Ensemble:
         """A1, A2, A3 (3, n)."""
         k = self.named()
         return np.array([k.A1, k.A2, k.A3])
+
+    def is_one_sided(self, event: Event) -> np.ndarray:
+        """Whether (n,) an event is that of the separatrix of a body with two equal moments: D is
+        then a single square, which touches 0 but changes no sign."""
+        if not isinstance(event.function, Separatrix):
+            return np.zeros(self.start.shape[1], dtype=bool)
+        smallest, middle, largest = np.sort(self.inertia, axis=0)
+        return np.asarray((smallest == middle) | (middle == largest))
 
     @cached_property
     def scaled_rows(self) -> dict[str, slice]:
@@ -550,7 +559,7 @@ def judge(
     outcome.first, outcome.last = e.side(e.span[0], e.start), e.side(e.span[1], outcome.state)
     # With an uncertain sign a motion is not accepted, whatever zeros it has.
     certain = (outcome.first != 0) & (event.terminal | (outcome.last != 0))
-    steps = steps_of(candidates, certain)
+    steps = steps_of(candidates, certain & ~e.is_one_sided(event))
     if steps is not None:
         zeros, undecided = passages(e, event, steps, step)
         if event.terminal:
