@@ -49,7 +49,7 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
                 row["end"],
                 ", ".join(f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()),
                 "; ".join(filter(None, [row.get("final", ""), *row.get("predictions", ())])),
-                "; ".join([*few_passages(row["crossings"]), *row["warnings"]]),
+                "; ".join([*few_passages(row), *row["warnings"]]),
             )
             for row in rows
         ],
@@ -60,15 +60,17 @@ CROSSINGS_SHOWN = 5
 """The most crossings of a case in a table, where a line may have hundreds of them."""
 
 
-def few_passages(crossings: Sequence[Mapping[str, Any]]) -> list[str]:
+def few_passages(row: Mapping[str, Any]) -> list[str]:
     """The crossings of a case; of many, the first ones and the last."""
-    return abridged([*map(passage, crossings)], CROSSINGS_SHOWN, " (--json lists them)")
+    unit = row.get("units", {}).get("time", "1")
+    every = [passage(crossing, "" if unit == "1" else f" {unit}") for crossing in row["crossings"]]
+    return abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
 
 
-def passage(crossing: Mapping[str, Any]) -> str:
+def passage(crossing: Mapping[str, Any], unit: str) -> str:
     """One crossing: when, with its error, from which axis to which."""
-    error = magnitude(crossing["error"])
-    return f"{crossing['time']:.15g} ({crossing['from']} -> {crossing['to']}, error {error})"
+    error, ends = magnitude(crossing["error"]), f"{crossing['from']} -> {crossing['to']}"
+    return f"{crossing['time']:.15g}{unit} ({ends}, error {error}{unit})"
 
 
 def claim_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -53,6 +53,7 @@ class Case:
     form: str
     data: Mapping[str, Any]
     time: Time
+    inertia_unit: str = "1"
     method: str = "auto"
     tol: float | None = None
     precision: str = "double"

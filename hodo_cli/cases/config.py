@@ -278,7 +278,9 @@ def drawable(case: Case) -> Drawable:
     sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
     lengths = {axis.name: len(axis) for axis in axes}
     times = case.time.start, case.time.end
-    return Drawable(case.name, stored, vectors, times, case.time.unit, lengths, sphere)
+    return Drawable(
+        case.name, stored, vectors, times, case.time.unit, lengths, sphere, case.inertia_unit
+    )
 
 
 def _figures(

@@ -72,7 +72,9 @@ STYLES = Key(
     default=(),
 )
 CAPTION = Key(Text(), "what the figure shows; assumptions and misprints of its cases", default="")
-TIME_SYMBOL = Key(Text(), "symbol of time, in TeX", default=r"\tau")
+TIME_SYMBOL = Key(
+    Text(), r"symbol of time, in TeX (default: t where time has a unit, else \tau)", default=None
+)
 VIEW = Key(
     vector(2),
     "direction of view: elevation above the x1 x2 plane, azimuth from x1",
@@ -263,8 +265,9 @@ def _of_groups(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
 @dataclass(frozen=True)
 class Drawable:
     """What figures may ask of a case, before it is run or of its dataset: its name, the variables
-    that may be stored of it, which of them are vectors, its first and last time and their unit, and
-    of a sweep the lengths of its axes, and which of them is a sphere."""
+    that may be stored of it, which of them are vectors, its first and last time and their unit, of
+    a sweep the lengths of its axes and which of them is a sphere, and the unit of its moments of
+    inertia."""
 
     name: str
     stored: Sequence[str]
@@ -273,6 +276,7 @@ class Drawable:
     unit: str
     axes: Mapping[str, int]
     sphere: str = ""
+    inertia_unit: str = "1"
 
 
 SWEPT_KINDS = ("map", "curve", "share")
@@ -303,6 +307,10 @@ def check_drawn(
         if case.unit != drawn[0].unit:
             units = f"{drawn[0].unit!r}, and that of {case.name} in {case.unit!r}"
             yield ("cases", i), f"the time of {drawn[0].name} is in {units}: one axis has one unit"
+        if case.inertia_unit != drawn[0].inertia_unit:
+            units = f"{drawn[0].inertia_unit!r}, and those of {case.name} in {case.inertia_unit!r}"
+            message = f"the moments of inertia of {drawn[0].name} are in {units}"
+            yield ("cases", i), f"{message}: one axis has one unit"
     if kind in SWEPT_KINDS:
         for case in drawn:
             yield from _of_swept(values, case, steady)

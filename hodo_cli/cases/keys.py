@@ -43,6 +43,9 @@ REMARKS = ("note", "assumes")
 
 COMMON = {
     "time": Key(SPAN, "span of the integration, and its samples"),
+    "inertia_unit": Key(
+        Text(), "unit of the moments of inertia, where the data have one", default="1"
+    ),
     "method": Key(
         Choice(*METHODS),
         "method of integration; auto takes the fastest that is accurate",

@@ -15,8 +15,9 @@ from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..progress import Progress
-from ..results.layout import RECORDED, label_group
+from ..results.layout import MOMENTUM, RECORDED, label_group
 from ..results.motion import motion_of
+from ..results.units import units_of_case
 from ..storage.group import Group, Report
 from ..storage.provenance import history_line, typed
 from ..storage.update import update
@@ -65,7 +66,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if "enclosed_axis" in case.system.variables:  # labelled by its own integration
         motion = motion_of(group.variables, group.attributes, name)
         labelled = Classification(motion.labels, motion.crossings, end_before_time(group))
-        return None, row_of(name, labelled)
+        return None, row_of(name, labelled, case)
     if remark := inapplicable(case, group):
         remarks = [remark, *end_before_time(group)]
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": remarks}
@@ -76,11 +77,11 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    row = row_of(name, labelled)
+    row = row_of(name, labelled, case)
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
         row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
-    return label_group(labelled), row
+    return label_group(labelled, case), row
 
 
 def end_before_time(group: Group) -> tuple[str, ...]:
@@ -89,7 +90,11 @@ def end_before_time(group: Group) -> tuple[str, ...]:
     return tuple(filter(None, [str(group.attributes.get("message", ""))])) if is_ok else ()
 
 
-def row_of(name: str, labelled: Classification) -> dict[str, Any]:
+CROSSING_UNITS = {"time": "time", "G": MOMENTUM}
+"""The units of what the table says of a crossing, in words."""
+
+
+def row_of(name: str, labelled: Classification, case: Case) -> dict[str, Any]:
     """The line of a labelled motion in the table."""
     ends = [rigid_body.LABELS[int(label)] for label in labelled.labels[[0, -1]]]
     table = [
@@ -110,6 +115,7 @@ def row_of(name: str, labelled: Classification) -> dict[str, Any]:
         "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
         "predictions": list(labelled.predictions),
         "crossings": table,
+        "units": {name: units_of_case(words, case) for name, words in CROSSING_UNITS.items()},
         "warnings": list(labelled.warnings),
     }
 
@@ -147,7 +153,8 @@ def tabulated(case: Case, group: Group) -> dict[str, Any]:
         remarks += f", up to {most} times"
     if (times := group.variables.get("crossing_time")) is not None and crossing.any():
         first, median, last = np.quantile(times.data[crossing], (0, 0.5, 1))
-        remarks += f", first at {first:.6g} to {last:.6g}, median {median:.6g}"
+        unit = "" if case.time.unit == "1" else f" {case.time.unit}"
+        remarks += f", first at {first:.6g} to {last:.6g}, median {median:.6g}{unit}"
     return {**row, "warnings": [remarks]}
 
 

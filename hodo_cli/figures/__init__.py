@@ -6,6 +6,7 @@ them all; `cases.figure_block` declares the keys that each takes.
 """
 
 import math
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import NOT_OF_A_CASE, HodoError
 from ..cases.figure_block import Drawable, DrawnFigure, check_drawn
-from ..results.dataset import MOTION_DIMS, Cases, case_in, sweep_axes
+from ..results.dataset import MOTION_DIMS, Cases, case_in, is_sweep, motions_of, sweep_axes
+from ..results.motion import Motion
+from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
@@ -60,14 +63,16 @@ def draw(
             f"scale_with: {unknown(f'figure {unknown_names[0]!r}', unknown_names[0], figures)}"
         )
     scale = [case for name in spec.get("scale_with", ()) for case in figures[name]["cases"]]
-    spec = {**spec, "scale_cases": scale}
+    spec = {**with_time_symbol(spec, cases), "scale_cases": scale}
     check(spec, cases)
     with matplotlib.style.context(["default", STYLE]):
         for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
             check_tex(text, STYLE["legend.fontsize"])
         check_tex(spec["title"], STYLE["axes.titlesize"])
         sheet = Sheet(Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
+        sheet.units, sheet.time = column_units(spec, cases), spec.get("time", "t")
         DRAW[spec["kind"]](sheet, spec, cases)
+        sheet.remarks = remarks_on(spec, cases)
         lighten(sheet.figure)
         if spec["title"]:
             width, height = sheet.figure.get_size_inches()
@@ -76,6 +81,34 @@ def draw(
             sheet.figure.set_size_inches(width, height + 0.2 * len(lines))
             sheet.figure.suptitle("\n".join(lines), size=8)
     return sheet
+
+
+def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]:
+    """A figure with the symbol of its time: without one given t where that has a unit, since tau is
+    the dimensionless time of the papers."""
+    if spec.get("time", "") is not None:
+        return spec
+    first = cases.get(next(iter(spec["cases"]), ""))
+    unit = "1" if first is None or "case" not in first.attrs else case_in(first, "").time.unit
+    return {**spec, "time": r"\tau" if unit == "1" else "t"}
+
+
+def remarks_on(spec: Mapping[str, Any], cases: Cases) -> list[str]:
+    """What its caption has to say of a figure: that its curves are polygons. Warns of it, too."""
+    names = [name for name in spec.get("cases", ()) if not is_sweep(cases[name])]
+    remarks = coarse_curves(spec, motions_of(cases, names)) if spec["kind"] in OF_SAMPLES else []
+    for remark in remarks:
+        warnings.warn(remark, stacklevel=3)
+    return remarks
+
+
+def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
+    """The units of a column of a figure's values: those of its motions, which have the same; "1"
+    of what a sweep shows by numbers of its own."""
+    name = next(iter(spec.get("cases", ())), "")
+    if not name or is_sweep(cases[name]):
+        return lambda column: "1"
+    return Motion(case_in(cases[name], f"case {name}"), cases[name].variables).units
 
 
 def check(spec: Mapping[str, Any], cases: Cases) -> None:
@@ -112,7 +145,7 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
         if values.size and values.dtype.kind in "fiu":
             times = float(values.min()), float(values.max())
     sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
-    return Drawable(name, list(stored), vectors, times, unit, axes, sphere)
+    return Drawable(name, list(stored), vectors, times, unit, axes, sphere, case.inertia_unit)
 
 
 def render(
@@ -149,5 +182,5 @@ def _files(
                 continue
             write_interactive(sheet, spec, cases, path, name)
         else:
-            save(sheet, path, about=spec["caption"])
+            save(sheet, path, about=" ".join(filter(None, [spec["caption"], *sheet.remarks])))
         yield path

@@ -114,7 +114,7 @@ def turnable(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> go.Figure:
             figure.add_trace(_space(part, name, line=look, **hover(motion)))
         if not ball and motion.crossing_time.size:
             crossings = motion.at_crossings(points)
-            figure.add_trace(_marks(crossings, motion.crossing_time, spec["time"]))
+            figure.add_trace(_marks(crossings, motion, sheet.time))
         ends = {"size": 4, "color": "#FFFFFF", "line": {"color": "#444444", "width": 2}}
         start = "" if place else "start"
         figure.add_trace(_space(points[:1], start, mode="markers", marker=ends))
@@ -324,12 +324,18 @@ def _space(points: np.ndarray, name: str, mode: str = "lines", **look: Any) -> g
     )
 
 
-def _marks(points: np.ndarray, times: np.ndarray, symbol: str) -> go.Scatter3d:
+def _marks(points: np.ndarray, motion: Motion, symbol: str) -> go.Scatter3d:
     """The crossings (m, 3) with their times."""
     look = {"size": 5, "symbol": "diamond", "color": YELLOW, "line": {"color": "#000000"}}
     letter = without_tex(f"${symbol}$")
-    text = [f"crossing of D = 0 at {letter} = {time:.12g}" for time in times]
+    text = [f"crossing of D = 0 at {letter} = {when}" for when in _times(motion)]
     return _space(points, "D = 0", mode="markers", marker=look, text=text, hoverinfo="text")
+
+
+def _times(motion: Motion) -> list[str]:
+    """The times of the crossings with their unit."""
+    unit = motion.units("time")
+    return [f"{time:.12g}{'' if unit == '1' else f' {unit}'}" for time in motion.crossing_time]
 
 
 def _mark_crossings(
@@ -344,7 +350,7 @@ def _mark_crossings(
     if motion is None or not motion.crossing_time.size or len(motion.time) != len(values[x]):
         return
     at = motion.at_crossings(np.stack([values[x], values[y]], axis=-1))
-    text = [f"crossing of D = 0 at {time:.12g}" for time in motion.crossing_time]
+    text = [f"crossing of D = 0 at {when}" for when in _times(motion)]
     marker = {"symbol": "diamond", "size": 9, "color": YELLOW, "line": {"width": 1}}
     trace = go.Scatter(
         x=at[:, 0],

@@ -24,6 +24,7 @@ from ..cases.figure_block import PIECE, DrawnFigure
 from ..models.rigid_body import LABELS
 from ..results.dataset import StoredCases, motion_from
 from ..results.motion import Motion
+from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..storage.staging import replacing
 from ..sweeps.swept import ANGLES, round_degrees
 from ..text import magnitude, seconds
@@ -287,9 +288,12 @@ def _card(
     about = places.statements_about(spec.get("cases", ()))
     linked = f"<p class=soft>Statements: {about}</p>" if about else ""
     picture, wide = _picture(figure, base, described(spec, shown))
+    singles = [motion for motion in shown if motion.sampled and not motion.case.sweep]
+    remarks = coarse_curves(spec, singles) if spec["kind"] in OF_SAMPLES else []
+    caption = " ".join(filter(None, [spec["caption"], *remarks]))
     return (
         f'<figure id="{places.figure(figure.name)}"{" class=wide" if wide else ""}>{picture}'
-        f"<figcaption><b>{escape(figure.name)}</b> {escape(spec['caption'])}{assumed}"
+        f"<figcaption><b>{escape(figure.name)}</b> {escape(caption)}{assumed}"
         f'<p class="soft">{files}</p>{linked}{_card_numbers(shown, places)}</figcaption></figure>'
     )
 

@@ -16,6 +16,7 @@ from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
+from ..results.resolution import within
 from .artists import (
     AXIS_COLOUR,
     BLACK,
@@ -257,14 +258,8 @@ def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
 
     Raises HodoError if there is none.
     """
-    if span is None:
-        return slice(None)
-    first, last = (
-        np.searchsorted(motion.time, span[0]),
-        np.searchsorted(motion.time, span[1], "right"),
-    )
-    part = slice(int(first), int(last))
-    if part.start >= part.stop:
+    part = within(motion, span)
+    if span is not None and part.start >= part.stop:
         raise HodoError(
             f"the span {span[0]:g} to {span[1]:g} holds no sample of case {motion.name}, whose "
             f"time goes from {motion.time[0]:g} to {motion.time[-1]:g}"

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -75,6 +75,12 @@ class Sheet:
 
     figure: Figure
     shown: list[Shown] = field(default_factory=list)
+    units: Callable[[str], str] = field(default=lambda column: "1")
+    """The units of a column of values, by its name."""
+    time: str = "t"
+    """The symbol of time, in TeX."""
+    remarks: Sequence[str] = ()
+    """What the caption has to say of the curves, besides what the case file says."""
 
     def record(self, panel: str, curve: str, values: Mapping[str, np.ndarray]) -> None:
         """Note the values of a curve by the names of what they are."""
@@ -83,7 +89,8 @@ class Sheet:
         )
 
     def csv(self) -> str:
-        """What the figure shows: a row for each sample of each curve, a column for each quantity.
+        """What the figure shows: a row for each sample of each curve, a column for each quantity,
+        with its units if it has any: "G [kg m^2/s]".
 
         What a curve does not have stays empty.
         """
@@ -92,7 +99,10 @@ class Sheet:
         columns = list(dict.fromkeys(name for _, values in curves for name in values))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["curve", *map(_cell, columns)])
+        units = [self.units(name) for name in columns]
+        headed = zip(columns, units, strict=True)
+        heads = [name if unit == "1" else f"{name} [{unit}]" for name, unit in headed]
+        writer.writerow(["curve", *map(_cell, heads)])
         for curve, values in curves:
             n = len(next(iter(values.values())))
             empty = [""] * n

@@ -8,6 +8,7 @@ verdicts (`commands.claims`), checksums and the attributes of the file (`storage
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.base import Label
 from ..storage.group import Attribute, Group, Variable
+from .units import units_of_case
 
 # Attributes
 
@@ -83,7 +85,7 @@ def case_attributes(case: Case, mark: str, **others: Any) -> dict[str, Attribute
 
 
 class Stored(NamedTuple):
-    """How a variable is stored: its meaning, type, dimensions and units."""
+    """How a variable is stored: its meaning, type, dimensions and, in words, its units."""
 
     long_name: str
     dims: tuple[str, ...] = ()
@@ -115,31 +117,41 @@ AXIS_FLAGS = flags(rigid_body.LABELS)
 
 PRINCIPAL_AXES = Stored("principal axis of inertia", ("axis",), "O")
 
-TIME = Stored("time", ("time",))
-PLAIN_TIME = Label(TIME.dims, TIME.long_name)
+TIME = Stored("time", ("time",), units="time")
+PLAIN_TIME = Label(TIME.dims, TIME.long_name, TIME.units)
+
+MOMENTUM = "moment of inertia / time"
 
 ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXIS_FLAGS)
 
 CROSSING_COLUMNS = {
-    "crossing_time": ("time", Stored("time of passage through the separatrix", ("crossing",))),
-    "crossing_error": ("error", Stored("measured error of crossing_time", ("crossing",))),
+    "crossing_time": (
+        "time",
+        Stored("time of passage through the separatrix", ("crossing",), units="time"),
+    ),
+    "crossing_error": (
+        "error",
+        Stored("measured error of crossing_time", ("crossing",), units="time"),
+    ),
     "crossing_from": (
         "start",
         Stored("axis enclosed before", ("crossing",), "i1", flags=AXIS_FLAGS),
     ),
     "crossing_to": ("end", Stored("axis enclosed after", ("crossing",), "i1", flags=AXIS_FLAGS)),
-    "crossing_G": ("momentum", Stored("|G| at the passage", ("crossing",))),
+    "crossing_G": ("momentum", Stored("|G| at the passage", ("crossing",), units=MOMENTUM)),
 }
 """What is stored of each crossing: the field of `Crossing` that it holds, and how."""
 
 GROWTH_RATE = Stored(
-    "rate at which a small tilt away from the axis grows, on the mean over a turn", ("axis",)
+    "rate at which a small tilt away from the axis grows, on the mean over a turn",
+    ("axis",),
+    units="1/time",
 )
 
 FINAL_AXIS = Stored("axis enclosed in the end, predicted from the data", (), "i1", flags=AXIS_FLAGS)
 
 EVENT_COLUMNS = {
-    "event_time": ("time", Stored("time of the event", ("event",))),
+    "event_time": ("time", Stored("time of the event", ("event",), units="time")),
     "event_kind": ("kind", Stored("kind of the event", ("event",), "O")),
 }
 """What is stored of each event of the motion: the field of `Occurrence` that it holds, and how."""
@@ -147,13 +159,15 @@ EVENT_COLUMNS = {
 EVENT_DETAILS = {
     "from": Stored("axis enclosed before the passage", ("event",)),
     "to": Stored("axis enclosed after the passage, 0 where the motion ends", ("event",)),
-    "momentum": Stored("|G| at the passage", ("event",)),
-    "frequency": Stored("frequency n of the turns at the passage", ("event",)),
-    "scatter": Stored("rms of the true time about the averaged one, over phases", ("event",)),
+    "momentum": Stored("|G| at the passage", ("event",), units=MOMENTUM),
+    "frequency": Stored("frequency n of the turns at the passage", ("event",), units="1/time"),
+    "scatter": Stored(
+        "rms of the true time about the averaged one, over phases", ("event",), units="time"
+    ),
     "place": Stored("s: where D = 0 falls in the sequence of half turns", ("event",)),
-    "predicted": Stored("predicted time of the true passage", ("event",)),
+    "predicted": Stored("predicted time of the true passage", ("event",), units="time"),
     "sense": Stored("predicted sense of rotation afterwards, 0 undetermined", ("event",)),
-    "lag": Stored("predicted delay of the motion after the passage", ("event",)),
+    "lag": Stored("predicted delay of the motion after the passage", ("event",), units="time"),
     "probability": Stored("probability of capture about the other axis", ("event",)),
     "probability_error": Stored("how far off it may be, for the torque's strength", ("event",)),
     "G1": Stored("G/|G| along x1 as the body stops", ("event",)),
@@ -168,11 +182,11 @@ MEMBER_STATUS = {
 }
 
 MEMBER_CLASSIFIED = {
-    "crossing_time": Stored("time of the first passage through the separatrix"),
-    "crossing_error": Stored("error that crossing_time may have"),
+    "crossing_time": Stored("time of the first passage through the separatrix", units="time"),
+    "crossing_error": Stored("error that crossing_time may have", units="time"),
     "crossing_from": Stored("axis enclosed before it", (), "i1", flags=AXIS_FLAGS),
     "crossing_to": Stored("axis enclosed after it", (), "i1", flags=AXIS_FLAGS),
-    "crossing_G": Stored("|G| at it"),
+    "crossing_G": Stored("|G| at it", units=MOMENTUM),
     "crossings": Stored("number of passages", (), "i4"),
     "start_axis": Stored(
         "axis that the hodograph encloses at the start", (), "i1", flags=AXIS_FLAGS
@@ -194,7 +208,7 @@ that of its last event."""
 
 MEMBER_STEPS = {"steps": Stored("steps of the integration", (), "i4")}
 
-MEMBER_EVENT = {"event_time": Stored("time of the event that ended the motion")}
+MEMBER_EVENT = {"event_time": Stored("time of the event that ended the motion", units="time")}
 
 UNASKED = ("share", "separation", "steps")
 """The columns of a sweep that are stored only where the case asks for them."""
@@ -227,7 +241,6 @@ def case_variables(
     stored |= principal_axes(stored.values())
     if events:
         stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
-        stored["event_time"].attrs["units"] = of_time.units
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
         stored |= columns_of(
             CROSSING_COLUMNS, passages_as_crossings(events, errors.get("event_time", math.nan))
@@ -284,24 +297,23 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
     )
 
 
-def units_of_case(units: str, time: str) -> str:
-    """The units of a variable where those of time are known: "1/time^2" as "1/s^2", and as "1", the
-    case's own units, where time has none.
-    """
-    if not units.startswith("1/time"):
-        return units
-    return "1" if time == "1" else units.replace("time", time)
+def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
+    """Variables with their units in those of a case."""
+    return {
+        name: replace(
+            variable,
+            attrs={
+                key: units_of_case(str(value), case) if key == "units" else value
+                for key, value in variable.attrs.items()
+            },
+        )
+        for name, variable in variables.items()
+    }
 
 
 def case_group(trajectory: Trajectory, mark: str) -> Group:
     """A case as it is stored, with `mark` for its hash."""
-    case, unit = trajectory.case, trajectory.case.time.unit
-    labels = {
-        name: label._replace(units=units_of_case(label.units, unit))
-        for name, label in case.system.variables.items()
-    }
-    if unit != "1":
-        labels["time"] = labels.get("time", PLAIN_TIME)._replace(units=unit)
+    case = trajectory.case
     attributes = case_attributes(
         case,
         mark,
@@ -316,19 +328,17 @@ def case_group(trajectory: Trajectory, mark: str) -> Group:
         message=trajectory.message,
         warnings="\n".join(trajectory.warnings),
     )
-    return Group(
-        attributes,
-        case_variables(
-            labels,
-            trajectory.time,
-            trajectory.variables,
-            trajectory.events,
-            trajectory.errors,
-        ),
+    variables = case_variables(
+        case.system.variables,
+        trajectory.time,
+        trajectory.variables,
+        trajectory.events,
+        trajectory.errors,
     )
+    return Group(attributes, with_units(variables, case))
 
 
-def label_group(labelled: Classification) -> Group:
+def label_group(labelled: Classification, case: Case) -> Group:
     """What `classify` adds to a stored case."""
     variables = label_variables(labelled.labels, labelled.crossings)
     if labelled.growth is not None:
@@ -340,4 +350,4 @@ def label_group(labelled: Classification) -> Group:
         "classify_warnings": "\n".join(labelled.warnings),
         "predictions": "\n".join(labelled.predictions),
     }
-    return Group(texts, variables)
+    return Group(texts, with_units(variables, case))

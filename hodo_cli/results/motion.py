@@ -24,6 +24,7 @@ from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
 from ..storage.provenance import typed
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
+from .units import units_of_case
 
 
 class Array(Protocol):
@@ -116,9 +117,10 @@ class Motion:
         return {name: self[name] for name in variables}
 
     def units(self, variable: str) -> str:
-        """The stored units of a variable; "1" where none are stored."""
+        """The units of a variable or quantity in those of the case; "1" for a number."""
         name = variable.partition(".")[0]
-        return str(self.data[name].attrs.get("units", "1")) if name in self.data else "1"
+        given = self.data[name].attrs if name in self.data else {}
+        return units_of_case(str(given.get("units", UNITS.get(name, "1"))), self.case)
 
     @cached_property
     def vectors(self) -> Mapping[str, np.ndarray]:
@@ -399,3 +401,22 @@ QUANTITIES: dict[str, Derive] = {
 }
 """Quantities over time (n,) by name, from what is stored of a motion, where it stores none of this
 name. Each raises KeyError with the stored variable that it needs and the case does not have."""
+
+UNITS = {
+    "p": "1/time",
+    "q": "1/time",
+    "r": "1/time",
+    "G": "moment of inertia / time",
+    "G2": "moment of inertia^2 / time^2",
+    "T": "moment of inertia / time^2",
+    "J": "moment of inertia",
+    "D": "moment of inertia^2 / time^2",
+    "D/2T": "moment of inertia",
+    "x1_direction": "1",
+    "separatrix_distance": "1",
+    "x": "1/time^2",
+    "y": "1/time^2",
+    "Gz": "moment of inertia / time",
+    "H": "moment of inertia / time^2",
+}
+"""The units of `QUANTITIES`, in words; what is stored has its own."""

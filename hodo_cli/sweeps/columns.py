@@ -19,7 +19,6 @@ from ..results.layout import (
     UNASKED,
     Stored,
     passages_as_crossings,
-    units_of_case,
 )
 
 
@@ -30,7 +29,7 @@ def columns(case: Case) -> dict[str, Stored]:
         name: Stored(
             f"{variable.long_name}, at the end",
             variable.dims[1:],
-            units=units_of_case(variable.units, case.time.unit),
+            units=variable.units,
         )
         for name, variable in model.variables.items()
         # As a label at the end it is `end_axis`.

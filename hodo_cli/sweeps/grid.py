@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..cases.case import Case
-from ..cases.sweep_block import axes_of
+from ..cases.keys import keys_of
+from ..cases.sweep_block import axes_of, path_of
 from ..engines.protocol import EPS, Status
 from ..integration.solve import sample_times
-from ..results.layout import TIME, Stored, case_attributes, principal_axes
+from ..results.layout import TIME, Stored, case_attributes, principal_axes, with_units
 from ..storage.group import Attribute, Group, Late, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import kept, shape
@@ -45,6 +46,7 @@ def group_of_columns(
                     outline = (*(corner.stop - corner.start for corner in where), *data.shape[1:])
                     yield name, where, data.reshape(outline)
 
+    variables = with_units(variables, case)
     return Group({**attributes, **errors}, variables, Late(frozenset(kept(case)), fill))
 
 
@@ -92,13 +94,26 @@ def coordinates(case: Case) -> dict[str, Variable]:
             directions = Stored("direction of G at the start", (axis.name, "axis"))
             variables[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
         elif axis.keys == [axis.name]:
-            variables[axis.name] = Stored(axis.name, (axis.name,)).holding(axis.values(0))
+            variables[axis.name] = Stored(
+                axis.name, (axis.name,), units=stated_unit(case, axis.name)
+            ).holding(axis.values(0))
         else:
             for i, key in enumerate(axis.keys):
-                variables[key] = Stored(key, (axis.name,)).holding(axis.values(i))
+                stored = Stored(key, (axis.name,), units=stated_unit(case, key))
+                variables[key] = stored.holding(axis.values(i))
     if "trajectory" in case.store:
         variables["time"] = TIME.holding(sample_times(case))
     return variables
+
+
+def stated_unit(case: Case, name: str) -> str:
+    """The unit of a swept key, in words; none of an angle, which may be given in degrees."""
+    keys, unit = keys_of(case.model, case.form)[1], "1"
+    for part in path_of(name):
+        if part in keys:
+            unit = keys[str(part)].unit
+            keys = getattr(keys[str(part)].kind, "keys", {})
+    return "1" if unit == "rad" else unit
 
 
 def ending(ok: int, failed: int, timeout: int) -> Status:

@@ -41,9 +41,11 @@ MOST_NODES, UNRESOLVED = 1000, 1e-12
 """The nodes beyond which no quadrature is refined, and the error of one that is worth a word."""
 
 INTEGRAL_LABELS = {
-    "Gz": Label(("time",), "vertical component of the angular momentum"),
-    "H": Label(("time",), "energy"),
-    "r": Label(("time",), "angular velocity about the axis of symmetry"),
+    "Gz": Label(
+        ("time",), "vertical component of the angular momentum", "moment of inertia / time"
+    ),
+    "H": Label(("time",), "energy", "moment of inertia / time^2"),
+    "r": Label(("time",), "angular velocity about the axis of symmetry", "1/time"),
 }
 ROOT_LABELS = {f"u{i}": Label(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)}
 
@@ -388,7 +390,7 @@ class FullTop(Top):
     }
     state = ("p", "q", "r", "gamma1", "gamma2", "gamma3")
     variables = {
-        "omega": Label(("time", "axis"), "angular velocity in body axes"),
+        "omega": Label(("time", "axis"), "angular velocity in body axes", "1/time"),
         "gamma": Label(("time", "axis"), "the vertical in body axes"),
     }
 

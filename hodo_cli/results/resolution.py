@@ -1,0 +1,99 @@
+"""How finely the samples follow a motion: whether a line through them is the curve, for the eye."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .motion import Motion
+
+# A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
+TURN = math.radians(15)
+"""The largest angle by which a hodograph may turn from one sample to the next."""
+
+OSCILLATION = math.radians(30)
+"""The same of a component over time, whose peaks are what is read: 3 % of them is lost."""
+
+VISIBLE = 0.02
+"""The shortest chord that the eye sees, as a part of the size of a curve."""
+
+FINE = math.radians(10)
+"""The angle between neighbours for which samples are proposed."""
+
+
+def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """The angle (n,) by which the hodograph turns within the longer of the intervals beside each
+    sample, and the distance (n,) that it covers there; by the rates, since samples that miss whole
+    turns look smooth.
+
+    The rates are those of a free body, beside which a torque turns G slowly.
+    """
+    omega, A = motion.omega, motion.inertia
+    size = np.abs(omega).max(initial=0) or 1.0
+    w = omega / size
+    G = A * w
+    rate = np.cross(G, w)
+    bend = np.cross(rate, w) + np.cross(G, rate / A)
+    speed = np.linalg.norm(rate, axis=-1)
+    with np.errstate(all="ignore"):  # where G stands still it turns by no angle
+        curl = np.linalg.norm(np.cross(rate, bend), axis=-1) / speed**2
+    steps = np.diff(motion.time) * size
+    wide = np.maximum(np.append(steps, 0), np.append(0, steps))
+    return np.where(speed > 0, np.nan_to_num(curl), 0) * wide, speed * wide * size
+
+
+def coarse(motion: Motion, part: slice, limit: float = TURN) -> str:
+    """What is to be said of a motion whose samples are too few for a curve of G; an empty text if
+    they are not."""
+    if len(motion.time[part]) < 3:
+        return ""
+    angle, distance = (values[part] for values in turns(motion))
+    size = np.abs(motion.G[part]).max(initial=0)
+    seen = angle[distance > VISIBLE * size]
+    worst = float(seen.max(initial=0))
+    if worst <= limit:
+        return ""
+    samples = math.ceil((len(motion.time) - 1) * worst / FINE) + 1
+    return (
+        f"{motion.name} turns by up to {math.degrees(worst):.0f}° from one sample to the next, so "
+        f"that its curve is a polygon: time: {{samples: {samples}}} draws it"
+    )
+
+
+CURVES = ("hodograph", "sphere", "quadrants")
+"""The kinds of figures that draw curves of G or omega, whatever they name."""
+
+OF_SAMPLES = (*CURVES, "phase", "series")
+"""The kinds whose curves are lines through samples."""
+
+OSCILLATING = ("p", "q", "r", "x", "y", "x1_direction")
+"""The quantities that oscillate with the turns, as the components of vectors do."""
+
+
+def oscillates(name: str) -> bool:
+    """Whether a quantity oscillates with the turns, and does not follow their mean."""
+    return name in OSCILLATING or "." in name
+
+
+def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[str]:
+    """What is to be said of a figure some of whose motions have too few samples for its curves."""
+    kind = spec["kind"]
+    names = [spec["x"], spec["y"]] if kind == "phase" else spec.get("variables", ())
+    if kind not in CURVES and not any(map(oscillates, names)):
+        return []
+    limit = OSCILLATION if kind == "series" else TURN
+    remarks = [
+        coarse(motion, within(motion, spec.get("span")), limit)
+        for motion in motions
+        if "omega" in motion.vectors and len(motion.axes) == 3
+    ]
+    return list(dict.fromkeys(filter(None, remarks)))
+
+
+def within(motion: Motion, span: tuple[float, float] | None) -> slice:
+    """The samples of a motion within a span of time; all without one."""
+    if span is None:
+        return slice(None)
+    first = int(np.searchsorted(motion.time, span[0]))
+    return slice(first, int(np.searchsorted(motion.time, span[1], "right")))

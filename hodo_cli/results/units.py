@@ -1,0 +1,56 @@
+"""The units of what is stored and derived: products of powers of the units that a case gives."""
+
+import re
+from collections import Counter
+
+from ..cases.case import Case
+
+INERTIA, TIME_WORD = "moment of inertia", "time"
+"""The words for the units of a case in the units that models, keys and stored names state."""
+
+FACTOR = re.compile(r"([^\W\d_]+|°|%)(?:\^?(-?\d+))?")
+"""A unit and its power: s, m^2, m2."""
+
+
+def units_of_case(stated: str, case: Case) -> str:
+    """The units that are stated in words, such as "moment of inertia / time^2", in those of a case,
+    such as "kg m^2/s^2"; what is in no words stays as it is."""
+    given = {"inertia": case.inertia_unit, TIME_WORD: case.time.unit}
+    powers = factors(stated.replace(INERTIA, "inertia"))
+    if not powers.keys() & given.keys():
+        return stated
+    if len(powers) == 1 and 1 in powers.values():
+        return given[next(iter(powers))]  # as it is spelled
+    total: Counter[str] = Counter()
+    for word, power in powers.items():
+        for unit, of_unit in factors(given.get(word, word)).items():
+            total[unit] += power * of_unit
+    return written(total)
+
+
+def factors(text: str) -> dict[str, int]:
+    """The units in a product such as "kg m^2/s" with their powers; none in "1". A text that is no
+    such product counts as one unit."""
+    powers: Counter[str] = Counter()
+    for place, part in enumerate(text.split("/")):
+        for word in re.split(r"[\s*·.]+", part.strip()):
+            if word == "1":
+                continue
+            if not (factor := FACTOR.fullmatch(word)):
+                return {f"({text})": 1}
+            powers[factor[1]] += (-1 if place else 1) * int(factor[2] or 1)
+    return powers
+
+
+def written(powers: dict[str, int]) -> str:
+    """A product of units as UDUNITS reads it, with a single divisor at the most: "kg m^2/s"."""
+    above = [raised(unit, power) for unit, power in powers.items() if power > 0]
+    below = [(unit, -power) for unit, power in powers.items() if power < 0]
+    if len(below) == 1:
+        return f"{' '.join(above) or '1'}/{raised(*below[0])}"
+    return " ".join([*above, *(raised(unit, -power) for unit, power in below)]) or "1"
+
+
+def raised(unit: str, power: int) -> str:
+    """A unit to a power."""
+    return unit if power == 1 else f"{unit}^{power}"

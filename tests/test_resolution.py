@@ -1,0 +1,96 @@
+"""A curve through too few samples is said to be a polygon, and a fine one is not."""
+
+import re
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, call
+
+from hodo_cli.cases.config import load
+from hodo_cli.results.dataset import motion_from, open_cases
+from hodo_cli.results.resolution import coarse_curves
+
+BODY = "{model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003], "
+STARTS = {
+    "fast": ("initial: {p: 8, q: 5, r: 7.4}", 1000, 1001),
+    # The samples that the remark on `fast` asks for.
+    "fine": ("initial: {p: 8, q: 5, r: 7.4}", 1000, 27741),
+    "slow": ("initial: {p: 0.08, q: 0.05, r: 0.074}", 1000, 1001),
+    # A sample in every turn or so, through which a smooth curve can be drawn.
+    "aliased": ("initial: {p: 0.8, q: 0.5, r: 0.74}", 400, 20),
+    "steady": ("initial: {p: 8, q: 0, r: 0}", 1000, 101),
+}
+FIGURES = """
+  {0}-space: {{kind: hodograph, cases: [{0}], colour: case, caption: A body.}}
+  {0}-time: {{kind: series, cases: [{0}], variables: [q, G.x3]}}
+  {0}-mean: {{kind: series, cases: [{0}], variables: [G, T]}}
+"""
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """The folder of the figures, and what was said of each by its name."""
+    folder = tmp_path_factory.mktemp("drawn")
+    cases = "".join(
+        f"  {name}: {BODY}{start}, error: off, time: {{end: {end}, samples: {samples}}}}}\n"
+        for name, (start, end, samples) in STARTS.items()
+    )
+    figures = "".join(FIGURES.format(name) for name in ("fast", "fine"))
+    text = f"cases:\n{cases}figures:{figures}"
+    (folder / "m.yaml").write_text(text, encoding="utf-8")
+    assert call(folder, "run", "m.yaml", "--quiet").returncode == 0
+    done = {
+        name: call(folder, "plot", "runs/m.h5", name, "--format", "svg").stderr
+        for name in ("fast-space", "fast-time", "fast-mean", "fine-space", "fine-time")
+    }
+    return folder, done
+
+
+def remarks(folder: Path, name: str, kind: str, *variables: str) -> list[str]:
+    with open_cases(folder / "runs" / "m.h5") as cases:
+        spec = {"kind": kind, "variables": variables}
+        return coarse_curves(spec, [motion_from(cases[name], name)])
+
+
+def test_a_polygon_is_said_to_be_one_in_a_line_and_in_the_caption(
+    drawn: tuple[Path, dict[str, str]],
+) -> None:
+    folder, said = drawn
+    line = next(line for line in said["fast-space"].splitlines() if "polygon" in line)
+    assert re.search(r"fast turns by up to 277° .*: time: \{samples: 27741\} draws it$", line)
+    assert "polygon" in said["fast-time"]
+    assert "polygon" not in said["fast-mean"] + said["fine-space"] + said["fine-time"]
+    assert call(folder, "plot", "runs/m.h5", "--format", "svg").returncode == 0
+    page = (folder / "runs" / "figures" / "index.html").read_text(encoding="utf-8")
+    assert page.count("its curve is a polygon") >= 2
+    figures = folder / "runs" / "figures" / "m"
+    assert "A body. fast turns by up to" in (figures / "fast-space.svg").read_text("utf-8")
+    assert "polygon" not in (figures / "fine-space.svg").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "variables", "coarse"),
+    [
+        ("slow", "hodograph", (), False),
+        ("steady", "hodograph", (), False),
+        ("aliased", "hodograph", (), True),
+        ("aliased", "sphere", (), True),
+        ("aliased", "quadrants", (), True),
+        ("aliased", "series", ("p",), True),
+        ("aliased", "series", ("T", "G"), False),
+    ],
+)
+def test_what_counts_is_the_turning_between_samples(
+    drawn: tuple[Path, dict[str, str]],
+    name: str,
+    kind: str,
+    variables: tuple[str, ...],
+    coarse: bool,
+) -> None:
+    assert bool(remarks(drawn[0], name, kind, *variables)) is coarse
+
+
+def test_a_thinned_motion_is_a_polygon() -> None:
+    with open_cases(ROOT / "runs" / "reference" / "paper1.h5") as cases:
+        spec = load(ROOT / "configs" / "paper1.yaml").figure("fig4")
+        assert coarse_curves(spec, [motion_from(cases[name], name) for name in spec["cases"]])

@@ -1,0 +1,176 @@
+"""Units: what is stored and derived scales as its unit says, in every form of every model."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import call
+
+import hodo_cli
+from hodo_cli import models
+from hodo_cli.cases.case import Case
+from hodo_cli.integration.classify import classify
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.results.layout import case_group, label_group
+from hodo_cli.results.motion import QUANTITIES, Motion
+from hodo_cli.results.units import factors, units_of_case
+
+pytestmark = pytest.mark.engines
+
+SECOND, MOMENT = 2.0, 3.0
+"""The factors by which the numbers of a time and of a moment of inertia grow, in smaller units."""
+
+OMEGA = {"p": (0.8, -1, 0), "q": (0.5, -1, 0), "r": (0.74, -1, 0)}
+BODY: dict[str, Any] = {"inertia": [(1.0, 0, 1), (0.8, 0, 1), (0.6, 0, 1)], "initial": OMEGA}
+DAMPING = [(5e-3, -1, 0), (4e-3, -1, 0), (3e-3, -1, 0)]
+DISC = {
+    "inertia": [(8.0, 0, 1), (8.0, 0, 1), (4.0, 0, 1)],
+    "cavity": {"kappa": (6e-3, 1, 1)},
+    "torque": [(0.0, -2, 1), (0.0, -2, 1), (-0.1, -2, 1)],
+    "epsilon": 0.1,
+    "initial": {"x": (1.0, -2, 0), "y": (1.0, -2, 0)},
+}
+TOP: dict[str, Any] = {
+    "inertia": {"A": (1.5, 0, 1), "C": (1.0, 0, 1)},
+    "mu": (0.5, -2, 1),
+    "a": (0.125, -1, 1),
+    "b": (0.1, -1, 1),
+    "initial": {"theta": 1.0, "r": (1.7, -1, 0)},
+}
+DATA: dict[str, dict[str, Any]] = {
+    "linear-diag": BODY | {"damping": DAMPING},
+    "tensor": BODY | {"resistance": {"diagonal": (4e-3, -1, 1), "off_diagonal": (1e-3, -1, 1)}},
+    "cavity+constant": DISC,
+    "Lagrange-averaged": TOP,
+    "torques": BODY | {"damping": DAMPING, "kappa": (2e-3, 1, 1)},
+}
+"""Data of each model: numbers with the powers of time and inertia that they carry."""
+
+FORMS = [
+    (model, form) for model, forms in models.catalogue().items() if model in DATA for form in forms
+]
+
+
+def scaled(value: Any, unit: tuple[float, float]) -> Any:
+    """Data in units that make times and moments so many times as large."""
+    if isinstance(value, Mapping):
+        return {key: scaled(item, unit) for key, item in value.items()}
+    if isinstance(value, list):
+        return [scaled(item, unit) for item in value]
+    if isinstance(value, tuple):
+        number, of_time, of_inertia = value
+        return number * unit[0] ** of_time * unit[1] ** of_inertia
+    return value
+
+
+def motion(model: str, form: str, unit: tuple[float, float]) -> Motion:
+    """A classified case of a form, as it is stored, in units of its own."""
+    data = scaled(DATA[model], unit)
+    data |= {"epsilon": 0.05} if (model, form) == ("Lagrange-averaged", "full") else {}
+    end = 3.0 if model == "Lagrange-averaged" else 400.0
+    time = {"end": end * unit[0], "samples": 9, "unit": "s"}
+    case = Case.of(
+        {"model": model, "form": form, "time": time, "inertia_unit": "kg m^2", "error": "off"}
+        | data
+    )
+    made = integrate(case)
+    assert made.whole, made.message
+    group = case_group(made, "")
+    if not case.system.no_axis_reason:
+        labelled = classify(case, made.method, made.tol, 1e-9, group.variables["omega"].data)
+        group = group.with_addition(label_group(labelled, case))
+    return Motion(case, group.variables)
+
+
+def factor(unit: str) -> float:
+    """By what a number grows whose unit is a product of powers of s and kg m^2."""
+    powers = factors(unit)
+    assert powers.keys() <= {"s", "kg", "m"}, unit
+    inertia = powers.get("kg", 0)
+    assert powers.get("m", 0) == 2 * inertia, unit
+    return float(SECOND ** powers.get("s", 0) * MOMENT**inertia)
+
+
+@pytest.mark.parametrize(("model", "form"), FORMS)
+def test_every_variable_and_quantity_scales_as_its_unit_says(model: str, form: str) -> None:
+    here, there = motion(model, form, (1.0, 1.0)), motion(model, form, (SECOND, MOMENT))
+    numbers = [name for name, variable in here.data.items() if variable.data.dtype.kind == "f"]
+    tried = 0
+    for name in [*numbers, *QUANTITIES]:
+        try:
+            ours, theirs = (m.stored(name) if name in m.data else m[name] for m in (here, there))
+        except (hodo_cli.HodoError, KeyError):
+            continue
+        tried += 1
+        assert here.units(name) == there.units(name)
+        size = np.nanmax(np.abs(ours), initial=0)
+        # A phase is magnified, an error is of the order of its rounding.
+        bound = np.inf if name == "crossing_error" else 1e-6 * size + 1e-12
+        difference = np.abs(theirs / factor(here.units(name)) - ours)
+        assert np.nanmax(difference, initial=0) <= bound, name
+    assert tried >= 6
+
+
+def test_every_model_of_hodo_is_tried() -> None:
+    own = {
+        model
+        for model, forms in models.catalogue().items()
+        if next(iter(forms.values())).__module__.startswith("hodo_cli.")
+    }
+    assert own == set(DATA)
+
+
+@pytest.mark.parametrize(
+    ("words", "time", "inertia", "written"),
+    [
+        ("moment of inertia / time^2", "s", "kg m^2", "kg m^2/s^2"),
+        ("moment of inertia^2 / time^2", "s", "kg m^2", "kg^2 m^4/s^2"),
+        ("moment of inertia / time", "s", "1", "1/s"),
+        ("moment of inertia / time", "1", "kg m2", "kg m^2"),
+        ("moment of inertia", "s", "N m s^2", "N m s^2"),
+        ("moment of inertia / time", "s", "N m s^2", "N m s"),
+        ("1/time", "days", "1", "1/days"),
+        ("1/time^2", "10 s", "1", "1/(10 s)^2"),
+        ("time", "10 s", "1", "10 s"),
+        ("1/time", "1", "kg m^2", "1"),
+        ("moment of inertia * time", "s", "g cm^2", "g cm^2 s"),
+        ("moment of inertia / time", "s", "kg/m", "kg m^-1 s^-1"),
+        ("s", "1", "1", "s"),
+        ("1", "s", "kg m^2", "1"),
+    ],
+)
+def test_units_are_products_of_powers(words: str, time: str, inertia: str, written: str) -> None:
+    case = Case.of(
+        scaled(BODY, (1, 1))
+        | {"model": "linear-diag", "time": {"end": 1, "unit": time}, "inertia_unit": inertia}
+    )
+    assert units_of_case(words, case) == written
+
+
+def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
+    body = (
+        "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, "
+        "damping: [.005, .004, .003], time: {end: 400, unit: s}, inertia_unit: kg m^2"
+    )
+    sweep = "sweep: {damping.0: {linspace: [0.004, 0.006, 3]}}"
+    figure = "{kind: series, cases: [a], variables: [p, G, T, D, D/2T]}"
+    text = f"cases:\n  a: {{{body}}}\n  s: {{{body}, {sweep}}}\nfigures:\n  f: {figure}\n"
+    (tmp_path / "u.yaml").write_text(text, encoding="utf-8")
+    assert call(tmp_path, "run", "u.yaml", "--quiet").returncode == 0
+    table = call(tmp_path, "classify", "runs/u.h5").stdout
+    assert " s (x1 -> x3, error " in table
+    rows = json.loads(call(tmp_path, "classify", "runs/u.h5", "--json").stdout)
+    assert rows[0]["units"] == {"time": "s", "G": "kg m^2/s"}
+    done = call(tmp_path, "plot", "runs/u.h5", "--format", "csv", "--format", "svg")
+    assert done.returncode == 0, done.stderr
+    head = (tmp_path / "runs/figures/u/f.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert head == (
+        "curve,time [s],p [1/s],G [kg m^2/s],T [kg m^2/s^2],D [kg^2 m^4/s^2],D/2T [kg m^2]"
+    )
+    stored = hodo_cli.open(tmp_path / "runs/u.h5")
+    assert stored["s"]["crossing_time"].attrs["units"] == "s"
+    assert stored["s"]["damping.0"].attrs["units"] == "1/s"
+    assert stored["s"]["crossing_G"].attrs["units"] == "kg m^2/s"
