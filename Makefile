@@ -18,6 +18,11 @@ READY := $(VENV)/.ready
 TOOLS := $(VENV)/.ready-dev
 # What sets a PDF is 70 MB, and nothing else needs it.
 PRINTING := build/printing/.ready
+# Of the lowest versions there are no wheels for a later Python.
+LOWEST := build/lowest/.ready
+OLDEST = $(shell command -v python3.11 || command -v python3.12 || echo $(BIN)/python)
+MEETING := $(addprefix tests/test_,store.py dataset.py named.py error.py integrate.py classify.py \
+	interactive.py install.py)
 # A file's tests stay in one process, so that what its fixtures integrate is integrated once.
 PYTEST := $(BIN)/pytest -q -n logical --maxprocesses 4 --dist loadfile
 
@@ -30,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test stress mutants lint bench docs papers lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test lowest stress mutants lint bench docs papers lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -74,6 +79,9 @@ reference: $(READY)  ## Compute runs/reference anew, in quadruple precision
 test: lint  ## The checks of `lint`, then the whole test suite, without heyoka and with it
 	$(PYTEST) --no-heyoka
 	$(PYTEST)
+
+lowest: $(LOWEST)  ## The tests that meet the libraries most, with the lowest versions that pyproject.toml allows
+	$(dir $(LOWEST))bin/pytest -q -n logical --maxprocesses 4 --dist loadfile -p no:cacheprovider $(MEETING)
 
 stress: $(TOOLS)  ## Kill runs at random moments, run 10,000 cases, let calls fail, feed the loader 20,000 bad inputs (some 15 minutes)
 	$(BIN)/python tests/stress.py
@@ -140,6 +148,14 @@ endif
 $(PRINTING): $(READY)
 	$(BIN)/python -m venv $(@D)
 	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check pypandoc-binary==1.17 typst==0.15.0
+	@touch $@
+
+$(LOWEST): pyproject.toml tools/lowest.py $(READY)
+	rm -rf $(@D)
+	$(OLDEST) -m venv $(@D)
+	$(BIN)/python tools/lowest.py > $(@D)/floors.txt
+	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --requirement $(@D)/floors.txt
+	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
 $(TOOLS): $(READY) requirements-dev.lock

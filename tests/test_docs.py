@@ -74,8 +74,8 @@ def test_only_options_that_exist_are_named(name: str) -> None:
         for option in parameter.opts
     }
     prose = re.sub(r"```.*?```", "", DOCUMENTS[name], flags=re.DOTALL)
-    # mypy's is the one option of another program that the documents name
-    named = set(re.findall(r"(?<=[` ])--[a-z][a-z-]*", prose)) - {"--strict"}
+    named = set(re.findall(r"(?<=[` ])--[a-z][a-z-]*", prose))
+    named -= {"--strict", "--tls-ca-file", "--tls-cert", "--tls-key"}  # of mypy, and of dask
     assert named <= options | {"--help", "--version"}
 
 

@@ -185,11 +185,14 @@ def draw_figure(task: FigureTask) -> DrawnFigure:
 def warnings_of(
     caught: Sequence[warnings.WarningMessage], *results: "StoredCases"
 ) -> tuple[str, ...]:
-    """The warnings that reading results has given, and that cases which were read of one are not
-    classified."""
+    """The warnings that reading and drawing results has given, and that cases which were read of
+    one are not classified."""
     from ..results.dataset import lacks_labels
 
-    lines = [str(warning.message) for warning in caught]
+    # A library that calls another by an old name says so to programmers.
+    lines = [
+        str(item.message) for item in caught if not issubclass(item.category, DeprecationWarning)
+    ]
     lines += [
         f"{cases.path} is not classified: run `hodo classify {cases.path}` for labels and crossings"
         for cases in results

@@ -149,9 +149,14 @@ def _cell(value: object) -> object:
     return f"'{value}" if is_formula else value
 
 
+# Before matplotlib 3.11 they set formulas as images, which their parsers call otherwise.
+SET_FOR: Any = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
+"""What a canvas of pixels takes of a formula."""
+
+
 @lru_cache(maxsize=1024)
 def _formula(text: str, dpi: float, font: FontProperties | None) -> Any:
-    return MathTextParser("path").parse(text, dpi, font)
+    return MathTextParser(SET_FOR).parse(text, dpi, font)
 
 
 class Formulas(MathTextParser):  # type: ignore[type-arg]
@@ -171,7 +176,7 @@ class Formulas(MathTextParser):  # type: ignore[type-arg]
         return _formula(s, dpi, prop and prop.copy())
 
 
-FORMULAS = Formulas("path")
+FORMULAS = Formulas(SET_FOR)
 
 
 def check_tex(text: str, size: float) -> None:
