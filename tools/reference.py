@@ -25,7 +25,9 @@ RTOL = {"averaged-u": 1e-11}
 """The error that a result in double precision may have, relative to the largest value, by form;
 else 1e-12.
 
-The form averaged-u divides by u2 - u1, to which it loses digits.
+The form averaged-u divides by u2 - u1, to which it loses digits. Its Gz, H and r come from the
+roots by (2.5), so that their error is a part of their largest value, however small they become: it
+is allowed as `atol` too.
 """
 
 CONDITION = 10.0
@@ -56,6 +58,8 @@ def thinned(group: Group) -> Group:
         if data.dtype.kind == "f" and name != "crossing_error":
             located = name == "event_time" or name.startswith("crossing_")
             tolerance = {"rtol": rtol * CONDITION if located else rtol}
+            if group.attributes["form"] in RTOL:
+                tolerance["atol"] = rtol * float(np.max(np.abs(variable.data), initial=0))
         else:
             tolerance = {}
         attributes = {key: value for key, value in variable.attrs.items() if key != "error"}
