@@ -21,9 +21,7 @@ def need(case: Case) -> int:
     if case.sweep and "trajectory" not in case.store:
         return 0
     system = case.system
-    numbers = len(system.state) + sum(
-        3 if "axis" in variable.dims else 1 for variable in system.variables.values()
-    )
+    numbers = len(system.state) + sum(variable.width for variable in system.variables.values())
     return case.time.samples * numbers * BYTES
 
 

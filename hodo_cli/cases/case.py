@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 from .. import HodoError, models
+from ..models.attitude import KEY, check_attitude, keys_of_form, system_of
 from ..models.base import Model
 from ..schema.document import Block, locate, read
 from ..schema.frozen import frozen
@@ -98,7 +99,7 @@ class Case:
 
         Raises HodoError if there is no such model.
         """
-        return models.find(self.model, self.form).of(self.data)
+        return system_of(models.find(self.model, self.form), self.data)
 
     @cached_property
     def lines(self) -> Mapping[str, str]:
@@ -168,12 +169,15 @@ def checked_case(name: str, block: Block) -> Case:
     mistakes += [*more, *_of_time(values)]
     if model is None:
         raise Wrong(*mistakes)
-    data = {key: values[key] for key in model.keys if key in values}
-    mistakes += model.check(data)
+    # A case without an attitude is the same whether it says so or not.
+    without = {KEY} if values.get(KEY) in (None, "no") else set()
+    data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
+    own = {key: value for key, value in data.items() if key != KEY}
+    mistakes += [*model.check(own), *check_attitude(model, data)]
     if "time" in values and not mistakes:
-        mistakes += model.check_span(data, values["time"]["start"], values["time"]["end"])
+        mistakes += model.check_span(own, values["time"]["start"], values["time"]["end"])
     # The stored variables are those of the class that stands in for a form with these data.
-    system = None if mistakes else model.of(data)
+    system = None if mistakes else system_of(model, data)
     concrete_model = type(system) if system else model
     mistakes += _of_store(concrete_model, values)
     if system and (message := models.mistake_in(system)):
@@ -237,4 +241,4 @@ def _entries_taken(
 def _forms_with(model: type[Model], key: str) -> str:
     """The forms of a model that take a key."""
     forms = models.catalogue()[model.name].items()
-    return " or ".join(name for name, form in forms if key in form.keys)
+    return " or ".join(name for name, form in forms if key in keys_of_form(form))

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from .. import models
+from ..models.attitude import keys_of_form
 from ..models.base import Model
 from .case import NAME
 from .figure_block import FIGURE
@@ -13,7 +14,7 @@ from .keys import COMMON, SECTIONS
 def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:
     """JSON Schema of a case of one of some forms of a model."""
     own: dict[str, list[dict[str, Any]]] = {}
-    for name, key in (item for form_class in classes for item in form_class.keys.items()):
+    for name, key in (item for form_class in classes for item in keys_of_form(form_class).items()):
         if (rule := key.schema()) not in own.setdefault(name, []):
             own[name].append(rule)
     rules = {name: some[0] if len(some) == 1 else {"anyOf": some} for name, some in own.items()}

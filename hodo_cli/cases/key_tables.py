@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 
 from .. import models
+from ..models.attitude import keys_of_form
 from ..schema import kinds
 from ..schema.kinds import Choice, Either, Key, Table, Variant
 from ..schema.write import write
@@ -64,7 +65,7 @@ def _cases() -> Groups:
     yield "Every case", _table(head | COMMON)
     for model, forms in catalogue.items():
         form = {"form": keys_of(model, None)[1]["form"]}
-        own = [_table({**form, **cls.keys}) for cls in forms.values()]
+        own = [_table({**form, **keys_of_form(cls)}) for cls in forms.values()]
         yield f"Model `{model}`", _model(list(forms), own)
 
 

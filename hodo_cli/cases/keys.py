@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any
 
 from .. import models
+from ..models.attitude import keys_of_form
 from ..models.base import Model
 from ..schema.document import Block
 from ..schema.kinds import (
@@ -149,7 +150,7 @@ def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, di
         head["form"] = Key(Choice(*forms), "form of the equations", default=next(iter(forms)))
     named = next(iter(forms), "") if form is None else form
     form_class = forms.get(named)
-    return form_class, head | (form_class.keys if form_class else {}) | COMMON
+    return form_class, head | (keys_of_form(form_class) if form_class else {}) | COMMON
 
 
 def keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:
@@ -165,4 +166,4 @@ def keys_in(block: Block) -> tuple[type[Model] | None, dict[str, Key]]:
 def all_keys() -> frozenset[str]:
     """Every key that a case of some model takes."""
     classes = [form for forms in models.catalogue().values() for form in forms.values()]
-    return frozenset({"model", "form", *COMMON}.union(*(form.keys for form in classes)))
+    return frozenset({"model", "form", *COMMON}.union(*(keys_of_form(form) for form in classes)))

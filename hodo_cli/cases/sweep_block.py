@@ -50,7 +50,7 @@ DRAWN_AT_ONCE = 4096
 """Directions that are drawn from one generator, so that any part of a sphere can be drawn by
 itself."""
 
-RESERVED = ("time", "axis", "member")
+RESERVED = ("time", "axis", "quaternion", "member")
 
 REDUCED = (
     "crossing_time",

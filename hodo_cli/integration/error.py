@@ -9,6 +9,7 @@ import numpy as np
 from .. import engines
 from ..cases.case import Case
 from ..engines import extended
+from ..models.attitude import angle_apart
 from ..models.constants import attributes, rescaled
 from .choice import AUTOMATIC, MANY_STEPS, best
 from .driver import LIMIT
@@ -110,9 +111,10 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
 def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dict[str, float]:
     """The error of each stored variable, the largest over the samples that both motions have.
 
-    A vector is judged sample by sample, relative to its length; a scalar relative to its largest
-    value; the time of a terminal event relative to the time since the start. A motion at rest
-    (LIMIT) has no error. What is judged is what is stored, in double precision.
+    A vector is judged sample by sample, relative to its length; an attitude by the angle to turn it
+    into the other; a scalar relative to its largest value; the time of a terminal event relative to
+    the time since the start. A motion at rest (LIMIT) has no error. What is judged is what is
+    stored, in double precision.
     """
     system = case.system
     n = min(len(motion.time), len(reference.time))
@@ -139,7 +141,9 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
         if a.dtype.kind == "i":  # a label has no error
             continue
         distance, size = subtracted(a, b), np.abs(b.astype(float))
-        if len(variable.dims) > 1:
+        if "quaternion" in variable.dims:
+            distance, scale = angle_apart(distance, b.astype(float)), 1
+        elif len(variable.dims) > 1:
             distance, scale = (np.sqrt(np.vecdot(x, x)) for x in (distance, size))
             distance[resting] = 0
         else:

@@ -1,5 +1,6 @@
 """What every model states, and what the body-frame models share."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,12 +15,21 @@ Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
 
 
+LENGTHS = {"axis": 3, "quaternion": 4}
+"""The lengths of the dimensions that a variable of a motion may have besides its time."""
+
+
 class Label(NamedTuple):
     """How one stored variable is labelled in a result file."""
 
     dims: tuple[str, ...]
     long_name: str
     units: str = "1"
+
+    @property
+    def width(self) -> int:
+        """How many numbers it has at a time."""
+        return math.prod(LENGTHS.get(dim, 1) for dim in self.dims)
 
 
 class EventOutcome(NamedTuple):
@@ -85,6 +95,9 @@ class Model:
     A constant of degree 0 is a torque that spins a body up, and so sets a least unit of omega,
     unless it is one of those `opposing` every rotation.
 
+    `turning(k)` is the factor of Q' = Q (0, omega)/2, in its own time and units, of a model whose
+    motions have an attitude Q; `start_attitude(start)` is Q at the start where the start says it.
+
     A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
     not `batchable` if its equations are too large to be compiled for many motions at once.
 
@@ -102,6 +115,8 @@ class Model:
     degree: ClassVar[dict[str, int]] = {}
     state_degree: ClassVar[dict[str, int]] = {}
     opposing: ClassVar[frozenset[str]] = frozenset()
+    turning: ClassVar[Any] = None
+    start_attitude: ClassVar[Any] = None
     oriented: ClassVar[bool] = False
     batchable: ClassVar[bool] = True
     always_absorbing: ClassVar[bool] = False
@@ -195,6 +210,11 @@ class Model:
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The states (n, m) of size about 1 at times t (n,) from the start, in the precision of t,
         and the exponents (n,) of their units."""
+        raise NotImplementedError
+
+    def free_times(self, t: np.ndarray) -> np.ndarray:
+        """The times (n,) at which the free body is, in space, where this one of closed form is at
+        times t (n,) from the start; in the precision of t."""
         raise NotImplementedError
 
     @property

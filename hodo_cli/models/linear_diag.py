@@ -13,7 +13,7 @@ from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame, absorbing_axes
 from .terms.torques import DAMPING, rates_under
-from .theory.closed_form import scaled_motion
+from .theory.closed_form import free_time, scaled_motion
 
 
 def damping_warnings(damping: Sequence[float]) -> list[str]:
@@ -70,7 +70,11 @@ class LinearDiag(BodyFrame):
         return self.form == "full" and len(set(self.damping)) == 1
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return scaled_motion(np.array(self.inertia), np.array(self.start), self.damping[0], t)
+        omega = np.array(self.start[:3])
+        return scaled_motion(np.array(self.inertia), omega, self.damping[0], t)
+
+    def free_times(self, t: np.ndarray) -> np.ndarray:
+        return free_time(self.damping[0], t)
 
     @property
     def damping_rates(self) -> np.ndarray:

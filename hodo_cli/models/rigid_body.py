@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from functools import cached_property
+from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -274,6 +275,7 @@ class BodyFrame(Model):
     initial: Mapping[str, float | None]
 
     state: ClassVar[tuple[str, ...]] = ("p", "q", "r")
+    turning = staticmethod(attrgetter("g"))
     oriented = True
     no_axis_reason = ""
     velocity = staticmethod(complete)

@@ -30,7 +30,7 @@ from .terms.laws import (
 )
 from .terms.torques import Term, added, rates_under
 from .theory.along_momentum import AlongMomentum
-from .theory.closed_form import free_motion, scaled_motion
+from .theory.closed_form import free_motion, free_time, scaled_motion
 from .theory.possible_crossings import (
     CrossingPattern,
     Dissipation,
@@ -302,6 +302,13 @@ class Torques(BodyFrame):
         state = slowed[:, np.newaxis] * free_motion(A, omega, np.asarray(clock.s, dtype=t.dtype))
         leg = np.zeros((len(t), 1), dtype=t.dtype)
         return np.hstack((state, leg)), np.where(slowed > 0, exponent, AT_REST)
+
+    def free_times(self, t: np.ndarray) -> np.ndarray:
+        along = self.along_momentum
+        assert along is not None
+        if self.brake is None:
+            return free_time(float(along.damping), t)
+        return np.asarray(along.clock(t).s, dtype=t.dtype)
 
     @property
     def exact_end(self) -> tuple[str, EventOutcome] | None:

@@ -131,7 +131,7 @@ def is_sweep(data: xr.Dataset) -> bool:
     return bool(sweep_axes(data))
 
 
-MOTION_DIMS = ("time", "axis", "crossing", "event")
+MOTION_DIMS = ("time", "axis", "quaternion", "crossing", "event")
 """The dimensions of what is stored of a single motion."""
 
 

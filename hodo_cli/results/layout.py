@@ -21,7 +21,8 @@ from ..integration.classify import Classification
 from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
-from ..models.base import Label
+from ..models.attitude import CONVENTION, VARIABLE
+from ..models.base import LENGTHS, Label
 from ..storage.group import Attribute, Group, Variable
 from .units import units_of_case
 
@@ -99,6 +100,11 @@ class Stored(NamedTuple):
         return Variable(self.dims, values, self.attrs | more)
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """The lengths of its dimensions, for one of a motion at a time."""
+        return tuple(LENGTHS[dim] for dim in self.dims)
+
+    @property
     def attrs(self) -> dict[str, Attribute]:
         """The attributes of the variable; a text has no units."""
         units: dict[str, Attribute] = {} if self.dtype == "O" else {"units": self.units}
@@ -115,7 +121,11 @@ def flags(meanings: Mapping[int, str]) -> dict[str, Attribute]:
 
 AXIS_FLAGS = flags(rigid_body.LABELS)
 
-PRINCIPAL_AXES = Stored("principal axis of inertia", ("axis",), "O")
+INNER = {
+    "axis": (Stored("principal axis of inertia", ("axis",), "O"), ["x1", "x2", "x3"]),
+    "quaternion": (Stored("part of a quaternion", ("quaternion",), "O"), ["a", "b", "c", "d"]),
+}
+"""The coordinates of what has several numbers at a time, and their values."""
 
 TIME = Stored("time", ("time",), units="time")
 PLAIN_TIME = Label(TIME.dims, TIME.long_name, TIME.units)
@@ -236,9 +246,11 @@ def case_variables(
         error = {"error": errors[name]} if name in errors else {}
         # The values keep their own type: a working precision that netCDF lacks must be refused.
         meanings = AXIS_FLAGS if name == "enclosed_axis" else {}
+        if label == VARIABLE.get(name):
+            meanings = {"convention": CONVENTION, "error_units": "rad"}
         attributes = {"long_name": label.long_name, "units": label.units, **error, **meanings}
         stored[name] = Variable(label.dims, data, attributes)
-    stored |= principal_axes(stored.values())
+    stored |= inner_coordinates(stored.values())
     if events:
         stored |= columns_of(EVENT_COLUMNS, events) | event_details(events)
     if "enclosed_axis" in values:  # labels and crossings stand together, as `classify` writes them
@@ -248,11 +260,10 @@ def case_variables(
     return stored
 
 
-def principal_axes(variables: Iterable[Variable]) -> dict[str, Variable]:
-    """The coordinate `axis`, if one of the variables has this dimension."""
-    if any("axis" in variable.dims for variable in variables):
-        return {"axis": PRINCIPAL_AXES.holding(["x1", "x2", "x3"])}
-    return {}
+def inner_coordinates(variables: Iterable[Variable]) -> dict[str, Variable]:
+    """The coordinates `axis` and `quaternion`, where one of the variables has such a dimension."""
+    dims = {dim for variable in variables for dim in variable.dims}
+    return {name: stored.holding(words) for name, (stored, words) in INNER.items() if name in dims}
 
 
 def columns_of(
@@ -343,7 +354,7 @@ def label_group(labelled: Classification, case: Case) -> Group:
     variables = label_variables(labelled.labels, labelled.crossings)
     if labelled.growth is not None:
         variables["growth_rate"] = GROWTH_RATE.holding(labelled.growth)
-        variables |= principal_axes(variables.values())
+        variables |= inner_coordinates(variables.values())
     if labelled.final is not None:
         variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
     texts = {

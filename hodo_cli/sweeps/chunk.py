@@ -146,7 +146,7 @@ def compute(chunk: Chunk) -> Group:
     case, n = chunk.case, chunk.last - chunk.first
     values = {
         name: np.full(
-            (n, *(3 for _ in column.dims)),
+            (n, *column.shape),
             0 if column.dtype[0] == "i" else np.nan,
             dtype=column.dtype,
         )

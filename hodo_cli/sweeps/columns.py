@@ -63,11 +63,10 @@ def stored_bytes(case: Case) -> int:
     """The bytes that a sweep takes in its result."""
     columns, samples = kept(case), case.time.samples
     size = sum(
-        np.dtype(column.dtype).itemsize * 3 ** len(column.dims) for column in columns.values()
+        np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in columns.values()
     )
     if "trajectory" in case.store:
-        dims = [variable.dims[1:] for variable in case.system.variables.values()]
-        size += 8 * samples * sum(3 ** len(inner) for inner in dims)
+        size += 8 * samples * sum(label.width for label in case.system.variables.values())
     return math.prod(shape(case)) * int(size)
 
 

@@ -11,7 +11,7 @@ from ..cases.keys import keys_of
 from ..cases.sweep_block import axes_of, path_of
 from ..engines.protocol import EPS, Status
 from ..integration.solve import sample_times
-from ..results.layout import TIME, Stored, case_attributes, principal_axes, with_units
+from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
 from ..storage.group import Attribute, Group, Late, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import kept, shape
@@ -28,14 +28,13 @@ def group_of_columns(
     names = [axis.name for axis in axes_of(case.sweep or {})]
     variables = coordinates(case)
     for name, column in kept(case).items():
-        inner = tuple(3 for _ in column.dims)
-        dims = column.dims
+        inner, dims = column.shape, column.dims
         if "trajectory" in case.store and name in case.system.variables:
             inner, dims = (case.time.samples, *inner), ("time", *dims)
         # The shape and type of an array without its memory: a zero that stands everywhere.
         outline = np.broadcast_to(np.zeros((), dtype=column.dtype), (*sizes, *inner))
         variables[name] = Variable((*names, *dims), outline, column.attrs)
-    variables |= principal_axes(variables.values())
+    variables |= inner_coordinates(variables.values())
 
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
         for task in tasks:

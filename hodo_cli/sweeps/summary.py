@@ -18,6 +18,7 @@ from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
 from ..integration.units import Units
 from ..models import rigid_body
+from ..models.attitude import angle_apart
 from ..models.constants import rescaled
 from ..storage.group import Group, Variable
 from .chunk import Chunk, fits_ensemble
@@ -97,7 +98,9 @@ def _final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> floa
         errors.append(errors_against(case, own, last)["omega"])
         compared.add("omega")
     for name, values in reference.variables.items():
-        if name in final and name not in compared:
+        if name == "attitude" and name in final:
+            errors.append(float(angle_apart(final[name] - values[-1], values[-1])))
+        elif name in final and name not in compared:
             distance = np.linalg.norm(final[name] - values[-1])
             size = np.linalg.norm(values[-1]) if values.ndim > 1 else np.abs(values).max()
             errors.append(float(distance / size) if size else float(distance))
@@ -140,9 +143,7 @@ def lost_part(chunk: Chunk) -> Group:
     for name, column in columns(chunk.case).items():
         missing = 0 if column.dtype[0] == "i" else np.nan
         fill = Status.FAILED.code if name == "status" else missing
-        data = np.full(
-            (chunk.last - chunk.first, *(3 for _ in column.dims)), fill, dtype=column.dtype
-        )
+        data = np.full((chunk.last - chunk.first, *column.shape), fill, dtype=column.dtype)
         variables[name] = Variable(("member", *column.dims), data)
     return Group({"run_time": 0.0, "alone": 0, "methods": ""}, variables)
 

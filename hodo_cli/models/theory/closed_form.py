@@ -79,18 +79,22 @@ def scaled_motion(
     """
     t = np.asarray(t, dtype=np.result_type(t, float))
     size, unit = in_own_units(omega0)
-    z = lam * t
-    # (1 - exp(-z))/z, which is 1 without damping and loses no digit where z is small.
-    slowing = np.divide(-np.expm1(-z), z, out=np.ones_like(z), where=z != 0)
     # 2^(1e9) is beyond any size that counts, and an exponent of it still fits an int32.
-    z = np.clip(z, -7e8, 7e8)
+    z = np.clip(lam * t, -7e8, 7e8)
     # exp(-z) as a power of two and a factor near 1, which is right to the last digit also where
     # exp(-z) itself has no double.
     halvings = np.rint(z / math.log(2))
     decay = np.exp(halvings * LN2_HEAD - z + halvings * LN2_TAIL)
-    return decay[:, np.newaxis] * _free(
-        A, unit, np.ldexp(t * slowing, size)
-    ), size - halvings.astype(np.int64)
+    free = _free(A, unit, np.ldexp(free_time(lam, t), size))
+    return decay[:, np.newaxis] * free, size - halvings.astype(np.int64)
+
+
+def free_time(lam: float, t: np.ndarray) -> np.ndarray:
+    """s = (1 - exp(-lam t))/lam (n,), the time at which the free body is where the damped one is at
+    t."""
+    z = lam * t
+    # (1 - exp(-z))/z, which is 1 without damping and loses no digit where z is small.
+    return np.asarray(t * np.divide(-np.expm1(-z), z, out=np.ones_like(z), where=z != 0))
 
 
 def in_own_units(omega0: np.ndarray) -> tuple[int, np.ndarray]:

@@ -395,6 +395,17 @@ class FullTop(Top):
     }
 
     @staticmethod
+    def turning(k: Any) -> Any:
+        """1/epsilon: the derivatives are by tau."""
+        return 1 / k.epsilon
+
+    @staticmethod
+    def start_attitude(start: Sequence[Any]) -> tuple[Any, ...]:
+        """The turn by theta about x1, with the vertical along z: phi = psi = 0."""
+        theta = math.atan2(start[4], start[5])
+        return math.cos(theta / 2), math.sin(theta / 2), 0.0, 0.0
+
+    @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         p, q, r, g1, g2, g3 = y
         now = with_mu(k, t)

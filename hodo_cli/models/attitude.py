@@ -1,0 +1,309 @@
+"""Attitude: any model whose state begins with the angular velocity in body axes, with a quaternion
+from body to space beside it."""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib import import_module
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..arithmetic import cos, hypot, sin, sqrt
+from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
+from .theory.attitude import free_attitude, product
+from .base import Event, EventOutcome, Label, Model, Passage
+
+KEY = "attitude"
+
+ANGLES = ListOf(Angle(), length=3, title="3 angles in radians, or such as '60 deg'")
+
+ATTITUDE = Key(
+    Either(
+        Choice("yes", "no"),
+        Table(
+            {
+                "initial": Key(vector(4), "quaternion a, b, c, d at the start", default=None),
+                "euler": Key(ANGLES, "angles of the `sequence` at the start", "rad", None),
+                "sequence": Key(
+                    Text(),
+                    "axes of the angles: capitals are body axes, small letters space axes, as of"
+                    " SciPy's Rotation",
+                    default="ZXZ",
+                ),
+                "align": Key(
+                    Choice("G"), "G: the space axis z lies along G at the start", default=None
+                ),
+            }
+        ),
+    ),
+    "where the body points, stored as a quaternion: yes (body and space axes coincide at the start;"
+    " of a top: z is the vertical), or how it starts",
+    default=None,
+)
+
+QUATERNION = ("attitude_a", "attitude_b", "attitude_c", "attitude_d")
+"""The variables of the state."""
+
+VARIABLE = {KEY: Label(("time", "quaternion"), "attitude, from body to space axes")}
+
+CONVENTION = (
+    "unit quaternion (a, b, c, d), scalar first: Q (0, v) Q* is a body's vector v in space, and"
+    " dQ/dt = Q (0, omega)/2; Q and -Q are one attitude, and the branch is the continuous one"
+)
+
+NORMED = 1e-6
+"""How far from 1 the length of a quaternion may be without a word."""
+
+
+def takes_attitude(form: type[Model]) -> bool:
+    """Whether the motions of a form have an attitude: a mean over turns has none."""
+    return form.turning is not None and form.state[:3] == ("p", "q", "r")
+
+
+def keys_of_form(form: type[Model]) -> dict[str, Key]:
+    """The keys of a form's cases, its own and what any of its kind takes."""
+    return {**form.keys, KEY: ATTITUDE} if takes_attitude(form) else form.keys
+
+
+def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
+    """The object of a form with these data, with an attitude where they name one."""
+    own = {name: value for name, value in data.items() if name != KEY}
+    system, attitude = form.of(own), data.get(KEY)
+    if attitude in (None, "no"):
+        return system
+    return with_attitude(type(system))(**own, attitude=attitude)  # type: ignore[arg-type, call-arg]
+
+
+def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """What is wrong with a start whose parts are each right by themselves."""
+    given = data.get(KEY)
+    if not isinstance(given, Mapping):
+        return
+    ways = [name for name in ("initial", "euler", "align") if given[name] is not None]
+    if form.start_attitude is not None:
+        yield (KEY,), "the start of a top says where it points: write `attitude: yes`"
+    elif len(ways) != 1:
+        yield (KEY,), f"give one of initial, euler and align, not {' and '.join(ways) or 'none'}"
+    if given["initial"] is not None and not any(given["initial"]):
+        yield (KEY, "initial"), "a quaternion of length 0 is no attitude"
+    if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", given["sequence"]):
+        message = "expected three of X, Y, Z or of x, y, z, no two neighbours equal"
+        yield (KEY, "sequence"), f"{message}, got {given['sequence']!r}"
+
+
+def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tuple[Any, ...]:
+    """Q' = factor Q (0, omega)/2."""
+    p, q, r = (factor * x / 2 for x in omega)
+    a, b, c, d = Q
+    return (
+        -(b * p) - c * q - d * r,
+        a * p + c * r - d * q,
+        a * q + d * p - b * r,
+        a * r + b * q - c * p,
+    )
+
+
+def composed(first: Sequence[Any], second: Sequence[Any]) -> tuple[Any, ...]:
+    """The quaternion of the rotation `second`, then `first`."""
+    a, b, c, d = first
+    e, f, g, h = second
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
+
+
+def about_axis(letter: str, angle: Any) -> tuple[Any, ...]:
+    """The rotation by an angle about the axis x, y or z."""
+    turned = [0.0, 0.0, 0.0]
+    turned["xyz".index(letter.lower())] = sin(angle / 2)
+    return cos(angle / 2), *turned
+
+
+def of_euler(sequence: str, angles: Sequence[float]) -> tuple[Any, ...]:
+    """The rotation by angles about axes of the body (capitals) or of space, one after another."""
+    first, second, third = map(about_axis, sequence, angles)
+    if sequence.isupper():  # each about an axis that the one before has turned
+        return composed(composed(first, second), third)
+    return composed(third, composed(second, first))
+
+
+def aligned(G: Sequence[Any]) -> tuple[Any, ...]:
+    """The shortest rotation that brings the direction G to the axis z; 1 for G = 0."""
+    x, y, z = G
+    across, size = hypot(x, y), hypot(hypot(x, y), z)
+    if not size:
+        return 1.0, 0.0, 0.0, 0.0
+    if z >= 0:
+        a = sqrt((1 + z / size) / 2)
+        return a, y / size / (2 * a), -(x / size) / (2 * a), 0.0
+    if not across:
+        return 0.0, 1.0, 0.0, 0.0
+    sine = sqrt((1 - z / size) / 2)
+    return across / size / (2 * sine), sine * y / across, -(sine * x / across), 0.0
+
+
+def quaternion_at_start(given: Any, G: Sequence[Any]) -> tuple[Any, ...]:
+    """The quaternion (4,) at the start, which the key `attitude` and G (3,) say."""
+    if not isinstance(given, Mapping):
+        return 1.0, 0.0, 0.0, 0.0
+    if given["euler"] is not None:
+        return of_euler(given["sequence"], given["euler"])
+    if given["align"] is not None:
+        return aligned(G)
+    length = math.hypot(*given["initial"])
+    return tuple(x / length for x in given["initial"])
+
+
+def angle_apart(difference: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """The angle (...) by which an attitude Q + difference (..., 4) is turned from another, Q, of
+    about the same size: 2 asin |vector part of Q* (Q + difference)|. Q and -Q are one attitude."""
+    a, v, d = Q[..., :1], Q[..., 1:], difference
+    across = a * d[..., 1:] - d[..., :1] * v - np.cross(v, d[..., 1:])
+    size = np.linalg.norm(Q, axis=-1) * np.linalg.norm(Q + difference, axis=-1)
+    sine = np.divide(np.linalg.norm(across, axis=-1), size, out=np.zeros_like(size), where=size > 0)
+    return np.asarray(2 * np.arcsin(np.minimum(sine, 1)))
+
+
+@dataclass(frozen=True)
+class WithoutAttitude:
+    """A function of the state of a model as one of the state with an attitude."""
+
+    function: Callable[..., Any]
+
+    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
+        return self.function(t, y[:-4], k)
+
+
+@dataclass(frozen=True)
+class KeptAttitude:
+    """A passage of a model as one that keeps the attitude."""
+
+    passage: Passage
+
+    def __call__(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+        outcome = self.passage(t, y[:-4], k)
+        return outcome._replace(state=[*outcome.state, *y[-4:]])
+
+
+def beside_attitude(event: Event) -> Event:
+    """An event of a model as one of the model with an attitude."""
+    passage = event.passage and KeptAttitude(event.passage)
+    return event._replace(function=WithoutAttitude(event.function), passage=passage)
+
+
+class Oriented(Model):
+    """What stands before a form's own class where its cases name an attitude."""
+
+    attitude: Any
+    plain: ClassVar[type[Model]]
+
+    @property
+    def start(self) -> tuple[Any, ...]:
+        own = super().start
+        return (*own, *self._turned(own))
+
+    @property
+    def extended_start(self) -> np.ndarray:
+        own = super().extended_start
+        return np.concatenate((own, np.array(self.start[len(own) :], dtype=own.dtype)))
+
+    def starts(self, omega: np.ndarray) -> np.ndarray:
+        own = super().starts(omega)
+        turned = [self._turned(y) for y in own.reshape(len(own), -1).T.tolist()]
+        quaternions = np.array(turned).T.reshape(4, *own.shape[1:])
+        return np.concatenate((own, quaternions))
+
+    def _turned(self, start: Sequence[Any]) -> tuple[Any, ...]:
+        if self.plain.start_attitude is not None:
+            return tuple(self.plain.start_attitude(start))
+        inertia = self.inertia  # type: ignore[attr-defined]
+        G = [A * w for A, w in zip(inertia, start[:3], strict=True)]
+        return quaternion_at_start(self.attitude, G)
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        return tuple(map(beside_attitude, super().run_events))
+
+    @property
+    def class_events(self) -> tuple[Event, ...]:
+        return tuple(map(beside_attitude, super().class_events))
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The attitude too: that of the free body at the time of its clock."""
+        own, exponent = super().exact_states(t)
+        inertia = np.array(self.inertia)  # type: ignore[attr-defined]
+        start = np.array(self.start)
+        free = free_attitude(inertia, start[:3], self.free_times(t))
+        Q = product(start[-4:].astype(free.dtype), free)
+        return np.concatenate((own, Q), axis=1), exponent
+
+    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
+        return super().validity_warnings(t, y[:, :-4], tol)
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*super().warnings, *attitude_warnings(self.attitude)]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The class is made where it is needed; other processes have to make it too.
+        data = {field.name: getattr(self, field.name) for field in fields(self)}
+        return rebuilt, (self.name, self.form, data)
+
+
+def rebuilt(name: str, form: str, data: Mapping[str, Any]) -> Model:
+    """The object of a form of a model with these data, an attitude among them."""
+    return system_of(import_module(__package__).find(name, form), data)
+
+
+def attitude_warnings(given: Any) -> list[str]:
+    """What the start of an attitude says against itself."""
+    if not isinstance(given, Mapping):
+        return []
+    if given["initial"] is not None:
+        length = math.hypot(*given["initial"])
+        unit = abs(length - 1) <= NORMED
+        return [] if unit else [f"the attitude at the start has length {length:.9g}: it is made 1"]
+    if given["euler"] is None:
+        return []
+    sequence, middle = given["sequence"], given["euler"][1]
+    pole = math.sin(middle) if sequence[0] == sequence[2] else math.cos(middle)
+    if abs(pole) > NORMED:
+        return []
+    return [f"the start is at a pole of the sequence {sequence}: its other two angles are one"]
+
+
+@cache
+def with_attitude(plain: type[Model]) -> type[Model]:
+    """A form whose state has the quaternion besides: Q' = Q (0, omega)/2."""
+    turning = plain.turning
+    assert turning is not None
+
+    def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        return (*plain.rhs(t, y[:-4], k), *quaternion_rates(y[:3], y[-4:], turning(k)))
+
+    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        return {**plain.output(t, y[:, :-4], k), KEY: y[:, -4:]}
+
+    own = {
+        "__module__": plain.__module__,
+        "__doc__": f"{plain.__name__} with an attitude.",
+        "__annotations__": {KEY: Any},
+        "plain": plain,
+        "keys": plain.keys | {KEY: ATTITUDE},
+        "state": plain.state + QUATERNION,
+        "variables": plain.variables | VARIABLE,
+        # By g, which is of the degree of what turns with omega.
+        "degree": plain.degree and plain.degree | {"g": 2},
+        "state_degree": plain.state_degree | dict.fromkeys(QUATERNION, 0),
+        "rhs": staticmethod(rhs),
+        "output": staticmethod(output),
+        "is_accurate": staticmethod(lambda y, k, tol: plain.is_accurate(y[:-4], k, tol)),
+    }
+    return dataclass(frozen=True)(type(f"{plain.__name__}WithAttitude", (Oriented, plain), own))
