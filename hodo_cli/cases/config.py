@@ -261,7 +261,9 @@ def _of_figures(
 
 def drawable(case: Case) -> Drawable:
     """What figures may ask of a case."""
-    labels = case.system.variables
+    variables = case.system.variables
+    # Of an attitude only what follows from it is a number.
+    labels = {name: label for name, label in variables.items() if "quaternion" not in label.dims}
     vectors = [name for name, label in labels.items() if "axis" in label.dims]
     if case.sweep:
         asked = [name for name in case.store if name != "trajectory"]

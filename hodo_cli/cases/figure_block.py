@@ -55,7 +55,9 @@ TITLE = Key(
 )
 DERIVED = (
     *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H"),
-    *("x1_direction", "separatrix_distance"),
+    *("x1_direction", "separatrix_distance", "psi", "theta", "phi"),
+    *(f"attitude.{part}" for part in "abcd"),
+    *(f"{name}_space.{axis}" for name in ("G", "omega", "x1", "x2", "x3") for axis in "xyz"),
 )
 """What `results.motion` computes from the samples of a motion, besides what is stored of it."""
 

@@ -84,7 +84,7 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
 
 
-VECTORS = {"gamma": r"\gamma"}
+VECTORS = {"gamma": r"\gamma", "omega": r"\omega"}
 """The symbols of stored vectors whose name is not theirs."""
 
 
@@ -98,10 +98,19 @@ def symbol(name: str) -> str:
         "omega.x2": "q",
         "omega.x3": "r",
         "gamma.x3": r"\cos\theta",
+        "psi": r"\psi",
+        "theta": r"\theta",
+        "phi": r"\phi",
     }
     if name in special:
         return special[name]
     base, _, axis = name.partition(".")
+    if base == "attitude":
+        return axis
+    if base.endswith("_space"):
+        vector = base.removesuffix("_space")
+        index = f"{vector[1]},{axis}" if vector[1:].isdigit() else axis
+        return rf"{{{VECTORS.get(vector, vector[0])}}}_{{{index}}}"
     if axis:
         return f"{VECTORS.get(base, base)}_{axis[1:]}"
     if re.fullmatch(r"[A-Za-z]\w{2,}", name):

@@ -23,6 +23,7 @@ from ..models.constants import attributes
 from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
 from ..storage.provenance import typed
+from .in_space import OF_ATTITUDE
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 from .units import units_of_case
 
@@ -398,6 +399,7 @@ QUANTITIES: dict[str, Derive] = {
     "y": lambda m: m.component("omega", "x3") ** 2,
     "Gz": lambda m: _first_integral(m, "Gz"),
     "H": lambda m: _first_integral(m, "H"),
+    **OF_ATTITUDE,
 }
 """Quantities over time (n,) by name, from what is stored of a motion, where it stores none of this
 name. Each raises KeyError with the stored variable that it needs and the case does not have."""

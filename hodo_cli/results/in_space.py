@@ -1,0 +1,69 @@
+"""What follows from a stored attitude: the body's vectors in space, and Euler angles."""
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .motion import Motion
+
+SPACE_AXES = ("x", "y", "z")
+
+POLE = 1e-7
+"""The sine of theta below which phi and psi have lost half of their digits: they are not numbers
+there."""
+
+
+def rotations(m: "Motion") -> Any:
+    """The attitudes as SciPy's rotations. Raises KeyError where none are stored."""
+    from scipy.spatial.transform import Rotation  # late: it takes longer than most pictures
+
+    return Rotation.from_quat(np.roll(m.stored("attitude"), -1, axis=1))
+
+
+def vector_in_space(m: "Motion", name: str) -> np.ndarray:
+    """G, omega or a body axis in space axes (n, 3)."""
+    turned = rotations(m)
+    if name in ("x1", "x2", "x3"):
+        return np.asarray(turned.apply(np.eye(3)[int(name[1]) - 1]))
+    return np.asarray(turned.apply(m.G if name == "G" else m.omega))
+
+
+def component_in_space(name: str, axis: str, m: "Motion") -> np.ndarray:
+    """The component (n,) of a vector along a space axis."""
+    return vector_in_space(m, name)[:, SPACE_AXES.index(axis)]
+
+
+def euler_angle(name: str, m: "Motion") -> np.ndarray:
+    """psi, theta or phi (n,) of the turns by psi about z, theta about x1 and phi about x3, one
+    after another: precession, nutation and spin. psi and phi are unwrapped, by less than half a
+    turn from sample to sample, and no numbers where theta is 0 or pi."""
+    turned = rotations(m)
+    axis = turned.apply(np.eye(3)[2])
+    sine = np.hypot(axis[:, 0], axis[:, 1])
+    if name == "theta":
+        return np.asarray(np.arctan2(sine, axis[:, 2]))
+    vertical = turned.inv().apply(np.eye(3)[2])
+    x, y = (axis[:, 0], -axis[:, 1]) if name == "psi" else (vertical[:, 0], vertical[:, 1])
+    known = sine > POLE
+    angle = np.full(len(sine), np.nan)
+    angle[known] = np.unwrap(np.arctan2(x, y)[known])
+    return angle
+
+
+def quaternion_part(part: str, m: "Motion") -> np.ndarray:
+    """a, b, c or d (n,) of the attitude."""
+    return m.stored("attitude")[:, "abcd".index(part)]
+
+
+IN_SPACE = {
+    f"{name}_space.{axis}": partial(component_in_space, name, axis)
+    for name in ("G", "omega", "x1", "x2", "x3")
+    for axis in SPACE_AXES
+}
+ANGLES_IN_SPACE = {name: partial(euler_angle, name) for name in ("psi", "theta", "phi")}
+PARTS = {f"attitude.{part}": partial(quaternion_part, part) for part in "abcd"}
+
+OF_ATTITUDE = IN_SPACE | ANGLES_IN_SPACE | PARTS
+"""Quantities over time (n,) by name, of a motion that stores its attitude."""
