@@ -1,0 +1,413 @@
+"""Attitude: beside every body-frame model and the full top, against numbers of twenty digits, the
+closed form, and what is constant in space.
+
+HODO_FUZZ sets the number of random bodies (default 200).
+"""
+
+import math
+import os
+import pickle
+import random
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from conftest import call, classified
+from scipy.spatial.transform import Rotation
+from test_own_time import Timed, random_body, scaled, timed  # noqa: F401
+
+from hodo_cli import HodoError
+from hodo_cli.api import run as run_case
+from hodo_cli.cases.case import Case, dump, parse_case
+from hodo_cli.integration.integrate import integrate
+from hodo_cli.integration.solve import solve
+from hodo_cli.integration.trajectory import Trajectory
+from hodo_cli.models.attitude import angle_apart
+from hodo_cli.models.theory.attitude import free_attitude, turn_angle
+from hodo_cli.results.dataset import motion_from
+from hodo_cli.sweeps import chunk
+from hodo_cli.sweeps.members import member
+
+COUNT = int(os.environ.get("HODO_FUZZ", "200"))
+
+A = [1, 0.8, 0.6]
+B = {"p": 0.8, "q": 0.5, "r": 0.74}
+C = {"p": 0.5, "q": 0.25, "r": 1.4}
+
+
+def made(end: float, **others: Any) -> Case:
+    """A case of the body (1, 0.8, 0.6) with an attitude."""
+    given = {"model": "linear-diag", "inertia": A, "initial": B, "attitude": "yes"}
+    return Case.of(given | {"time": {"end": end, "samples": 11}} | others)
+
+
+def attitudes(motion: Trajectory) -> np.ndarray:
+    return motion.variables["attitude"]
+
+
+def in_space(motion: Trajectory) -> np.ndarray:
+    """G (n, 3) in space axes."""
+    G = np.array(motion.case.data["inertia"]) * motion.variables["omega"]
+    return Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1)).apply(G)
+
+
+def apart(ours: Any, theirs: Any) -> float:
+    """The largest angle between attitudes."""
+    ours, theirs = np.array(ours), np.array(theirs)
+    return float(np.max(angle_apart(ours - theirs, theirs)))
+
+
+ROWS = [
+    pytest.param(
+        {}, 10,
+        [0.56955723473855153391, -0.72489590132231562546, -0.20328572236371156884,
+         0.32985664111269024347], [0.8, 0.4, 0.444], id="4",
+    ),
+    pytest.param(
+        {}, 60,
+        [0.12698308853587673657, 0.79580935588116954962, 0.58412108883004895820,
+         0.096774572599861047843], [0.8, 0.4, 0.444], id="5",
+    ),
+    pytest.param(
+        {"initial": C}, 10,
+        [-0.043661193544819301563, 0.068937388871441016580, 0.36031944879821930051,
+         0.92925305025680543607], [0.5, 0.2, 0.84], id="6",
+    ),
+    pytest.param(
+        {"damping": 0.005}, 60,
+        [-0.69145252676692817984, -0.12590778341870389353, 0.31649323682464784326,
+         -0.63708136399244688333], [x * math.exp(-0.3) for x in (0.8, 0.4, 0.444)], id="7-8",
+    ),
+    pytest.param(
+        {"damping": [0.005, 0.004, 0.003]}, 100,
+        [0.40860214439426154591, 0.85737426549658524020, -0.24947788801244546279,
+         0.18898264431814407650],
+        [0.518970229719882129, 0.259184866711061475, 0.287391088734303382], id="11",
+    ),
+    pytest.param(
+        {"model": "cavity+constant", "initial": C, "kappa": 0.03}, 60,
+        [-0.77958698908911575141, -0.17068693435600069404, 0.50103896623463938060,
+         0.33476865324824116060],
+        [0.492874149324440957, 0.211834460750612912, 0.841309238131975890], id="12",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize(
+    ("method", "bound"),
+    [
+        ("auto", 2e-14),
+        pytest.param("taylor", 2e-14, marks=pytest.mark.heyoka),
+        ("collocation", 3e-14),
+        ("DOP853", 1e-10),
+    ],
+)
+@pytest.mark.parametrize(("given", "end", "Q", "G"), ROWS)
+def test_known_attitudes(
+    given: dict[str, Any], end: float, Q: list[float], G: list[float], method: str, bound: float
+) -> None:
+    """Q by every method, its stated error, and G in space. Fig 4's motion passes near the middle
+    axis, where the rounding of its data to doubles counts 600 times."""
+    motion, _ = classified(made(end, method=method, **given))
+    rounding = 2e-13 if "damping" in given and end == 100 else 0.0
+    assert apart(attitudes(motion)[-1], Q) < bound + rounding
+    assert apart(attitudes(motion)[-1], Q) < 4 * motion.errors["attitude"] + 3e-15 + rounding
+    # The branch too: the quaternions are continuous in time.
+    assert attitudes(motion)[-1] == pytest.approx(Q, abs=bound + rounding)
+    assert in_space(motion)[-1] == pytest.approx(G, abs=2 * bound + rounding)
+
+
+def body(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """The moments and the start of a random body."""
+    draw = random.Random(seed)
+    return np.array([draw.uniform(0.52, 1) for _ in range(3)]), np.array(
+        [draw.uniform(-1, 1) for _ in range(3)]
+    )
+
+
+@pytest.mark.heyoka
+def test_random_bodies_are_in_closed_form() -> None:
+    """After 1, 10 and 100 turns of the hodograph the integrated attitude is the closed form's, up
+    to what rounding does to the phase."""
+    worst = 0.0
+    for seed in range(COUNT):
+        inertia, omega = body(seed)
+        period, _ = turn_angle(inertia, omega)
+        times = period * np.array([1.0, 10.0, 100.0])
+        initial = dict(zip("pqr", omega.tolist(), strict=True))
+        case = made(times[-1], inertia=inertia.tolist(), initial=initial)
+        motion = solve(case, "taylor", times=times)
+        exact = free_attitude(inertia, omega, times)
+        off = angle_apart(attitudes(motion) - exact, exact)
+        phase = np.linalg.norm(omega) * times
+        worst = max(worst, float((off / (1e-15 * (10 + 30 * phase))).max()))
+        assert attitudes(motion) == pytest.approx(exact, abs=1e-9)  # on the same branch
+    assert worst < 1
+
+
+@pytest.mark.heyoka
+def test_nothing_drifts() -> None:
+    """|Q| and G in space stay to t = 1e5; nothing norms the quaternion."""
+    motion = solve(made(1e5), "taylor")
+    assert np.linalg.norm(attitudes(motion), axis=1) == pytest.approx(1, abs=1e-12)
+    assert in_space(motion) == pytest.approx(np.tile([0.8, 0.4, 0.444], (11, 1)), abs=2e-12)
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize("size", [500, -500])
+def test_at_any_scale_the_attitude_is_the_same(size: int) -> None:
+    s = 2.0**size
+    plain, _ = classified(made(60, damping=[0.005, 0.004, 0.003]))
+    initial = {name: x * s for name, x in B.items()}
+    damping = [0.005 * s, 0.004 * s, 0.003 * s]
+    far, _ = classified(made(60 / s, damping=damping, initial=initial))
+    assert apart(attitudes(far), attitudes(plain)) < 1e-13
+
+
+@pytest.mark.engines
+def test_back_in_time() -> None:
+    """Turned back, with what damped now feeding it, the body comes to where it started from."""
+    there, _ = classified(made(40, damping=[0.005, 0.004, 0.003], attitude={"align": "G"}))
+    back = dict(zip("pqr", (-there.variables["omega"][-1]).tolist(), strict=True))
+    start = {"initial": attitudes(there)[-1].tolist()}
+    again, _ = classified(made(40, damping=[-0.005, -0.004, -0.003], initial=back, attitude=start))
+    assert apart(attitudes(again)[-1], attitudes(there)[0]) < 1e-12
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize("method", ["auto", "collocation"])
+def test_a_spheroid_in_elementary_functions(method: str) -> None:
+    """It turns about G at |G|/A and about its own axis at (A - C) r/A; at rest it does not."""
+    inertia, omega = np.array([0.8, 0.8, 0.6]), np.array([0.5, 0.2, 1.1])
+    G = inertia * omega
+    initial = dict(zip("pqr", omega.tolist(), strict=True))
+    motion, _ = classified(made(50, inertia=inertia.tolist(), initial=initial, method=method))
+    t = motion.time[:, None]
+    known = Rotation.from_rotvec(G / 0.8 * t) * Rotation.from_rotvec([0, 0, 0.2 / 0.8 * 1.1] * t)
+    assert apart(attitudes(motion), known.as_quat(scalar_first=True)) < 2e-14
+    still, _ = classified(made(50, initial=dict.fromkeys("pqr", 0.0), method=method))
+    assert (attitudes(still) == [1, 0, 0, 0]).all()
+
+
+def test_the_fluid_keeps_body_and_fluid_together() -> None:
+    """The torque of the fluid turns G in space by O(kappa), and G - kappa omega' by O(kappa^2)."""
+    off = {}
+    for kappa in (0.03, 0.003):
+        time = {"end": 60, "samples": 601}
+        case = made(60, model="cavity+constant", initial=C, kappa=kappa, time=time)
+        motion, _ = classified(case)
+        w = motion.variables["omega"]
+        slope = np.cross(np.array(A) * w, w) / A
+        turned = Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1)).apply(kappa * slope)
+        G, both = in_space(motion), in_space(motion) - turned
+        off[kappa] = [np.linalg.norm(x - x[0], axis=1).max() for x in (G, both)]
+    assert off[0.03] == pytest.approx([0.02266, 2.19e-4], rel=3e-2)
+    assert off[0.003] == pytest.approx([0.002234, 2.28e-6], rel=3e-2)
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize("size", [0, 300])
+def test_a_model_of_ones_own_has_it(size: int) -> None:
+    """Under a couple F e fixed in space, G in space is G(0) + F t e; the direction that the model
+    carries along is that of e in the body."""
+    body = random_body(4, torques=True) | {"damping": [0.0] * 3, "torque": 0.0, "rate": 0.0}
+    body |= {"law": "polynomial", "time": {"end": 40.0, "samples": 5}}
+    motion, _ = classified(Case.of(scaled(body, size, attitude="yes")))
+    assert [*motion.variables] == ["omega", "gamma", "attitude"]
+    e, t = np.array([0, 0.6, 0.8]), motion.time[:, None]
+    F = motion.case.data["force"]
+    G = in_space(motion)
+    moved = G - G[0] - F * t * e
+    assert np.abs(moved).max() < 1e-13 * np.abs(G).max()
+    turned = Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1))
+    assert turned.apply(motion.variables["gamma"]) == pytest.approx(np.tile(e, (5, 1)), abs=1e-13)
+    again = pickle.loads(pickle.dumps(motion.case))
+    assert again.system.start == motion.case.system.start
+
+
+TOP = {
+    "model": "Lagrange-averaged", "form": "full", "epsilon": 0.05, "inertia": {"A": 1.5, "C": 1},
+    "mu": 0.5, "a": [0.125, 1], "b": [0.1, 1], "attitude": "yes",
+    "initial": {"theta": "60 deg", "r": 1.7320508075688772}, "time": {"end": 1, "samples": 101},
+}  # fmt: skip
+
+
+@pytest.mark.engines
+def test_the_vertical_of_a_top_is_z() -> None:
+    motion = integrate(Case.of(TOP))
+    turned = Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1))
+    assert turned.apply(motion.variables["gamma"]) == pytest.approx(
+        np.tile([0, 0, 1], (101, 1)), abs=1e-13
+    )
+    assert attitudes(motion)[0] == pytest.approx([math.cos(math.pi / 6), 0.5, 0, 0])
+    seen = motion_from(run_case(TOP), "top")
+    gamma = motion.variables["gamma"]
+    assert seen["theta"] == pytest.approx(np.arccos(gamma[:, 2]), abs=1e-12)
+    phi = np.unwrap(np.arctan2(gamma[:, 0], gamma[:, 1]))
+    assert seen["phi"] == pytest.approx(phi, abs=1e-12)
+    p, q = motion.variables["omega"][:, :2].T
+    rate = (p * gamma[:, 0] + q * gamma[:, 1]) / (1 - gamma[:, 2] ** 2) / 0.05
+    steps = np.diff(motion.time) * (rate[1:] + rate[:-1]) / 2
+    assert np.diff(seen["psi"]) == pytest.approx(steps, abs=2e-3)
+
+
+def test_what_follows_from_it() -> None:
+    """By the names of the table of quantities, in figures and in Python; without an attitude one
+    line says what is missing."""
+    given = {"model": "linear-diag", "inertia": A, "initial": B, "time": {"end": 30, "samples": 31}}
+    m = motion_from(run_case(given | {"attitude": {"align": "G"}}), "free")
+    size = math.hypot(0.8, 0.4, 0.444)
+    for name, value in (("G_space.x", 0), ("G_space.y", 0), ("G_space.z", size)):
+        assert m[name] == pytest.approx(np.full(31, value), abs=1e-13)
+    # The herpolhode lies in a plane, since T and G are constant.
+    assert m["omega_space.z"] == pytest.approx(2 * m["T"] / size, abs=1e-13)
+    axis = np.array([m[f"x2_space.{name}"] for name in "xyz"])
+    assert np.linalg.norm(axis, axis=0) == pytest.approx(1, abs=1e-14)
+    angles = Rotation.from_quat(np.roll(m.stored("attitude"), -1, axis=1)).as_euler("ZXZ")
+    for name, column in zip(("psi", "theta", "phi"), angles.T, strict=True):
+        assert np.cos(m[name]) == pytest.approx(np.cos(column), abs=1e-12)
+    assert (np.abs(np.diff(m["psi"])) < np.pi).all()
+    with pytest.raises(HodoError, match=r"has no 'attitude', which G_space\.x needs"):
+        motion_from(run_case(given), "free")["G_space.x"]
+
+
+SEQUENCES = [
+    "".join(axes)
+    for letters in ("XYZ", "xyz")
+    for axes in product(letters, repeat=3)
+    if axes[0] != axes[1] != axes[2]
+]
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_angles_are_those_of_scipy(sequence: str) -> None:
+    euler = [0.3, -1.1, 2.9]
+    case = made(1, attitude={"euler": euler, "sequence": sequence})
+    known = Rotation.from_euler(sequence, euler).as_quat(scalar_first=True)
+    assert apart(case.system.start[3:], known) < 1e-15
+
+
+@pytest.mark.parametrize("G", [(0, 0, 2), (0, 0, -2), (1e-9, 0, -1), (0.3, -0.4, -0.1), (1, 2, 3)])
+def test_aligned_with_momentum(G: tuple[float, ...]) -> None:
+    """z lies along G, by the shortest turn: about an axis across both, by the angle between."""
+    initial = {name: x / a for name, x, a in zip("pqr", G, A, strict=True)}
+    case = made(1, initial=initial, attitude={"align": "G"})
+    turn = Rotation.from_quat(np.roll(case.system.start[3:], -1))
+    assert turn.apply(G) == pytest.approx([0, 0, np.linalg.norm(G)], abs=1e-14)
+    angle = math.atan2(math.hypot(*G[:2]), G[2])
+    assert turn.magnitude() == pytest.approx(angle, abs=1e-14)
+
+
+REFUSED = [
+    ({"attitude": "maybe"}, "attitude: expected yes or no, got 'maybe'"),
+    ({"attitude": {"initial": [0, 0, 0, 0]}}, "attitude.initial: a quaternion of length 0"),
+    ({"attitude": {"initial": [1, 0, 0]}}, "attitude.initial: expected 4 numbers"),
+    ({"attitude": {}}, "attitude: give one of initial, euler and align, not none"),
+    (
+        {"attitude": {"align": "G", "initial": [1, 0, 0, 0]}},
+        "attitude: give one of initial, euler and align, not initial and align",
+    ),
+    ({"attitude": {"euler": [1, 2, 3], "sequence": "XXZ"}}, "attitude.sequence: expected three of"),
+    ({"attitude": {"euler": [1, 2, 3], "sequence": "XyZ"}}, "attitude.sequence: expected three of"),
+    ({"attitude": "yes", "form": "averaged"}, "attitude: is a key of form full, and this is"),
+    (
+        {"attitude": "yes", "model": "Lagrange-averaged", "form": "averaged", "mu": 1},
+        "attitude: is a key of form full, and this is form averaged",
+    ),
+    ({"attitude": "yes", "store": "attitud"}, "store.0: unknown variable 'attitud'; did you mean"),
+    ({"store": "attitude"}, "store.0: unknown variable 'attitude'"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "message"), REFUSED)
+def test_refused(wrong: dict[str, Any], message: str) -> None:
+    given = {"model": "linear-diag", "inertia": A, "initial": B, "time": {"end": 1}}
+    with pytest.raises(HodoError) as refusal:
+        Case.of(given | wrong)
+    assert any(line.startswith(message) for line in str(refusal.value).splitlines()), refusal.value
+
+
+def test_a_top_says_itself_where_it_points() -> None:
+    with pytest.raises(HodoError, match="the start of a top says where it points"):
+        Case.of(TOP | {"attitude": {"align": "G"}})
+
+
+@pytest.mark.parametrize(
+    ("attitude", "words"),
+    [
+        ({"initial": [2, 0, 0, 0]}, "the attitude at the start has length 2: it is made 1"),
+        ({"initial": [0.6, 0, 0.8, 0]}, ""),
+        ({"euler": [1, 0, 2]}, "the start is at a pole of the sequence ZXZ"),
+        ({"euler": [1, "90 deg", 2], "sequence": "xyz"}, "the start is at a pole of the sequence"),
+        ({"euler": [1, "90 deg", 2]}, ""),
+    ],
+)
+def test_warned(attitude: dict[str, Any], words: str) -> None:
+    warnings = made(1, attitude=attitude).system.warnings
+    assert [warning[: len(words)] for warning in warnings] == ([words] if words else [])
+
+
+def test_a_case_without_it_is_as_before() -> None:
+    """`attitude: no` is the case without the key, and no case knows of it that does not name it."""
+    plain, said = made(1, attitude="no"), dump(made(1, attitude="no"))
+    assert "attitude" not in said
+    assert plain.system.state == ("p", "q", "r")
+    assert type(made(1).system) is type(made(2).system) is not type(plain.system)
+    named = made(1, attitude={"euler": ["60 deg", 1, 2]})
+    assert parse_case(dump(named)) == named
+
+
+@pytest.mark.heyoka
+def test_members_have_it() -> None:
+    """At the end of each, and along each: as of single cases; aligned with the G of each."""
+    case = Case.of(
+        {"model": "linear-diag", "inertia": A, "damping": [0.005, 0.004, 0.003], "initial": B,
+         "attitude": {"align": "G"}, "time": {"end": 60, "samples": 4},
+         "sweep": {"start": {"sphere": {"count": 40, "seed": 3}}}}
+    )  # fmt: skip
+    group = chunk.compute(chunk.Chunk(case, 0, 40))
+    values = {name: variable.data for name, variable in group.variables.items()}
+    assert values["attitude"].shape == (40, 4)
+    assert group.attributes["alone"] <= 1
+    for i in (0, 7, 23):
+        motion, _ = classified(member(case, i, samples=4))
+        assert apart(values["attitude"][i], attitudes(motion)[-1]) < 1e-13
+        assert in_space(motion)[0, :2] == pytest.approx([0, 0], abs=1e-14)
+
+
+@pytest.mark.heyoka
+def test_stored_and_drawn(tmp_path: Path) -> None:
+    """From the case file to the picture: single cases, and sweeps with their ends and with all
+    samples."""
+    (tmp_path / "a.yaml").write_text(
+        """
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74},
+           attitude: yes, time: {end: 20, samples: 21}}
+cases:
+  one: {}
+  none: {attitude: no}
+  many: {store: [trajectory], sweep: {initial.p: {linspace: [0.7, 0.9, 3]}}}
+  ends: {sweep: {initial.p: {linspace: [0.7, 0.9, 3]}}}
+figures:
+  f: {kind: series, cases: [one], variables: [G_space.x, x3_space.z, theta, attitude.a]}
+""",
+        encoding="utf-8",
+    )
+    for arguments in (["run", "a.yaml"], ["classify", "runs/a.h5"], ["plot", "a.yaml"]):
+        done = call(tmp_path, *arguments)
+        assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "runs" / "a.h5") as file:
+        stored = file["one/attitude"]
+        assert stored.shape == (21, 4)
+        assert stored.attrs["error"] < 1e-13
+        assert "scalar first" in stored.attrs["convention"]
+        assert [x.decode() for x in file["one/quaternion"]] == ["a", "b", "c", "d"]
+        assert "attitude" not in file["none"]
+        assert file["many/attitude"].shape == (3, 21, 4)
+        assert file["ends/attitude"].shape == (3, 4)
+        assert file["many/attitude"][:, -1] == pytest.approx(file["ends/attitude"][:], abs=1e-13)
+    assert call(tmp_path, "compare", "runs/a.h5", "runs/a.h5").returncode == 0
