@@ -41,7 +41,8 @@ C = {"p": 0.5, "q": 0.25, "r": 1.4}
 def made(end: float, **others: Any) -> Case:
     """A case of the body (1, 0.8, 0.6) with an attitude."""
     given = {"model": "linear-diag", "inertia": A, "initial": B, "attitude": "yes"}
-    return Case.of(given | {"time": {"end": end, "samples": 11}} | others)
+    given |= {"time": {"end": end, "samples": 11}, **others}
+    return Case.of(given)
 
 
 def attitudes(motion: Trajectory) -> np.ndarray:
@@ -273,6 +274,33 @@ def test_what_follows_from_it() -> None:
     assert (np.abs(np.diff(m["psi"])) < np.pi).all()
     with pytest.raises(HodoError, match=r"has no 'attitude', which G_space\.x needs"):
         motion_from(run_case(given), "free")["G_space.x"]
+
+
+@pytest.mark.engines
+def test_a_brake_stops_an_attitude_too() -> None:
+    """Rows 9 and 10: Q on the way, and G in space; behind the stop the body keeps where it points,
+    which is where a free body is at s = |G|/(2 b)."""
+    case = made(120, model="torques", brake=0.01, time={"end": 120, "samples": 3})
+    motion, _ = classified(case)
+    known = [-0.50777394114154784400, -0.69016956218159228341, -0.46937390273278554229,
+             -0.21335355532318345970]  # fmt: skip
+    assert attitudes(motion)[1] == pytest.approx(known, abs=1e-13)
+    G = [0.319311160018074273, 0.159655580009037137, 0.177217693810031222]
+    assert in_space(motion)[1] == pytest.approx(G, abs=1e-13)
+    s = np.array([math.hypot(0.8, 0.4, 0.444) / 0.02])
+    rest = free_attitude(np.array(A), np.array([*B.values()]), s)
+    assert attitudes(motion)[2] == pytest.approx(rest[0], abs=1e-12)
+    assert motion.errors["attitude"] < 1e-12
+
+
+@pytest.mark.engines
+@pytest.mark.parametrize("attitude", ["yes", {"align": "G"}, {"euler": [1, 2, 3]}])
+def test_a_couple_fixed_in_space(attitude: Any) -> None:
+    """G in space is G(0) + F t e, with e in the space axes of the attitude."""
+    torque = {"size": 0.002, "direction": [1, 2, 2]}
+    motion, _ = classified(made(300, model="torques", space_torque=torque, attitude=attitude))
+    G, t = in_space(motion), motion.time[:, None]
+    assert G - G[0] == pytest.approx(0.002 * t * np.array([1, 2, 2]) / 3, abs=1e-12)
 
 
 SEQUENCES = [

@@ -24,7 +24,7 @@ IMPORTERS = {
     "matplotlib": "figures/ api.py",
     "netCDF4": "",
     "plotly": "figures/interactive.py",
-    "scipy": "engines/scipy_ivp.py figures/maps.py",
+    "scipy": "engines/scipy_ivp.py figures/maps.py results/in_space.py",
     "tqdm": "progress.py",
     "xarray": "results/dataset.py api.py",
     "yaml": "schema/document.py",

@@ -119,6 +119,13 @@ def composed(first: Sequence[Any], second: Sequence[Any]) -> tuple[Any, ...]:
     )
 
 
+def turned_back(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Vectors in space v (3, ...) in the axes of bodies with the attitudes Q (4, ...)."""
+    a, b, c, d = Q
+    zero = np.zeros_like(a)
+    return np.array(composed(composed((a, -b, -c, -d), (zero, *v)), (a, b, c, d))[1:])
+
+
 def about_axis(letter: str, angle: Any) -> tuple[Any, ...]:
     """The rotation by an angle about the axis x, y or z."""
     turned = [0.0, 0.0, 0.0]
@@ -206,8 +213,10 @@ class Oriented(Model):
 
     @property
     def start(self) -> tuple[Any, ...]:
-        own = super().start
-        return (*own, *self._turned(own))
+        own = super().start[: len(self.plain.state)]
+        if not self.plain.fixed_in_space:
+            return (*own, *self._turned(own))
+        return tuple(self.starts(np.array(own[:3])).tolist())
 
     @property
     def extended_start(self) -> np.ndarray:
@@ -218,6 +227,9 @@ class Oriented(Model):
         own = super().starts(omega)
         turned = [self._turned(y) for y in own.reshape(len(own), -1).T.tolist()]
         quaternions = np.array(turned).T.reshape(4, *own.shape[1:])
+        if self.plain.fixed_in_space:
+            rows = [self.plain.state.index(name) for name in self.plain.fixed_in_space]
+            own[rows] = turned_back(quaternions, own[rows])
         return np.concatenate((own, quaternions))
 
     def _turned(self, start: Sequence[Any]) -> tuple[Any, ...]:

@@ -97,6 +97,8 @@ class Model:
 
     `turning(k)` is the factor of Q' = Q (0, omega)/2, in its own time and units, of a model whose
     motions have an attitude Q; `start_attitude(start)` is Q at the start where the start says it.
+    Three variables of the state may be the body's components of a vector `fixed_in_space`: its
+    components in space are those of the start, if an attitude says how the two differ.
 
     A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
     not `batchable` if its equations are too large to be compiled for many motions at once.
@@ -117,6 +119,7 @@ class Model:
     opposing: ClassVar[frozenset[str]] = frozenset()
     turning: ClassVar[Any] = None
     start_attitude: ClassVar[Any] = None
+    fixed_in_space: ClassVar[tuple[str, ...]] = ()
     oriented: ClassVar[bool] = False
     batchable: ClassVar[bool] = True
     always_absorbing: ClassVar[bool] = False

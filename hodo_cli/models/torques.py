@@ -165,7 +165,8 @@ class Torques(BodyFrame):
                     ),
                     "direction": Key(
                         vector(3),
-                        "e, of any length, in axes that are the body's at t = 0",
+                        "e, of any length, in the space axes of `attitude`, else the body's at the"
+                        " start",
                     ),
                 }
             ),
@@ -551,6 +552,7 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
         "state_degree": {name: power for name, power in own.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
         "batchable": not own,
+        "fixed_in_space": tuple(terms.SPACE.own) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
     }
     made = type("Torques", (Torques,), attributes_of)
