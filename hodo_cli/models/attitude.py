@@ -14,8 +14,8 @@ import numpy as np
 
 from ..arithmetic import cos, hypot, sin, sqrt
 from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
-from .theory.attitude import free_attitude, product
 from .base import Event, EventOutcome, Label, Model, Passage
+from .theory.attitude import free_attitude, product
 
 KEY = "attitude"
 
