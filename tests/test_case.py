@@ -161,7 +161,7 @@ def test_a_config_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
 RULES = schema()
 CASE_KEYS = RULES["$defs"]["case"]["properties"]
 COMMON = [key for key in CASE_KEYS if key != "model"]
-LINEAR = ["model", "form", "inertia", "damping", "initial", *COMMON]
+LINEAR = ["model", "form", "inertia", "damping", "initial", "attitude", *COMMON]
 MODELS, METHODS, FIGURE_KINDS = (
     str(kinds.Choice(*names))
     for names in (

@@ -145,7 +145,7 @@ def test_a_quantity_that_a_case_does_not_have_is_named_with_what_it_has() -> Non
     with pytest.raises(
         HodoError, match=r"it has omega\.x1, .*G\.x3, enclosed_axis, p, q, r, G, G2"
     ):
-        m["theta"]
+        m["theta1"]
     with pytest.raises(HodoError, match="case fig4 has no 'gamma', which Gz needs"):
         m["Gz"]
     assert "G" in QUANTITIES

@@ -10,11 +10,11 @@ import numpy as np
 
 from .. import HodoError
 from ..models.base import Event, Model
-from ..models.constants import structure
-from ..models.leg_time import (
+from ..models.constants import (
     contains_time,
     events_of_leg_time,
     of_leg_time,
+    structure,
     structure_of_leg_time,
 )
 from .protocol import Engine

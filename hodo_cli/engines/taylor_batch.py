@@ -14,8 +14,7 @@ import heyoka as hy
 import numpy as np
 
 from ..models.base import Event, Model
-from ..models.constants import Structure, count, namespace
-from ..models.leg_time import UNIT
+from ..models.constants import UNIT, Structure, count, namespace
 from .series import TINY, Series, constant, motion, value
 from .taylor import OPTIMISED
 

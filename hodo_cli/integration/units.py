@@ -12,7 +12,11 @@ import numpy as np
 from ..engines import extended
 from ..models.base import Constants, Event, Model
 from ..models.constants import (
+    START,
+    UNIT,
+    VELOCITY,
     attributes,
+    contains_time,
     in_unit,
     jacobian,
     moving,
@@ -20,7 +24,6 @@ from ..models.constants import (
     state_powers,
     structure,
 )
-from ..models.leg_time import START, UNIT, VELOCITY, contains_time
 
 SLOWEST = -1000
 """The binary order of magnitude below which a unit of time grows no longer: 2**-1000 of the

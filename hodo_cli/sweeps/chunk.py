@@ -19,8 +19,7 @@ from ..integration.integrate import integrate
 from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
-from ..models.constants import flatten, rescaled
-from ..models.leg_time import UNIT, contains_time
+from ..models.constants import UNIT, contains_time, flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage.group import Attribute, Group, Variable
 from . import ensemble

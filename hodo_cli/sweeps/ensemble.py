@@ -21,8 +21,7 @@ from ..integration.driver import LIMIT, at_rest
 from ..integration.trajectory import Occurrence
 from ..integration.units import Moment, Units
 from ..models.base import Event, Model
-from ..models.constants import Structure, moving, namespace, rescaled
-from ..models.leg_time import UNIT, VELOCITY
+from ..models.constants import UNIT, VELOCITY, Structure, moving, namespace, rescaled
 from ..models.rigid_body import Separatrix
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ import numpy as np
 
 from ... import HodoError
 from ..base import Model
-from ..constants import attributes, in_unit, rescaled
-from ..leg_time import VELOCITY
+from ..constants import VELOCITY, attributes, in_unit, rescaled
 from .symbols import Symbol
 
 HODO = Path(__file__).parents[2]

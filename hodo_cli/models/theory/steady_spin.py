@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..base import Model
-from ..constants import attributes, jacobian, structure
-from ..leg_time import contains_time
+from ..constants import attributes, contains_time, jacobian, structure
 from .possible_crossings import Dissipation
 
 
