@@ -224,7 +224,7 @@ class Oriented(Model):
         return np.concatenate((own, np.array(self.start[len(own) :], dtype=own.dtype)))
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        own = super().starts(omega)
+        own = super().starts(omega)[: len(self.plain.state)]
         turned = [self._turned(y) for y in own.reshape(len(own), -1).T.tolist()]
         quaternions = np.array(turned).T.reshape(4, *own.shape[1:])
         if self.plain.fixed_in_space:
