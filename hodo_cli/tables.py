@@ -49,7 +49,7 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
                 row["end"],
                 ", ".join(f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()),
                 "; ".join(filter(None, [row.get("final", ""), *row.get("predictions", ())])),
-                "; ".join([*few_passages(row), *row["warnings"]]),
+                "; ".join([*few_passages(row), *events(row), *row["warnings"]]),
             )
             for row in rows
         ],
@@ -62,9 +62,20 @@ CROSSINGS_SHOWN = 5
 
 def few_passages(row: Mapping[str, Any]) -> list[str]:
     """The crossings of a case; of many, the first ones and the last."""
-    unit = row.get("units", {}).get("time", "1")
-    every = [passage(crossing, "" if unit == "1" else f" {unit}") for crossing in row["crossings"]]
+    every = [passage(crossing, time_unit(row)) for crossing in row["crossings"]]
     return abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
+
+
+def events(row: Mapping[str, Any]) -> list[str]:
+    """The events of a motion other than crossings, with their times."""
+    unit = time_unit(row)
+    return [f"{event['kind']} at {event['time']:.15g}{unit}" for event in row.get("events", ())]
+
+
+def time_unit(row: Mapping[str, Any]) -> str:
+    """The unit of a case's times as it stands behind a number."""
+    unit = row.get("units", {}).get("time", "1")
+    return "" if unit == "1" else f" {unit}"
 
 
 def passage(crossing: Mapping[str, Any], unit: str) -> str:

@@ -77,11 +77,19 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    row = row_of(name, labelled, case)
+    row = row_of(name, labelled, case) | {"events": events_of(group)}
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
         row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
     return label_group(labelled, case), row
+
+
+def events_of(group: Group) -> list[dict[str, Any]]:
+    """The events that a stored motion has by itself, by kind and time."""
+    if "event_kind" not in group.variables:
+        return []
+    kinds, times = (group.variables[name].data.tolist() for name in ("event_kind", "event_time"))
+    return [{"kind": str(kind), "time": t} for kind, t in zip(kinds, times, strict=True)]
 
 
 def end_before_time(group: Group) -> tuple[str, ...]:
