@@ -2,10 +2,12 @@
 
 import math
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import call
 
 import hodo_cli as hodo
 from hodo_cli import HodoError
@@ -244,7 +246,10 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
             },
             "damping: the base of its power law is 0 at t = -1",
         ),
-        ({"brake": 1, "form": "averaged"}, "brake: form averaged does not take this torque"),
+        (
+            {"quadratic_axes": 1, "form": "averaged"},
+            "quadratic_axes: form averaged does not take this torque",
+        ),
     ],
 )
 def test_what_is_no_sum_of_torques_is_refused(terms: Any, message: str) -> None:
@@ -373,3 +378,33 @@ def test_a_symmetric_body_with_fluid_and_damping_has_a_closed_form() -> None:
     tilt = np.log(np.hypot(G[:, 0], G[:, 1]) / np.abs(G[:, 2]))
     fall = -np.expm1(-2 * rate * t) / (2 * rate)
     assert tilt - tilt[0] == pytest.approx(kappa * (A - C) * square * fall / (A**3 * C), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("terms", "time"),
+    [
+        ({"damping": 0.002}, 190.794899636922105),
+        ({"brake": 0.002}, 208.359185063327034),
+    ],
+)
+def test_averaged_fluid_with_a_torque_along_G_crosses_at_the_time_of_its_closed_form(
+    terms: Any, time: float
+) -> None:
+    # J depends on the integral of |G|^2 alone.
+    averaged = run(C, 600, kappa=0.01, form="averaged", mean_start="no", **terms)
+    kinds, times = averaged["event_kind"].values, averaged["event_time"].values
+    at = dict(zip(kinds, times, strict=True))
+    assert at["separatrix"] == pytest.approx(time, rel=1e-14)
+    if "brake" in terms:
+        assert at["stopped"] == pytest.approx(math.sqrt(0.9956) / 0.002, rel=1e-14)
+
+
+def test_the_stop_of_a_body_is_printed(tmp_path: Path) -> None:
+    (tmp_path / "braked.yaml").write_text(
+        "title: braked\ncases:\n  braked: {model: torques, inertia: [2, 1.5, 1], quadratic: 0.01,"
+        " kappa: 0.02, brake: 0.004, initial: {p: 0.3, q: 0.7, r: -0.9}, time: {end: 300}}\n"
+    )
+    assert call(tmp_path, "run", "braked").returncode == 0
+    printed = call(tmp_path, "classify", "runs/braked.h5").stdout
+    assert "one crossing at most, x3 to x1" in printed
+    assert "stopped at 204.4278912504" in printed

@@ -321,6 +321,11 @@ class BodyFrame(Model):
         return body_constants(self.inertia)
 
     @property
+    def averaged_events(self) -> tuple[Event, ...]:
+        """The events that its averaged form has besides passages through the separatrix."""
+        return ()
+
+    @property
     def tilt_growth(self) -> np.ndarray | None:
         rates = self.damping_rates
         if rates is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..schema.expression import Expression
 from ..schema.kinds import Key, ListOf, Mistake, Number, Table, vector
-from .averaging.any_torque import AnyTorque, averaged_form, looked_up
+from .averaging.any_torque import AnyTorque, averaged_form, looked_up, mean_elements
 from .base import Constants, Event, EventOutcome, Model, mistake_of
 from .cavity import CAVITY, coefficient, heavy_fluid, slow_flow, weak
 from .constants import attributes
@@ -54,9 +54,9 @@ TERMS: Mapping[str, Term] = {
 }
 """What a case may name; a `cavity` is a kappa."""
 
-AVERAGED = frozenset(TERMS) - {"quadratic_axes", "brake", "space_torque"}
-"""The terms that the quadrature over a turn takes: they are functions of omega and the time, have
-no corner, and do not bring the body to rest."""
+AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque"}
+"""The terms that the quadrature over a turn takes: functions of omega and the time without a
+corner."""
 
 LEGS, FALL = 14, 8
 """How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it."""
@@ -226,7 +226,9 @@ class Torques(BodyFrame):
             every |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
         if self.brake is not None:
             omega = np.array(self.velocity(self.inertia, self.initial))
-            every["momentum_at_start"] = float(np.linalg.norm(omega * self.inertia))
+            momentum = float(np.linalg.norm(omega * self.inertia))
+            at_stop = 2 * (math.log(momentum) - LEGS * math.log(FALL))
+            every |= {"momentum_at_start": momentum, "ln_square_at_stop": at_stop}
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         return {**every, **body_constants(self.inertia)}
 
@@ -243,7 +245,8 @@ class Torques(BodyFrame):
     @property
     def start(self) -> tuple[float, ...]:
         omega = super().start
-        if not any(term.own for term in self.terms):
+        # An averaged form has variables of its own.
+        if self.form != "full" or not any(term.own for term in self.terms):
             return omega
         return tuple(self.starts(np.array(omega)).tolist())
 
@@ -263,6 +266,12 @@ class Torques(BodyFrame):
             stop = BrakedLeg(own["leg"], terms_named(vars(self)))
             events.append(Event("stopped", LegEnd(own["leg"]), True, stop))
         return tuple(events)
+
+    @property
+    def averaged_events(self) -> tuple[Event, ...]:
+        if self.brake is None:
+            return ()
+        return (Event("stopped", amplitude_at_stop, True, averaged_stop),)
 
     def slopes(self, w: np.ndarray) -> np.ndarray:
         """omega' (3, ...) at the start, whose signs are those of the components that begin at 0."""
@@ -441,6 +450,18 @@ def stop_details(A: np.ndarray, omega: np.ndarray) -> dict[str, float]:
     direction = G / np.linalg.norm(G)
     named = {f"G{i}": float(x) for i, x in enumerate(direction, 1)}
     return named | {"from": float(enclosed_axis(A, omega, 0.0))}
+
+
+def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """ln X_e of an averaged motion, less what it is when a brake has all but stopped the body."""
+    return y[0] - k.ln_square_at_stop
+
+
+def averaged_stop(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+    """The end of an averaged motion, whose |G| the brake brings to 0 at a known rate."""
+    mean = mean_elements(y, k)
+    left = float(mean["momentum"]) / float(coefficient_at(k, "brake", t))
+    return EventOutcome(float(t) + left, {"from": float(mean["enclosed_axis"])}, y)
 
 
 @dataclass(frozen=True)

@@ -260,6 +260,13 @@ def slow_of(y: np.ndarray, k: SimpleNamespace) -> Slow:
     return Slow(X, Y, side, m1, sense, scaled_phase / k.turning_scale)
 
 
+def mean_elements(y: Sequence[Any], k: SimpleNamespace) -> dict[str, np.ndarray]:
+    """The stored variables of one state without their periodic part."""
+    ln_e, ln_o, _, side, _ = (np.array(float(value)) for value in y)
+    view = SimpleNamespace(**turning_constants(turning_body(in_doubles(k))))
+    return stored_elements(view, np.array(1.0), np.exp(ln_o - ln_e), side, np.exp(ln_e / 2))
+
+
 def stored_with_part(
     full: Rhs, t: np.ndarray, y: np.ndarray, k: SimpleNamespace
 ) -> dict[str, np.ndarray]:
@@ -369,9 +376,12 @@ class AnyTorque(AveragedTurns):
     @property
     def run_events(self) -> tuple[Event, ...]:
         if len(set(self.inertia)) < 3:
-            return ()
+            return self.averaged_events
         passage = type(self).__dict__["passage"].__func__
-        return (Event("separatrix", distance_to_edge, terminal=True, passage=passage),)
+        return (
+            *self.averaged_events,
+            Event("separatrix", distance_to_edge, terminal=True, passage=passage),
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The class is made where models are looked up; other processes have to look it up too.
