@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -55,6 +56,22 @@ def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:
     """Items, of more than `most` only the first ones and the last, with the number of the rest."""
     more = len(items) - most
     return [*items] if more <= 0 else [*items[: most - 1], f"{more} more{remark}", items[-1]]
+
+
+RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for devices, whatever suffix they have."""
+
+
+def file_name_fault(name: str, others: Iterable[str]) -> str:
+    """Why a name cannot name a file on every system beside those of `others`, or "": results are
+    exchanged, and folders copied."""
+    if RESERVED.fullmatch(name):
+        return f"{name} names a device on Windows: take another name"
+    if name.endswith("."):
+        return f"{name} ends with a dot, which Windows leaves out of the names of files"
+    if twins := [other for other in others if other != name and other.lower() == name.lower()]:
+        return f"{name} and {twins[0]} are one file on systems that ignore case: rename one"
+    return ""
 
 
 def as_json(value: Any) -> str:

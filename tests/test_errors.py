@@ -3,8 +3,12 @@ line; and a result never needs its config."""
 
 import ast
 import errno
+import io
 import os
 import resource
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import chdir
 from pathlib import Path
@@ -16,6 +20,7 @@ from conftest import Hodo
 
 from hodo_cli import NOT_OF_A_CASE, BatchError, HodoError
 from hodo_cli.cli import main
+from hodo_cli.storage.disk import Disk
 from hodo_cli.storage.hdf5 import open_run
 
 CONFIG = """\
@@ -170,3 +175,85 @@ def test_a_bug_of_the_machine_in_a_task_ends_the_batch() -> None:
 
     with pool(1) as workers, pytest.raises(BatchError, match="No such file"):
         list(workers.map(open, ["/no/such/file"]))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("f", "F"), "f and F are one file on systems that ignore case"),
+        (("con",), "con names a device on Windows"),
+        (("Lpt1.old",), "Lpt1.old names a device on Windows"),
+        (("dot.",), "dot. ends with a dot"),
+    ],
+)
+def test_names_that_are_no_files_elsewhere_are_refused(
+    folder: Path, names: tuple[str, ...], message: str
+) -> None:
+    """For what becomes a file: figures and case files; a case is a group, and free."""
+    figure = "{kind: phase, cases: [a], x: p, y: r}"
+    lines = "".join(f"  {name}: {figure}\n" for name in names)
+    (folder / "x.yaml").write_text(CONFIG.partition("figures:")[0] + "figures:\n" + lines)
+    refused = hodo("run", "x.yaml", "--dry-run")
+    assert refused.exit_code == 2
+    assert message in refused.stderr
+    (folder / "x.yaml").write_text(
+        CONFIG.replace("  a:", "".join(f"  {n}: {{damping: 1}}\n" for n in names) + "  a:")
+    )
+    assert hodo("run", "x.yaml", "--dry-run").exit_code == 0
+    for name in names:
+        (folder / f"{name}.yaml").write_text(CONFIG)
+    files = [f"{name}.yaml" for name in names]
+    configs = hodo("run", *files, "--dry-run")
+    assert (configs.exit_code, message in configs.stderr) == (2, True), configs.output
+
+
+def test_a_method_that_is_none_is_one_line(folder: Path) -> None:
+    with h5py.File(folder / "x.h5", "r+") as result:
+        result["a"].attrs["method"] = "magic"
+        del result["a"].attrs["checksum"]
+    done = hodo("classify", "x.h5")
+    assert done.exit_code == 1
+    assert "x.h5: a: its method 'magic' is none of this hodo's: run it again" in done.stderr
+
+
+class Busy(io.FileIO):
+    """What a file is that would block: it takes nothing for now."""
+
+    def write(self, data: object) -> None:  # type: ignore[override]
+        return None
+
+
+class BusyDisk(Disk, Busy):
+    """A result on such a file."""
+
+
+def test_a_disk_that_takes_nothing_for_now_ends_the_writing(tmp_path: Path) -> None:
+    with BusyDisk(tmp_path / "x") as disk:
+        disk.write(b"data")
+        with pytest.raises(BlockingIOError):
+            disk.check()
+
+
+def test_a_worker_that_is_stopped_ends_with_its_parent() -> None:
+    script = (
+        "import os, signal\n"
+        "from hodo_cli.batch.pool import pool\n"
+        "with pool(2) as workers:\n"
+        "    ((_, pid),) = workers.map(eval, ['__import__(\"os\").getpid()'])\n"
+        "    os.kill(pid, signal.SIGSTOP)\n"
+        "    print(pid, flush=True)\n"
+        "    os._exit(130)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    deadline = time.monotonic() + 30
+    while (state := process_state(int(done.stdout))) not in ("", "Z"):
+        assert time.monotonic() < deadline, state
+        time.sleep(0.05)
+
+
+def process_state(pid: int) -> str:
+    """The letter by which Linux names the state of a process; empty if there is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
+    except OSError:
+        return ""

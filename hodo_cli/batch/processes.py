@@ -180,10 +180,24 @@ def _serve(pipe: Connection) -> None:
             os._exit(1)
 
     Thread(target=end_with_parent, daemon=True).start()
+    end_by_system()
     with suppress(EOFError, OSError):
         pipe.send_bytes(b"ready")
         while True:
             pipe.send_bytes(_answer(pipe.recv_bytes()))
+
+
+PR_SET_PDEATHSIG = 1
+"""The number of Linux's call that asks for a signal at the death of the parent (prctl(2))."""
+
+
+def end_by_system() -> None:
+    """Let the system end this process with its parent, where it can: one that is stopped (SIGSTOP,
+    a debugger) does nothing itself any more."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _answer(call: bytes) -> bytes:

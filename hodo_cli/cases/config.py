@@ -11,6 +11,7 @@ from .. import HodoError
 from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block
 from ..schema.kinds import Mistake, Wrong, WrongKey, check_keys, nearest, shown, unknown
 from ..schema.mistakes import Mistakes, Place
+from ..text import file_name_fault
 from . import claim_block
 from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure
@@ -293,6 +294,8 @@ def _figures(
     entries, mistakes = _entries("figures", given)
     figures = {}
     for name, block in entries.items():
+        if fault := file_name_fault(name, entries):
+            mistakes.append((("figures", WrongKey(name)), fault))
         figures[name], wrong = FIGURE.check_keys(block)
         wrong += check_figure(figures[name])
         mistakes += [(("figures", name, *at), message) for at, message in wrong]

@@ -11,6 +11,7 @@ import numpy as np
 from .. import HodoError
 from ..batch.memory import check_memory
 from ..cases.case import Case, parse_case
+from ..cases.keys import METHODS
 from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
@@ -70,6 +71,8 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if remark := inapplicable(case, group):
         remarks = [remark, *end_before_time(group)]
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": remarks}
+    if (method := recorded["method"]) not in METHODS:
+        raise HodoError(f"{name}: its method {method!r} is none of this hodo's: run it again")
     # Classifying may take five times the memory of integrating: labels and crossings are found in
     # long double.
     check_memory(case)

@@ -27,6 +27,7 @@ from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import check_writable
 from ..storage.writer import Writer
+from ..text import file_name_fault
 from .resume import CONFIG_PATH, FORCED, case_digest, check_origin, path_from, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
@@ -190,6 +191,8 @@ def plans(
     """
     paths = [out / result_name(config, overrides) for config in configs]
     for path in paths:
+        if fault := file_name_fault(path.stem, [other.stem for other in paths]):
+            raise HodoError(f"{path}: {fault}")
         if paths.count(path) > 1:
             raise HodoError(
                 f"{path} would hold the results of {paths.count(path)} configs: rename one"

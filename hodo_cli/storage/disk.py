@@ -8,6 +8,7 @@ crash, and its own checksum compared: so one wrong byte costs one case, and a fi
 program has added something can still be read.
 """
 
+import errno
 import hashlib
 import io
 import json
@@ -40,7 +41,9 @@ class Disk(io.FileIO):
         view = memoryview(data).cast("B")
         try:
             while view and self.error is None:
-                view = view[super().write(view) :]
+                if (written := super().write(view)) is None:
+                    raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+                view = view[written:]
         except OSError as error:
             self.error = error
         # HDF5 takes a short write for the end of everything, so all is taken and the rest kept.
