@@ -88,7 +88,7 @@ def test_dump_is_complete_and_readable() -> None:
     ) == (
         "name: a\nmodel: linear-diag\nform: full\ninertia: [1.0, 0.8, 0.6]\ndamping: [1e-05, "
         "1e-05, 1e-05]\n"
-        "initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 1001, unit: "
+        "initial: {p: 0.8, q: 0.5, r: 0.74}\ntime: {start: 0.0, end: 1000.0, samples: 2722, unit: "
         '"1"}\ninertia_unit: "1"\nmethod: auto\n'
         'tol: 1e-10\nprecision: double\nerror: on\nstore: []\nnote: "no: \\"1\\""\n'
     )

@@ -90,6 +90,30 @@ def test_what_counts_is_the_turning_between_samples(
     assert bool(remarks(drawn[0], name, kind, *variables)) is coarse
 
 
+@pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1e3])
+@pytest.mark.parametrize(
+    "body",
+    [
+        "model: linear-diag, inertia: [1, 0.8, 0.6]",
+        "model: linear-diag, inertia: [0.6, 1, 0.9], damping: [0.005, 0.004, 0.003]",
+        "model: tensor, inertia: [8, 8, 4], resistance: {diagonal: 0.003, off_diagonal: 0.001}",
+        "model: torques, inertia: [1e-9, 9e-10, 3e-10], damping: 0.004",
+    ],
+)
+def test_samples_that_nobody_names_follow_the_motion(
+    tmp_path: Path, body: str, speed: float
+) -> None:
+    start = f"initial: {{p: {0.8 * speed}, q: {0.5 * speed}, r: {-0.74 * speed}}}"
+    end = 1000 / max(speed, 10)
+    case = f"{{{body}, {start}, error: off, time: {{end: {end}}}}}"
+    (tmp_path / "m.yaml").write_text(f"cases: {{a: {case}}}", encoding="utf-8")
+    assert call(tmp_path, "run", "m.yaml", "--quiet").returncode == 0
+    with open_cases(tmp_path / "runs" / "m.h5") as cases:
+        motion = motion_from(cases["a"], "a")
+    assert not coarse_curves({"kind": "hodograph"}, [motion])
+    assert len(motion.time) == motion.case.time.samples <= 50_001
+
+
 def test_a_thinned_motion_is_a_polygon() -> None:
     with open_cases(ROOT / "runs" / "reference" / "paper1.h5") as cases:
         spec = load(ROOT / "configs" / "paper1.yaml").figure("fig4")

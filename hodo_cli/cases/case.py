@@ -16,6 +16,7 @@ from typing import Any
 from .. import HodoError, models
 from ..models.attitude import KEY, check_attitude, keys_of_form, system_of
 from ..models.base import Model
+from ..models.rigid_body import BodyFrame
 from ..schema.document import Block, locate, read
 from ..schema.frozen import frozen
 from ..schema.kinds import Key, KeyPath, Mistake, Wrong, WrongKey, check_keys, shown, unknown
@@ -186,8 +187,36 @@ def checked_case(name: str, block: Block) -> Case:
         mistakes += check_axes(values["sweep"], concrete_model, data)
     if mistakes:
         raise Wrong(*mistakes)
-    common = {key: values[key] for key in COMMON} | {"time": Time(**values["time"])}
+    time = dict(values["time"])
+    if time["samples"] is None:
+        assert system is not None
+        swept = bool(values.get("sweep"))
+        time["samples"] = FEWEST if swept else smooth(system, time["end"] - time["start"])
+    common = {key: values[key] for key in COMMON} | {"time": Time(**time)}
     return Case(name=name, model=model.name, form=model.form, data=data, **common)
+
+
+FEWEST, MOST = 1001, 50_001
+"""The samples of a case that does not name their number."""
+
+TURN = math.radians(12)
+"""The angle by which a hodograph may turn from one sample to the next; figures warn above 15
+degrees."""
+
+
+def smooth(system: Model, span: float) -> int:
+    """So many samples of a span that the hodograph of a body which turns as at the start is a
+    smooth line: its turns are no faster than those about the axis of the largest moment, with all
+    of the energy about that of the smallest."""
+    if system.no_axis_reason or not isinstance(system, BodyFrame):
+        return FEWEST
+    A1, A2, A3 = sorted(system.inertia, reverse=True)
+    # By ratios, since moments may be of any size.
+    fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
+    parts = (math.sqrt(A / A3) * w for A, w in zip(system.inertia, system.start, strict=False))
+    rate = math.hypot(*parts) * math.sqrt(fastest)
+    turned = span * rate / TURN
+    return max(FEWEST, min(MOST, math.ceil(turned) + 1 if turned < MOST else MOST))
 
 
 def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:

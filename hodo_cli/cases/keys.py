@@ -32,8 +32,9 @@ SPAN = Table(
         "end": Key(Number(), "time at which the integration ends, not before start", "time"),
         "samples": Key(
             Integer(least=1, most=10**15),
-            "number of stored times, evenly spaced from start to end; 1 stores the end alone",
-            default=1001,
+            "number of stored times, evenly spaced from start to end; 1 stores the end alone "
+            "(default: so many that a figure of the motion is smooth, 1001 to 50001)",
+            default=None,
         ),
         "unit": Key(Text(), "unit of time, where the data have one", default="1"),
     }
