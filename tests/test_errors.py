@@ -20,7 +20,7 @@ from conftest import Hodo
 
 from hodo_cli import NOT_OF_A_CASE, BatchError, HodoError
 from hodo_cli.cli import main
-from hodo_cli.storage.disk import Disk
+from hodo_cli.storage.disk import Disk, append_checksum
 from hodo_cli.storage.hdf5 import open_run
 
 CONFIG = """\
@@ -257,3 +257,15 @@ def process_state(pid: int) -> str:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
     except OSError:
         return ""
+
+
+def test_one_dataset_under_many_names_is_refused(folder: Path) -> None:
+    """Sealed or not: the seal of a stranger fits."""
+    with h5py.File(folder / "x.h5", "r+") as result:
+        for i in range(200):
+            result["a"][f"omega{i}"] = result["a/omega"]
+    with (folder / "x.h5").open("r+b", buffering=0) as file:
+        append_checksum(file)
+    done = hodo("classify", "x.h5")
+    assert done.exit_code == 1
+    assert "a is damaged (omega has other names too)" in done.stderr

@@ -125,13 +125,14 @@ class ResultFile:
         large."""
         with self.open_group(name) as group:
             items = _datasets(group)
-            named, variables = _by_address(items), {}
+            named, variables, taken = _by_address(items), {}, 0
             for key, item in items.items():
                 if _is_placeholder(item):
                     continue
                 # Asked for before reading: HDF5 promises any size that a damaged header names.
-                if item.nbytes > memory_limit():
-                    size = in_bytes(item.nbytes)
+                taken += item.nbytes
+                if taken > memory_limit():
+                    size = in_bytes(taken)
                     raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {size}")
                 data = _texts(item) if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(
@@ -246,6 +247,9 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     opened = h5o.open(group.id, encoded(name))
     if not isinstance(opened, h5d.DatasetID):
         raise ValueError(f"{name} is no dataset")
+    # A small file would fill the memory with one dataset under a thousand names.
+    if h5o.get_info(opened).rc > 1:
+        raise ValueError(f"{name} has other names too")
     made, item = opened.get_create_plist(), h5py.Dataset(opened)
     if made.get_external_count() or made.get_layout() == h5d.VIRTUAL:
         raise ValueError(f"the values of {name} are in other files")
