@@ -15,7 +15,7 @@ from hodo_cli.cases.case import Case
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.results.layout import case_group, label_group
-from hodo_cli.results.motion import QUANTITIES, Motion
+from hodo_cli.results.motion import QUANTITIES, UNITS, Motion
 from hodo_cli.results.units import factors, units_of_case
 
 pytestmark = pytest.mark.engines
@@ -112,6 +112,10 @@ def test_every_variable_and_quantity_scales_as_its_unit_says(model: str, form: s
         difference = np.abs(theirs / factor(here.units(name)) - ours)
         assert np.nanmax(difference, initial=0) <= bound, name
     assert tried >= 6
+
+
+def test_every_quantity_has_units() -> None:
+    assert {name.partition(".")[0] for name in QUANTITIES} == set(UNITS)
 
 
 def test_every_model_of_hodo_is_tried() -> None:

@@ -420,5 +420,14 @@ UNITS = {
     "y": "1/time^2",
     "Gz": "moment of inertia / time",
     "H": "moment of inertia / time^2",
+    "G_space": "moment of inertia / time",
+    "omega_space": "1/time",
+    "x1_space": "1",
+    "x2_space": "1",
+    "x3_space": "1",
+    "attitude": "1",
+    "psi": "rad",
+    "theta": "rad",
+    "phi": "rad",
 }
-"""The units of `QUANTITIES`, in words; what is stored has its own."""
+"""The units of `QUANTITIES` in words, of components by their vector; what is stored has its own."""
