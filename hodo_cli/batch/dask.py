@@ -10,7 +10,7 @@ from typing import Any
 
 from .. import BatchError
 from . import WorkerLost
-from .processes import SAFE_PATH
+from .processes import SAFE_PATH, start_tracker
 
 MOST_WAIT = 60.0
 """Seconds in which a scheduler must answer, or one of this machine start its workers."""
@@ -114,6 +114,7 @@ def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
     closed: dict[str, Any] = {
         f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")
     }
+    start_tracker()  # before dask does, without the safe path
     # As in `processes.spawning`; a worker that has died is started again in the same way.
     dask.config.set({**closed, f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"})
     return {

@@ -83,6 +83,13 @@ def spawning() -> Iterator[None]:
                 os.environ[SAFE_PATH] = before
 
 
+def start_tracker() -> None:
+    """Start the process in which the standard library notes what others share."""
+    if os.name == "posix":  # Windows has none
+        with spawning():
+            resource_tracker.ensure_running()
+
+
 class _Worker(Thread):
     """Hands calls to a process of its own, which it starts when it is needed and after a death."""
 
@@ -95,10 +102,9 @@ class _Worker(Thread):
         self._pipe: Connection | None = None
 
     def run(self) -> None:
-        if hasattr(signal, "pthread_sigmask"):  # Windows has neither this nor the helper
-            # Starting this helper of the standard library unblocks the signal, so it comes first.
-            with spawning():
-                resource_tracker.ensure_running()
+        # Starting it unblocks the signal, so it comes first.
+        start_tracker()
+        if hasattr(signal, "pthread_sigmask"):
             # Processes inherit it: Ctrl-C, which a terminal sends to all of them, is this process's
             # affair.
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
