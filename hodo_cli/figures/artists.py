@@ -77,7 +77,7 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     """The units of a variable, in brackets, raised to a power; a dash where the case has none, and
     nothing where only its time has units."""
     stored = motion.units(variable)
-    if stored == "1":
+    if stored == "1" or motion.lacks_unit(variable):
         # With time in seconds T and G are no bare numbers, and no file says what units A has.
         return "[–]" if motion.units("time") == "1" else ""
     set_in_tex = re.sub(r"\^(-?\d+)", r"$^{\1}$", stored)

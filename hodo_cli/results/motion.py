@@ -25,7 +25,7 @@ from ..models.top.torques import with_mu
 from ..storage.provenance import typed
 from .in_space import OF_ATTITUDE
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
-from .units import units_of_case
+from .units import INERTIA, units_of_case
 
 
 class Array(Protocol):
@@ -122,6 +122,14 @@ class Motion:
         name = variable.partition(".")[0]
         given = self.data[name].attrs if name in self.data else {}
         return units_of_case(str(given.get("units", UNITS.get(name, "1"))), self.case)
+
+    def lacks_unit(self, variable: str) -> bool:
+        """Whether nothing says what units a quantity has: it carries a moment of inertia, and only
+        the time of its case has a unit."""
+        name, case = variable.partition(".")[0], self.case
+        label = case.system.variables.get(name)
+        words = label.units if label else UNITS.get(name, "1")
+        return INERTIA in words and case.inertia_unit == "1" != case.time.unit
 
     @cached_property
     def vectors(self) -> Mapping[str, np.ndarray]:
