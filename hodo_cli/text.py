@@ -58,14 +58,14 @@ def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:
     return [*items] if more <= 0 else [*items[: most - 1], f"{more} more{remark}", items[-1]]
 
 
-RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+DEVICE_NAMES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices, whatever suffix they have."""
 
 
 def file_name_fault(name: str, others: Iterable[str]) -> str:
     """Why a name cannot name a file on every system beside those of `others`, or "": results are
     exchanged, and folders copied."""
-    if RESERVED.fullmatch(name):
+    if DEVICE_NAMES.fullmatch(name):
         return f"{name} names a device on Windows: take another name"
     if name.endswith("."):
         return f"{name} ends with a dot, which Windows leaves out of the names of files"

@@ -168,17 +168,17 @@ def failing(faults: Faults) -> Iterator[None]:
 
         return call
 
-    write = disk.Disk.write
+    write = disk.BufferedFile.write
 
-    def fragile(file: disk.Disk, data: bytes) -> int:
+    def fragile(file: disk.BufferedFile, data: bytes) -> int:
         try:
             faults()
-        except OSError as error:  # as `Disk` takes it, when the call within it fails
+        except OSError as error:  # as `BufferedFile` takes it, when the call within it fails
             file.error = file.error or error
         return write(file, data)
 
     calls = {name: before(getattr(os, name)) for name in CALLS}
-    with patch.multiple(os, **calls), patch.object(disk.Disk, "write", fragile):
+    with patch.multiple(os, **calls), patch.object(disk.BufferedFile, "write", fragile):
         yield
 
 

@@ -34,7 +34,7 @@ class Foretold(NamedTuple):
 
 
 def predicted_passage(
-    body: free_turn.Body, lam: Sequence[float], slow: free_turn.Slow
+    body: free_turn.Body, lam: Sequence[float], slow: free_turn.SlowVariables
 ) -> Foretold | None:
     """The passage of a motion that starts with these mean elements, or None if it never crosses;
     lam as sorted."""
@@ -53,7 +53,7 @@ def predicted_passage(
 
 
 def turning_to_separatrix(
-    body: free_turn.Body, lam: Sequence[float], slow: free_turn.Slow, u: float
+    body: free_turn.Body, lam: Sequence[float], slow: free_turn.SlowVariables, u: float
 ) -> float:
     """By how much the phase grows from u to the separatrix: the integral of phi' = n <dn> along the
     motion."""
@@ -160,11 +160,11 @@ def test_a_motion_is_what_its_slow_variables_and_phase_say(inertia: Triple, omeg
     assert (back[2] - back[1]) / 2e-6 * turning == pytest.approx(euler, rel=1e-7, abs=1e-9)
 
 
-def state_of_energy(J: float) -> free_turn.Slow:
+def state_of_energy(J: float) -> free_turn.SlowVariables:
     X, Y = 1 - 0.6 / J, 1 / J - 1
     side = 1 if J > 0.8 else -1
     X_e, X_o = (X, Y) if side > 0 else (Y, X)
-    return free_turn.Slow(X, Y, side, 1 - X_o / X_e, 1, 0.0)
+    return free_turn.SlowVariables(X, Y, side, 1 - X_o / X_e, 1, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> Non
 
 
 def test_mean_velocity() -> None:
-    slow = free_turn.Slow(0.4, 0.4, 1, 0.5, 1, 0.0)
+    slow = free_turn.SlowVariables(0.4, 0.4, 1, 0.5, 1, 0.0)
     turn = free_turn.free_motion_by_phase(BODY, slow, 2 * np.pi * np.arange(64) / 64)
     assert turn.mean(0) / math.sqrt(0.4 / 0.4) == pytest.approx(
         [0.84721308479397909, 0, 0], abs=1e-15
@@ -264,7 +264,7 @@ def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
     ).tolist() == [True, False]
 
 
-def mean_elements(lam: Sequence[float], slow: free_turn.Slow) -> free_turn.Slow:
+def mean_elements(lam: Sequence[float], slow: free_turn.SlowVariables) -> free_turn.SlowVariables:
     (X_e, X_o), (dX_e, dX_o) = slow.pair, quadrature.damped_part(BODY, lam, slow)
     X_e, X_o = X_e * (1 - dX_e), X_o * (1 - dX_o)
     X, Y = (X_e, X_o) if slow.side > 0 else (X_o, X_e)

@@ -22,7 +22,7 @@ from faults import CONFIG, Motions, hodo
 from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
 from hodo_cli.storage import disk, hdf5, writer
-from hodo_cli.storage.disk import Disk
+from hodo_cli.storage.disk import BufferedFile
 from hodo_cli.storage.finished import finished
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
@@ -588,7 +588,7 @@ def test_what_a_disk_holds_and_what_it_refused_is_read_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # HDF5 reads its own file while it writes: the count of bytes must be that of the buffer.
-    with Disk(tmp_path / "a") as disk:
+    with BufferedFile(tmp_path / "a") as disk:
         disk.write(b"abcdef")
         disk.seek(2)
         buffer = bytearray(3)

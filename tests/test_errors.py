@@ -20,7 +20,7 @@ from conftest import Hodo
 
 from hodo_cli import NOT_OF_A_CASE, BatchError, HodoError
 from hodo_cli.cli import main
-from hodo_cli.storage.disk import Disk, append_checksum
+from hodo_cli.storage.disk import BufferedFile, append_checksum
 from hodo_cli.storage.hdf5 import open_run
 
 CONFIG = """\
@@ -224,7 +224,7 @@ class Busy(io.FileIO):
         return None
 
 
-class BusyDisk(Disk, Busy):
+class BusyDisk(BufferedFile, Busy):
     """A result on such a file."""
 
 

@@ -474,12 +474,12 @@ def test_an_error_is_measured() -> None:
         return summary.MemberEnd(0, {"omega": omega[0]}, time[0])
 
     ((error, off, kind),) = summary.probe(
-        summary.Probe(case, [end(values["omega"], values["crossing_time"])])
+        summary.SampledMembers(case, [end(values["omega"], values["crossing_time"])])
     )
     assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
     wrong = values["omega"] * (1 + 1e-9)
     ((error, off, _),) = summary.probe(
-        summary.Probe(case, [end(wrong, values["crossing_time"] + 1e-6)])
+        summary.SampledMembers(case, [end(wrong, values["crossing_time"] + 1e-6)])
     )
     assert error == pytest.approx(1e-9, rel=1e-3)
     assert off == pytest.approx(1e-6, rel=1e-3)

@@ -199,7 +199,7 @@ def checked_case(name: str, block: Block) -> Case:
 FEWEST, MOST = 1001, 50_001
 """The samples of a case that does not name their number."""
 
-TURN = math.radians(12)
+SAMPLE_TURN = math.radians(12)
 """The angle by which a hodograph may turn from one sample to the next; figures warn above 15
 degrees."""
 
@@ -215,7 +215,7 @@ def smooth(system: Model, span: float) -> int:
     fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
     parts = (math.sqrt(A / A3) * w for A, w in zip(system.inertia, system.start, strict=False))
     rate = math.hypot(*parts) * math.sqrt(fastest)
-    turned = span * rate / TURN
+    turned = span * rate / SAMPLE_TURN
     return max(FEWEST, min(MOST, math.ceil(turned) + 1 if turned < MOST else MOST))
 
 

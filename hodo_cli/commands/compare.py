@@ -20,10 +20,10 @@ from ..models import rigid_body
 from ..results.agreement import (
     ERRORS,
     Tolerance,
-    alike,
     allowed_difference,
     differing_attributes,
     same_errors,
+    values_alike,
 )
 from ..results.layout import CROSSING_COLUMNS
 from ..results.motion import wrong_labels
@@ -38,7 +38,7 @@ sampled and remarked upon, not which one it is."""
 
 
 @dataclass(frozen=True)
-class Line:
+class VariableComparison:
     """The comparison of one variable of one case.
 
     `scaled` is max|a - b| as a part of what is allowed: above 1 it is a difference, and infinite
@@ -58,7 +58,7 @@ class Line:
         return not self.scaled <= 1
 
 
-def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Line]:
+def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[VariableComparison]:
     """The result `a` against the reference `b`, as `compare` does it; each may be named by its
     config."""
     (ours, config), (theirs, reference_config) = map(result_named, (a, b))
@@ -69,7 +69,7 @@ def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Line]:
         return compare(run, reference, tolerance)
 
 
-def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Line]:
+def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[VariableComparison]:
     """Every case and variable of the reference `b` in `a`, and the cases that `a` alone has.
 
     Raises HodoError if the files share no case: they are then not results of the same experiment.
@@ -77,14 +77,16 @@ def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Line]:
     ours, theirs = a.cases(), b.cases()
     if not set(ours) & set(theirs):
         raise HodoError(f"{a.path} and {b.path} have no case in common")
-    lines: list[Line] = []
+    lines: list[VariableComparison] = []
     for name in theirs:
         if name in ours:
             lines += one_case(name, sound(a, name), sound(b, name), tolerance)
         else:
-            lines.append(Line(name, "", math.inf, f"missing in {a.path}"))
+            lines.append(VariableComparison(name, "", math.inf, f"missing in {a.path}"))
     return lines + [
-        Line(name, "", math.inf, f"missing in {b.path}") for name in ours if name not in theirs
+        VariableComparison(name, "", math.inf, f"missing in {b.path}")
+        for name in ours
+        if name not in theirs
     ]
 
 
@@ -105,7 +107,7 @@ def damage_of(variables: Mapping[str, Variable]) -> str:
     return wrong_labels(variables)
 
 
-def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
+def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[VariableComparison]:
     """The lines of one case. An attribute has one only if it differs, and how the case was computed
     only if a value does: a reference may be computed otherwise, to the same values."""
     lines = [*variable_lines(name, a, b, tolerance)]
@@ -114,7 +116,7 @@ def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Li
     yield from lines
 
 
-def differing_computation(name: str, a: Group, b: Group) -> Iterator[Line]:
+def differing_computation(name: str, a: Group, b: Group) -> Iterator[VariableComparison]:
     """Lines for the method and tolerance where two stored cases ask for others: the precision is
     not told, because references have a higher one. None for a case that cannot be read, which has
     a line of its own."""
@@ -127,14 +129,16 @@ def differing_computation(name: str, a: Group, b: Group) -> Iterator[Line]:
         if asked[0] != asked[1]:
             got = [group.attributes.get(key) for group in (a, b)]
             ours, theirs = (g if a is None else a for a, g in zip(asked, got, strict=True))
-            yield Line(name, key, math.inf, f"{ours}, not {theirs}")
+            yield VariableComparison(name, key, math.inf, f"{ours}, not {theirs}")
 
 
-def variable_lines(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
+def variable_lines(
+    name: str, a: Group, b: Group, tolerance: Tolerance
+) -> Iterator[VariableComparison]:
     """Every difference in one case, and a line for each of its variables."""
     yield from differing_settings(name, a, b)
     for attribute, place in differing_attributes(a, b):
-        yield Line(name, attribute, math.inf, place)
+        yield VariableComparison(name, attribute, math.inf, place)
     times = [
         group.variables["time"].data if "time" in group.variables else np.empty(0)
         for group in (a, b)
@@ -145,23 +149,25 @@ def variable_lines(name: str, a: Group, b: Group, tolerance: Tolerance) -> Itera
     for key, reference in b.variables.items():
         if key not in a.variables:
             what = "missing: not classified" if key in of_labels else "missing"
-            yield Line(name, key, math.inf, what)
+            yield VariableComparison(name, key, math.inf, what)
             continue
         ours = a.variables[key].data
         if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
             ours = ours[rows]
         if key in ERRORS:
-            if alike(a, b) and not same_errors(key, a, b):
+            if values_alike(a, b) and not same_errors(key, a, b):
                 place = largest_at(key, (), ours, reference, b.variables)
-                yield Line(name, key, math.inf, place or "of another order of magnitude")
+                yield VariableComparison(
+                    name, key, math.inf, place or "of another order of magnitude"
+                )
             continue
         allowed = allowed_difference(key, b, tolerance)
         scaled, at = scaled_difference(ours, reference.data, allowed)
         place = largest_at(key, at, ours, reference, b.variables) if scaled else "equal"
-        yield Line(name, key, scaled, place)
+        yield VariableComparison(name, key, scaled, place)
 
 
-def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:
+def differing_settings(name: str, a: Group, b: Group) -> Iterator[VariableComparison]:
     """The parameters in which two stored cases differ, and a method that a case does not allow."""
     try:
         ours, theirs = (
@@ -169,7 +175,9 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:
         )
     except HodoError:
         if a.attributes.get("case") != b.attributes.get("case"):
-            yield Line(name, "case", math.inf, "damaged, or of another version of hodo")
+            yield VariableComparison(
+                name, "case", math.inf, "damaged, or of another version of hodo"
+            )
         return
     for key in ours | theirs:
         if (
@@ -177,12 +185,14 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[Line]:
             and not key.startswith("assumes")
             and ours.get(key) != theirs.get(key)
         ):
-            yield Line(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
+            yield VariableComparison(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
     # A sweep names how its members were integrated, so its method says nothing about the case.
     method, asked = str(a.attributes.get("method", "")), ours["method"]
     taken = AUTOMATIC if asked == "auto" else (asked,)
     if method not in taken and "members" not in a.attributes:
-        yield Line(name, "method", math.inf, f"{method}, where the case asks for {asked}")
+        yield VariableComparison(
+            name, "method", math.inf, f"{method}, where the case asks for {asked}"
+        )
 
 
 def settings(case: Case) -> dict[str, Any]:

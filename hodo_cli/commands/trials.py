@@ -57,7 +57,7 @@ round by less."""
 
 
 @dataclass(frozen=True)
-class Truth:
+class ReferenceMotion:
     """The motion of a case, better than any method gives it in double precision, at samples of the
     case.
 
@@ -94,7 +94,7 @@ class Trial:
     message: str = ""
 
 
-def truth(case: Case) -> Truth:
+def truth(case: Case) -> ReferenceMotion:
     """The best that can be computed of a case: in quadruple precision unless that takes too
     long."""
     every = sample_times(case)
@@ -111,7 +111,7 @@ def truth(case: Case) -> Truth:
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
     changes = drifts(motion)
     kept = tuple(i for i, change in enumerate(changes) if change <= UNCHANGED)
-    return Truth(motion, kind, floor, tuple(crossings), kept)
+    return ReferenceMotion(motion, kind, floor, tuple(crossings), kept)
 
 
 def worst(errors: Mapping[str, float]) -> float:
@@ -166,7 +166,12 @@ def drifts(motion: Trajectory) -> list[float]:
 
 
 def trial(
-    case: Case, sure: Truth, method: str, tol: float | None, repeats: int, max_seconds: float
+    case: Case,
+    sure: ReferenceMotion,
+    method: str,
+    tol: float | None,
+    repeats: int,
+    max_seconds: float,
 ) -> Trial:
     """One case by one method at one tolerance, timed and judged."""
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
@@ -226,7 +231,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     return "inaccurate, said so" if any(remarks(compared(motion), errors)) else "SILENT"
 
 
-def crossing_error(motion: Trajectory, sure: Truth) -> float:
+def crossing_error(motion: Trajectory, sure: ReferenceMotion) -> float:
     """The largest relative error of a crossing's time; infinite if the crossings are not the true
     ones."""
     if not (sure.crossings and motion.whole):

@@ -27,7 +27,7 @@ from ..storage.staging import replacing
 from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, YELLOW, hues, styles
 from .geometry import graticule, stretches
 from .maps import GAP, STORED_ERRORS
-from .sheet import Sheet, Shown, without_tex
+from .sheet import DrawnCurve, Sheet, without_tex
 from .space import common_circles
 
 HOVER = ("G", "T", "D")
@@ -35,7 +35,13 @@ HOVER = ("G", "T", "D")
 
 MARGIN = {"l": 60, "r": 20, "t": 90, "b": 50}
 
-KEY = {"itemsizing": "constant", "orientation": "h", "x": 0, "y": 1.04, "yanchor": "bottom"}
+LEGEND_PLACE = {
+    "itemsizing": "constant",
+    "orientation": "h",
+    "x": 0,
+    "y": 1.04,
+    "yanchor": "bottom",
+}
 """Where the legend stands: above, because beside it would leave a telephone half of its width."""
 
 DASHES = dict(
@@ -118,7 +124,7 @@ def turnable(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> go.Figure:
         ends = {"size": 4, "color": "#FFFFFF", "line": {"color": "#444444", "width": 2}}
         start = "" if place else "start"
         figure.add_trace(_space(points[:1], start, mode="markers", marker=ends))
-    figure.update_layout(scene=_scene(ball), margin=MARGIN, legend=KEY)
+    figure.update_layout(scene=_scene(ball), margin=MARGIN, legend=LEGEND_PLACE)
     return figure
 
 
@@ -215,11 +221,11 @@ def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion])
         figure.add_trace(trace, **place)
         label_axes(figure, place, (x, y), printed.get(panel))
         _mark_crossings(figure, motion, x, values, y, (row + 1, column + 1))
-    figure.update_layout(margin=MARGIN, legend=KEY)
+    figure.update_layout(margin=MARGIN, legend=LEGEND_PLACE)
     return figure
 
 
-def mark_gaps(figure: go.Figure, shown: Sequence[Shown], variable: str) -> None:
+def mark_gaps(figure: go.Figure, shown: Sequence[DrawnCurve], variable: str) -> None:
     """Crosses below the curves of sweeps at the members that have no value."""
     every = np.concatenate([curve.values[variable] for curve in shown])
     low, high = float(np.nanmin(every)), float(np.nanmax(every))
@@ -246,7 +252,7 @@ def mark_gaps(figure: go.Figure, shown: Sequence[Shown], variable: str) -> None:
 
 
 def _curves(
-    shown: Shown, spec: Mapping[str, Any]
+    shown: DrawnCurve, spec: Mapping[str, Any]
 ) -> list[tuple[str, str, str, str, Mapping[str, np.ndarray]]]:
     """Panel, curve, and the names on both axes of what one record shows."""
     names = list(shown.values)

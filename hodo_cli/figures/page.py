@@ -158,7 +158,7 @@ def _piece(result: PageResult, base: Path) -> dict[str, Any]:
     """The section of one result file, and its entries in the index."""
     cases, config = result.cases, result.config
     motions = {name: motion_from(cases[name], name) for name in cases}
-    places = Places(result)
+    places = Anchors(result)
     title = escape(config.title or cases.path.name)
     cards = "".join(
         _card(figure, config.figures[figure.name], motions, base, places)
@@ -191,7 +191,7 @@ def _piece(result: PageResult, base: Path) -> dict[str, Any]:
     }
 
 
-class Places:
+class Anchors:
     """The anchors of one result file in the page, and what is linked to what."""
 
     def __init__(self, result: PageResult) -> None:
@@ -240,7 +240,7 @@ class Places:
         )
 
 
-def _judged(cases: StoredCases, places: Places, group: str) -> list[Entry]:
+def _judged(cases: StoredCases, places: Anchors, group: str) -> list[Entry]:
     """The entries of the index for the stored statements or errata; none before `hodo claims`."""
     if group not in cases:
         return []
@@ -277,7 +277,7 @@ def _link(target: Path, base: Path, text: str = "") -> str:
 
 def _card(
     figure: DrawnFigure, spec: Mapping[str, Any], motions: Mapping[str, Motion], base: Path,
-    places: Places,
+    places: Anchors,
 ) -> str:  # fmt: skip
     """A figure with its caption, its files, and the cases that it shows."""
     shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
@@ -302,7 +302,7 @@ LINK_NAMES = {".html": "turn and zoom"}
 """What the link to a file is called, where it is not its format."""
 
 
-def _card_numbers(shown: Sequence[Motion], places: Places) -> str:
+def _card_numbers(shown: Sequence[Motion], places: Anchors) -> str:
     """The cases of a figure with their parameters, errors, and links to their crossings."""
     if not shown:
         return ""
@@ -449,7 +449,7 @@ def _case_row(motion: Motion) -> list[str]:
     ]
 
 
-def _claims(cases: StoredCases, places: Places) -> str:
+def _claims(cases: StoredCases, places: Anchors) -> str:
     """The table of statements with their verdicts; none before `hodo claims`."""
     if "_claims" not in cases:
         return ""
@@ -483,7 +483,7 @@ def _in_its_words(original: str) -> str:
     return f"<br><i>{escape(original)}</i>" if original else ""
 
 
-def _errata(cases: StoredCases, places: Places) -> str:
+def _errata(cases: StoredCases, places: Anchors) -> str:
     """The table of misprints; none without any."""
     if "_errata" not in cases:
         return ""
@@ -501,7 +501,7 @@ def _errata(cases: StoredCases, places: Places) -> str:
     return f"<h3>Errata</h3>{_table(ERRATUM_HEADER, rows)}"
 
 
-def _crossings(motions: Mapping[str, Motion], places: Places) -> str:
+def _crossings(motions: Mapping[str, Motion], places: Anchors) -> str:
     """The table of separatrix crossings, with the enclosed axis at start and end; none without
     classified cases."""
     classified = [motion for motion in motions.values() if motion.classified and motion.labels.size]
@@ -510,7 +510,7 @@ def _crossings(motions: Mapping[str, Motion], places: Places) -> str:
     return f"{heading}{_table(CROSSING_HEADER, rows)}" if rows else ""
 
 
-def _crossing_rows(motion: Motion, places: Places) -> list[list[str]]:
+def _crossing_rows(motion: Motion, places: Anchors) -> list[list[str]]:
     anchor = f'<td class=n id="{places.crossings(motion.name)}">{escape(motion.name)}</td>'
     ends = [_cell(LABELS[int(motion.labels[i])]) for i in (0, -1)]
     shown = f"<td>{places.figures_of([motion.name])}</td>"

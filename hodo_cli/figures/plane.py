@@ -16,7 +16,7 @@ from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
-from ..results.resolution import within
+from ..results.resolution import samples_within
 from .artists import (
     AXIS_COLOUR,
     BLACK,
@@ -258,7 +258,7 @@ def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
 
     Raises HodoError if there is none.
     """
-    part = within(motion, span)
+    part = samples_within(motion, span)
     if span is not None and part.start >= part.stop:
         raise HodoError(
             f"the span {span[0]:g} to {span[1]:g} holds no sample of case {motion.name}, whose "

@@ -50,7 +50,7 @@ SCREEN = 150
 
 
 @dataclass(frozen=True)
-class Shown:
+class DrawnCurve:
     """One curve of a figure: the panel that holds it, its name, and the values drawn."""
 
     panel: str
@@ -74,7 +74,7 @@ class Sheet:
     """A figure being drawn, with a record of every value that it shows."""
 
     figure: Figure
-    shown: list[Shown] = field(default_factory=list)
+    shown: list[DrawnCurve] = field(default_factory=list)
     units: Callable[[str], str] = field(default=lambda column: "1")
     """The units of a column of values, by its name."""
     time: str = "t"
@@ -85,7 +85,7 @@ class Sheet:
     def record(self, panel: str, curve: str, values: Mapping[str, np.ndarray]) -> None:
         """Note the values of a curve by the names of what they are."""
         self.shown.append(
-            Shown(panel, curve, {name: np.asarray(value) for name, value in values.items()})
+            DrawnCurve(panel, curve, {name: np.asarray(value) for name, value in values.items()})
         )
 
     def csv(self) -> str:
@@ -159,7 +159,7 @@ def _formula(text: str, dpi: float, font: FontProperties | None) -> Any:
     return MathTextParser(SET_FOR).parse(text, dpi, font)
 
 
-class Formulas(MathTextParser):  # type: ignore[type-arg]
+class CachedMathText(MathTextParser):  # type: ignore[type-arg]
     """Sets formulas, and keeps them: figures share most of their labels, to set one takes some
     milliseconds, and matplotlib's own parser forgets with every figure."""
 
@@ -176,7 +176,7 @@ class Formulas(MathTextParser):  # type: ignore[type-arg]
         return _formula(s, dpi, prop and prop.copy())
 
 
-FORMULAS = Formulas(SET_FOR)
+FORMULAS = CachedMathText(SET_FOR)
 
 
 def check_tex(text: str, size: float) -> None:

@@ -12,7 +12,7 @@ from ..models.base import Model
 from ..models.constants import attributes, jacobian, rescaled
 from .solve import solve
 from .trajectory import Trajectory
-from .units import Moment, Units, is_timed, units_at_start
+from .units import TimeWindow, Units, is_timed, units_at_start
 
 AUTOMATIC = ("exact", "taylor", "collocation")
 """The methods that `auto` takes: those that are right to the last digits."""
@@ -71,14 +71,14 @@ def taylor_steps(case: Case, path: Trajectory | None = None) -> float:
     system, end = case.system, case.time.end
     span = end - case.time.start if is_timed(system) else None
     if path is None:
-        moment = None if span is None else Moment(case.time.start, span)
+        moment = None if span is None else TimeWindow(case.time.start, span)
         rates = [rate(system, end, np.array(system.start), 0, units_at_start(system, moment))]
     else:
         end, rates = float(path.time[-1]), []
         for t, state, size in zip(
             path.time.tolist(), path.state.astype(float), path.exponent.tolist(), strict=True
         ):
-            moment = None if span is None else Moment(t, span)
+            moment = None if span is None else TimeWindow(t, span)
             units = Units.fit(type(system), system.constants, state, size, moment)
             rates.append(rate(system, t, state, size, units))
     # A Taylor step at full precision covers some 8 units of the fastest rate: right to 25 % for a

@@ -11,7 +11,7 @@ from ..engines.protocol import Engine, Hit, Status, StepControl, uneven
 from ..models.base import Event, EventOutcome, Model, Passage
 from ..models.constants import attributes, moving, rescaled, state_powers
 from .trajectory import Occurrence
-from .units import Calendar, Clock, Moment, Units, is_timed, longest_step, units_at_start
+from .units import AbsoluteClock, Clock, TimeWindow, Units, is_timed, longest_step, units_at_start
 
 SAMPLES_AT_ONCE = 1 << 16
 """Samples handed to an engine at once."""
@@ -87,11 +87,11 @@ def propagate(
     """
     model, k, y0, fp = type(system), system.constants, system.start, engine.dtype
     timed, rows = is_timed(system, events), moving(model)
-    moment = Moment(start, float(times[-1]) - start) if timed and len(times) else None
+    moment = TimeWindow(start, float(times[-1]) - start) if timed and len(times) else None
     units = units_at_start(system, moment)
     exact = system.extended_start if fp is np.longdouble else np.array(y0)
     y = rescaled(model, exact, -units.size).astype(fp)
-    clock = (Clock if model.degree else Calendar)(fp(start), fp(0))
+    clock = (Clock if model.degree else AbsoluteClock)(fp(start), fp(0))
     shape = len(times), len(y0)
     # Of C's int, because ldexp takes four times as long by a wider one.
     samples = SampleBuffer(times, np.empty(shape, dtype=fp), np.empty(len(times), dtype=np.intc))
@@ -148,7 +148,7 @@ def propagate(
         if samples.done == len(times) and size < LARGEST // 2:
             break  # no leg is to follow, and this one was far from the largest number
         if timed:
-            moment = Moment(float(clock.high), float(times[-1]) - start)
+            moment = TimeWindow(float(clock.high), float(times[-1]) - start)
         new = Units.fit(model, k, y.astype(float), size, moment)
         if new.size < -LIMIT:
             end = np.where(state_powers(model), 0, y)

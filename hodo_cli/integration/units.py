@@ -30,7 +30,7 @@ SLOWEST = -1000
 motion's own would leave the range of doubles."""
 
 
-class Moment(NamedTuple):
+class TimeWindow(NamedTuple):
     """A time of motions whose equations contain it, and how long they last; both one number, or one
     for each of n motions."""
 
@@ -57,7 +57,7 @@ class Units:
         k: Mapping[str, Any],
         y: np.ndarray,
         size: Any = 0,
-        moment: Moment | None = None,
+        moment: TimeWindow | None = None,
     ) -> "Units":
         """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size, and at
         a moment if its equations contain the time."""
@@ -157,7 +157,7 @@ def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
 
 
 @lru_cache(maxsize=64)
-def units_at_start(system: Model, moment: Moment | None = None) -> Units:
+def units_at_start(system: Model, moment: TimeWindow | None = None) -> Units:
     """The units that fit a motion as it begins: its trial, the motion itself and its reference ask
     for them."""
     return Units.fit(type(system), system.constants, np.array(system.start), moment=moment)
@@ -213,7 +213,7 @@ class Clock:
             self.high = total
 
 
-class Calendar(Clock):
+class AbsoluteClock(Clock):
     """The clock of a model without units of its own, whose equations may contain the time
     itself."""
 

@@ -19,7 +19,7 @@ from .theory.attitude import free_attitude, product
 
 KEY = "attitude"
 
-ANGLES = ListOf(Angle(), length=3, title="3 angles in radians, or such as '60 deg'")
+EULER_ANGLES = ListOf(Angle(), length=3, title="3 angles in radians, or such as '60 deg'")
 
 ATTITUDE = Key(
     Either(
@@ -27,7 +27,7 @@ ATTITUDE = Key(
         Table(
             {
                 "initial": Key(vector(4), "quaternion a, b, c, d at the start", default=None),
-                "euler": Key(ANGLES, "angles of the `sequence` at the start", "rad", None),
+                "euler": Key(EULER_ANGLES, "angles of the `sequence` at the start", "rad", None),
                 "sequence": Key(
                     Text(),
                     "axes of the angles: capitals are body axes, small letters space axes, as of"

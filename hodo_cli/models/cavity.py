@@ -15,7 +15,7 @@ from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 from .terms.torques import CONSTANT, FLUID, fluid_torque, rates_under
 
 # First-order theories are then off by some per cent, which figures show.
-LARGE = 0.1
+NOT_SMALL = 0.1
 """Where a ratio that the theory takes as small is no longer so."""
 
 OF_THE_CAVITY = {
@@ -164,7 +164,7 @@ class Cavity(Model):
         # The start of the body, also in a form whose state is something else.
         A, omega = np.array(self.inertia), np.array(velocity(self.inertia, self.initial))
         kappa = coefficient(self.cavity, self.kappa)
-        limits = [*slow_flow(self.cavity, omega), *weak(A, omega, kappa, self.applied)]
+        limits = [*reynolds_warning(self.cavity, omega), *weak(A, omega, kappa, self.applied)]
         return [*limits, *heavy_fluid(self.cavity, A)]
 
 
@@ -187,7 +187,7 @@ def heavy_fluid(cavity: Mapping[str, float | None] | None, A: np.ndarray) -> lis
     ]
 
 
-def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:
+def reynolds_warning(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> list[str]:
     """A warning if the Reynolds number b^2 |omega|/nu is not small, as the fluid's torque assumes.
 
     With kappa alone the Reynolds number is unknown.
@@ -195,7 +195,7 @@ def slow_flow(cavity: Mapping[str, float | None] | None, omega: np.ndarray) -> l
     if cavity is None or cavity["viscosity"] is None:
         return []
     number = reynolds(cavity, omega)
-    if number <= LARGE:
+    if number <= NOT_SMALL:
         return []
     b, speed = radius_of(cavity), math.hypot(*omega)
     size = f"b = {b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g}"
@@ -224,12 +224,12 @@ def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) 
     return [
         f"the torque {name} is not small: {ratio:.3g} of |omega| |G| at the start"
         for name, ratio in ratios.items()
-        if ratio > LARGE
+        if ratio > NOT_SMALL
     ]
 
 
 @dataclass(frozen=True)
-class Full(Cavity, BodyFrame):
+class FullCavity(Cavity, BodyFrame):
     """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
     axes.
 

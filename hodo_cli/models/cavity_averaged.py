@@ -22,7 +22,7 @@ from .averaging.fluid import (
     through_with_fluid,
 )
 from .averaging.forms import MEAN_START, AveragedTurns, either, turning_constants
-from .averaging.free_turn import Slow
+from .averaging.free_turn import SlowVariables
 from .base import Constants, Event, Label, Model
 from .cavity import Cavity, coefficient
 from .constants import attributes
@@ -40,7 +40,7 @@ def enclosed_amplitude(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Symmetric(Cavity):
+class SymmetricCavity(Cavity):
     """What the forms in a = sqrt(p^2 + q^2) and r share."""
 
     spin_reversal: str
@@ -121,7 +121,7 @@ class Symmetric(Cavity):
 
 
 @dataclass(frozen=True)
-class Averaged(Symmetric):
+class Averaged(SymmetricCavity):
     """The motion of an axisymmetric body (A1 = A2 = A, A3 = C) averaged over the turning of (p, q)
     about x3.
 
@@ -146,7 +146,7 @@ class Averaged(Symmetric):
     at_separatrix: str
 
     form = "averaged"
-    keys = Symmetric.keys | {
+    keys = SymmetricCavity.keys | {
         "mean_start": MEAN_START,
         "at_separatrix": AT_SEPARATRIX,
     }
@@ -172,7 +172,7 @@ class Averaged(Symmetric):
 
 
 @dataclass(frozen=True)
-class AveragedAsPrinted(Symmetric):
+class AveragedAsPrinted(SymmetricCavity):
     """The averaged equations with the sign of a' as printed in eqs (5) and (6), to reproduce the
     paper's figures.
 
@@ -247,13 +247,13 @@ class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
             "scale": max(pace, math.hypot(*torque) / unit) or 1.0,
         }
 
-    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+    def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
         square = self.unit**2
         small = slow._replace(X=slow.X / square, Y=slow.Y / square)
         part_e, part_o = fluid_part(attributes(self.constants), small)
         return part_e / self.unit, part_o / self.unit
 
-    def states(self, slow: Slow) -> np.ndarray:
+    def states(self, slow: SlowVariables) -> np.ndarray:
         unit, scale = self.unit, self.constants["scale"]
         assert isinstance(scale, float)
         g, f = (np.sqrt(value) / unit for value in slow.pair)

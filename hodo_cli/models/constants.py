@@ -132,7 +132,7 @@ def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:
 
 
 @dataclass(frozen=True)
-class OfLegTime:
+class InLegTime:
     """A function (t, y, k) of the case's own time as one of the time of a leg."""
 
     function: Callable[[Any, Sequence[Any], Any], Any]
@@ -144,13 +144,13 @@ class OfLegTime:
 @cache
 def of_leg_time(model: type[Model]) -> type[Model]:
     """The same equations as a model whose rates are functions of the time of a leg."""
-    rhs = staticmethod(OfLegTime(model.rhs))
+    rhs = staticmethod(InLegTime(model.rhs))
     return type(f"{model.__name__}OfLegTime", (model,), {"rhs": rhs})
 
 
 def events_of_leg_time(events: tuple[Event, ...]) -> tuple[Event, ...]:
     """The same events as functions of the time of a leg."""
-    return tuple(event._replace(function=OfLegTime(event.function)) for event in events)
+    return tuple(event._replace(function=InLegTime(event.function)) for event in events)
 
 
 def structure_of_leg_time(form: Structure) -> Structure:

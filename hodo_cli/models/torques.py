@@ -14,7 +14,7 @@ from ..schema.expression import Expression
 from ..schema.kinds import Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import AnyTorque, averaged_form, looked_up, mean_elements
 from .base import Constants, Event, EventOutcome, Model, mistake_of
-from .cavity import CAVITY, coefficient, heavy_fluid, slow_flow, weak
+from .cavity import CAVITY, coefficient, heavy_fluid, reynolds_warning, weak
 from .constants import attributes
 from .linear_diag import damping_warnings
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, enclosed_axis
@@ -258,7 +258,7 @@ class Torques(BodyFrame):
     def run_events(self) -> tuple[Event, ...]:
         own = {name: 3 + i for i, name in enumerate(self.state[3:])}
         events = [
-            Event("turned", Component(i, own[f"s{i + 1}"]), True, Turned(i, own[f"s{i + 1}"]))
+            Event("turned", Component(i, own[f"s{i + 1}"]), True, SignReversal(i, own[f"s{i + 1}"]))
             for i in range(3)
             if "s1" in own and any(first_values(self.quadratic_axes[i]))
         ]
@@ -399,7 +399,7 @@ class Torques(BodyFrame):
         return [
             *damping_warnings(damping),
             *tensor,
-            *slow_flow(self.cavity, omega),
+            *reynolds_warning(self.cavity, omega),
             *weak(A, omega, kappa, torque),
             *heavy_fluid(self.cavity, A),
         ]
@@ -425,7 +425,7 @@ class Component:
 
 
 @dataclass(frozen=True)
-class Turned:
+class SignReversal:
     """The passage of omega_i through 0, behind which its sign is the other one."""
 
     axis: int

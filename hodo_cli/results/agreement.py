@@ -60,7 +60,7 @@ class Tolerance:
                 raise HodoError(f"--{name}: expected a number >= 0, got {value:g}")
 
 
-class Reference(NamedTuple):
+class ReferenceValues(NamedTuple):
     """A variable of the reference, whose group is given, with the tolerance that was asked for."""
 
     name: str
@@ -88,22 +88,22 @@ class Reference(NamedTuple):
         return np.asarray(atol + np.maximum(rtol * size, SUBNORMAL))
 
 
-def equal(b: Reference) -> np.ndarray:
+def equal(b: ReferenceValues) -> np.ndarray:
     """Labels, counts and texts are equal or not."""
     return np.zeros(b.variable.data.shape)
 
 
-def given(b: Reference) -> np.ndarray:
+def given(b: ReferenceValues) -> np.ndarray:
     """Times and swept data are what the case says; a time at which an event ends the motion is as
     good as that of the event."""
     allowed = np.full(b.size.shape, GIVEN * float(np.max(b.size, initial=0)))
     events = b.group.variables.get("event_time")
     if b.name != "time" or events is None:
         return allowed
-    return np.where(np.isin(b.variable.data, events.data), located(b), allowed)
+    return np.where(np.isin(b.variable.data, events.data), located_difference(b), allowed)
 
 
-def located(b: Reference) -> np.ndarray:
+def located_difference(b: ReferenceValues) -> np.ndarray:
     """A time may be off by the error of the state, magnified, and by its own stated error."""
     if b.tolerance.rtol is not None or "rtol" in b.variable.attrs:
         return b.of_size(b.size, CONDITION)
@@ -117,14 +117,14 @@ def located(b: Reference) -> np.ndarray:
     return of_state + (0.0 if stated is None else STATED * np.nan_to_num(stated.data))
 
 
-def vector(b: Reference) -> np.ndarray:
-    """A vector is judged by its length, so that the last of a decayed motion counts as the
-    first."""
+def vector_agreement(b: ReferenceValues) -> np.ndarray:
+    """A vector is judged by its largest component at its own time, so that the late samples of a
+    decayed motion count as much as the early ones."""
     axis = b.variable.dims.index("axis")
     return b.of_size(np.max(b.size, axis=axis, keepdims=True, initial=0))
 
 
-def series(b: Reference) -> np.ndarray:
+def series(b: ReferenceValues) -> np.ndarray:
     """A scalar of the time is judged by its size about that time: the smaller of the largest values
     until then and from then on, which is the amplitude of an oscillation, growing or decaying; and
     no less than that of its neighbours, for an end at 0."""
@@ -137,7 +137,7 @@ def series(b: Reference) -> np.ndarray:
     return b.of_size(np.moveaxis(about, 0, b.variable.dims.index("time")))
 
 
-def number(b: Reference) -> np.ndarray:
+def number_agreement(b: ReferenceValues) -> np.ndarray:
     """A number for each member, axis or event is judged by its own size; by the largest if they
     have both signs, since one that may vanish has no relative error."""
     values = b.variable.data[np.isfinite(b.variable.data)]
@@ -145,21 +145,21 @@ def number(b: Reference) -> np.ndarray:
     return b.of_size(b.size if one_sign else np.full(b.size.shape, np.max(b.size, initial=0)))
 
 
-class Rule(NamedTuple):
+class AgreementRule(NamedTuple):
     """A kind of variable, by name and variable, and the difference that is allowed in it."""
 
     holds_for: Callable[[str, Variable], bool]
-    allowed: Callable[[Reference], np.ndarray]
+    allowed: Callable[[ReferenceValues], np.ndarray]
 
 
 RULES = (
-    Rule(lambda name, b: b.data.dtype.kind != "f", equal),
+    AgreementRule(lambda name, b: b.data.dtype.kind != "f", equal),
     # A range that is swept is named by the key that it changes.
-    Rule(lambda name, b: name in b.dims or b.attrs.get("long_name") == name, given),
-    Rule(lambda name, b: name in LOCATED, located),
-    Rule(lambda name, b: "axis" in b.dims and b.data.ndim > 1, vector),
-    Rule(lambda name, b: "time" in b.dims, series),
-    Rule(lambda name, b: True, number),
+    AgreementRule(lambda name, b: name in b.dims or b.attrs.get("long_name") == name, given),
+    AgreementRule(lambda name, b: name in LOCATED, located_difference),
+    AgreementRule(lambda name, b: "axis" in b.dims and b.data.ndim > 1, vector_agreement),
+    AgreementRule(lambda name, b: "time" in b.dims, series),
+    AgreementRule(lambda name, b: True, number_agreement),
 )
 """The kinds of variables; the first that holds counts."""
 
@@ -169,7 +169,7 @@ def allowed_difference(name: str, group: Group, tolerance: Tolerance) -> np.ndar
     it."""
     variable = group.variables[name]
     rule = next(rule for rule in RULES if rule.holds_for(name, variable))
-    return rule.allowed(Reference(name, group, tolerance))
+    return rule.allowed(ReferenceValues(name, group, tolerance))
 
 
 # Errors
@@ -194,8 +194,8 @@ def same_magnitude(ours: Any, theirs: Any, size: Any = 1.0) -> bool:
         return False
     low, high, size = np.minimum(a, b), np.maximum(a, b), np.abs(size)
     with np.errstate(invalid="ignore"):
-        alike = np.isnan(a) | (a == b) | (high <= MAGNITUDE * np.maximum(low, EPS / 64 * size))
-        return bool((alike | ((low == 0) & (high <= LUCK * size))).all())
+        close = np.isnan(a) | (a == b) | (high <= MAGNITUDE * np.maximum(low, EPS / 64 * size))
+        return bool((close | ((low == 0) & (high <= LUCK * size))).all())
 
 
 # Attributes
@@ -238,7 +238,7 @@ OF_METHOD: Mapping[str, Callable[[Any, Any], bool]] = {
 tolerance."""
 
 
-def alike(a: Group, b: Group) -> bool:
+def values_alike(a: Group, b: Group) -> bool:
     """Whether two cases are computed by one method at one tolerance."""
     return all(a.attributes.get(key) == b.attributes.get(key) for key in ("method", "tol"))
 
@@ -246,21 +246,21 @@ def alike(a: Group, b: Group) -> bool:
 def differing_attributes(a: Group, b: Group) -> Iterator[tuple[str, str]]:
     """The attributes of the reference `b`, and of its variables, with which those of `a` do not
     agree: name and both values."""
-    for key, agree in {**OF_CASE, **(OF_METHOD if alike(a, b) else {})}.items():
+    for key, agree in {**OF_CASE, **(OF_METHOD if values_alike(a, b) else {})}.items():
         ours, theirs = (group.attributes.get(key) for group in (a, b))
         if theirs is not None and (ours is None or not agree(ours, theirs)):
-            yield key, apart(ours, theirs)
+            yield key, difference_in_words(ours, theirs)
     for name in b.variables.keys() & a.variables.keys():
         ours_attrs, attrs = a.variables[name].attrs, b.variables[name].attrs
         for key in MEANING:
             if not same(ours_attrs.get(key), attrs.get(key)):
-                yield f"{name}:{key}", apart(ours_attrs.get(key), attrs.get(key))
+                yield f"{name}:{key}", difference_in_words(ours_attrs.get(key), attrs.get(key))
         errors = [float(of.get("error", math.nan)) for of in (ours_attrs, attrs)]
-        if alike(a, b) and not same_magnitude(*errors):
-            yield f"{name}:error", apart(*errors)
+        if values_alike(a, b) and not same_magnitude(*errors):
+            yield f"{name}:error", difference_in_words(*errors)
 
 
-def apart(*values: Any) -> str:
+def difference_in_words(*values: Any) -> str:
     """Two values that differ, in words."""
     ours, theirs = (
         f"{value:.1e}" if isinstance(value, float) else "; ".join(str(value).splitlines()) or "none"

@@ -9,7 +9,7 @@ import numpy as np
 from .motion import Motion
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
-TURN = math.radians(15)
+LARGEST_TURN = math.radians(15)
 """The largest angle by which a hodograph may turn from one sample to the next."""
 
 OSCILLATION = math.radians(30)
@@ -43,7 +43,7 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     return np.where(speed > 0, np.nan_to_num(curl), 0) * wide, speed * wide * size
 
 
-def coarse(motion: Motion, part: slice, limit: float = TURN) -> str:
+def coarse(motion: Motion, part: slice, limit: float = LARGEST_TURN) -> str:
     """What is to be said of a motion whose samples are too few for a curve of G; an empty text if
     they are not."""
     if len(motion.time[part]) < 3:
@@ -82,16 +82,16 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     names = [spec["x"], spec["y"]] if kind == "phase" else spec.get("variables", ())
     if kind not in CURVES and not any(map(oscillates, names)):
         return []
-    limit = OSCILLATION if kind == "series" else TURN
+    limit = OSCILLATION if kind == "series" else LARGEST_TURN
     remarks = [
-        coarse(motion, within(motion, spec.get("span")), limit)
+        coarse(motion, samples_within(motion, spec.get("span")), limit)
         for motion in motions
         if "omega" in motion.vectors and len(motion.axes) == 3
     ]
     return list(dict.fromkeys(filter(None, remarks)))
 
 
-def within(motion: Motion, span: tuple[float, float] | None) -> slice:
+def samples_within(motion: Motion, span: tuple[float, float] | None) -> slice:
     """The samples of a motion within a span of time; all without one."""
     if span is None:
         return slice(None)

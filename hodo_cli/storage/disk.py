@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 
-class Disk(io.FileIO):
+class BufferedFile(io.FileIO):
     """A new file that keeps the first failure (a full disk) to itself: HDF5 takes the whole process
     down over one.
 

@@ -21,7 +21,7 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class Late:
+class StreamedVariables:
     """Variables too large for memory: their arrays carry only shape and dtype, and the values come
     from `blocks()` as (name, where, block) when the group is written."""
 
@@ -45,7 +45,7 @@ class Group:
 
     attributes: Mapping[str, Attribute]
     variables: Mapping[str, Variable]
-    late: Late | None = None
+    late: StreamedVariables | None = None
     report: Report | None = None
 
     def with_addition(self, addition: "Group") -> "Group":

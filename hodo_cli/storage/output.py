@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
-from .disk import Disk, GroupChecksum, ValuesChecksum, append_checksum
+from .disk import BufferedFile, GroupChecksum, ValuesChecksum, append_checksum
 from .group import Attribute, Group, as_stored, checksum_of, is_number
 from .hdf5 import (
     NO_VARIABLE,
@@ -34,7 +34,7 @@ H5Object: TypeAlias = h5f.FileID | h5g.GroupID | h5d.DatasetID
 class Output:
     """A file that is being written; made by `create`."""
 
-    def __init__(self, file: h5py.File, disk: Disk) -> None:
+    def __init__(self, file: h5py.File, disk: BufferedFile) -> None:
         self._file = file
         self._disk = disk
 
@@ -145,9 +145,9 @@ def amend(path: Path, run: ResultFile, attributes: Mapping[str, Attribute]) -> I
 
 
 @contextmanager
-def _written(path: Path) -> Iterator[Disk]:
+def _written(path: Path) -> Iterator[BufferedFile]:
     """A new file; what the operating system refused in the meantime is raised at the end."""
-    with Disk(path) as disk:
+    with BufferedFile(path) as disk:
         try:
             yield disk
         finally:

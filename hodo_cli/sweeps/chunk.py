@@ -211,8 +211,8 @@ def ensemble_of(case: Case, group: Prepared) -> Ensemble:
 def reduced_ensemble(
     e: Ensemble, outcome: Outcome, events: Mapping[int, list[Occurrence]], time: Time
 ) -> dict[str, np.ndarray]:
-    """The columns of the accepted motions of an ensemble, with the events `met` of those that went
-    on through some."""
+    """The columns of the accepted motions of an ensemble, with the `events` of those that
+    went on through one."""
     accepted = np.flatnonzero(outcome.accepted)
     state = outcome.state[:, accepted].T
     if e.model.degree:

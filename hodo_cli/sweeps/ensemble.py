@@ -19,7 +19,7 @@ from ..engines.series import value
 from ..integration.choice import MANY_STEPS
 from ..integration.driver import LIMIT, at_rest
 from ..integration.trajectory import Occurrence
-from ..integration.units import Moment, Units
+from ..integration.units import TimeWindow, Units
 from ..models.base import Event, Model
 from ..models.constants import UNIT, VELOCITY, Structure, moving, namespace, rescaled
 from ..models.rigid_body import Separatrix
@@ -392,7 +392,9 @@ class BatchState:
         y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
         moment = None
         if e.is_timed:
-            moment = Moment(times_of(self.now[:, at], params, e.span[1], m), e.lengths[0, number])
+            moment = TimeWindow(
+                times_of(self.now[:, at], params, e.span[1], m), e.lengths[0, number]
+            )
         units = Units.fit(e.model, k, y, size, moment)
         # By powers of two throughout, so that new units change no digit.
         self.now[:m, at] = rescaled(e.model, self.now[:m, at].T, size - units.size).T

@@ -12,7 +12,7 @@ from ..cases.sweep_block import axes_of, path_of
 from ..engines.protocol import EPS, Status
 from ..integration.solve import sample_times
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
-from ..storage.group import Attribute, Group, Late, Variable
+from ..storage.group import Attribute, Group, StreamedVariables, Variable
 from .chunk import Chunk, fits_ensemble
 from .columns import kept, shape
 from .summary import Read, Summary
@@ -46,7 +46,9 @@ def group_of_columns(
                     yield name, where, data.reshape(outline)
 
     variables = with_units(variables, case)
-    return Group({**attributes, **errors}, variables, Late(frozenset(kept(case)), fill))
+    return Group(
+        {**attributes, **errors}, variables, StreamedVariables(frozenset(kept(case)), fill)
+    )
 
 
 def sweep_attributes(

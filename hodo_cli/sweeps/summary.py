@@ -56,14 +56,14 @@ class MemberError(NamedTuple):
     kind: str
 
 
-class Probe(NamedTuple):
+class SampledMembers(NamedTuple):
     """Members of a sweep whose error is to be measured."""
 
     case: Case
     ends: list[MemberEnd]
 
 
-def probe(task: Probe) -> list[MemberError]:
+def probe(task: SampledMembers) -> list[MemberError]:
     """The errors of some members."""
     return [member_error(task.case, end) for end in task.ends]
 
@@ -219,7 +219,7 @@ def sampled_errors(
 ) -> dict[str, Any]:
     """Quantiles of the measured errors; `report` is called with the share of them that is done."""
     starts = range(0, len(summary.ends), PROBED)
-    tasks = [Probe(case, summary.ends[i : i + PROBED]) for i in starts]
+    tasks = [SampledMembers(case, summary.ends[i : i + PROBED]) for i in starts]
     errors: list[MemberError] = []
     for i, (_, outcome) in enumerate(pool.map(probe, tasks), 1):
         report(i / len(tasks))

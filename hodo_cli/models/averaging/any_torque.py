@@ -21,8 +21,8 @@ from .capture import (
     REGIONS,
     STOP,
     Arrival,
-    Band,
     Region,
+    SeparatrixRates,
     drift_by_region,
     pass_separatrix,
 )
@@ -40,7 +40,7 @@ from .forms import (
 from .free_turn import (
     LANDEN,
     Body,
-    Slow,
+    SlowVariables,
     free_motion_by_phase,
     parity_of,
     slow_elements,
@@ -176,7 +176,7 @@ def torque_of(full: Rhs, t: Any, k: Any) -> Torque:
     return torque
 
 
-def band_of(body: Body, torque: Torque, region: Region, X_e: float) -> Band:
+def band_of(body: Body, torque: Torque, region: Region, X_e: float) -> SeparatrixRates:
     """The mean rates beside the separatrix, where X_e is given: by the means at two moduli."""
     side, sense = region
     w_e, w_o = body.weight(side)
@@ -184,17 +184,17 @@ def band_of(body: Body, torque: Torque, region: Region, X_e: float) -> Band:
     for m1 in (NEAR, NEARER):
         X_o = (1 - m1) * float(w_e / w_o) * X_e
         X, Y = (X_e, X_o) if side > 0 else (X_o, X_e)
-        slow = Slow(X, Y, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
+        slow = SlowVariables(X, Y, np.asarray(side), np.asarray(m1), np.asarray(sense), 0.0)
         dX, dY = mean_rates(body, torque, slow, nodes_for(m1))
         dX_e, dX_o = (dX, dY) if side > 0 else (dY, dX)
         # <dn> is pi/(2 K)
         rates.append((dX_e / X_e, dX_o / X_o, 2 / math.pi * turn_means(1 - m1, m1, LANDEN).pace))
     (e1, o1, inverse), (e2, o2, nearer) = rates
     by_e, by_o = (e1 - e2) / (inverse - nearer), (o1 - o2) / (inverse - nearer)
-    return Band(float(e1 - by_e * inverse), float(by_e), float(by_o))
+    return SeparatrixRates(float(e1 - by_e * inverse), float(by_e), float(by_o))
 
 
-def is_even(body: Body, torque: Torque, slow: Slow) -> bool:
+def is_even(body: Body, torque: Torque, slow: SlowVariables) -> bool:
     """Whether R N(R omega) = N(omega), R = diag(1, -1, 1), on a motion: then the second order of
     averaging vanishes, and the phase at the separatrix is known."""
     omega = free_motion_by_phase(body, slow, np.linspace(0, 2 * np.pi, 17))
@@ -229,7 +229,7 @@ def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace)
     branch, predictable = k.turning_branch, False
     if drives_alike(drift_by_region(bands)):
         X, Y = (X_e, X_o) if side > 0 else (X_o, X_e)
-        slow = Slow(X, Y, np.asarray(side), np.asarray(NEARER), np.asarray(sense), 0.0)
+        slow = SlowVariables(X, Y, np.asarray(side), np.asarray(NEARER), np.asarray(sense), 0.0)
         branch, predictable = FREE, k.turning_mean == "yes" and is_even(body, torque, slow)
     arrival = Arrival(
         t,
@@ -251,13 +251,13 @@ def drives_alike(drift: Mapping[Region, float]) -> bool:
     return all(abs(drift[side, 1] - drift[side, -1]) <= SAME_DRIFT * most for side in (1, -1))
 
 
-def slow_of(y: np.ndarray, k: SimpleNamespace) -> Slow:
+def slow_of(y: np.ndarray, k: SimpleNamespace) -> SlowVariables:
     """The slow variables of states (n, 5)."""
     ln_e, ln_o, scaled_phase, side, sense = y.T
     X_e, X_o = np.exp(ln_e), np.exp(ln_o)
     X, Y = np.where(side > 0, (X_e, X_o), (X_o, X_e))
     m1 = np.maximum(-np.expm1(ln_o - ln_e - side * k.turning_offset), EDGE / 2)
-    return Slow(X, Y, side, m1, sense, scaled_phase / k.turning_scale)
+    return SlowVariables(X, Y, side, m1, sense, scaled_phase / k.turning_scale)
 
 
 def mean_elements(y: Sequence[Any], k: SimpleNamespace) -> dict[str, np.ndarray]:
@@ -279,7 +279,7 @@ def stored_with_part(
         part_e, part_o = np.empty((2, len(t)))
         for i in range(0, len(t), AT_ONCE):
             at = slice(i, i + AT_ONCE)
-            some = Slow(*(column[at] for column in slow))
+            some = SlowVariables(*(column[at] for column in slow))
             part_e[at], part_o[at] = relative_part(
                 body, torque_of(full, t[at], numbers), some, int(k.turning_nodes)
             )
@@ -292,7 +292,7 @@ def stored_with_part(
 
 
 def relative_part(
-    body: Body, torque: Torque, slow: Slow, nodes: int
+    body: Body, torque: Torque, slow: SlowVariables, nodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """(X_e - mean X_e)/X_e and (X_o - mean X_o)/X_o (n,) of slow variables (n,); 0 where X_o
     is 0."""
@@ -352,11 +352,11 @@ class AnyTorque(AveragedTurns):
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         return self.equations | {"turning_scale": pace or 1.0}
 
-    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+    def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
         torque = torque_of(self.full.rhs, 0.0, attributes(self.equations))
         return relative_part(self.body, torque, slow, int(self.equations["turning_nodes"]))
 
-    def states(self, slow: Slow) -> np.ndarray:
+    def states(self, slow: SlowVariables) -> np.ndarray:
         scaled_phase = self.constants["turning_scale"] * slow.phase
         return np.stack((*logarithms(slow), scaled_phase, slow.side + 0.0, slow.sense + 0.0))
 
@@ -395,7 +395,7 @@ def looked_up(name: str, form: str, data: Mapping[str, Any]) -> BodyFrame:
     return model
 
 
-def logarithms(slow: Slow) -> tuple[Any, Any]:
+def logarithms(slow: SlowVariables) -> tuple[Any, Any]:
     """ln X_e and ln X_o; of an exact rotation about the enclosed axis, STEADY apart."""
     X_e, X_o = slow.pair
     with np.errstate(divide="ignore"):

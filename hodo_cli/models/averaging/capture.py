@@ -56,7 +56,7 @@ MOST_HALF_TURNS = 100_000
 it for ever."""
 
 
-class Band(NamedTuple):
+class SeparatrixRates(NamedTuple):
     """The mean rates beside the separatrix in a region: (ln X_e)' = rest + by_e/K and (ln X_o)' =
     rest + by_o/K."""
 
@@ -75,7 +75,7 @@ class Band(NamedTuple):
         return self.rest * time + self.by_e * turns, self.rest * time + self.by_o * turns
 
 
-Bands = Mapping[Region, Band]
+Bands = Mapping[Region, SeparatrixRates]
 
 
 class Arrival(NamedTuple):

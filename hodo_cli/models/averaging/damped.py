@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..base import Constants, Event, EventOutcome
-from .capture import FREE, REGIONS, Arrival, Band, pass_separatrix
+from .capture import FREE, REGIONS, Arrival, SeparatrixRates, pass_separatrix
 from .forms import (
     AveragedTurns,
     distance_to_edge,
@@ -19,7 +19,7 @@ from .forms import (
     turning_constants,
     with_part,
 )
-from .free_turn import LANDEN, Body, Slow, turn_frequency
+from .free_turn import LANDEN, Body, SlowVariables, turn_frequency
 from .means import linear_rates, turn_means
 from .passage import on_side
 from .quadrature import damped_part
@@ -39,10 +39,10 @@ def logarithmic_offset(body: Body) -> float:
     return SYMMETRIC if outer else -SYMMETRIC
 
 
-def linear_band(lam: Sequence[float]) -> Band:
+def linear_band(lam: Sequence[float]) -> SeparatrixRates:
     """The rates of `linear_rates` beside the separatrix, where <dn^2> = <cn^2> = 1/K."""
     l_e, l_m, l_o = lam
-    return Band(-2 * l_m, -2 * (l_e - l_m), -2 * (l_o - l_m))
+    return SeparatrixRates(-2 * l_m, -2 * (l_e - l_m), -2 * (l_o - l_m))
 
 
 def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
@@ -116,7 +116,7 @@ class Damped(AveragedTurns):
             X, Y = np.where(side > 0, (square, X_o * square), (X_o * square, square))
             m1 = -np.expm1(ln_o - ln_e - side * k.turning_offset)
             with np.errstate(divide="ignore", invalid="ignore"):  # nothing turns any more
-                slow = Slow(X, Y, side, m1, 1, scaled_phase / k.scale)
+                slow = SlowVariables(X, Y, side, m1, 1, scaled_phase / k.scale)
                 part_e, part_o = damped_part(body, (k.l1, k.l2, k.l3), slow)
             turns = turn_frequency(body, square, side) / k.scale
             X_e, X_o = with_part(X_e, part_e, turns), with_part(X_o, part_o, turns)
@@ -144,10 +144,10 @@ class Damped(AveragedTurns):
         variables."""
         return max(map(abs, self.coefficients)) or 1.0
 
-    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+    def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
         return damped_part(self.body, self.sorted_coefficients, slow)
 
-    def states(self, slow: Slow) -> np.ndarray:
+    def states(self, slow: SlowVariables) -> np.ndarray:
         ln_e, ln_o = (
             np.log(value, out=np.full(np.shape(value), NEVER), where=value > 0)
             for value in slow.pair

@@ -16,9 +16,19 @@ from typing import Any
 import numpy as np
 
 from ..base import EventOutcome
-from .capture import FREE, REGIONS, STOP, Arrival, Band, Bands, Pair, Region, pass_separatrix
+from .capture import (
+    FREE,
+    REGIONS,
+    STOP,
+    Arrival,
+    Bands,
+    Pair,
+    Region,
+    SeparatrixRates,
+    pass_separatrix,
+)
 from .forms import EDGE, either, left_and_entered, stored_elements, with_part
-from .free_turn import Body, Slow, amplitude, turn_frequency
+from .free_turn import Body, SlowVariables, amplitude, turn_frequency
 from .means import fluid_loss, fluid_weights, turn_means
 
 
@@ -77,7 +87,7 @@ def fluid_distance(t: Any, y: Sequence[Any], k: Any) -> Any:
     return (1 - EDGE / 2) * sense * g - either(side, k.root_a, k.root_c) * f
 
 
-def fluid_band(k: Any, region: Region, amplitudes: Pair) -> Band:
+def fluid_band(k: Any, region: Region, amplitudes: Pair) -> SeparatrixRates:
     """The mean rates beside the separatrix, at amplitudes of a region in units of `unit`.
 
     There K <cn^2 dn^2> = 2/3, the integral of sech^4; K <sn^2 dn^2> = K <sn^2 cn^2> = 1/3; and K
@@ -88,7 +98,9 @@ def fluid_band(k: Any, region: Region, amplitudes: Pair) -> Band:
     loss = (2 * cd + sd) / 3 * g * g + sc / 3 * f * f
     to_e, to_o = (k.c, -k.a) if side > 0 else (-k.a, k.c)
     torque = sense * (k.torque_a if side > 0 else k.torque_c) * math.pi
-    return Band(0.0, float(to_e * loss * f * f / (g * g) + torque / g), float(to_o * loss))
+    return SeparatrixRates(
+        0.0, float(to_e * loss * f * f / (g * g) + torque / g), float(to_o * loss)
+    )
 
 
 def fluid_bands(k: Any, side: int, amplitudes: Pair) -> Bands:
@@ -122,7 +134,7 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOut
     return left.outcome(y, (sense * g, f, sense * k.scale * left.phase, *left.region))
 
 
-def fluid_part(k: Any, slow: Slow) -> tuple[Any, Any]:
+def fluid_part(k: Any, slow: SlowVariables) -> tuple[Any, Any]:
     """(X_e - mean X_e)/X_e and (X_o - mean X_o)/X_o, times `unit`, at the phase of `slow` (...); 0
     where X_o is 0.
 
@@ -173,7 +185,7 @@ def fluid_output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, 
         # spin.
         with np.errstate(divide="ignore", invalid="ignore"):
             m1 = np.maximum((X_e - ratio * X_o) / X_e, EDGE / 2)
-            slow = Slow(X, Y, side, m1, sense, sense * scaled_phase / k.scale)
+            slow = SlowVariables(X, Y, side, m1, sense, sense * scaled_phase / k.scale)
             part_e, part_o = np.where(m1 > EDGE / 2, fluid_part(k, slow), 0)
         # `turn_frequency` takes X_e in true units, where n is larger by `unit`.
         turns = np.where(above, k.turns_a, k.turns_c) * k.unit * np.abs(g) / k.scale

@@ -15,7 +15,7 @@ import numpy as np
 from ...schema.kinds import Choice, Key, Mistake
 from ..base import Label
 from ..rigid_body import BodyFrame
-from .free_turn import Body, Slow, slow_elements
+from .free_turn import Body, SlowVariables, slow_elements
 from .passage import shape_distance
 
 EDGE = 1e-10
@@ -148,15 +148,15 @@ class AveragedTurns(BodyFrame):
         """The body with its axes sorted."""
         return Body.of(self.inertia)
 
-    def periodic_start(self, slow: Slow) -> tuple[np.ndarray, np.ndarray]:
+    def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
         """The periodic parts (...) of X_e and X_o relative to them, at starts (...)."""
         raise NotImplementedError
 
-    def states(self, slow: Slow) -> np.ndarray:
+    def states(self, slow: SlowVariables) -> np.ndarray:
         """The states (m, ...) with these slow variables (...)."""
         raise NotImplementedError
 
-    def elements(self, omega: Any) -> tuple[Slow, np.ndarray]:
+    def elements(self, omega: Any) -> tuple[SlowVariables, np.ndarray]:
         """The slow variables (...) that motions with angular velocities (..., 3) start from, and
         whether these have their mean elements."""
         slow = slow_elements(self.body, omega)
@@ -210,7 +210,9 @@ class AveragedTurns(BodyFrame):
         ]
 
 
-def shifted(body: Body, slow: Slow, part: tuple[np.ndarray, np.ndarray]) -> tuple[Slow, np.ndarray]:
+def shifted(
+    body: Body, slow: SlowVariables, part: tuple[np.ndarray, np.ndarray]
+) -> tuple[SlowVariables, np.ndarray]:
     """Slow variables (...) with the periodic parts of X_e and X_o, relative to them, taken off, and
     where that was done.
 
@@ -227,4 +229,4 @@ def shifted(body: Body, slow: Slow, part: tuple[np.ndarray, np.ndarray]) -> tupl
     X, Y = np.where(slow.side > 0, (X_e, X_o), (X_o, X_e))
     mean = slow._replace(X=X, Y=Y, m1=m1)
     chosen = (np.where(right, new, old) for new, old in zip(mean, slow, strict=True))
-    return Slow(*chosen), right
+    return SlowVariables(*chosen), right

@@ -84,7 +84,7 @@ class Body(NamedTuple):
         return given
 
 
-class Slow(NamedTuple):
+class SlowVariables(NamedTuple):
     """A motion at one moment or at many (n,): X, Y, side, 1 - m, sense of rotation s, phase phi."""
 
     X: Any
@@ -101,7 +101,7 @@ class Slow(NamedTuple):
         return np.where(above, self.X, self.Y), np.where(above, self.Y, self.X)
 
 
-def slow_elements(body: Body, omega: Any) -> Slow:
+def slow_elements(body: Body, omega: Any) -> SlowVariables:
     """The slow variables and the phase of angular velocities (..., 3), along the body axes as
     given.
 
@@ -122,7 +122,7 @@ def slow_elements(body: Body, omega: Any) -> Slow:
     sense = np.where(about < 0, -1, 1)
     opposite, inner = np.where(above, c, a), np.where(above, a - b, b - c)
     am = np.arctan2(-sense * np.sqrt(b * inner) * q, np.sqrt(opposite * (a - c)) * across)
-    return Slow(X, Y, side, m1, sense, phase_of(am, m1))
+    return SlowVariables(X, Y, side, m1, sense, phase_of(am, m1))
 
 
 def turn_frequency(body: Body, X_e: Any, side: Any) -> Any:
@@ -180,7 +180,7 @@ def amplitude(phase: Any, m1: Any) -> tuple[Any, Any]:
     return phi, zeta
 
 
-def free_motion_by_phase(body: Body, slow: Slow, phase: Any) -> np.ndarray:
+def free_motion_by_phase(body: Body, slow: SlowVariables, phase: Any) -> np.ndarray:
     """omega (..., 3) along the sorted axes, at a phase (...) of the free motion with these slow
     variables (...)."""
     a, b, c = body[:3]

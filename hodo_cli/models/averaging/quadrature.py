@@ -11,7 +11,7 @@ from .free_turn import (
     LANDEN,
     SMALLEST_M1,
     Body,
-    Slow,
+    SlowVariables,
     amplitude,
     free_motion_by_phase,
     turn_frequency,
@@ -47,22 +47,26 @@ def nodes_for(m1: float) -> int:
 
 
 def rates_over_turn(
-    body: Body, torque: Torque, slow: Slow, nodes: int
+    body: Body, torque: Torque, slow: SlowVariables, nodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """X' and Y' (..., nodes) at the phases 2 pi j/nodes of the free motion with these slow
     variables (...)."""
-    wide = Slow(*(np.asarray(value)[..., None] for value in slow))
+    wide = SlowVariables(*(np.asarray(value)[..., None] for value in slow))
     omega = free_motion_by_phase(body, wide, 2 * np.pi * np.arange(nodes) / nodes)
     return exact_rates(body, omega, torque(omega))
 
 
-def mean_rates(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) -> tuple[Any, Any]:
+def mean_rates(
+    body: Body, torque: Torque, slow: SlowVariables, nodes: int = NODES
+) -> tuple[Any, Any]:
     """<X'> and <Y'> (...) of any torque."""
     X, Y = rates_over_turn(body, torque, slow, nodes)
     return X.mean(-1), Y.mean(-1)
 
 
-def periodic_part(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) -> tuple[Any, Any]:
+def periodic_part(
+    body: Body, torque: Torque, slow: SlowVariables, nodes: int = NODES
+) -> tuple[Any, Any]:
     """X and Y (...) less their mean elements, at the phase of the slow variables, for any torque.
 
     They are the integrals, of zero mean, of the rates less their means: a Fourier coefficient of
@@ -83,7 +87,7 @@ def periodic_part(body: Body, torque: Torque, slow: Slow, nodes: int = NODES) ->
     return X, Y
 
 
-def damped_part(body: Body, lam: Sequence[float], slow: Slow) -> tuple[Any, Any]:
+def damped_part(body: Body, lam: Sequence[float], slow: SlowVariables) -> tuple[Any, Any]:
     """`periodic_part` relative to X_e and X_o (not X and Y) for linear resistance lam = (l1, l2,
     l3) as sorted, closed.
 

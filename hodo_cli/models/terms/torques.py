@@ -19,7 +19,7 @@ VARIABLES = ("p", "q", "r", "t")
 """What an expression may contain."""
 
 
-def at_rest(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Sequence[Any]:
+def unchanging(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Sequence[Any]:
     """The rates of state variables that only an event changes."""
     return [0 * value for value in own]
 
@@ -37,7 +37,7 @@ class Term(NamedTuple):
     degree: dict[str, int]
     by_momentum: bool = False
     own: dict[str, int] = {}
-    rates: Function = at_rest
+    rates: Function = unchanging
 
 
 def gyroscopic(w: Sequence[Any], k: Any) -> Components:
@@ -95,7 +95,7 @@ def quadratic_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Co
     return -(c1 * size * w[0]), -(c2 * size * w[1]), -(c3 * size * w[2])
 
 
-def axes_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def quadratic_axes_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
     """-c_i omega_i |omega_i|; `own` are the signs of omega_i, which an event turns over."""
     e1, e2, e3 = (coefficient_at(k, name, t) for name in QUADRATIC_AXES.degree)
     return (
@@ -175,7 +175,7 @@ FLUID = Term(cavity_torque, {"kappa": 3})
 CONSTANT = Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0))
 QUADRATIC = Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True)
 QUADRATIC_AXES = Term(
-    axes_torque,
+    quadratic_axes_torque,
     dict.fromkeys(("e1", "e2", "e3"), 2),
     by_momentum=True,
     own=dict.fromkeys(("s1", "s2", "s3"), 0),

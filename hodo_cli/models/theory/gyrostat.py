@@ -36,7 +36,7 @@ NEWTON_STEPS = 100
 """Of Newton's iteration. Six suffice but where two saddles meet, where each halves the distance."""
 
 
-class Steady(NamedTuple):
+class SteadyRotations(NamedTuple):
     """Steady rotations: s (...), G (..., 3), c (..., 3) and 2T (...); not a number where there is
     none."""
 
@@ -55,7 +55,7 @@ class Steady(NamedTuple):
         return np.select([np.isnan(product), product < 0, total > 0], ["", "s", "m"], "M")
 
 
-def steady_rotations(A: Any, h: Any, momentum: Any) -> Steady:
+def steady_rotations(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     """All steady rotations of a body with moments A (3,), in any order, and a rotor h (3,), for
     |G| = momentum (n,): (n, 6), unsorted.
 
@@ -72,7 +72,7 @@ def steady_rotations(A: Any, h: Any, momentum: Any) -> Steady:
     rows += [np.full((7, len(momentum)), np.nan)] * (6 - len(rows))
     table = np.stack(rows).transpose(2, 0, 1)
     s, e, G = table[..., 0], table[..., 1:4], table[..., 4:]
-    return Steady(s, G, e / A, s * s * (A * G * G).sum(-1))
+    return SteadyRotations(s, G, e / A, s * s * (A * G * G).sum(-1))
 
 
 def _from_pole(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
@@ -109,7 +109,7 @@ def _by_hand(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
     return np.stack([s, *e, *G])
 
 
-def saddles(A: Any, h: Any, momentum: Any) -> Steady:
+def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     """The saddles of lowest and highest s, hence energy, for |G| = momentum (n,): (n, 2); one for
     both where there is one, or two of the same energy."""
     every = steady_rotations(A, h, momentum)
@@ -123,7 +123,7 @@ def saddles(A: Any, h: Any, momentum: Any) -> Steady:
         chosen = np.take_along_axis(values, at[..., None] if wide else at, 1)
         return np.where(missing[..., None] if wide else missing, np.nan, chosen)
 
-    return Steady(*map(taken, every))
+    return SteadyRotations(*map(taken, every))
 
 
 def separations(A: Any, h: Any, omega: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -53,7 +53,7 @@ class Dissipation(NamedTuple):
     kappa: Any = 0.0
 
 
-class Turning(NamedTuple):
+class SenseReversal(NamedTuple):
     """The sizes of G (...) at which the sense of crossings turns; not a number where it does not.
 
     Above `fluid` a body crosses to the axis of largest inertia only, below `damping` to that of
@@ -72,7 +72,7 @@ def outer_axes(inertia: Any) -> np.ndarray:
     return np.argsort(-np.asarray(inertia), axis=-1, kind="stable")[..., ::2]
 
 
-def turning_momenta(terms: Dissipation) -> Turning:
+def turning_momenta(terms: Dissipation) -> SenseReversal:
     """Where fluid and damping change places."""
     a, b, c = np.moveaxis(-np.sort(-np.asarray(terms.inertia, float), axis=-1), -1, 0)
     # In ratios, since (a b c)^2 may have no double.
@@ -83,7 +83,7 @@ def turning_momenta(terms: Dissipation) -> Turning:
     strengths = np.minimum(alpha, beta), np.maximum(alpha, beta), (2 * alpha + beta) / 3
     with np.errstate(all="ignore"):
         ratios = [np.where(excess > 0, excess, np.nan) / (terms.kappa * f) for f in strengths]
-        return Turning(*(np.where(np.isfinite(x), np.sqrt(x), np.nan) for x in ratios))
+        return SenseReversal(*(np.where(np.isfinite(x), np.sqrt(x), np.nan) for x in ratios))
 
 
 def possible_crossings(terms: Dissipation, momentum: Any = np.inf) -> np.ndarray:
