@@ -17,7 +17,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.models.averaging.any_torque import averaged_form, whole_turn
-from hodo_cli.models.cavity import Full
+from hodo_cli.models.cavity import FullCavity
 from hodo_cli.models.linear_diag import LinearDiag
 from hodo_cli.models.rigid_body import BodyFrame
 from hodo_cli.models.tensor import Tensor
@@ -59,7 +59,7 @@ ODD = {"inertia": [0.8, 1, 0.6], "initial": {"p": 0.5, "q": 0.8, "r": 0.74}}
         (case(inertia=[0.8, 0.8, 0.6], time={"end": 300, "samples": 11}), LinearDiag),
         (case(model="tensor", resistance={"diagonal": 3e-3, "off_diagonal": 1e-3},
               mean_start="no"), Tensor),
-        (cavity(kappa=1e-3, time={"end": 2000, "samples": 11}), Full),
+        (cavity(kappa=1e-3, time={"end": 2000, "samples": 11}), FullCavity),
     ],
 )  # fmt: skip
 def test_it_is_that_of_the_forms_that_know_their_means(known: Case, full: type[BodyFrame]) -> None:
@@ -78,7 +78,7 @@ def test_it_is_that_of_the_forms_that_know_their_means(known: Case, full: type[B
 @pytest.mark.parametrize("branch", ["stop", "other-axis", "reversed"])
 def test_a_capture_by_chance_is_found_by_trying(branch: str) -> None:
     known = chance(torque=[-1e-3, 3e-4, -5e-4], kappa=3e-4, at_separatrix=branch)
-    ours, theirs = by_quadrature(known, Full), integrate(replace(known, error="off"))
+    ours, theirs = by_quadrature(known, FullCavity), integrate(replace(known, error="off"))
     assert ours.time == pytest.approx(theirs.time, rel=1e-12)
     assert ours.events[0].details == pytest.approx(theirs.events[0].details, rel=1e-8)
     for name in ("J", "momentum", "enclosed_axis"):

@@ -58,11 +58,11 @@ def engine_for(
 
     Raises HodoError if it needs what is not installed, or cannot work in that precision.
     """
-    model, form = type(system), structure(system.constants)
-    if model.degree and contains_time(model, form, events):
+    model = type(system)
+    is_timed = bool(model.degree) and contains_time(model, structure(system.constants), events)
+    if is_timed:
         # The engines' time is that of a leg, in units that fit the motion.
         model, events = of_leg_time(model), events_of_leg_time(events)  # type: ignore[arg-type]
-        form = structure_of_leg_time(form)
     if method == "taylor":
         if not have_taylor():
             # Only heyoka's arithmetic is quadruple: no other method would do.
@@ -79,6 +79,8 @@ def engine_for(
                 "precision quadruple needs heyoka with real128, which the installed one was built "
                 "without: pip install 'heyoka>=7.13' on Linux, or precision: extended"
             )
+        form = structure(system.constants)
+        form = structure_of_leg_time(form) if is_timed else form
         return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation":
         if precision == "quadruple":

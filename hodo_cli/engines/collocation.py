@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..models.base import Event, Model
-from ..models.constants import jacobian
+from ..models.constants import jacobian, state_powers
 from .polynomial import LEGENDRE
 from .stepwise import Stepwise
 
@@ -79,6 +79,11 @@ class Steps:
         self.t = self.t_old = start
         self.y, self.end, self.status, self.nfev = y, end, "running", 0
         self.points, self.integrals, self.transform = tableau(y.dtype)
+        # What carries a unit of omega may decay by any factor beside what has none: each of the two
+        # kinds has its own size, and the error is relative to that.
+        powers = state_powers(model)
+        kinds = np.flatnonzero(powers), np.flatnonzero(powers == 0)
+        self.kinds = [rows for rows in kinds if rows.size]
         # The first step resolves the fastest rate; what has decayed then makes way for longer ones.
         fastest = float(np.abs(jacobian(model, k, start, y.astype(float))).sum(axis=1).max())
         self.h = min(end - start, y.dtype.type(1 / fastest)) if fastest else end - start
@@ -141,13 +146,21 @@ class Steps:
         or end: its last coefficients, and by how much it misses the start, where no point lies. A
         decay too fast for the step shows there."""
         missed = series[:, ::2].sum(axis=1) - series[:, 1::2].sum(axis=1)
-        worst = np.abs([series[:, -1], series[:, -2], missed]).max()
-        return float(worst / (min(np.abs(self.y).max(), np.abs(end).max()) or 1))
+        worst = np.abs([series[:, -1], series[:, -2], missed]).max(axis=0)
+        return max(
+            float(worst[rows].max() / (min(self._size(rows), np.abs(end[rows]).max()) or 1))
+            for rows in self.kinds
+        )
+
+    def _size(self, rows: np.ndarray) -> Any:
+        """The largest of some components of the state."""
+        return np.abs(self.y[rows]).max()
 
     def _stages(self, h: Any) -> np.ndarray | None:
         """The change of the state (m, STAGES) up to each collocation point, or None if Newton's
         method fails."""
-        times, size, before = self.t + self.points * h, float(np.abs(self.y).max()) or 1.0, np.inf
+        times, before = self.t + self.points * h, np.inf
+        sizes = [float(self._size(rows)) or 1.0 for rows in self.kinds]
         z = np.zeros((len(self.y), STAGES), dtype=self.y.dtype)
         for _ in range(ITERATIONS):
             y = self.y[:, None] + z
@@ -168,8 +181,12 @@ class Steps:
                 )
             except np.linalg.LinAlgError:
                 return None
-            z = z - change.reshape(z.shape)
-            now = float(np.abs(change).max()) / size
+            change = change.reshape(z.shape)
+            z = z - change
+            now = max(
+                float(np.abs(change[rows]).max()) / size
+                for rows, size in zip(self.kinds, sizes, strict=True)
+            )
             # Either well below tolerance, or no longer falling: what is left is the rounding of the
             # residual.
             if now <= self.tol / 10 or before / 4 <= now <= 10 * self.tol:
