@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
-from hodo_cli import HodoError
+from hodo_cli import BatchError
 from hodo_cli.batch import digests, pool
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import run
@@ -150,10 +150,10 @@ def compute(task: int) -> int:
 
 
 def test_a_result_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Workers are processes of their own: they have the mark of the sources, this process
+    """Workers are processes of their own: they have the digest of the sources, this process
     another."""
     monkeypatch.setattr(pool, "process_digest", lambda: "another")
-    with pool.pool(2) as workers, pytest.raises(HodoError, match="computes with other code"):
+    with pool.pool(2) as workers, pytest.raises(BatchError, match="computes with other code"):
         next(workers.map(compute, [1]))
 
 
