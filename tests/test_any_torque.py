@@ -94,7 +94,7 @@ def test_the_example_of_the_documents_is_near_its_full_motion(hodo: Hodo, tmp_pa
     drags = {"a": 1e-2, "b": 1e-3, "c": 1e-4}
     for name, drag in drags.items():
         given = text.replace("drag: 0.001", f"drag: {drag}").replace(
-            "end: 2000", f"end: {2 / drag}"
+            "end: 2000", f"end: {2 / drag}, samples: 1001"
         )
         assert given.count(str(drag)) == 1
         (tmp_path / f"{name}.yaml").write_text(given, encoding="utf-8")
