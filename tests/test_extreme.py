@@ -130,6 +130,8 @@ def test_the_closed_form_in_long_double_is_right_to_its_last_digits(damping: flo
 class Decay(Model):
     """y' = -y beside what stays."""
 
+    state = ("y", "c")
+
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return -y[0], 0 * y[1]
