@@ -18,6 +18,7 @@ READY := $(VENV)/.ready
 TOOLS := $(VENV)/.ready-dev
 # What sets a PDF is 70 MB, and nothing else needs it.
 PRINTING := build/printing/.ready
+SITE := build/site/.ready
 # Of the lowest versions there are no wheels for a later Python.
 LOWEST := build/lowest/.ready
 OLDEST = $(shell command -v python3.11 || command -v python3.12 || echo $(BIN)/python)
@@ -35,7 +36,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup run classify claims figures sweeps speed compare reference test lowest stress mutants lint bench docs papers lock clean
+.PHONY: help setup run classify claims figures sweeps speed compare reference test lowest stress mutants lint bench docs papers site lock clean
 
 help:  ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -119,6 +120,9 @@ docs: claims  ## Renew what the documents quote from the program, and what they 
 papers: $(PRINTING)  ## Set the pages on the papers as one PDF, build/papers.pdf
 	$(PRINTING:/.ready=)/bin/python tools/print_papers.py build/papers.pdf docs/papers.md docs/paper?.md
 
+site: figures $(SITE)  ## The documents and the papers' figures as a site with search, build/site/html/index.html
+	$(SITE:/.ready=)/bin/python tools/site.py build/site/html $(PAPERS)
+
 lock:  ## Renew both lock files from pyproject.toml (needs uv; UPGRADE=--upgrade takes newer versions)
 	$(LOCK) $(UPGRADE) --all-extras --output-file requirements-dev.lock pyproject.toml
 	$(LOCK) --upgrade --extra build --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
@@ -148,6 +152,12 @@ endif
 $(PRINTING): $(READY)
 	$(BIN)/python -m venv $(@D)
 	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check pypandoc-binary==1.17 typst==0.15.0
+	@touch $@
+
+$(SITE): $(READY)
+	$(BIN)/python -m venv $(@D)
+	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check \
+		furo==2025.12.19 latex2mathml==3.81.1 myst-parser==5.2.0 sphinx==9.0.4
 	@touch $@
 
 $(LOWEST): pyproject.toml tools/lowest.py $(READY)
