@@ -21,36 +21,35 @@ Keys = Mapping[str, Any]
 
 def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     """The axes enclosed at start and end; decided by the number of cases that comply."""
-    ends = [[rigid_body.LABELS[int(label)] for label in m.labels[[0, -1]]] for m in motions]
-    right = [
-        all(check[at] in (None, seen) for at, seen in zip(("start", "end"), pair, strict=True))
-        for pair in ends
-    ]
-    words = ", ".join(f"{start} to {end}" if start != end else start for start, end in ends)
-    other = " or ".join(f"at the {at} not {check[at]}" for at in ("start", "end") if check[at])
-    return Finding(if_true(all(right)), float(sum(right)), words, f"an axis {other}")
+    axes = [tuple(rigid_body.LABELS[int(label)] for label in m.labels[[0, -1]]) for m in motions]
+    wanted = {moment: check[moment] for moment in ("start", "end") if check[moment]}
+    complying = sum(wanted.items() <= {"start": a, "end": b}.items() for a, b in axes)
+    words = ", ".join(f"{start} to {end}" if start != end else start for start, end in axes)
+    contrary = " or ".join(f"at the {moment} not {label}" for moment, label in wanted.items())
+    holds = complying == len(motions)
+    return Finding(if_true(holds), float(complying), words, f"an axis {contrary}")
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Number and direction of the crossings of each case; decided by the largest number."""
     most = math.inf if check["most"] is None else check["most"]
-    right, words = True, []
+    holds, words = True, []
     for m in motions:
         passages = [
             (c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings
         ]
-        right &= check["least"] <= len(passages) <= most
-        right &= all(
+        holds &= check["least"] <= len(passages) <= most
+        holds &= all(
             check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages
         )
         words.append(
             ", ".join(f"{time:.4g} ({a} to {b})" for time, a, b in passages) or "no crossing"
         )
     largest = float(max(len(m.crossings) for m in motions))
-    return Finding(if_true(right), largest, "; ".join(words), other_crossings(check))
+    return Finding(if_true(holds), largest, "; ".join(words), contrary_crossings(check))
 
 
-def other_crossings(check: Keys) -> str:
+def contrary_crossings(check: Keys) -> str:
     """The crossings that a check of crossings does not allow, in words."""
     words = [f"fewer crossings than {check['least']}"] if check["least"] else []
     words += [f"more crossings than {check['most']}"] if check["most"] is not None else []
@@ -59,21 +58,21 @@ def other_crossings(check: Keys) -> str:
     return " or ".join(words)
 
 
-def values_given(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """Values at start or end against those given; decided by the largest difference."""
+def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
+    """Values at start or end against those of the text; decided by the largest difference."""
     worst, differences, words = 0.0, [0.0], []
-    for name, given in check["values"].items():
+    for name, printed in check["values"].items():
         values = [number(m, name, check["at"]) for m in motions]
-        words.append(f"{name} = {listed(values)} (said: {listed(given)})")
-        for m, ours, theirs in zip(motions, values, given, strict=True):
-            differences.append(abs(ours - theirs))
+        words.append(f"{name} = {listed(values)} (printed: {listed(printed)})")
+        for m, measured, expected in zip(motions, values, printed, strict=True):
+            differences.append(abs(measured - expected))
             scale = range_of(m, name)
             # Half a unit of the last digit is itself a rounded number, hence the one more rounding.
             worst = max(
                 worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
             )
-    other = f"a difference above {check['within']:g} and {PLOTTING_ACCURACY:.0%} of the range"
-    return Finding(worst, float(np.max(differences)), "; ".join(words), other)
+    contrary = f"a difference above {check['within']:g} and {PLOTTING_ACCURACY:.0%} of the range"
+    return Finding(worst, float(np.max(differences)), "; ".join(words), contrary)
 
 
 def range_of(m: Motion, name: str) -> float:
@@ -93,15 +92,9 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         for m in motions
     ]
     low, high = (float(extreme(np.concatenate(values))) for extreme in (np.min, np.max))
-    # -inf where there is no bound: nothing can violate it.
-    violation = float(
-        np.max(
-            [
-                -math.inf if most is None else high - most,
-                -math.inf if least is None else least - low,
-            ]
-        )
-    )
+    violations = [high - most] if most is not None else []
+    violations += [least - low] if least is not None else []
+    violation = float(np.max(violations))
     # As the axis of a figure would reach, which shows both the values and the bound.
     scale = max(max(range_of(m, name) for m in motions), abs(most or 0), abs(least or 0))
     words = (
@@ -109,11 +102,13 @@ def bound(check: Keys, motions: Sequence[Motion]) -> Finding:
         if everywhere
         else f"{name} = {listed(x[0] for x in values)}"
     )
-    # What is met is met at any scale: a time that is infinite has none.
+    # A bound that is met is met at any scale: a time that is infinite has none.
     deviation = 0.0 if violation <= 0 else beyond(violation / scale, ROUNDING)
     bounds = (("above", most), ("below", least))
-    other = " or ".join(f"a value {side} {value:g}" for side, value in bounds if value is not None)
-    return Finding(deviation, high if most is not None else low, words, other)
+    contrary = " or ".join(
+        f"a value {side} {limit:g}" for side, limit in bounds if limit is not None
+    )
+    return Finding(deviation, high if most is not None else low, words, contrary)
 
 
 def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -126,14 +121,14 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
             values = sign * quantity(m, name)
             # How far each value is above the least before it: a slow climb counts, not only a
             # single step.
-            back = values - np.minimum.accumulate(values)
-            if violation := beyond(float(back.max()) / range_of(m, name), ROUNDING):
+            climb = values - np.minimum.accumulate(values)
+            if violation := beyond(float(climb.max()) / range_of(m, name), ROUNDING):
                 worst = max(worst, violation)
-                when = f"{m.time[back.argmax()]:.4g}"
-                words.append(f"{name} goes back by {violation:.2g} of its range at {when}")
-    other = f"a step back above {PLOTTING_ACCURACY:.0%} of the range"
+                time = f"{m.time[climb.argmax()]:.4g}"
+                words.append(f"{name} goes back by {violation:.2g} of its range at {time}")
+    contrary = f"a step back above {PLOTTING_ACCURACY:.0%} of the range"
     return Finding(
-        worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back", other
+        worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back", contrary
     )
 
 
@@ -148,10 +143,10 @@ def order(check: Keys, motions: Sequence[Motion]) -> Finding:
         apart = float(np.max(np.ptp(groups, axis=1)) / max(np.max(np.abs(groups)), math.ulp(0)))
         return Finding(beyond(apart, ROUNDING), apart, words, "two values that differ")
     steps = [b - a for group in groups for a, b in itertools.pairwise(group)]
-    right = all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
+    holds = all(step < 0 if check["sense"] == "falls" else step > 0 for step in steps)
+    contrary = f"a value that {'rises' if check['sense'] == 'falls' else 'falls'} or stays"
     # The smallest step is the number that would decide otherwise first.
-    other = f"a value that {'rises' if check['sense'] == 'falls' else 'falls'} or stays"
-    return Finding(if_true(right), min(map(abs, steps)), words, other)
+    return Finding(if_true(holds), min(map(abs, steps)), words, contrary)
 
 
 def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -160,14 +155,14 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     changes = [float(np.ptp(x) / max(np.abs(x).max(), math.ulp(0))) for x in values]
     worst = float(np.max(changes))
     words = f"{', '.join(check['of'])}: relative change at most {worst:.2g}"
-    other = f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}"
-    return Finding(beyond(worst, check["within"]), worst, words, other)
+    contrary = f"a relative change above {max(check['within'], PLOTTING_ACCURACY):g}"
+    return Finding(beyond(worst, check["within"]), worst, words, contrary)
 
 
 MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
     "axis": axis,
     "crossings": crossings,
-    "value": values_given,
+    "value": printed_values,
     "bound": bound,
     "monotone": monotone,
     "order": order,
@@ -181,19 +176,19 @@ def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> 
     bounds, or how they follow each other; decided by the last average.
     """
     name = check["variable"]
-    means = [float(average(columns, axes, name, (), at)) for at in check["at"]]
+    means = [float(average(columns, axes, name, (), position)) for position in check["at"]]
     for along in check["along"]:
         values = average(columns, axes, name, (along,), {})
         means.append(float(np.nanmax(values) - np.nanmin(values)))
-    wrong = [check["least"] - x for x in means if check["least"] is not None]
-    wrong += [x - check["most"] for x in means if check["most"] is not None]
+    violations = [check["least"] - x for x in means if check["least"] is not None]
+    violations += [x - check["most"] for x in means if check["most"] is not None]
     steps = [b - a for a, b in itertools.pairwise(means)]
     senses = {
         "falls": steps,
         "rises": [-x for x in steps],
         "equal": [abs(x) - check["within"] for x in steps],
     }
-    wrong += senses.get(check["sense"], [])
+    violations += senses.get(check["sense"], [])
     scale = max(map(abs, means)) or 1.0
     words = f"{name} = {listed(means, 4)}"
     if check["along"]:
@@ -201,5 +196,6 @@ def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> 
             f"varies by {x:.3g} along {along}"
             for x, along in zip(means, check["along"], strict=True)
         )
-    other = "an average beyond its bounds, or a step the other way"
-    return Finding(beyond(max(wrong, default=0.0) / scale, ROUNDING), means[-1], words, other)
+    contrary = "an average beyond its bounds, or a step the other way"
+    deviation = beyond(max(violations, default=0.0) / scale, ROUNDING)
+    return Finding(deviation, means[-1], words, contrary)

@@ -1,5 +1,5 @@
-"""What a check finds, the verdict that follows, and the two forms of a check that is written for
-one text, which `check: {kind: paper, name: ...}` names."""
+"""The finding of a check, the verdict that follows from it, and the two forms of a check that is
+written for one text, which `check: {kind: paper, name: ...}` names."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,8 +20,8 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found: the deviation, the number that decides, this in words, and what would
-    have contradicted the statement.
+    """The result of a check: the deviation, the number that decides, the evidence in words, and
+    the contrary evidence, which would have contradicted the statement.
 
     The deviation is 0 where the statement holds, else its violation relative to the range of the
     quantity, infinite for yes/no statements.
@@ -47,8 +47,8 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What stands of a claim or an erratum, the number that decides, this in words, and what would
-    have contradicted it.
+    """The verdict on a claim or an erratum, the number that decides, and the evidence as in a
+    `Finding`.
 
     `readings` holds the verdicts under each reading of the text, by its name.
     """
@@ -105,15 +105,16 @@ def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
 
 
 def difference_above(within: float) -> str:
-    """What contradicts an agreement to `within`: a figure hides less than PLOTTING_ACCURACY."""
+    """The contrary of an agreement to `within`: a figure hides less than PLOTTING_ACCURACY."""
     return f"a relative difference above {max(within, PLOTTING_ACCURACY):g}"
 
 
-def erratum(printed: float, corrected: float, within: float, what: str = "off by") -> Finding:
-    """A printed form that is wrong and a corrected one that is right to `within`, by the relative
-    error of each, or by what is said of it; decided by that of the printed form.
+def erratum(errors: Iterable[float], within: float, quantity: str = "off by") -> Finding:
+    """A printed form that is wrong and a corrected one that is right to `within`, by the errors of
+    the two, which `quantity` names; decided by that of the printed form.
     """
-    words = f"{what} {printed:.3g} as printed, {corrected:.2g} corrected"
+    printed, corrected = errors
+    words = f"{quantity} {printed:.3g} as printed, {corrected:.2g} corrected"
     shown = if_true(corrected <= within < printed)
     return Finding(shown, printed, words, f"a corrected form that is off by more than {within:g}")
 

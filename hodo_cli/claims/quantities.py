@@ -1,4 +1,4 @@
-"""What claims measure on a motion: quantities over time, and single numbers."""
+"""The measures that claims take of a motion: quantities over time, and single numbers."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -31,8 +31,9 @@ def integrated_motion(case: Case) -> Motion:
     else:
         trajectory, passed = cross(case, method, case.precision, case.tol)
     if not trajectory.whole:
-        ended = f"{trajectory.status}: {trajectory.message}"
-        raise HodoError(f"a variation of case {case.name} {ended}")
+        raise HodoError(
+            f"a variation of case {case.name} {trajectory.status}: {trajectory.message}"
+        )
     return sampled_motion(trajectory, passed)
 
 
@@ -70,10 +71,9 @@ def number(m: Motion, name: str, at: str = "end") -> float:
     return float(quantity(m, name)[0 if at == "start" else -1])
 
 
-def swept_angle(m: Motion, about: int, where: slice | np.ndarray = slice(None)) -> float:
-    """The turns that G makes about axis `about` (0, 1, 2) over the samples `where`, with their
-    sign."""
-    first_axis, second_axis = ((m.inertia * m.omega)[where, i] for i in range(3) if i != about)
+def swept_angle(m: Motion, about: int, samples: slice | np.ndarray = slice(None)) -> float:
+    """The turns that G makes about axis `about` (0, 1, 2) over some samples, with their sign."""
+    first_axis, second_axis = ((m.inertia * m.omega)[samples, i] for i in range(3) if i != about)
     # Right while G turns by less than half a turn between two samples, as it does in every figure.
     angle = np.unwrap(np.arctan2(second_axis, first_axis))
     return float((angle[-1] - angle[0]) / (2 * math.pi)) if len(angle) else 0.0

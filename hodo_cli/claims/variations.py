@@ -58,10 +58,10 @@ def starting_axes(cases: Sequence[Case]) -> list[str]:
     bodies: dict[Any, list[int]] = {}
     for i, case in enumerate(cases):
         bodies.setdefault(case.data["inertia"], []).append(i)
-    for inertia, at in bodies.items():
-        omega = np.array([cases[i].system.start for i in at])
+    for inertia, places in bodies.items():
+        omega = np.array([cases[i].system.start for i in places])
         labels = rigid_body.enclosed_axis(np.array(inertia), omega, ROUNDING)
-        for i, label in zip(at, labels.tolist(), strict=True):
+        for i, label in zip(places, labels.tolist(), strict=True):
             names[i] = rigid_body.LABELS[label]
     return names
 

@@ -59,11 +59,14 @@ class Judge:
         evidence = "; ".join(
             f"{name}: {verdict.verdict} ({verdict.evidence})" for name, verdict in verdicts.items()
         )
-        others = {verdict.contradicted_by: name for name, verdict in verdicts.items()}
-        other = "; ".join(
-            f"{name}: {words}" if len(others) > 1 else words for words, name in others.items()
+        readings_by_contrary = {v.contradicted_by: name for name, v in verdicts.items()}
+        contrary = "; ".join(
+            f"{name}: {words}" if len(readings_by_contrary) > 1 else words
+            for words, name in readings_by_contrary.items()
         )
-        return Verdict(claim, together(claim, verdicts), first.number, evidence, other, verdicts)
+        return Verdict(
+            claim, over_readings(claim, verdicts), first.number, evidence, contrary, verdicts
+        )
 
     def erratum(self, erratum: Mapping[str, Any]) -> Verdict:
         """Whether the printed form is wrong and the corrected one right. Raises as `claim`."""
@@ -106,23 +109,23 @@ class Judge:
         if isinstance(trend := self.checks.get(claim["check"].get("name")), Trend):
             return by_finding(claim, trend.judge([*by_member]))
         findings = {
-            name: self._decide(claim["check"], some)
-            for name, some in zip(varied, by_member, strict=True)
+            name: self._decide(claim["check"], of_member)
+            for name, of_member in zip(varied, by_member, strict=True)
         }
         return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
 
     def _decide(self, check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
-        """What one check finds in one set of motions. Raises HodoError for a name that no check
+        """The finding of one check on one set of motions. Raises HodoError for a name that no check
         has."""
         if check["kind"] != "paper":
             return MOTION_CHECKS[check["kind"]](check, motions)
         name = check["name"]
-        if not isinstance(own := self.checks.get(name), Check):
+        if not isinstance(paper_check := self.checks.get(name), Check):
             raise HodoError(unknown(f"check {name!r}", name, self.checks))
-        return own.judge(motions)
+        return paper_check.judge(motions)
 
 
-def together(claim: Mapping[str, Any], by_reading: Mapping[str, Verdict]) -> str:
+def over_readings(claim: Mapping[str, Any], by_reading: Mapping[str, Verdict]) -> str:
     """The verdict over the readings of a claim."""
     verdicts = [reading.verdict for reading in by_reading.values()]
     holds = [verdict in COMPLYING for verdict in verdicts]
@@ -140,12 +143,12 @@ def together(claim: Mapping[str, Any], by_reading: Mapping[str, Verdict]) -> str
 
 def by_finding(claim: Mapping[str, Any], finding: Finding) -> Verdict:
     """The verdict on a claim that one finding decides."""
-    other = finding.contradicted_by
-    return Verdict(claim, finding.degree, finding.number, finding.words, other)
+    return Verdict(claim, finding.degree, finding.number, finding.words, finding.contradicted_by)
 
 
 def proved(verdict: Verdict) -> Verdict:
-    """A verdict with what a theorem makes of it: one motion that does not comply refutes it."""
+    """A verdict in the terms of its claim's theorem, which one motion that does not comply
+    refutes."""
     if not verdict.claim["theorem"]:
         return verdict
     return replace(verdict, verdict=THEOREM if verdict.verdict in COMPLYING else CONTRADICTED)
@@ -162,13 +165,13 @@ def unusable(cases: Sequence[str], run: ResultFile) -> str:
     return ""
 
 
-def _located(what: str, run: ResultFile, error: HodoError) -> HodoError:
-    """An error that names what it concerns and the file, once: it may begin with the file."""
-    return HodoError(f"{run.path}: {what}: {str(error).removeprefix(f'{run.path}: ')}")
+def _located(entry: str, run: ResultFile, error: HodoError) -> HodoError:
+    """An error that names the claim or erratum and the file, once: it may begin with the file."""
+    return HodoError(f"{run.path}: {entry}: {str(error).removeprefix(f'{run.path}: ')}")
 
 
 def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
-    """What an `average` finds in the one sweep that the claim names, or in the distance of two.
+    """The finding of an `average` on the one sweep that the claim names, or on the distance of two.
     Raises HodoError if there is no such sweep."""
     if len(claim["cases"]) not in (1, 2):
         raise HodoError("a check of kind average takes one case, or two whose distance it averages")
@@ -192,33 +195,34 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
 
 
 def gridded(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
-    """The verdict over a grid of what the text does not print."""
+    """The verdict over a grid of the values that the text does not print."""
     worst = max(findings, key=lambda member: findings[member].deviation)
     deviation, holds = findings[worst].deviation, sum(f.holds for f in findings.values())
-    part = 0 < holds < len(findings)
+    disagree = 0 < holds < len(findings)
     size = f"{deviation:.2g} of the range " if deviation < math.inf else ""
     violation = (
         f"; largest violation {size}at {worst} ({findings[worst].words})" if deviation else ""
     )
     words = f"holds on {holds} of {len(findings)} members{spread(findings)}{violation}"
-    verdict = UNDERDETERMINED if part else findings[worst].degree
-    other = f"{'a' if claim['theorem'] else 'every'} member with {findings[worst].contradicted_by}"
-    return Verdict(claim, verdict, findings[worst].number, words, other)
+    verdict = UNDERDETERMINED if disagree else findings[worst].degree
+    fewest = "a" if claim["theorem"] else "every"
+    contrary = f"{fewest} member with {findings[worst].contradicted_by}"
+    return Verdict(claim, verdict, findings[worst].number, words, contrary)
 
 
 def sampled(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
-    """The verdict over a sample of what the statement speaks of."""
+    """The verdict over a sample of the motions that the statement is about."""
     holds = sum(f.holds for f in findings.values())
     share = holds / len(findings)
     percent = f"{100 * share:.3g} %"
     words = (
         f"holds for {holds} of {len(findings)} members of a sample ({percent}){spread(findings)}"
     )
-    some = next(iter(findings.values())).contradicted_by
-    missing = 1 - claim["share"]
-    other = f"{f'more than {missing:.0%} of the members' if missing else 'a member'} with {some}"
+    of_member = next(iter(findings.values())).contradicted_by
+    failing = 1 - claim["share"]
+    fewest = f"more than {failing:.0%} of the members" if failing else "a member"
     verdict = REPRODUCED if share >= claim["share"] else CONTRADICTED
-    return Verdict(claim, verdict, share, words, other)
+    return Verdict(claim, verdict, share, words, f"{fewest} with {of_member}")
 
 
 def spread(findings: Mapping[str, Finding]) -> str:

@@ -1,5 +1,5 @@
-"""Checks that are written for one text, a module for each text, found by scanning this folder: to
-add a text, add a file. Imports claims and what lies below; no other room knows a paper."""
+"""Checks that are written for one text, a module for each text, listed by scanning this folder: to
+add a text, add a file. Imports claims and the folders below; no other folder knows a paper."""
 
 import pkgutil
 from collections.abc import Mapping

@@ -4,6 +4,7 @@ The motions come in pairs, an averaged one and the full one of the same case, th
 the later.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,13 +21,13 @@ ORDER_WITHIN = 0.15
 
 
 def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
-    """The largest relative distance of T and G^2, but for that part of a crossing's time about
-    it."""
-    seen = np.ones(len(full.time), dtype=bool)
+    """The largest relative distance of T and G^2, without the samples nearer to a crossing than
+    `margin` of its time."""
+    is_compared = np.ones(len(full.time), dtype=bool)
     # Not `crossing_time`: it is empty where nothing has been classified.
-    for when in [crossing.time for crossing in full.crossings] if margin else ():
-        seen &= np.abs(full.time - when) > margin * when
-    return float(forms_apart(averaged, full)[seen].max())
+    for time in [crossing.time for crossing in full.crossings] if margin else ():
+        is_compared &= np.abs(full.time - time) > margin * time
+    return float(forms_apart(averaged, full)[is_compared].max())
 
 
 def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.0) -> Finding:
@@ -36,8 +37,8 @@ def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
     words = f"order {slope:.3f}, from distances {listed(errors)}"
-    other = f"an order below {expected - ORDER_WITHIN:g}"
-    return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words, other)
+    contrary = f"an order below {expected - ORDER_WITHIN:g}"
+    return Finding(beyond(expected - ORDER_WITHIN - slope, 0.0), slope, words, contrary)
 
 
 @Check
@@ -46,19 +47,20 @@ def first_order(motions: Sequence[Motion]) -> Finding:
     nearer."""
     order = order_finding(motions, 1)
     no_nearer = if_true(order.number < 1 + ORDER_WITHIN)
-    other = f"{order.contradicted_by} or above {1 + ORDER_WITHIN:g}"
-    return Finding(max(order.deviation, no_nearer), order.number, order.words, other)
+    contrary = f"{order.contradicted_by} or above {1 + ORDER_WITHIN:g}"
+    return Finding(max(order.deviation, no_nearer), order.number, order.words, contrary)
 
 
 @Check
 def second_order(motions: Sequence[Motion]) -> Finding:
-    """They are as near as the second order makes them."""
+    """Averaged motions are as near to the full ones as the second order makes them."""
     return order_finding(motions, 2)
 
 
 @Check
 def second_order_away_from_crossings(motions: Sequence[Motion]) -> Finding:
-    """So they are before a crossing and behind it."""
+    """Averaged motions are as near as the second order makes them before a crossing and behind
+    it."""
     return order_finding(motions, 2, NEAR_CROSSING)
 
 
@@ -68,27 +70,28 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     and is below that of the averaged one."""
     missed, averaged_missed = [], []
     for averaged, full in in_pairs(motions):
-        n, when = averaged.stored("event_frequency")[0], full.crossings[0].time
-        missed.append(float(n * abs(averaged.stored("event_predicted")[0] - when)))
-        averaged_missed.append(float(n * abs(averaged.crossing_time[0] - when)))
+        n, time = averaged.stored("event_frequency")[0], full.crossings[0].time
+        missed.append(float(n * abs(averaged.stored("event_predicted")[0] - time)))
+        averaged_missed.append(float(n * abs(averaged.crossing_time[0] - time)))
     # Compared as angles: in time, even a perfect prediction's error would grow as the turns slow.
-    right = all(a < b for a, b in zip(missed[1:], missed, strict=False))
-    right &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
+    holds = all(b < a for a, b in itertools.pairwise(missed))
+    holds &= all(a < b for a, b in zip(missed, averaged_missed, strict=True))
     words = f"n |t - predicted| {listed(missed)}, n |t - t*| {listed(averaged_missed)}"
-    other = "an error that does not fall, or is not below that of the averaged crossing"
-    return Finding(if_true(right), missed[-1], words, other)
+    contrary = "an error that does not fall, or is not below that of the averaged crossing"
+    return Finding(if_true(holds), missed[-1], words, contrary)
 
 
 @Check
 def predicted_sense(motions: Sequence[Motion]) -> Finding:
     """The sense of rotation about the new axis is that predicted."""
-    right = 0
-    for averaged, full in in_pairs(motions):
-        seen = np.sign(full.omega[-1, full.labels[-1] - 1])
-        right += bool(seen == averaged.stored("event_sense")[0])
-    count = len(motions) // 2
-    words = f"{right} of {count} as predicted"
-    return Finding(if_true(right == count), float(right), words, "a sense that is not predicted")
+    pairs = in_pairs(motions)
+    complying = sum(
+        int(np.sign(full.omega[-1, full.labels[-1] - 1]) == averaged.stored("event_sense")[0])
+        for averaged, full in pairs
+    )
+    words = f"{complying} of {len(pairs)} as predicted"
+    holds = complying == len(pairs)
+    return Finding(if_true(holds), float(complying), words, "a sense that is not predicted")
 
 
 @Check

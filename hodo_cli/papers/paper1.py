@@ -78,18 +78,16 @@ def turning_axis(motions: Sequence[Motion]) -> Finding:
     """A free motion goes round the axis whose component of G never changes sign, and that is the
     axis enclosed by the criterion 2 T A1 >= G^2 > 2 T A2.
     """
-    right = 0
+    complying = 0
     for m in motions:
-        largest, _, smallest = m.order
-        keeps = [
-            bool((m.omega[:, i] > 0).all() or (m.omega[:, i] < 0).all())
-            for i in (largest, smallest)
+        of_one_sign = (np.abs(np.sign(m.omega).sum(axis=0)) == len(m.time))[
+            [m.order[0], m.order[2]]
         ]
-        seen = {(True, False): largest + 1, (False, True): smallest + 1}.get((keeps[0], keeps[1]))
-        right += seen == m.labels[0]
-    words = f"{right} of {len(motions)} as the criterion says"
-    other = "a motion about another axis than the criterion says"
-    return Finding(if_true(right == len(motions)), float(right), words, other)
+        enclosed = np.array(m.order)[[0, 2]][of_one_sign] + 1
+        complying += enclosed.tolist() == [m.labels[0]]
+    words = f"{complying} of {len(motions)} as the criterion says"
+    contrary = "a motion about another axis than the criterion says"
+    return Finding(if_true(complying == len(motions)), float(complying), words, contrary)
 
 
 @Check
@@ -109,28 +107,28 @@ def by_equal_damping(m: Motion) -> np.ndarray:
 @Check
 def turns_about_x1_only(motions: Sequence[Motion]) -> Finding:
     """G makes no full turn about x2 or x3, followed over the whole motion."""
-    return turns_about_others(motions, 0)
+    return turns_about_one_axis(motions, 0)
 
 
 @Check
 def turns_about_x3_only(motions: Sequence[Motion]) -> Finding:
     """G makes no full turn about x1 or x2, followed over the whole motion."""
-    return turns_about_others(motions, 2)
+    return turns_about_one_axis(motions, 2)
 
 
-def turns_about_others(motions: Sequence[Motion], axis: int) -> Finding:
-    """How far G turns about the other two axes; decided by the largest, in turns."""
+def turns_about_one_axis(motions: Sequence[Motion], axis: int) -> Finding:
+    """Whether G makes no full turn about the other two axes; decided by the largest part of a turn
+    about one of these."""
     others = [abs(swept_angle(m, i)) for m in motions for i in range(3) if i != axis]
-    own = [abs(swept_angle(m, axis)) for m in motions]
-    words = f"{listed(own)} turns about x{axis + 1}, at most {max(others):.3g} about another axis"
-    other = "a full turn about another axis"
-    return Finding(if_true(max(others) < 1), max(others), words, other)
+    turns = [abs(swept_angle(m, axis)) for m in motions]
+    words = f"{listed(turns)} turns about x{axis + 1}, at most {max(others):.3g} about another axis"
+    return Finding(if_true(max(others) < 1), max(others), words, "a full turn about another axis")
 
 
 @Check
 def inequality_7(motions: Sequence[Motion]) -> Finding:
     """p^2 > K r^2, with K by the moments of inertia alone, exactly where G^2 > 2 T A2."""
-    wrong = 0
+    mismatches = 0
     for m in motions:
         # In units of |omega|, so that no size matters.
         w = m.omega / np.abs(m.omega).max(axis=1, keepdims=True)
@@ -140,9 +138,9 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
         clear = np.abs(G2 - h * A2) > 64 * EPS * G2
         # Written out as the paper has it, and not by `slope`, which is what is tested.
         K = A3 * (A2 - A3) / (A1 * (A1 - A2))
-        wrong += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
-    words = f"{wrong} samples on the other side"
-    return Finding(if_true(wrong == 0), float(wrong), words, "a sample on the other side")
+        mismatches += int(((h * A2 < G2) != (w[:, 0] ** 2 > K * w[:, 2] ** 2))[clear].sum())
+    words = f"{mismatches} samples on the other side"
+    return Finding(if_true(mismatches == 0), float(mismatches), words, "a sample on the other side")
 
 
 def decay_rate(m: Motion) -> float:
@@ -151,35 +149,32 @@ def decay_rate(m: Motion) -> float:
     return float(np.log(G[0] / G[-1]) / (m.time[-1] - m.time[0]))
 
 
-def factorial_effects(values: Sequence[float]) -> tuple[float, float]:
-    """The mean effects of two factors on values at (low, low), (high, low), (low, high), (high,
-    high)."""
-    low, first_high, second_high, both = values
-    return abs(first_high - low + both - second_high) / 2, abs(
-        second_high - low + both - first_high
-    ) / 2
-
-
 @Check
 def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
-    """The diagonal entries, the first factor, have more effect on the decay of |G| than the others,
-    the second."""
+    """The diagonal entries have more effect than the others on the decay of |G|."""
     values = [decay_rate(m) for m in motions]
-    diagonal, off = factorial_effects(values)
-    words = f"rate of decay {listed(values)}: effects {listed((diagonal, off))}"
-    other = "a larger effect of the off-diagonal entries"
-    return Finding(if_true(diagonal > off), diagonal / off, words, other)
+    return larger_effect("rate of decay", values, "diagonal", "off-diagonal")
 
 
 @Check
 def off_diagonal_sets_area(motions: Sequence[Motion]) -> Finding:
-    """The off-diagonal entries, the second factor, have more effect on the largest p^2 in A than
-    the diagonal ones."""
+    """The off-diagonal entries have more effect than the others on the largest p^2 in A."""
     values = [reach(m, 0) for m in motions]
-    diagonal, off = factorial_effects(values)
-    words = f"largest p^2 in A {listed(values)}: effects {listed((diagonal, off))}"
-    other = "a larger effect of the diagonal entries"
-    return Finding(if_true(off > diagonal), off / diagonal, words, other)
+    return larger_effect("largest p^2 in A", values, "off-diagonal", "diagonal")
+
+
+def larger_effect(measure: str, values: Sequence[float], entries: str, others: str) -> Finding:
+    """Whether some entries of the tensor have a larger mean effect on a measure than the others, of
+    values at (low, low), (high, low), (low, high), (high, high) diagonal and off-diagonal entries;
+    decided by the ratio of the two."""
+    grid = np.reshape(values, (2, 2))
+    effects = {
+        name: abs(float(np.diff(grid, axis=axis).mean()))
+        for name, axis in (("diagonal", 1), ("off-diagonal", 0))
+    }
+    ratio = effects[entries] / effects[others]
+    words = f"{measure} {listed(values)}: effects {listed(effects.values())}"
+    return Finding(if_true(ratio > 1), ratio, words, f"a larger effect of the {others} entries")
 
 
 @Check
@@ -194,24 +189,24 @@ def criterion_predicts(motions: Sequence[Motion]) -> Finding:
         ]
         steps += [times[1] - times[0], times[2] - times[1]]
         words.append(listed(times))
-    found = f"last zero of r, crossing, first zero of p: {'; '.join(words)}"
-    other = "no crossing, a zero of p before it, or one of r after it"
+    evidence = f"last zero of r, crossing, first zero of p: {'; '.join(words)}"
+    contrary = "no crossing, a zero of p before it, or one of r after it"
     # Without a crossing a step is no number, which is not above 0.
-    return Finding(if_true(all(step > 0 for step in steps)), min(steps), found, other)
+    return Finding(if_true(all(step > 0 for step in steps)), min(steps), evidence, contrary)
 
 
 @Trend
 def difference_decides(members: Sequence[Sequence[Motion]]) -> Finding:
     """A start about x1 turns to x3 for lambda1 > lambda3 alone; decided by the share that does."""
     differences, times = crossing_times(members)
-    up, down = times[differences > 0], times[differences <= 0]
-    crossed, wrong = int(np.isfinite(up).sum()), int(np.isfinite(down).sum())
+    positive, negative = (np.isfinite(times[sign]) for sign in (differences > 0, differences <= 0))
     words = (
-        f"{crossed} of {len(up)} cross where lambda1 > lambda3, "
-        f"{wrong} of {len(down)} where lambda1 <= lambda3"
+        f"{positive.sum()} of {len(positive)} cross where lambda1 > lambda3, "
+        f"{negative.sum()} of {len(negative)} where lambda1 <= lambda3"
     )
-    other = "a crossing where lambda1 <= lambda3, or none where lambda1 > lambda3"
-    return Finding(if_true(crossed > 0 and wrong == 0), crossed / len(up), words, other)
+    contrary = "a crossing where lambda1 <= lambda3, or none where lambda1 > lambda3"
+    holds = bool(positive.any() and not negative.any())
+    return Finding(if_true(holds), float(positive.mean()), words, contrary)
 
 
 @Trend
@@ -233,19 +228,19 @@ def compared_by_difference(
 ) -> tuple[float, float, str]:
     """Deviation, share and words of: a value rises with lambda1 - lambda3 where lambda1 and lambda2
     are the same; pairs that have the value of a motion `without` a crossing are left out."""
-    held: dict[tuple[float, float], list[tuple[float, float]]] = {}
+    by_coefficients: dict[tuple[float, float], list[tuple[float, float]]] = {}
     for (m,) in members:
         lambda1, lambda2, lambda3 = m.case.data["damping"]
-        held.setdefault((lambda1, lambda2), []).append((lambda1 - lambda3, value(m)))
+        by_coefficients.setdefault((lambda1, lambda2), []).append((lambda1 - lambda3, value(m)))
     pairs = [
         (low, high)
-        for values in held.values()
+        for values in by_coefficients.values()
         for (_, low), (_, high) in itertools.pairwise(sorted(values))
     ]
-    met = [(low, high) for low, high in pairs if (low, high) != (without, without)]
-    rises = sum(low < high for low, high in met)
-    words = f"{rises} of {len(met)} pairs as said; {len(pairs) - len(met)} pairs do not cross"
-    return if_true(0 < rises == len(met)), rises / len(met), words
+    crossing = [(low, high) for low, high in pairs if (low, high) != (without, without)]
+    rises = sum(low < high for low, high in crossing)
+    words = f"{rises} of {len(crossing)} pairs so; {len(pairs) - len(crossing)} pairs do not cross"
+    return if_true(0 < rises == len(crossing)), rises / len(crossing), words
 
 
 @Trend
@@ -306,8 +301,8 @@ def another_character(motions: Sequence[Motion]) -> Finding:
     """
     first, second = (longest_turn(m, 2, EXPLICIT) for m in motions)
     words = f"{first:.3g} turns about x3 in Fig 12, {second:.3g} in Fig 14"
-    other = "a full turn about x3 in Fig 14, or none in Fig 12"
-    return Finding(if_true(second < 1 <= first), second, words, other)
+    contrary = "a full turn about x3 in Fig 14, or none in Fig 12"
+    return Finding(if_true(second < 1 <= first), second, words, contrary)
 
 
 @Check
@@ -327,8 +322,8 @@ def visibly_about_x1(motions: Sequence[Motion]) -> Finding:
     """A is filled substantially, and the motion makes a full turn about x1 with |G| > EXPLICIT;
     decided by the part of the figure that A fills."""
     filled, turns, words = about_x1(motions)
-    seen = filled >= SUBSTANTIAL and turns >= 1
-    return Finding(if_true(seen), filled, words, f"less than {SUBSTANTIAL:.0%}, or no full turn")
+    holds = filled >= SUBSTANTIAL and turns >= 1
+    return Finding(if_true(holds), filled, words, f"less than {SUBSTANTIAL:.0%}, or no full turn")
 
 
 @Check
@@ -336,8 +331,8 @@ def not_visibly_about_x1(motions: Sequence[Motion]) -> Finding:
     """A is filled insignificantly, and the motion makes no full turn about x1 with |G| > EXPLICIT;
     decided as `visibly_about_x1` is."""
     filled, turns, words = about_x1(motions)
-    hidden = filled < SUBSTANTIAL and turns < 1
-    return Finding(if_true(hidden), filled, words, f"{SUBSTANTIAL:.0%} or more, or a full turn")
+    holds = filled < SUBSTANTIAL and turns < 1
+    return Finding(if_true(holds), filled, words, f"{SUBSTANTIAL:.0%} or more, or a full turn")
 
 
 def about_x1(motions: Sequence[Motion]) -> tuple[float, float, str]:
@@ -356,8 +351,8 @@ def size_changes_spacing(members: Sequence[Sequence[Motion]]) -> Finding:
     steps = [a - b for a, b in itertools.pairwise(turns)]
     character = all((m.labels[0], m.labels[-1]) == (3, 1) for m in motions)
     words = f"{listed(turns)} turns about x3, {'all' if character else 'not all'} x3 to x1"
-    other = "as many turns for another size, or another order of the axes"
-    return Finding(if_true(character and min(steps) > 0), min(steps), words, other)
+    contrary = "as many turns for another size, or another order of the axes"
+    return Finding(if_true(character and min(steps) > 0), min(steps), words, contrary)
 
 
 LATE_TIME = 3000.0
@@ -393,7 +388,7 @@ def longest_turn(m: Motion, axis: int, least: float) -> float:
     inside = (m.labels == axis + 1) & (m["G"] > least)
     edges = np.flatnonzero(np.diff(np.r_[False, inside, False]))
     stretches = [np.arange(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return max((abs(swept_angle(m, axis, part)) for part in stretches), default=0.0)
+    return max((abs(swept_angle(m, axis, stretch)) for stretch in stretches), default=0.0)
 
 
 # Errata: each check shows the printed form wrong and the corrected one right.
@@ -412,8 +407,9 @@ def unit_of_angular_velocity(motions: Sequence[Motion]) -> Finding:
         f"{size[0]:.3g} for curve 1 of Fig 1; ||omega(0)| - 1| up to {speed.max():.2g}, and "
         f"{speed[0]:.2g} for curve 1"
     )
-    right = size[1:].max() < UNIT_SPHERE < speed[1:].min() and speed[0] < 2 * UNIT_SPHERE < size[0]
-    return Finding(if_true(right), float(speed.max()), words)
+    holds = size[1:].max() < UNIT_SPHERE < speed[1:].min() and speed[0] < 2 * UNIT_SPHERE < size[0]
+    contrary = "another start of the nine with |omega(0)| = 1, or one without |G(0)| = 1"
+    return Finding(if_true(holds), float(speed.max()), words, contrary)
 
 
 UNIT_SPHERE = 0.0025
@@ -425,9 +421,8 @@ def curve_1(motions: Sequence[Motion]) -> Finding:
     """||G(0)| - 1| of curve 1 with the printed r0 and with 0.73."""
     (m,) = motions
     corrected = m.inertia * (m.omega[0, 0], m.omega[0, 1], 0.73)
-    printed = abs(float(m["G"][0]) - 1)
-    off = abs(float(np.linalg.norm(corrected)) - 1)
-    return erratum(printed, off, UNIT_SPHERE, "||G(0)| - 1| is")
+    errors = (abs(float(G) - 1) for G in (m["G"][0], np.linalg.norm(corrected)))
+    return erratum(errors, UNIT_SPHERE, "||G(0)| - 1| is")
 
 
 @Check
@@ -437,7 +432,8 @@ def start_of_fig_14(motions: Sequence[Motion]) -> Finding:
     words = (
         f"D = {D[0]:.3g} with |G(0)| = 1, {D[1]:.3g} with |omega(0)| = 1, {D[2]:.3g} with r0 = 0.4"
     )
-    return Finding(if_true(max(D[:2]) < 0 < D[2]), D[0], words)
+    contrary = "a positive D with |G(0)| = 1 or |omega(0)| = 1"
+    return Finding(if_true(max(D[:2]) < 0 < D[2]), D[0], words, contrary)
 
 
 @Check
@@ -449,7 +445,9 @@ def slow_time(motions: Sequence[Motion]) -> Finding:
     fast = float(rate / np.linalg.norm(m.omega[0]))
     slow = max(m.case.data["damping"])
     words = f"omega turns at the rate {fast:.3g} and is damped at {slow:.3g}"
-    return Finding(if_true(fast > 10 * slow), fast / slow, words)
+    return Finding(
+        if_true(fast > 10 * slow), fast / slow, words, "a rate below ten times that of damping"
+    )
 
 
 DIMENSIONAL = {"A1": 3.0, "omega0": 7.0}
@@ -457,29 +455,18 @@ DIMENSIONAL = {"A1": 3.0, "omega0": 7.0}
 
 
 @Check
-def damping_in_equations_4(motions: Sequence[Motion]) -> Finding:
-    """Eqs (3) in other units are (4) with lambda/omega0, and not with the printed lambda."""
-    return scaled(motions, "lam")
-
-
-@Check
-def resistance_in_equations_11(motions: Sequence[Motion]) -> Finding:
-    """Eqs (10) in other units are (11) with I/(A1 omega0), and not with the printed I/A1."""
-    return scaled(motions, "I")
-
-
-def scaled(motions: Sequence[Motion], letter: str) -> Finding:
-    """The derivative of omega in a body of DIMENSIONAL size, made dimensionless, beside that of the
-    dimensionless equations with the coefficients as printed and as corrected.
-    """
+def dimensionless_coefficients(motions: Sequence[Motion]) -> Finding:
+    """Eqs (3) in other units are (4) with lambda/omega0, not with the printed lambda, and (10) are
+    (11) with I/(A1 omega0), not I/A1: by the derivative of omega in a body of DIMENSIONAL size,
+    made dimensionless, beside that of the dimensionless equations."""
     (m,) = motions
     rhs = m.case.system.rhs
     A1, omega0 = DIMENSIONAL["A1"], DIMENSIONAL["omega0"]
     small: dict[str, Any] = dict(m.case.system.constants)
-    coefficients = [name for name in small if name.startswith(letter)]
     body = {name: value * A1 for name, value in small.items() if name in ("A1", "A2", "A3")}
+    coefficients = [name for name in small if name.startswith(("lam", "I"))]
     # lambda is a rate; I is a rate times a moment of inertia.
-    unit = A1 if letter == "I" else 1.0
+    unit = A1 if m.case.model == "tensor" else 1.0
     large = {name: small[name] * unit * omega0 for name in coefficients}
     start = m.omega[0]
     true = np.array(rhs(0.0, [*(omega0 * start)], SimpleNamespace(**{**small, **body, **large})))
@@ -488,14 +475,14 @@ def scaled(motions: Sequence[Motion], letter: str) -> Finding:
     as_printed = {name: value / unit for name, value in large.items()}
     printed = np.array(rhs(0.0, [*start], SimpleNamespace(**{**small, **as_printed})))
     corrected = np.array(rhs(0.0, [*start], SimpleNamespace(**small)))
-    return erratum(difference([(true, printed)]), difference([(true, corrected)]), 1e-12)
+    return erratum((difference([(true, form)]) for form in (printed, corrected)), 1e-12)
 
 
 @Check
 def curve_3(motions: Sequence[Motion]) -> Finding:
     """|D|/G^2 of curve 3 with the printed and with the corrected r0; near is up to 0.001."""
-    printed, corrected = (number(m, "separatrix_distance", "start") for m in motions)
-    return erratum(printed, corrected, 0.001, "|D|/G^2 is")
+    distances = (number(m, "separatrix_distance", "start") for m in motions)
+    return erratum(distances, 0.001, "|D|/G^2 is")
 
 
 @Check
@@ -505,7 +492,9 @@ def third_coefficient(motions: Sequence[Motion]) -> Finding:
     """
     exchanged, corrected = (len(m.crossings) for m in motions)
     words = f"{corrected} crossing with lambda3 = 0.003, {exchanged} with lambda1 = 0.003"
-    return Finding(if_true(corrected == 1 and exchanged == 0), float(corrected), words)
+    holds = corrected == 1 and exchanged == 0
+    contrary = "a crossing with lambda1 = 0.003, or none with lambda3 = 0.003"
+    return Finding(if_true(holds), float(corrected), words, contrary)
 
 
 @Check
@@ -513,12 +502,12 @@ def signs_in_equation_6(motions: Sequence[Motion]) -> Finding:
     """(5)-(6) beside the motion that starts where they start, with opposite signs as printed and
     with equal ones; of each the better of two choices."""
     (m,) = motions
-    off = []
+    errors = []
     for signs in ((1, -1), (1, 1)):
         shapes = [as_in_equation_6(m, s * signs[0], s * signs[1]) for s in (1, -1)]
-        off.append(min(difference([(damped_from(m, shape[0]), shape)]) for shape in shapes))
+        errors.append(min(difference([(damped_from(m, shape[0]), shape)]) for shape in shapes))
     # The argument is some hundred turns at the start, which the functions reduce.
-    return erratum(off[0], off[1], 1e-9)
+    return erratum(errors, 1e-9)
 
 
 @Check
@@ -526,9 +515,8 @@ def phase_in_equation_6(motions: Sequence[Motion]) -> Finding:
     """q at the start by (5)-(6), and by the closed form that meets the initial data."""
     (m,) = motions
     printed, corrected = as_in_equation_6(m, 1, 1)[0, 1], by_equal_damping(m)[0, 1]
-    q0 = m.omega[0, 1]
-    off = abs(float(printed - q0)), abs(float(corrected - q0))
-    return erratum(*off, 1e-12, "|q1(0) - q0| is")
+    errors = (abs(float(q - m.omega[0, 1])) for q in (printed, corrected))
+    return erratum(errors, 1e-12, "|q1(0) - q0| is")
 
 
 def damped_from(m: Motion, start: np.ndarray) -> np.ndarray:

@@ -129,8 +129,8 @@ def by_2_5(m: Motion, frozen: bool) -> list[ValuePair]:
     moment or at the start.
     """
     followed = signs(m)
-    taken = tuple(np.full(len(s), s[0]) for s in followed) if frozen else followed
-    values = from_roots(m, [quantity(m, name) for name in ROOTS], *taken)
+    in_use = tuple(np.full(len(s), s[0]) for s in followed) if frozen else followed
+    values = from_roots(m, [quantity(m, name) for name in ROOTS], *in_use)
     return [(quantity(m, name), value) for name, value in zip(INTEGRALS, values, strict=True)]
 
 
@@ -157,9 +157,9 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
         f"R changes its sign at {listed(times)}; with the signs at the start (2.5) is off by "
         f"{max(before):.1g} until then, and by {listed(after, 1)} after it"
     )
-    right = max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf
-    other = f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it"
-    return Finding(if_true(right), min(times), words, other)
+    holds = max(before) < HALF_THE_DIGITS < min(after) and max(times) < math.inf
+    contrary = f"no change of sign, or a difference above {HALF_THE_DIGITS:g} before it"
+    return Finding(if_true(holds), min(times), words, contrary)
 
 
 RUNGE_KUTTA_STEPS = 1000
@@ -179,8 +179,8 @@ def r_by_2_5(motions: Sequence[Motion]) -> Finding:
         exact = quantity(m, "r")[0] * np.exp(-integral / m.inertia[2])
         worst.append(float(np.abs(r - exact).max()))
     words = f"r differs by {listed(worst, 1)}"
-    other = difference_above(HALF_THE_DIGITS)
-    return Finding(beyond(max(worst), HALF_THE_DIGITS), max(worst), words, other)
+    contrary = difference_above(HALF_THE_DIGITS)
+    return Finding(beyond(max(worst), HALF_THE_DIGITS), max(worst), words, contrary)
 
 
 def integrate_3_5(m: Motion, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -215,20 +215,12 @@ def rates_3_5(m: Motion, t: float, u: np.ndarray, fixed: tuple[Any, Any]) -> np.
 
 
 @Check
-def equation_3_5(motions: Sequence[Motion]) -> Finding:
-    """(3.5) is the averaged system: cases in pairs, by (3.5) and by the equations for Gz, H and r
-    that do not divide by u1 - u2.
-    """
+def averaged_alike(motions: Sequence[Motion]) -> Finding:
+    """Cases in pairs, by (3.5) or by the quadrature (2.8), and by the equations for Gz, H and r
+    that do not divide by u1 - u2, are the same motion."""
     pairs = in_pairs(motions)
     # (3.5) loses digits as u1 and u2 meet.
     return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)
-
-
-@Check
-def equation_2_8(motions: Sequence[Motion]) -> Finding:
-    """The mean over the phase of nutation by quadrature is that in closed form."""
-    pairs = in_pairs(motions)
-    return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-10)
 
 
 @Check
@@ -253,8 +245,8 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
             words.append(f"{name} {listed(errors, 3)}")
     least = min(powers)
     # The second order still bends the power at these epsilons.
-    found = f"power {least:.3g}: {'; '.join(words)}"
-    return Finding(if_true(least >= 0.9), least, found, "a power below 0.9")
+    evidence = f"power {least:.3g}: {'; '.join(words)}"
+    return Finding(if_true(least >= 0.9), least, evidence, "a power below 0.9")
 
 
 @Check
@@ -287,8 +279,8 @@ def sooner(motions: Sequence[Motion], name: str, limit: float, for_good: bool = 
         stays = np.logical_and.accumulate(near[::-1])[::-1] if for_good else near
         times.append(float(m.time[np.argmax(stays)]) if stays.any() else math.inf)
     words = f"within 1 % of {limit:g}{' for good' if for_good else ''} at {listed(times)}"
-    other = "an earlier time in another case"
-    return Finding(if_true(times[0] < min(times[1:])), times[0], words, other)
+    contrary = "an earlier time in another case"
+    return Finding(if_true(times[0] < min(times[1:])), times[0], words, contrary)
 
 
 def roughness(m: Motion) -> float:
@@ -313,8 +305,8 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     pairs = [(roughness(a), roughness(b)) for a, b in in_pairs(motions)]
     steps = [growing - constant for constant, growing in pairs]
     words = f"roughness {'; '.join(map(listed, pairs))}"
-    other = "a rougher motion with coefficients that grow"
-    return Finding(if_true(max(steps) < 0), min(map(abs, steps)), words, other)
+    contrary = "a rougher motion with coefficients that grow"
+    return Finding(if_true(max(steps) < 0), min(map(abs, steps)), words, contrary)
 
 
 @Check
@@ -333,7 +325,7 @@ def period(motions: Sequence[Motion]) -> Finding:
     i = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:]))[:2] + 1
     true = float(np.diff([peak(top.time, u, j) for j in i])[0] / epsilon)
     half = half_period(A, m.inertia[2], mu, math.cos(theta), r)
-    return erratum(abs(half - true) / true, abs(2 * half - true) / true, 1e-4)
+    return erratum((abs(multiple * half - true) / true for multiple in (1, 2)), 1e-4)
 
 
 def peak(time: np.ndarray, values: np.ndarray, i: int) -> float:
