@@ -93,7 +93,7 @@ def open(path: str | Path) -> StoredCases:
 
 
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
-    """A figure of one dataset or several: `kind` and `keys` are those of a `figures:` block.
+    """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block.
 
     Raises HodoError if there is no such kind or key, or the kind has no meaning for the data.
     """
@@ -106,20 +106,20 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
         raise HodoError(unknown(f"kind {kind!r}", kind, FIGURE_KINDS))
     cases = _named(several)
     # A sketch of quadrants draws bodies and takes no cases.
-    given = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
-    spec, mistakes = check_keys(FIGURE_KINDS[kind], given | _plain(keys))
+    cases_key = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
+    spec, mistakes = check_keys(FIGURE_KINDS[kind], cases_key | _plain(keys))
     spec = {"kind": kind, **spec}
     if mistakes := [*mistakes, *check_figure(spec)]:
         raise HodoError(str(Wrong(*mistakes)))
     return draw(spec, cases).figure
 
 
-def _case(given: Given, name: str) -> Case:
-    if isinstance(given, Case):
-        return given
-    if not isinstance(given, Mapping):
-        raise HodoError(f"expected a Case or a mapping of its keys to values, got {given!r:.80}")
-    return Case.of(_plain(given), name)
+def _case(case: Given, name: str) -> Case:
+    if isinstance(case, Case):
+        return case
+    if not isinstance(case, Mapping):
+        raise HodoError(f"expected a Case or a mapping of its keys to values, got {case!r:.80}")
+    return Case.of(_plain(case), name)
 
 
 def _named(several: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:

@@ -88,7 +88,7 @@ def misused(error: click.UsageError) -> str:
 
 def _open_standard_files() -> None:
     """Make sure that input, output and messages have their descriptors: the first result to be
-    opened would take that of a closed one, and a message would be written into it.
+    opened would take the descriptor of a closed one, and a message would be written into it.
 
     Raises HodoError if there is no output to print to.
     """
@@ -453,7 +453,7 @@ def _bench(
 ) -> None:
     """Measure error against run time for every case of CONFIG.
 
-    The methods and tolerances are those of its bench: section. The trials go into NAME.bench.h5 as
+    Its bench: section names the methods and tolerances. The trials go into NAME.bench.h5 as
     one labelled dataset, and a figure of the trials into figures/.
     Exit status 1 if auto gave a wrong result without a warning, or took longer than 10 s.
     """

@@ -98,7 +98,7 @@ def claim_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def erratum_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Misprints with what should stand in their place and what shows it; nothing without any."""
+    """Misprints with their corrections and the evidence; nothing without any."""
     if not rows:
         return ""
     lines = [

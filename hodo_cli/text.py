@@ -63,7 +63,7 @@ DEVICE_NAMES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNO
 
 
 def file_name_fault(name: str, others: Iterable[str]) -> str:
-    """Why a name cannot name a file on every system beside those of `others`, or "": results are
+    """Why a name cannot name a file on every system beside the `others`, or "": results are
     exchanged, and folders copied."""
     if DEVICE_NAMES.fullmatch(name):
         return f"{name} names a device on Windows: take another name"

@@ -214,7 +214,7 @@ def test_a_method_that_is_none_is_one_line(folder: Path) -> None:
         del result["a"].attrs["checksum"]
     done = hodo("classify", "x.h5")
     assert done.exit_code == 1
-    assert "x.h5: a: its method 'magic' is none of this hodo's: run it again" in done.stderr
+    assert "x.h5: a: this hodo has no method 'magic': run it again" in done.stderr
 
 
 class Busy(io.FileIO):

@@ -67,9 +67,9 @@ class Case:
     assumes: Mapping[str, str] = field(default_factory=dict)
     sweep: Mapping[str, Any] | None = None
 
-    def __new__(cls, *given: Any, **_: Any) -> "Case":
+    def __new__(cls, *positional: Any, **_: Any) -> "Case":
         """Raises HodoError for a mapping, which a notebook may try."""
-        if given and isinstance(given[0], Mapping):
+        if positional and isinstance(positional[0], Mapping):
             raise HodoError("Case.of makes a case of a mapping")
         return super().__new__(cls)
 
@@ -79,7 +79,7 @@ class Case:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @classmethod
-    def of(cls, given: Mapping[str, Any], name: str = "case") -> "Case":
+    def of(cls, entries: Mapping[str, Any], name: str = "case") -> "Case":
         """The case that these keys of a case file describe, with every default filled in.
 
         Raises HodoError, one line for each mistake: the key, and what is right.
@@ -87,7 +87,7 @@ class Case:
         if not NAME.fullmatch(name):
             raise HodoError(f"{NAME_RULE}, not {shown(name)}")
         block = Block()
-        for key, value in given.items():
+        for key, value in entries.items():
             block.put(key, value, Place(1, 1), Place(1, 1))
         try:
             return checked_case(name, block)
@@ -157,9 +157,9 @@ def note(
     faults: Iterable[Mistake], root: Block, label: KeyPath, place: Place, mistakes: Mistakes
 ) -> None:
     """Add the faults within `root`, which stands at `place` and is called `label`."""
-    for at, sentence in faults:
-        where, inherited = locate(root, at, place)
-        mistakes.add(where, sentence, ("defaults", *at) if inherited else (*label, *at))
+    for path, sentence in faults:
+        where, inherited = locate(root, path, place)
+        mistakes.add(where, sentence, ("defaults", *path) if inherited else (*label, *path))
 
 
 def checked_case(name: str, block: Block) -> Case:
@@ -167,20 +167,20 @@ def checked_case(name: str, block: Block) -> Case:
     model, keys = keys_in(block)
     entries, mistakes = _entries_taken(block, model, keys)
     values, more = check_keys(keys, entries)
-    mistakes += [*more, *_of_time(values)]
+    mistakes += [*more, *_time_mistakes(values)]
     if model is None:
         raise Wrong(*mistakes)
     # A case without an attitude is the same whether it says so or not.
     without = {KEY} if values.get(KEY) in (None, "no") else set()
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
-    own = {key: value for key, value in data.items() if key != KEY}
-    mistakes += [*model.check(own), *check_attitude(model, data)]
+    model_data = {key: value for key, value in data.items() if key != KEY}
+    mistakes += [*model.check(model_data), *check_attitude(model, data)]
     if "time" in values and not mistakes:
-        mistakes += model.check_span(own, values["time"]["start"], values["time"]["end"])
-    # The stored variables are those of the class that stands in for a form with these data.
+        mistakes += model.check_span(model_data, values["time"]["start"], values["time"]["end"])
+    # The class that stands in for a form with these data decides which variables are stored.
     system = None if mistakes else system_of(model, data)
     concrete_model = type(system) if system else model
-    mistakes += _of_store(concrete_model, values)
+    mistakes += _store_mistakes(concrete_model, values)
     if system and (message := models.mistake_in(system)):
         mistakes.append((("model",), message))
     if values.get("sweep") and not mistakes:
@@ -205,9 +205,9 @@ degrees."""
 
 
 def smooth(system: Model, span: float) -> int:
-    """So many samples of a span that the hodograph of a body which turns as at the start is a
-    smooth line: its turns are no faster than those about the axis of the largest moment, with all
-    of the energy about that of the smallest."""
+    """The number of samples of a span that makes the hodograph of a body which turns as at the
+    start a smooth line: it turns no faster than about the axis of the largest moment, with all of
+    the energy about the axis of the smallest."""
     if system.no_axis_reason or not isinstance(system, BodyFrame):
         return FEWEST
     A1, A2, A3 = sorted(system.inertia, reverse=True)
@@ -224,7 +224,7 @@ def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:
     return check_axes(sweep, type(case.system), case.data)
 
 
-def _of_time(values: Mapping[str, Any]) -> Iterator[Mistake]:
+def _time_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
     """A mistake where the end lies before the start, or so far behind it that the span is no
     double."""
     if time := values.get("time"):
@@ -233,7 +233,7 @@ def _of_time(values: Mapping[str, Any]) -> Iterator[Mistake]:
             yield ("time", "end"), f"the span from {start:g} to {end:g} is not possible"
 
 
-def _of_store(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:
+def _store_mistakes(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:
     """Mistakes: variables that the model does not have."""
     valid = list(model.variables)
     if values.get("sweep"):

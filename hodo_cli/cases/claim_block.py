@@ -165,7 +165,7 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
     "average": AVERAGE,
     "paper": PAPER,
 }
-"""What each kind of check takes."""
+"""The keys of each kind of check."""
 
 CHECK = Variant("kind", CHECK_KINDS, "how it is checked")
 ID = Key(Text(), "name")
@@ -248,8 +248,8 @@ def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claim under each of its readings, by name; under none, the claim itself."""
     merged: dict[str, Mapping[str, Any]] = {}
     for name, reading in claim["readings"].items():
-        own = {key: value for key, value in reading.items() if value not in (None, "")}
-        merged[name] = {**claim, **own, "readings": {}}
+        changes = {key: value for key, value in reading.items() if value not in (None, "")}
+        merged[name] = {**claim, **changes, "readings": {}}
     return merged or {"": claim}
 
 
@@ -269,28 +269,28 @@ def cross_check(
     A case with mistakes of its own is None.
     """
     known: list[str] = []
-    for at, erratum in _entries(errata, ERRATUM_KEYS):
-        yield from _within(("errata", at), _check_id(erratum, known))
-        yield from _within(("errata", at), _check_cases(erratum.get("cases", ()), cases))
+    for i, erratum in _entries(errata, ERRATUM_KEYS):
+        yield from _within(("errata", i), _check_id(erratum, known))
+        yield from _within(("errata", i), _check_cases(erratum.get("cases", ()), cases))
     seen: list[str] = []
-    for at, claim in _entries(claims, CLAIM):
-        yield from _within(("claims", at), _check_id(claim, seen))
-        yield from _within(("claims", at), _check_claim(claim, cases))
+    for i, claim in _entries(claims, CLAIM):
+        yield from _within(("claims", i), _check_id(claim, seen))
+        yield from _within(("claims", i), _check_claim(claim, cases))
         if (name := claim.get("erratum")) and name not in known:
-            yield ("claims", at, "erratum"), unknown(f"erratum {name!r}", name, known)
+            yield ("claims", i, "erratum"), unknown(f"erratum {name!r}", name, known)
 
 
-def _entries(given: Any, keys: Mapping[str, Key]) -> Iterator[tuple[int, dict[str, Any]]]:
+def _entries(section: Any, keys: Mapping[str, Key]) -> Iterator[tuple[int, dict[str, Any]]]:
     """The valid values of each entry of a section that is a mapping, with its position."""
-    for i, item in enumerate(given if isinstance(given, list) else ()):
+    for i, item in enumerate(section if isinstance(section, list) else ()):
         if isinstance(item, Mapping):
             yield i, check_keys(keys, item)[0]
 
 
-def _within(place: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
-    """Mistakes in what stands at a place."""
-    for at, message in mistakes:
-        yield (*place, *at), message
+def _within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
+    """Mistakes of a value, with its own path put before theirs."""
+    for path, message in mistakes:
+        yield (*prefix, *path), message
 
 
 def _check_id(entry: Mapping[str, Any], seen: list[str]) -> Iterator[Mistake]:
@@ -303,31 +303,31 @@ def _check_id(entry: Mapping[str, Any], seen: list[str]) -> Iterator[Mistake]:
 def _check_claim(
     claim: Mapping[str, Any], cases: Mapping[str, SweepCheck | None]
 ) -> Iterator[Mistake]:
-    """One claim, under each of its readings."""
+    """The mistakes of one claim, under each of its readings."""
     # A key that is wrong by itself has been noted; nothing follows from its absence here.
     if not {"readings", "cases", "check"} <= claim.keys():
         return
-    given = claim["readings"]
-    if claim.get("erratum") and len(given) != 2:
+    declared = claim["readings"]
+    if claim.get("erratum") and len(declared) != 2:
         yield ("readings",), "expected two readings: the text as printed, and corrected"
-    if given and claim["cases"]:
+    if declared and claim["cases"]:
         yield ("cases",), "each reading has its own cases, so leave these out"
-    for name, reading in (given or {"": {}}).items():
-        place: KeyPath = ("readings", name) if name else ()
+    for name, reading in (declared or {"": {}}).items():
+        prefix: KeyPath = ("readings", name) if name else ()
         named = (reading if name else claim)["cases"]
         if not named:
-            yield (*place, "cases"), "names no case"
-        yield from _within(place, _check_cases(named, cases))
+            yield (*prefix, "cases"), "names no case"
+        yield from _within(prefix, _check_cases(named, cases))
         check = reading.get("check") or claim["check"] or {}
         if not check:
-            yield place, "has no check"
-        at = (*(place if reading.get("check") else ()), "check")
+            yield prefix, "has no check"
+        check_path = (*(prefix if reading.get("check") else ()), "check")
         values = _check_values(check.get("values", {}), len(named))
-        yield from _within((*at, "values"), values)
-        yield from _within(at, _check_bounds(check))
+        yield from _within((*check_path, "values"), values)
+        yield from _within(check_path, _check_bounds(check))
         ranges = reading.get("over") or claim.get("over") or {}
         over = _check_over(ranges, [cases.get(case) for case in named])
-        yield from _within((*(place if reading.get("over") else ()), "over"), over)
+        yield from _within((*(prefix if reading.get("over") else ()), "over"), over)
 
 
 def _check_cases(named: Iterable[str], cases: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -365,4 +365,4 @@ def _check_over(ranges: Mapping[str, Any], checks: list[SweepCheck | None]) -> I
     elif ranges:
         by_path = dict(mistake for check in checks if check for mistake in check(ranges))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
-        yield from ((at[1:], message) for at, message in by_path.items())
+        yield from ((path[1:], message) for path, message in by_path.items())

@@ -57,15 +57,15 @@ clone. There need be none: a copy of the package alone runs too."""
 
 
 def is_bare(name: str | Path) -> bool:
-    """Whether a name has neither folder nor suffix, and is that of no file: it may be NAME of
+    """Whether a name has neither folder nor suffix, and no file has it: it may be NAME of
     NAME.yaml."""
     path = Path(name)
     return path.name == str(name) and not path.suffix and not path.exists()
 
 
 def _path_and_label(path: str) -> tuple[Path, str]:
-    """The file that a name stands for, and its name in messages. A bare name may be
-    that of NAME.yaml in the working folder, or else of a case file that comes with hodo."""
+    """The file that a name stands for, and its name in messages. A bare name stands for NAME.yaml
+    in the working folder, or else for a case file that comes with hodo."""
     if is_bare(path) and Path(f"{path}.yaml").exists():
         return Path(f"{path}.yaml"), f"{path}.yaml"
     if is_bare(path) and (bundled := BUNDLED_CONFIGS / f"{path}.yaml").exists():
@@ -145,13 +145,13 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     document = read_mapping(text, mistakes)
     # `figures:` with nothing below it is a section that is left out; a name that is no section is a
     # mistake all the same.
-    given = {
+    present = {
         section: value
         for section, value in document.items()
         if value is not None or section not in SECTIONS
     }
-    sections, faults = check_keys(SECTIONS, given)
-    if "cases" not in given:
+    sections, faults = check_keys(SECTIONS, present)
+    if "cases" not in present:
         # Every name of a case would be a mistake besides, and hide this one.
         note(faults, document, (), Place(1, 1), mistakes)
         raise mistakes.error()
@@ -164,12 +164,12 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         apply_override(override, blocks, mistakes)
     cases = _checked(blocks, named.value_places, mistakes)
     figures, figure_faults = _figures(sections.get("figures") or {}, named)
-    figure_faults += _of_figures(figures, cases, steady=not overrides)
+    figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
     checks = {case: partial(check_sweep, cases[case]) if case in cases else None for case in named}
-    claim_faults = claim_block.cross_check(given.get("claims"), given.get("errata"), checks)
+    claim_faults = claim_block.cross_check(present.get("claims"), present.get("errata"), checks)
     faults += [
         *case_faults,
-        *_of_defaults(defaults, blocks.values()),
+        *_default_mistakes(defaults, blocks.values()),
         *figure_faults,
         *claim_faults,
     ]
@@ -201,12 +201,12 @@ def _checked(
     return cases
 
 
-def _entries(section: str, given: Mapping[str, Any]) -> tuple[dict[str, Block], list[Mistake]]:
-    """The entries of a section that have a proper name and are mappings, and what is wrong with the
+def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Block], list[Mistake]]:
+    """The entries of a section that have a proper name and are mappings, and the mistakes in the
     others."""
     entries: dict[str, Block] = {}
     mistakes: list[Mistake] = []
-    for name, value in given.items():
+    for name, value in named.items():
         if not NAME.fullmatch(name):
             mistakes.append(((section, WrongKey(name)), NAME_RULE))
         elif not isinstance(value, Block):
@@ -216,52 +216,52 @@ def _entries(section: str, given: Mapping[str, Any]) -> tuple[dict[str, Block], 
     return entries, mistakes
 
 
-def _merge(defaults: Block, given: Block) -> Block:
+def _merge(defaults: Block, block: Block) -> Block:
     """A case's own entries over all defaults, which are marked as inherited."""
-    merged = given.copy()
+    merged = block.copy()
     for key, value in defaults.items():
-        if key not in given:
+        if key not in block:
             merged.put(
                 key, value, defaults.key_places[key], defaults.value_places[key], inherited=True
             )
     for key in ("time", "assumes"):
-        own, common = given.get(key), defaults.get(key)
-        if isinstance(own, Block) and isinstance(common, Block):
+        case_values, common = block.get(key), defaults.get(key)
+        if isinstance(case_values, Block) and isinstance(common, Block):
             # Key by key: a case that changes `end` keeps the common `samples`.
-            merged[key] = _merge(common, own)
+            merged[key] = _merge(common, case_values)
     return merged
 
 
-def _of_defaults(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
-    """Mistakes: the defaults that no case takes."""
+def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
+    """Mistakes: defaults that no case takes."""
     models_of_blocks = [(block, *keys_in(block)) for block in blocks]
     if any(model is None and "model" in block for block, model, _ in models_of_blocks):
         return  # it may have keys of its own
-    taken = {key for _, _, keys in models_of_blocks for key in keys}
+    accepted = {key for _, _, keys in models_of_blocks for key in keys}
     # A case without a model may take any key that there is.
     if any(model is None for _, model, _ in models_of_blocks):
-        taken = set(all_keys())
+        accepted = set(all_keys())
     for key in defaults:
-        if key in taken:
+        if key in accepted:
             continue
         known = key in all_keys()
-        message = "no case here takes this key" if known else unknown("key", key, sorted(taken))
+        message = "no case here takes this key" if known else unknown("key", key, sorted(accepted))
         yield ("defaults", WrongKey(key)), message
 
 
-def _of_figures(
+def _figure_mistakes(
     figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case], steady: bool
 ) -> Iterator[Mistake]:
-    """What keeps figures from drawing their cases; not where a case is wrong itself."""
+    """Mistakes that keep figures from drawing their cases; none where a case is wrong itself."""
     known = {name: drawable(case) for name, case in cases.items()}
     for name, values in figures.items():
         if all(case in cases for case in values.get("cases", ())):
-            for at, message in check_drawn(values, known, steady):
-                yield ("figures", name, *at), message
+            for path, message in check_drawn(values, known, steady):
+                yield ("figures", name, *path), message
 
 
 def drawable(case: Case) -> Drawable:
-    """What figures may ask of a case."""
+    """The properties of a case on which figures rest."""
     variables = case.system.variables
     # Of an attitude only what follows from it is a number.
     labels = {name: label for name, label in variables.items() if "quaternion" not in label.dims}
@@ -287,21 +287,21 @@ def drawable(case: Case) -> Drawable:
 
 
 def _figures(
-    given: Mapping[str, Any], cases: Mapping[str, Any]
+    section: Mapping[str, Any], cases: Mapping[str, Any]
 ) -> tuple[dict[str, dict[str, Any]], list[Mistake]]:
     """The figures, each checked by the keys of its kind; the cases and figures that they name must
     exist."""
-    entries, mistakes = _entries("figures", given)
+    entries, mistakes = _entries("figures", section)
     figures = {}
     for name, block in entries.items():
         if fault := file_name_fault(name, entries):
             mistakes.append((("figures", WrongKey(name)), fault))
         figures[name], wrong = FIGURE.check_keys(block)
         wrong += check_figure(figures[name])
-        mistakes += [(("figures", name, *at), message) for at, message in wrong]
+        mistakes += [(("figures", name, *path), message) for path, message in wrong]
         if figures[name].get("cases") == ():
             mistakes.append((("figures", name, "cases"), "names no case"))
-        for key, valid in (("cases", cases), ("against", cases), ("scale_with", given)):
+        for key, valid in (("cases", cases), ("against", cases), ("scale_with", section)):
             for i, item in enumerate(figures[name].get(key, ())):
                 if item not in valid:
                     message = unknown(f"name {item!r}", item, valid)

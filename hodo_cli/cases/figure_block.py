@@ -3,6 +3,7 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,10 @@ FORMATS = ("png", "svg", "pdf", "csv", "html")
 """The formats that a figure is written in."""
 
 SCRIPT = "plotly.js"
-"""What all figures in HTML share, in the folder above theirs."""
+"""The script that all figures in HTML share, in the folder above theirs."""
 
 PIECE = "page.json"
-"""What a folder of figures tells the page of: its section, and its entries in the index."""
+"""The file by which a folder of figures tells the page its section and its index entries."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,13 @@ DERIVED = (
     *(f"attitude.{part}" for part in "abcd"),
     *(f"{name}_space.{axis}" for name in ("G", "omega", "x1", "x2", "x3") for axis in "xyz"),
 )
-"""What `results.motion` computes from the samples of a motion, besides what is stored of it."""
+"""The quantities that `results.motion` computes from the samples of a motion."""
 
 BODY_AXES = ("x1", "x2", "x3")
 
 COLOUR_NAMES = ("blue", "orange", "green", "sky", "red", "purple", "black", "grey")
 LINE_NAMES = ("solid", "dashed", "dotted")
-"""What a style is made of; the drawing says how each looks."""
+"""The words of a style; the drawing says how each looks."""
 
 STYLES = Key(
     NAMES,
@@ -228,10 +229,10 @@ FIGURE = Variant("kind", FIGURE_KINDS, "what is drawn")
 
 
 def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """What is wrong with keys of a figure that are each right by themselves."""
+    """Mistakes in keys of a figure that are each right by themselves."""
     named = "bodies" if values.get("kind") == "quadrant-sketch" else "cases"
     labels, several = values.get("labels", ()), values.get(named, ())
-    # The labels of a sweep are those of panels or curves, whose number its axes decide.
+    # The labels of a sweep name panels or curves, whose number its axes decide.
     if values.get("kind") not in ("map", "curve") and len(labels) > len(several):
         message = f"expected one for each of {len(several)} {named}, got {len(labels)}"
         yield ("labels",), message
@@ -240,23 +241,25 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         for word, known in ((colour, COLOUR_NAMES), (line or "solid", LINE_NAMES)):
             if word not in known:
                 yield ("styles", i), unknown(f"colour or line {word!r}", word, known)
-    given: dict[KeyPath, Any] = {(key,): values.get(key) for key in ("range", "span")}
-    given |= {("insets", i, "span"): of["span"] for i, of in enumerate(values.get("insets", ()))}
-    for at, ends in given.items():
+    intervals: dict[KeyPath, Any] = {(key,): values.get(key) for key in ("range", "span")}
+    intervals |= {
+        ("insets", i, "span"): of["span"] for i, of in enumerate(values.get("insets", ()))
+    }
+    for path, ends in intervals.items():
         if ends and not ends[0] < ends[1]:
-            yield at, f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
+            yield path, f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
     if values.get("at") and not values.get(axis := _axis_of_positions(values)):
         yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
     if values.get("kind") == "map":
-        yield from _of_axes(values.get("x"), values.get("y"), values.get("panels"))
+        yield from _map_axis_mistakes(values.get("x"), values.get("y"), values.get("panels"))
     if several:
-        yield from _of_groups(values, len(several))
+        yield from _group_mistakes(values, len(several))
     if values.get("kind") == "curve" and (by := values.get("by")) and by == values.get("x"):
         yield ("by",), f"{by} is on the horizontal axis already"
 
 
-def _of_groups(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
-    """Numbers of cases that do not fit the n cases of a figure of errors or costs."""
+def _group_mistakes(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
+    """Mistakes: lists whose lengths do not fit the n cases of a figure of errors or costs."""
     if "groups" in values and (total := sum(values["groups"])) != n:
         yield ("groups",), f"expected sizes that add up to the {n} cases, got {total}"
     for key in ("small", "against"):
@@ -266,9 +269,9 @@ def _of_groups(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
 
 @dataclass(frozen=True)
 class Drawable:
-    """What figures may ask of a case, before it is run or of its dataset: its name, the variables
-    that may be stored of it, which of them are vectors, its first and last time and their unit, of
-    a sweep the lengths of its axes and which of them is a sphere, and the unit of its moments of
+    """The properties of a case on which figures rest, known before it is run and from its dataset:
+    its name, its variables and which of them are vectors, its first and last time and their unit,
+    the lengths of a sweep's axes and which of them is a sphere, and the unit of its moments of
     inertia."""
 
     name: str
@@ -291,8 +294,8 @@ KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
 def check_drawn(
     values: Mapping[str, Any], cases: Mapping[str, Drawable], steady: bool
 ) -> Iterator[Mistake]:
-    """What keeps a figure from drawing its cases: the one set of rules, for a case file as it is
-    read and for datasets as they are drawn.
+    """Mistakes that keep a figure from drawing its cases: the one set of rules, for a case file as
+    it is read and for datasets as they are drawn.
 
     Unless `steady`, the times of cases and the lengths of axes may be others for a single run, and
     no figure is wrong by them.
@@ -315,13 +318,13 @@ def check_drawn(
             yield ("cases", i), f"{message}: one axis has one unit"
     if kind in SWEPT_KINDS:
         for case in drawn:
-            yield from _of_swept(values, case, steady)
+            yield from _swept_mistakes(values, case, steady)
         return
-    yield from _of_variables(values, drawn)
+    yield from _variable_mistakes(values, drawn)
     for i, inset in enumerate(values.get("insets", ())):
-        yield from _of_inset(inset, values, ("insets", i))
+        yield from _inset_mistakes(inset, values, ("insets", i))
     if steady:
-        yield from _of_spans(values, cases)
+        yield from _span_mistakes(values, cases)
 
 
 def _unfit(kind: str | None, case: Drawable) -> str:
@@ -335,29 +338,24 @@ def _unfit(kind: str | None, case: Drawable) -> str:
     return ""
 
 
-def _of_variables(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
-    """Names of variables that motions cannot have."""
-    given: dict[KeyPath, str] = {
-        ("variables", i): name for i, name in enumerate(values.get("variables", ()))
-    }
+def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
+    """Mistakes: variables that motions cannot have, each reported for its first case."""
+    drawn: list[tuple[KeyPath, str, Sequence[Drawable]]] = [
+        (("variables", i), name, cases) for i, name in enumerate(values.get("variables", ()))
+    ]
     if values.get("kind") == "phase":
-        given |= {(key,): values[key] for key in ("x", "y") if key in values}
-    asked = [(at, name, case) for at, name in given.items() for case in cases]
+        drawn += [((key,), values[key], cases) for key in ("x", "y") if key in values]
     for i, inset in enumerate(values.get("insets", ())):
-        place: KeyPath = ("insets", i, "variables")
-        named = [case for case in cases if case.name == inset["case"]]
-        asked += [
-            ((*place, j), v, case) for j, v in enumerate(inset["variables"]) for case in named
-        ]
-    wrong: dict[KeyPath, str] = {}
-    for at, name, case in asked:
-        if at not in wrong and (message := _wrong_variable(name, case)):
-            wrong[at] = message
-    yield from wrong.items()
+        enlarged = [case for case in cases if case.name == inset["case"]]
+        names = enumerate(inset["variables"])
+        drawn += [(("insets", i, "variables", j), name, enlarged) for j, name in names]
+    for path, name, owners in drawn:
+        faults = filter(None, (_wrong_variable(name, case) for case in owners))
+        yield from ((path, message) for message in islice(faults, 1))
 
 
 def _wrong_variable(name: str, case: Drawable) -> str:
-    """Why a name is none of a number that a motion may have; an empty string if it is."""
+    """Why a name stands for no number that a motion may have; an empty string if it does."""
     if name in DERIVED or name in case.stored and name not in case.vectors:
         return ""
     base, dot, axis = name.partition(".")
@@ -367,13 +365,13 @@ def _wrong_variable(name: str, case: Drawable) -> str:
     return _wrong_component(base, dot, axis, case.vectors)
 
 
-def _wrong_component(base: str, dot: str, part: str, vectors: Collection[str]) -> str:
-    """Why a name is not that of a number: it is a vector's, or one's that has no such component; an
-    empty string if it is."""
+def _wrong_component(base: str, dot: str, axis: str, vectors: Collection[str]) -> str:
+    """Why a component is missing or wrong: a vector needs one, and a number has none; an empty
+    string if the name stands for a number."""
     if base in vectors:
         wrong = f"{base} is a vector: name a component, {_parts(base)}"
-        return "" if part in BODY_AXES else wrong
-    return f"{base} is no vector, and has no component {part!r}" if dot else ""
+        return "" if axis in BODY_AXES else wrong
+    return f"{base} is no vector, and has no component {axis!r}" if dot else ""
 
 
 def _parts(name: str) -> str:
@@ -381,36 +379,36 @@ def _parts(name: str) -> str:
     return ", ".join(f"{name}.{axis}" for axis in BODY_AXES)
 
 
-def _of_inset(
-    inset: Mapping[str, Any], values: Mapping[str, Any], at: KeyPath
+def _inset_mistakes(
+    inset: Mapping[str, Any], values: Mapping[str, Any], path: KeyPath
 ) -> Iterator[Mistake]:
-    """Names in an inset that its figure does not have."""
+    """Mistakes: panels and cases named by an inset that its figure does not have."""
     cases = values["cases"]
     panels = cases if values["panels"] == "case" else values["variables"]
     for key, valid in (("panel", panels), ("case", cases)):
         if inset[key] not in valid:
-            yield (*at, key), unknown(f"{key} {inset[key]!r}", inset[key], valid)
+            yield (*path, key), unknown(f"{key} {inset[key]!r}", inset[key], valid)
 
 
-def _of_spans(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
-    """Spans in which a case that is drawn over them has no time."""
-    given: list[tuple[KeyPath, tuple[float, float] | None, str]] = [
+def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
+    """Mistakes: spans that lie outside the times of a case drawn over them."""
+    intervals: list[tuple[KeyPath, tuple[float, float] | None, str]] = [
         (("span",), values.get("span"), name) for name in values.get("cases", ())
     ]
     for i, inset in enumerate(values.get("insets", ())):
-        given.append((("insets", i, "span"), inset["span"], inset["case"]))
-    for at, span, name in given:
+        intervals.append((("insets", i, "span"), inset["span"], inset["case"]))
+    for path, span, name in intervals:
         if span is None or span[0] >= span[1] or name not in cases:
             continue
         start, end = cases[name].times
         if span[1] < start or span[0] > end:
-            yield at, f"holds no time of case {name}, which goes from {start:g} to {end:g}"
+            yield path, f"holds no time of case {name}, which goes from {start:g} to {end:g}"
 
 
-def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
-    """Names and positions in a figure of sweeps that a sweep does not have."""
+def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
+    """Mistakes: variables, axes and positions that a sweep does not have."""
     if "variable" in values:
-        yield from _of_swept_variable(values, case)
+        yield from _swept_variable_mistakes(values, case)
     for key in ("x", "y", "by", "panels"):
         if (name := values.get(key)) is None:
             continue
@@ -429,17 +427,17 @@ def _of_swept(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterat
                 yield ("at", i), f"{message}, not {position}"
 
 
-def _of_swept_variable(values: Mapping[str, Any], case: Drawable) -> Iterator[Mistake]:
-    """A variable that a sweep does not have, or that is no number by itself."""
+def _swept_variable_mistakes(values: Mapping[str, Any], case: Drawable) -> Iterator[Mistake]:
+    """The mistake of naming a variable that a sweep lacks, or one that is not a number."""
     name = values["variable"]
-    base, dot, part = name.partition(".")
+    base, dot, label = name.partition(".")
     if base not in case.stored:
         yield ("variable",), unknown(f"variable {name!r}", name, case.stored)
     elif base in AXIS_LABELS and (dot or averaged(values, case.axes, case.sphere)):
-        if part not in rigid_body.LABELS.values():
+        if label not in rigid_body.LABELS.values():
             message = f"{base} is a label, without a mean: name the one whose share is to be drawn"
             yield ("variable",), f"{message}, {_parts(base)}"
-    elif message := _wrong_component(base, dot, part, case.vectors):
+    elif message := _wrong_component(base, dot, label, case.vectors):
         yield ("variable",), message
 
 
@@ -456,11 +454,11 @@ def _axis_of_positions(values: Mapping[str, Any]) -> str:
     return {"map": "panels", "curve": "by"}.get(str(values.get("kind")), "")
 
 
-def _of_axes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:
-    """Axes of a map that are missing, or stand twice."""
+def _map_axis_mistakes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:
+    """Mistakes: axes of a map that are missing, or stand twice."""
     if (x is None) != (y is None):
-        missing, given = ("x", "y") if x is None else ("y", "x")
-        yield (), f"missing '{missing}': a map has x and y, or neither (it has {given})"
+        missing, present = ("x", "y") if x is None else ("y", "x")
+        yield (), f"missing '{missing}': a map has x and y, or neither (it has {present})"
     elif x is not None and x == y:
         yield ("y",), f"{y} is on the horizontal axis already"
     if panels is not None and panels in (x, y):

@@ -13,11 +13,13 @@ from .keys import COMMON, SECTIONS
 
 def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:
     """JSON Schema of a case of one of some forms of a model."""
-    own: dict[str, list[dict[str, Any]]] = {}
+    rules_of_key: dict[str, list[dict[str, Any]]] = {}
     for name, key in (item for form_class in classes for item in keys_of_form(form_class).items()):
-        if (rule := key.schema()) not in own.setdefault(name, []):
-            own[name].append(rule)
-    rules = {name: some[0] if len(some) == 1 else {"anyOf": some} for name, some in own.items()}
+        if (rule := key.schema()) not in rules_of_key.setdefault(name, []):
+            rules_of_key[name].append(rule)
+    rules = {
+        name: some[0] if len(some) == 1 else {"anyOf": some} for name, some in rules_of_key.items()
+    }
     return {
         "properties": dict.fromkeys(("model", *COMMON), True) | form | rules,
         "additionalProperties": False,

@@ -32,7 +32,7 @@ def _within(key: Key) -> Iterator[tuple[str, Mapping[str, Key]]]:
 
 
 def _rows(path: str, key: Key, chosen: str = "") -> Iterator[Row]:
-    """The row of a key, then those of the keys inside it."""
+    """The row of a key, then the rows of the keys inside it."""
     yield f"`{path}`{chosen}", str(key.kind), key.unit, _default(key), key.doc
     for words, keys in _within(key):
         for name, inner in keys.items():
@@ -65,8 +65,8 @@ def _cases() -> Groups:
     yield "Every case", _table(head | COMMON)
     for model, forms in catalogue.items():
         form = {"form": keys_of(model, None)[1]["form"]}
-        own = [_table({**form, **keys_of_form(cls)}) for cls in forms.values()]
-        yield f"Model `{model}`", _model(list(forms), own)
+        form_rows = [_table({**form, **keys_of_form(cls)}) for cls in forms.values()]
+        yield f"Model `{model}`", _model(list(forms), form_rows)
 
 
 def _figures() -> Groups:
@@ -80,8 +80,8 @@ def _figures() -> Groups:
     }
     yield "Most figures", _table(figure_block.FIGURE.head(*kinds_of_figure) | shared)
     for name, keys in kinds_of_figure.items():
-        if own := {key: value for key, value in keys.items() if shared.get(key) != value}:
-            yield f"Figure `{name}`", _table(own)
+        if own_keys := {key: value for key, value in keys.items() if shared.get(key) != value}:
+            yield f"Figure `{name}`", _table(own_keys)
 
 
 def _claims() -> Groups:

@@ -143,7 +143,7 @@ class ModelName(Choice):
 @cache
 def keys_of(model: str | None, form: str | None) -> tuple[type[Model] | None, dict[str, Key]]:
     """The class of a model's form (None: the first) and every key of its cases; no class if there
-    is none such."""
+    is no such form."""
     catalogue = models.catalogue()
     forms = catalogue.get(model or "", {})
     head = {"model": Key(ModelName(*catalogue), "equations of motion")}

@@ -53,7 +53,7 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
     """
     if not path:
         return new
-    head, *rest = path
+    head, *tail = path
     if isinstance(node, int | float) and isinstance(kind, ListOf) and kind.takes(node):
         # `damping: 0.004` has no component 2 until it is written out.
         node = (node,) * (kind.length or 1)
@@ -65,15 +65,15 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
                 f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}"
             )
         items, i = node.copy(), int(head)
-        items[i], items.places[i] = _replaced(node[i], None, rest, new, place), place
+        items[i], items.places[i] = _replaced(node[i], None, tail, new, place), place
         return items
     if not isinstance(node, Block) and node not in (None, kinds.REQUIRED):
         raise ValueError(f"there is no {head!r} in {kinds.shown(node)}")
     block = node.copy() if isinstance(node, Block) else Block()
     key = kind.keys.get(head) if isinstance(kind, Table) else None
     old = block.get(head, key.default if key else None)
-    value = _replaced(old, key.kind if key else None, rest, new, place)
-    if rest and head in block:
+    value = _replaced(old, key.kind if key else None, tail, new, place)
+    if tail and head in block:
         block.put(head, value, block.key_places[head], block.value_places[head])
     else:
         block.put(head, value, place, place)

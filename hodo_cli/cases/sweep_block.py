@@ -64,11 +64,11 @@ REDUCED = (
     "share",
     "separation",
 )
-"""What a member of a sweep is reduced to, besides its final state, where a hodograph encloses an
-axis."""
+"""The columns to which a member of a sweep is reduced, besides its final state, where a hodograph
+encloses an axis."""
 
 AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis")
-"""Those of them that are labels of axes, whose mean would mean nothing."""
+"""The reduced columns that are labels of axes, whose mean would mean nothing."""
 
 PASSED = (
     *("crossing_time", "crossing_from", "crossing_to", "crossing_G", "crossings"),
@@ -76,7 +76,7 @@ PASSED = (
     *("event_predicted", "event_scatter", "event_sense", "event_probability"),
     "event_probability_error",
 )
-"""What a member is reduced to where the motion itself stores its axis and its passages."""
+"""The columns of a member where the motion itself stores its axis and its passages."""
 
 
 class InDegrees(float):
@@ -164,16 +164,16 @@ class Axis:
     def values(self, of: int = 0, index: np.ndarray | None = None) -> np.ndarray:
         """The values of one of its keys at positions (n,), or all of them; none for a sphere."""
         index = np.arange(len(self)) if index is None else index
-        given = self.ranges[of][1]
-        if "linspace" in given:
-            first, last, number = given["linspace"]
+        value_range = self.ranges[of][1]
+        if "linspace" in value_range:
+            first, last, number = value_range["linspace"]
             return _linspace(first, last, number, index)
         return np.asarray(self._listed[of][index])
 
     @cached_property
     def _listed(self) -> list[np.ndarray]:
         """The values of each key whose range is no linspace."""
-        return [_listed(given) for _, given in self.ranges]
+        return [_listed(value_range) for _, value_range in self.ranges]
 
     def directions(self, index: np.ndarray) -> np.ndarray:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
@@ -191,16 +191,16 @@ class Axis:
         return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def _length(given: Mapping[str, Any]) -> int:
-    ((word, value),) = given.items()
+def _length(value_range: Mapping[str, Any]) -> int:
+    ((word, value),) = value_range.items()
     return len(value) if word == "values" else int(value[2])
 
 
-def _listed(given: Mapping[str, Any]) -> np.ndarray:
-    if "logspace" in given:
-        # Its ends are the numbers given, to the last bit, which those of 10 ** linspace are not.
-        return np.geomspace(*given["logspace"])
-    return np.array(given.get("values", ()), dtype=float)
+def _listed(value_range: Mapping[str, Any]) -> np.ndarray:
+    if "logspace" in value_range:
+        # Its ends are the given numbers to the last bit; the ends of 10 ** linspace are not.
+        return np.geomspace(*value_range["logspace"])
+    return np.array(value_range.get("values", ()), dtype=float)
 
 
 def _linspace(first: float, last: float, number: int, index: np.ndarray) -> np.ndarray:
@@ -210,11 +210,11 @@ def _linspace(first: float, last: float, number: int, index: np.ndarray) -> np.n
 
 
 def storable(model: type[Model]) -> list[str]:
-    """What `store:` may name in a sweep of a model."""
-    own: tuple[str, ...] = REDUCED
+    """The variables that `store:` may name in a sweep of a model."""
+    reduced: tuple[str, ...] = REDUCED
     if model.no_axis_reason:
-        own = (*PASSED, "event_time") if "enclosed_axis" in model.variables else ("event_time",)
-    return [*model.variables, *own, "steps", "status", "trajectory"]
+        reduced = (*PASSED, "event_time") if "enclosed_axis" in model.variables else ("event_time",)
+    return [*model.variables, *reduced, "steps", "status", "trajectory"]
 
 
 def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
@@ -226,13 +226,17 @@ def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
             axes.append(Axis(name, (), value))
         else:
             ranges = value if word == "zip" else {name: entry}
-            axes.append(Axis(name, tuple((path_of(key), given) for key, given in ranges.items())))
+            axes.append(
+                Axis(
+                    name, tuple((path_of(key), value_range) for key, value_range in ranges.items())
+                )
+            )
     return axes
 
 
 def path_of(key: str) -> KeyPath:
     """Where the value of a key such as damping.2 stands; positions count from zero."""
-    return tuple(int(part) if part.isdecimal() else part for part in key.split("."))
+    return tuple(int(step) if step.isdecimal() else step for step in key.split("."))
 
 
 def check_axes(
@@ -249,18 +253,18 @@ def check_axes(
     yield from _check_spheres(axes, model.oriented)
     swept: dict[KeyPath, str] = {}
     for axis in axes:
-        place: KeyPath = ("sweep", axis.name)
+        axis_path: KeyPath = ("sweep", axis.name)
         zipped = "zip" in sweep[axis.name]
-        if len(lengths := {_length(given) for _, given in axis.ranges}) > 1:
+        if len(lengths := {_length(value_range) for _, value_range in axis.ranges}) > 1:
             counts = " and ".join(map(str, sorted(lengths)))
-            yield (*place, "zip"), f"ranges of {counts} values cannot be zipped"
-        for key, (path, given) in zip(axis.keys, axis.ranges, strict=True):
-            at = (*place, "zip", key) if zipped else place
+            yield (*axis_path, "zip"), f"ranges of {counts} values cannot be zipped"
+        for key, (path, value_range) in zip(axis.keys, axis.ranges, strict=True):
+            range_path = (*axis_path, "zip", key) if zipped else axis_path
             if path in swept:
-                yield at, f"{key} varies along {swept[path]} already"
+                yield range_path, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            for inner, message in _check_range(given, key, Table(model.keys), data):
-                yield (*at, *inner), message
+            for inner, message in _check_range(value_range, key, Table(model.keys), data):
+                yield (*range_path, *inner), message
     if math.prod(map(len, axes)) > MOST:
         yield ("sweep",), f"more than {MOST:.0e} members"
 
@@ -275,43 +279,45 @@ def _check_spheres(axes: Iterable[Axis], oriented: bool) -> Iterator[Mistake]:
             yield ("sweep", axis.name, "sphere"), "one axis may be a sphere"
 
 
-def _check_range(given: Mapping[str, Any], key: str, kind: Kind, data: Any) -> Iterator[Mistake]:
+def _check_range(
+    value_range: Mapping[str, Any], key: str, kind: Kind, data: Any
+) -> Iterator[Mistake]:
     """Mistakes: a key that is not there or takes no number, and values of a range that it does not
     take."""
     inner, path = kind, path_of(key)
-    for i, part in enumerate(path):
-        nested, data = _within(inner, part, data)
+    for i, step in enumerate(path):
+        nested, data = _within(inner, step, data)
         if nested is None:
             known = list(kind.keys) if i == 0 and isinstance(kind, Table) else []
             yield (), unknown(f"key {key!r}", str(path[0]), known)
             return
         inner = nested
-    whole, inner = inner, _of_shape(inner, data)
+    declared, inner = inner, _of_shape(inner, data)
     of_numbers = isinstance(inner, ListOf) and inner.length is not None
     is_number = isinstance(inner, Number | Integer | Angle)
-    if not (is_number or of_numbers) or not whole.takes(0.0):
+    if not (is_number or of_numbers) or not declared.takes(0.0):
         yield (), "is not a number, so it cannot be swept"
         return
-    ((word, value),) = given.items()
+    ((word, value),) = value_range.items()
     values = value if word == "values" else value[:2]  # a span ends with the number of values
     if not isinstance(inner, Angle) and any(isinstance(item, InDegrees) for item in values):
         yield (word,), "expected numbers, got an angle in degrees"
-    _, mistakes = check_parts((i, whole, item) for i, item in enumerate(values))
-    yield from (((word, *at), message) for at, message in mistakes)
+    _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
+    yield from (((word, *path), message) for path, message in mistakes)
 
 
-def _within(kind: Kind, part: str | int, data: Any) -> tuple[Kind | None, Any]:
+def _within(kind: Kind, step: str | int, data: Any) -> tuple[Kind | None, Any]:
     """The kind and value of one part of a value; no kind where there is no such part."""
     kind = _of_shape(kind, data)
     if isinstance(kind, Variant):
         kind = Table(kind.tables[data[kind.tag]])
-    if isinstance(kind, ListOf) and isinstance(part, int) and part < len(data or ()):
-        return kind.kind, data[part]
-    if isinstance(kind, Table) and part in kind.keys:
-        key = kind.keys[str(part)]
-        given = data.get(part) if isinstance(data, Mapping) else None
+    if isinstance(kind, ListOf) and isinstance(step, int) and step < len(data or ()):
+        return kind.kind, data[step]
+    if isinstance(kind, Table) and step in kind.keys:
+        key = kind.keys[str(step)]
+        value = data.get(step) if isinstance(data, Mapping) else None
         if isinstance(data, Mapping) or key.default is not REQUIRED:
-            return key.kind, given
+            return key.kind, value
     return None, None
 
 
@@ -333,9 +339,9 @@ def put(value: Any, path: Sequence[str | int], new: float) -> Any:
     if not path:
         # A scalar key given for a vector (`damping`) means that all are equal.
         return (new,) * len(value) if isinstance(value, tuple) else new
-    head, *rest = path
+    head, *tail = path
     if isinstance(value, Mapping):
-        return {**value, head: put(value[head], rest, new)}
+        return {**value, head: put(value[head], tail, new)}
     assert isinstance(value, tuple)
     assert isinstance(head, int)
-    return (*value[:head], put(value[head], rest, new), *value[head + 1 :])
+    return (*value[:head], put(value[head], tail, new), *value[head + 1 :])

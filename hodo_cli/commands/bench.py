@@ -114,17 +114,17 @@ def try_cases(config: Config, cases: Sequence[Case], jobs: int, quiet: bool) -> 
 
     Raises HodoError if there is no such section; a case whose process dies has failed trials.
     """
-    if (given := config.bench) is None:
+    if (settings := config.bench) is None:
         raise HodoError(
             f"{config.path}: there is no bench: section, which names the methods to be compared"
         )
-    methods, tols = given["methods"], given["tols"] or (math.nan,)
+    methods, tols = settings["methods"], settings["tols"] or (math.nan,)
     work = partial(
         trials_of,
         methods=methods,
-        tols=given["tols"],
-        repeats=given["repeats"],
-        max_seconds=given["max_seconds"],
+        tols=settings["tols"],
+        repeats=settings["repeats"],
+        max_seconds=settings["max_seconds"],
     )
     trials: dict[str, list[Trial]] = {}
     # In processes even if it is only one: a solver that takes its process down costs its own case.
@@ -190,11 +190,11 @@ def speed_table(bench: Bench) -> list[list[str]]:
 def verdict_table(bench: Bench) -> list[list[str]]:
     """A row per case: what auto took, its error, floor and run time, its verdict, and the methods
     by verdict."""
-    at = bench.methods.index("auto") if "auto" in bench.methods else 0
+    auto = bench.methods.index("auto") if "auto" in bench.methods else 0
     rows = []
     for i, case in enumerate(bench.cases):
         row = bench.trials[i * len(bench.methods) : (i + 1) * len(bench.methods)]
-        mine, others = row[at], [t for j, t in enumerate(row) if j != at]
+        mine, others = row[auto], [t for j, t in enumerate(row) if j != auto]
         right = [t for t in others if t.error <= max(SLACK * ASKED, ULPS * t.floor)]
         good = sorted(right, key=lambda t: t.run_time)
         rival = f"{good[0].method} {seconds(good[0].run_time)}" if good else "-"

@@ -42,10 +42,10 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
                     row = changes.run.report(name, package_digest())
                     if row is None:
                         group = changes.run.read(name)
-                        part, row = classified(name, group)
+                        labels, row = classified(name, group)
                         report = Report(package_digest(), json.dumps(row))
-                        part = replace(part or Group({}, {}), report=report)
-                        changes.write(name, part, old=group)
+                        labels = replace(labels or Group({}, {}), report=report)
+                        changes.write(name, labels, old=group)
                 except HodoError as error:
                     # What the file itself refuses begins with its path.
                     problems.append(f"{path}: {str(error).removeprefix(f'{path}: ')}")
@@ -55,8 +55,8 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
 
 
 def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
-    """What `classify` adds to a stored case (None if labels do not apply to it), and its line in
-    the table.
+    """The group that `classify` adds to a stored case (None if labels do not apply to it), and the
+    line of the table.
 
     Raises HodoError as `classify` does.
     """
@@ -72,7 +72,7 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         remarks = [remark, *end_before_time(group)]
         return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": remarks}
     if (method := recorded["method"]) not in METHODS:
-        raise HodoError(f"{name}: its method {method!r} is none of this hodo's: run it again")
+        raise HodoError(f"{name}: this hodo has no method {method!r}: run it again")
     # Classifying may take five times the memory of integrating: labels and crossings are found in
     # long double.
     check_memory(case)
@@ -96,7 +96,7 @@ def events_of(group: Group) -> list[dict[str, Any]]:
 
 
 def end_before_time(group: Group) -> tuple[str, ...]:
-    """What ended a stored motion that is ok before its time, if anything did."""
+    """The message of a stored motion that ended well before its time; none of one that did not."""
     is_ok = group.attributes.get("status") == Status.OK
     return tuple(filter(None, [str(group.attributes.get("message", ""))])) if is_ok else ()
 
@@ -147,7 +147,7 @@ def inapplicable(case: Case, group: Group) -> str:
 
 
 def tabulated(case: Case, group: Group) -> dict[str, Any]:
-    """A sweep's line in the table of `classify`, from what is stored of it."""
+    """The line of a stored sweep in the table of `classify`."""
     row: dict[str, Any] = {"case": case.name, "start": "-", "end": "-", "crossings": []}
     if "status" not in group.variables:  # the sweep failed as a whole
         return {**row, "warnings": [f"{group.attributes['status']}: {group.attributes['message']}"]}

@@ -41,9 +41,9 @@ sampled and remarked upon, not which one it is."""
 class VariableComparison:
     """The comparison of one variable of one case.
 
-    `scaled` is max|a - b| as a part of what is allowed: above 1 it is a difference, and infinite
-    where there is no degree (labels, counts, what is missing). `place` says where it is the
-    largest, or what is wrong.
+    `scaled` is max|a - b| over the difference allowed: above 1 it is a difference, and infinite
+    where there is no degree (labels, counts, missing variables). `place` says where it is the
+    largest, or why the two cannot be compared.
     """
 
     case: str
@@ -162,8 +162,8 @@ def variable_lines(
                 )
             continue
         allowed = allowed_difference(key, b, tolerance)
-        scaled, at = scaled_difference(ours, reference.data, allowed)
-        place = largest_at(key, at, ours, reference, b.variables) if scaled else "equal"
+        scaled, index = scaled_difference(ours, reference.data, allowed)
+        place = largest_at(key, index, ours, reference, b.variables) if scaled else "equal"
         yield VariableComparison(name, key, scaled, place)
 
 
@@ -188,8 +188,8 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[VariableCompar
             yield VariableComparison(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
     # A sweep names how its members were integrated, so its method says nothing about the case.
     method, asked = str(a.attributes.get("method", "")), ours["method"]
-    taken = AUTOMATIC if asked == "auto" else (asked,)
-    if method not in taken and "members" not in a.attributes:
+    methods = AUTOMATIC if asked == "auto" else (asked,)
+    if method not in methods and "members" not in a.attributes:
         yield VariableComparison(
             name, "method", math.inf, f"{method}, where the case asks for {asked}"
         )
@@ -198,15 +198,15 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[VariableCompar
 def settings(case: Case) -> dict[str, Any]:
     """Every setting of a case by its path."""
 
-    def flat(at: str, value: Any) -> Iterator[tuple[str, Any]]:
+    def flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
         if isinstance(value, Mapping):
             for key, item in value.items():
-                yield from flat(f"{at}.{key}" if at else str(key), item)
-        elif isinstance(value, list | tuple) and at != "store":
+                yield from flat(f"{path}.{key}" if path else str(key), item)
+        elif isinstance(value, list | tuple) and path != "store":
             for i, item in enumerate(value):
-                yield from flat(f"{at}.{i}", item)
+                yield from flat(f"{path}.{i}", item)
         else:
-            yield at, value
+            yield path, value
 
     common = {of.name: getattr(case, of.name) for of in fields(case) if of.name != "data"}
     return dict(flat("", {**case.data, **common, "time": asdict(case.time)}))
@@ -252,12 +252,16 @@ def scaled_difference(
         )
     else:
         scaled = np.where(a == b, 0.0, math.inf)
-    at = np.unravel_index(int(np.argmax(scaled)), scaled.shape)
-    return float(scaled[at]), tuple(int(i) for i in at)
+    index = np.unravel_index(int(np.argmax(scaled)), scaled.shape)
+    return float(scaled[index]), tuple(int(i) for i in index)
 
 
 def largest_at(
-    name: str, at: tuple[int, ...], a: np.ndarray, b: Variable, coordinates: Mapping[str, Variable]
+    name: str,
+    index: tuple[int, ...],
+    a: np.ndarray,
+    b: Variable,
+    coordinates: Mapping[str, Variable],
 ) -> str:
     """Where a difference is the largest, in the reference's coordinates, and the two values
     there."""
@@ -266,15 +270,17 @@ def largest_at(
     if a.shape != b.data.shape:
         what = b.dims[0] if b.dims else "value"
         return f"{len(a)} along {what}, not {len(b.data)}"
-    if not at:
+    if not index:
         return ""
     where = [
         f"{dim} = {printed_coordinate(coordinates[dim].data[i])}"
         if dim in coordinates and dim != name
         else f"{dim} {i}"
-        for dim, i in zip(b.dims, at, strict=True)
+        for dim, i in zip(b.dims, index, strict=True)
     ]
-    return f"{', '.join(where)}: {printed_value(b, a[at])}, not {printed_value(b, b.data[at])}"
+    return (
+        f"{', '.join(where)}: {printed_value(b, a[index])}, not {printed_value(b, b.data[index])}"
+    )
 
 
 def printed_coordinate(value: object) -> str:

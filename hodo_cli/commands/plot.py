@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from ..results.dataset import StoredCases
 
 SOURCES = (".h5", *YAML_SUFFIXES)
-"""What the name of a result or of its config ends with, unless that is a bare name."""
+"""The suffixes of results and of their configs; a bare name has none."""
 
 RECORD = "drawn.json"
-"""What a folder of figures keeps of how each of its files was made."""
+"""The file in which a folder of figures records how each of its files was made."""
 
 PAGE_FILE = "index.html"
 """The page of all figures."""
@@ -75,13 +75,13 @@ def opened(name: Path) -> Iterator[tuple[ResultFile, Config]]:
     with open_batch(path) as run:
         warn_of_changes(run, config, "plot")
         config = config or parse(run.text, str(path))
-        # Cases are drawn from what is stored of them. Without them it is quick to send about.
+        # Figures are drawn from the stored cases. A config without its own is quick to pickle.
         yield run, replace(config, cases={})
 
 
 def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
-    """Which of the names are those of results or configs, the first in any case, and which those of
-    figures; a figure of the first comes before a config of the same name.
+    """The names of results and configs, the first in any case, and the names of figures; a figure
+    of the first comes before a config of the same name.
 
     Raises HodoError if the first is to be asked for its figures, and cannot be read.
     """
@@ -99,7 +99,7 @@ def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
 
 
 def _is_config(name: str) -> bool:
-    """Whether a name is that of a config that can be read."""
+    """Whether a name names a config that can be read."""
     with suppress(HodoError):
         return bool(load(name))
     return False
@@ -126,11 +126,12 @@ def draw_results(
         with opened(path) as (run, config):
             folders.append(Folder(out / run.path.stem, run, config, names, formats, force))
     with pool(jobs if any(folder.tasks for folder in folders) else 1) as workers:
-        left = sum(len(folder.tasks) for folder in folders)
-        kept = sum(len(folder.figures) for folder in folders)
-        with Progress(left, logs=False) as progress:
-            if kept:
-                progress.say(f"{kept} of {kept + left} figures are kept; --force draws them anew")
+        pending = sum(len(folder.tasks) for folder in folders)
+        unchanged = sum(len(folder.figures) for folder in folders)
+        with Progress(pending, logs=False) as progress:
+            if unchanged:
+                total = unchanged + pending
+                progress.say(f"{unchanged} of {total} figures are kept; --force draws them anew")
             for folder in folders:
                 for task, drawn in workers.map(draw_figure, folder.tasks):
                     if isinstance(drawn, Exception):
@@ -143,12 +144,14 @@ def draw_results(
                 yield f"{drawn.name}: {drawn.problem}", True
             elif drawn.files:
                 yield "\n".join(map(str, drawn.files)), False
-        given = [line for folder in folders for drawn in folder.figures for line in drawn.warnings]
+        messages = [
+            line for folder in folders for drawn in folder.figures for line in drawn.warnings
+        ]
         if not names:
-            given += renewed_page(out, folders, workers, force)
+            messages += renewed_page(out, folders, workers, force)
             yield str(out / PAGE_FILE), False
     # At the end, when all that is drawn or on the page has been read.
-    for line in dict.fromkeys(given):
+    for line in dict.fromkeys(messages):
         warnings.warn(line, stacklevel=2)
 
 
@@ -178,8 +181,8 @@ def draw_figure(task: FigureTask) -> DrawnFigure:
     with warnings.catch_warnings(record=True) as caught, open_cases(task.path) as cases:
         warnings.simplefilter("always")
         made = render(cases, task.config.figures, task.name, task.formats, task.folder)
-        given = warnings_of(caught, cases)
-    return replace(made, cases=tuple(sorted(cases.asked)), warnings=given)
+        messages = warnings_of(caught, cases)
+    return replace(made, cases=tuple(sorted(cases.asked)), warnings=messages)
 
 
 def warnings_of(
@@ -196,7 +199,7 @@ def warnings_of(
     lines += [
         f"{cases.path} is not classified: run `hodo classify {cases.path}` for labels and crossings"
         for cases in results
-        if any(map(lacks_labels, (cases.kept or {}).values()))
+        if any(map(lacks_labels, (cases.cache or {}).values()))
     ]
     return tuple(dict.fromkeys(lines))
 
@@ -247,14 +250,14 @@ class Folder:
             return None
         # A kind that cannot be turned has no file in HTML.
         files = tuple(self.path / file for file in entries if (self.path / file).exists())
-        given = dict.fromkeys(line for entry in entries.values() for line in entry["warnings"])
-        return DrawnFigure(name, files, warnings=tuple(given))
+        messages = dict.fromkeys(line for entry in entries.values() for line in entry["warnings"])
+        return DrawnFigure(name, files, warnings=tuple(messages))
 
     def _files(self, name: str) -> list[str]:
         return [f"{name}.{suffix}" for suffix in self._formats]
 
     def _digest(self, name: str, cases: Iterable[str], file: str) -> str:
-        """What one of a figure's files depends on, and its content: the figure's entry in the
+        """The digest of a figure's file and of all that it depends on: the figure's entry in the
         config, the cases that it has asked for, and the code that draws."""
         spec = self.config.figure(name)
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
@@ -271,17 +274,17 @@ def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: boo
     entry = record.get(PAGE_FILE, NEVER_DRAWN)
     if force or entry["digest"] != page_digest(out, folders):
         shown = [(folder.result, folder.config, folder.figures) for folder in folders]
-        for _, given in workers.map(page_written, [PageTask(out, shown)]):
-            if isinstance(given, Exception):
-                raise given
-            entry = record[PAGE_FILE] = entry_of(page_digest(out, folders), (), given)
+        for _, messages in workers.map(page_written, [PageTask(out, shown)]):
+            if isinstance(messages, Exception):
+                raise messages
+            entry = record[PAGE_FILE] = entry_of(page_digest(out, folders), (), messages)
         save_record(out, record)
     return list(entry["warnings"])
 
 
 def page_digest(out: Path, folders: Sequence[Folder]) -> str:
-    """What the page depends on, and its content: the results and figures that it shows, and the
-    sections of other results."""
+    """The digest of the page and of all that it depends on: the results and figures that it shows,
+    and the sections of other results."""
     shown = [(folder.config, os.path.relpath(folder.result, out)) for folder in folders]
     figures = [
         (drawn.name, [file.name for file in drawn.files], drawn.problem)
@@ -323,10 +326,10 @@ NEVER_DRAWN: FileRecord = {"digest": None, "cases": (), "warnings": ()}
 """The record of a file that has not been drawn."""
 
 
-def entry_of(digest: str, cases: Sequence[str], given: Sequence[str]) -> FileRecord:
+def entry_of(digest: str, cases: Sequence[str], messages: Sequence[str]) -> FileRecord:
     """How a file was made: the digest of what it depends on and of its content, the cases that it
     has asked for, and the warnings that it gave."""
-    return {"digest": digest, "cases": cases, "warnings": given}
+    return {"digest": digest, "cases": cases, "warnings": messages}
 
 
 def read_record(folder: Path) -> dict[str, FileRecord]:

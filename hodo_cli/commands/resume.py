@@ -32,8 +32,8 @@ REASONS = (
 
 
 def case_digest(case: Case) -> str:
-    """What a result depends on, as three digests: the code of models, engines and integration (of
-    sweeps too, where the case is one), the libraries, and the case without its remarks.
+    """The three digests on which a result depends: of the code of models, engines and integration
+    (of sweeps too, where the case is one), of the libraries, and of the case without its remarks.
 
     Nothing is integrated for it: the method that `auto` takes follows from the three.
     """
@@ -48,7 +48,7 @@ def _bare_digest(case: Case) -> str:
 
 
 def why(case: Case, done: Finished | None, force: bool) -> str:
-    """Why a case is to be run, given what is stored of it; an empty string if it need not be."""
+    """Why a case is to be run in spite of its stored result; an empty string if it need not be."""
     if done is None:
         return "it has no result yet"
     if done.damage:

@@ -41,8 +41,9 @@ those of the hidden folder beside the file need some."""
 
 @dataclass(frozen=True)
 class Plan:
-    """What `hodo run` does with one config: the cases asked for, why some of them run, and what is
-    kept. `left` are the stored cases that the config does not have any more, and whether they stay.
+    """What `hodo run` does with one config: the cases asked for, the reasons why some of them run,
+    and the results that it keeps. `obsolete` are the stored cases that the config does not have any
+    more, and whether they stay.
 
     `old` holds the stored results of cases to be rerun; they are kept if the run stops before them.
     """
@@ -51,9 +52,9 @@ class Plan:
     path: Path
     asked: tuple[str, ...]
     reasons: dict[str, str]
-    kept: dict[str, Finished]
+    reused: dict[str, Finished]
     old: dict[str, Finished]
-    left: dict[str, bool]
+    obsolete: dict[str, bool]
 
     def lines(self) -> list[str]:
         """For each case that is asked for, why it runs or not; and for each result that goes,
@@ -62,7 +63,7 @@ class Plan:
             name: f"will run: {self.reasons[name]}" if name in self.reasons else IS_KEPT
             for name in self.asked
         }
-        does |= {name: LEFT_AND_KEPT if stays else LEFT for name, stays in self.left.items()}
+        does |= {name: LEFT_AND_KEPT if stays else LEFT for name, stays in self.obsolete.items()}
         return [f"{name}: {what}" for name, what in does.items()]
 
     def execute(
@@ -79,11 +80,13 @@ class Plan:
         before = labelled(self.path, self.old)
         with Writer(self.path, self._root_attributes(), tuple(self.config.cases)) as writer:
             # Removed by another process since the plan was made: they have to run after all.
-            lost = [name for name, done in self.kept.items() if not self._keep(writer, done)]
+            lost = [name for name, done in self.reused.items() if not self._keep(writer, done)]
             # What has left the config cannot be run again.
-            left = dict.fromkeys([*self.reasons, *(name for name in lost if name not in self.left)])
-            writer.unfinished = self._sweep_ids(self.config.cases.keys() - self.kept.keys())
-            cases = [self.config.cases[name] for name in left]
+            pending = dict.fromkeys(
+                [*self.reasons, *(name for name in lost if name not in self.obsolete)]
+            )
+            writer.unfinished = self._sweep_ids(self.config.cases.keys() - self.reused.keys())
+            cases = [self.config.cases[name] for name in pending]
             rows: dict[str, dict[str, Any]] = {}
             for case, outcome in outcomes(cases, pool, writer, self, progress):
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
@@ -92,7 +95,7 @@ class Plan:
                 if is_ok or not self._had_ended_well(case.name):
                     done = partial(progress.done, case.name, problem(group, outcome))
                     writer.add(case.name, group, done)
-                    del left[case.name]
+                    del pending[case.name]
                 else:
                     stays = "; its earlier result is kept"
                     progress.done(case.name, problem(group, outcome) + stays)
@@ -101,7 +104,7 @@ class Plan:
                 if fail_fast and not is_ok:
                     break
             # Cases that the batch has not reached keep the results that they had.
-            for name in left:
+            for name in pending:
                 if name in self.old:
                     writer.keep(self.old[name])
         still = labelled(self.path, before)
@@ -137,7 +140,7 @@ class Plan:
 
     def _keep(self, writer: Writer, done: Finished) -> bool:
         """Take over a result, with the remarks that the case has now."""
-        if done.name in self.left:
+        if done.name in self.obsolete:
             return writer.keep(done)
         case = self.config.cases[done.name]
         is_same = done.attributes.get("hash") == case_digest(case)
@@ -156,8 +159,8 @@ class Plan:
 def execute(
     plans: Sequence[Plan], jobs: int, scheduler: str | None, quiet: bool, fail_fast: bool
 ) -> list[dict[str, Any]]:
-    """Run and store what is planned, in so many processes or on a dask scheduler; the attributes of
-    each case that was asked for and reached.
+    """Carry out the plans, in so many processes or on a dask scheduler; the attributes of each case
+    that was asked for and reached.
 
     Raises HodoError as `Plan.execute` does, or if no scheduler answers.
     """
@@ -210,13 +213,13 @@ def plans(
                 from ..sweeps.columns import stored_bytes
 
                 check_disk(case, stored_bytes(case), out)
-        if (plan.reasons or not all(plan.left.values())) and not force:
+        if (plan.reasons or not all(plan.obsolete.values())) and not force:
             check_writable(plan.path)
     return [plan for plan in made if plan.asked]
 
 
 def labelled(path: Path, names: Iterable[str]) -> list[str]:
-    """Those of the cases of a result that `hodo classify` has labelled."""
+    """The cases, among some of a result, that `hodo classify` has labelled."""
     if not os.path.lexists(path):
         return []
     with open_run(path) as run:
@@ -225,12 +228,12 @@ def labelled(path: Path, names: Iterable[str]) -> list[str]:
 
 
 ELSEWHERE = ": write elsewhere (--out), or over them (--force)"
-"""What a run can do about results that are in its way."""
+"""The two ways out for a run that finds other results in its way."""
 
 
 def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
-    """The file of a config's results: NAME.h5, or NAME,CASE.KEY=VALUE.h5 with what overrides
-    change, so that a trial does not replace the results of the config as it is."""
+    """The file of a config's results: NAME.h5 or, with overrides, NAME,CASE.KEY=VALUE.h5, so that a
+    trial does not replace the results of the config as it is."""
     # Of two for one key the last counts.
     last = {text.partition("=")[0]: text for text in overrides}.values()
     changes = ",".join(sorted(re.sub(r"[^\w.,=+()\[\]{}-]", "_", text) for text in last))
@@ -251,29 +254,29 @@ def plan_of(
     )
     asked = dict.fromkeys(config.matching(globs))
     reasons: dict[str, str] = {}
-    kept: dict[str, Finished] = {}
+    reused: dict[str, Finished] = {}
     for name, case in config.cases.items():
         stored = [(item, why(case, item, force)) for item in done.get(name, [])]
         if name not in asked and stored:
-            kept[name] = stored[0][0]
+            reused[name] = stored[0][0]
         elif name not in asked:
             continue
         elif fresh := [item for item, reason in stored if not reason]:
-            kept[name] = fresh[0]
+            reused[name] = fresh[0]
         else:
             reasons[name] = stored[0][1] if stored else why(case, None, force)
     old = {name: done[name][0] for name in reasons if name in done}
     gone = {name: items[0] for name, items in done.items() if name not in config.cases}
     # A damaged one cannot be copied into the new file.
-    left = {name: not prune and not item.damage for name, item in gone.items()}
-    kept |= {name: gone[name] for name, stays in left.items() if stays}
-    return Plan(config, path, tuple(asked), reasons, kept, old, left)
+    obsolete = {name: not prune and not item.damage for name, item in gone.items()}
+    reused |= {name: gone[name] for name, stays in obsolete.items() if stays}
+    return Plan(config, path, tuple(asked), reasons, reused, old, obsolete)
 
 
 def outcomes(
     cases: Sequence[Case], pool: Pool, writer: Writer, plan: Plan, progress: Progress
 ) -> Iterator[tuple[Case, Group | Exception]]:
-    """Each case with what is to be stored of it, or why there is nothing: single cases, then the
+    """Each case with its group to be stored, or the error that left none: single cases, then the
     sweeps."""
     single = [case for case in cases if not case.sweep]
     yield from pool.map(finish, progress.starting(single, attrgetter("name")))
@@ -312,7 +315,8 @@ def problem(group: Group, outcome: Group | Exception) -> str:
 
 
 def foreseen(case: Case) -> list[str]:
-    """What the data of a case, or of the members at the ends of a sweep, say against its model."""
+    """The objections to its model that the data of a case raise, or those of the members at the
+    ends of a sweep."""
     if not case.sweep:
         return case.system.warnings
     from ..sweeps.members import warnings_of_ends  # only sweeps need them

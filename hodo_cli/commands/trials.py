@@ -61,15 +61,15 @@ class ReferenceMotion:
     """The motion of a case, better than any method gives it in double precision, at samples of the
     case.
 
-    `floor` is what one ulp in the data does to it; `kept` are the positions of the quantities, of T
-    and |G|, that it conserves.
+    `floor` is the change that one ulp in the data makes; `conserved` are the positions, among T and
+    |G|, of the quantities that it conserves.
     """
 
     motion: Trajectory
     kind: str
     floor: float
     crossings: tuple[Crossing, ...]
-    kept: tuple[int, ...]
+    conserved: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ def truth(case: Case) -> ReferenceMotion:
         motion, kind = solve(case, method, "quadruple", times=times), f"{method}, quadruple"
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
     changes = drifts(motion)
-    kept = tuple(i for i, change in enumerate(changes) if change <= UNCHANGED)
-    return ReferenceMotion(motion, kind, floor, tuple(crossings), kept)
+    conserved = tuple(i for i, change in enumerate(changes) if change <= UNCHANGED)
+    return ReferenceMotion(motion, kind, floor, tuple(crossings), conserved)
 
 
 def worst(errors: Mapping[str, float]) -> float:
@@ -176,7 +176,7 @@ def trial(
     """One case by one method at one tolerance, timed and judged."""
     case = replace(case, method=method, tol=tol, max_seconds=max_seconds)
     try:
-        choose(case)  # a trial for stiffness is no part of what is timed
+        choose(case)  # the time does not include the trial for stiffness
         began = thread_time()
         motion = solved(case)
         first = thread_time() - began
@@ -196,7 +196,7 @@ def trial(
         steps=motion.steps,
         rhs_evaluations=motion.evaluations or math.nan,
         # One that ran out of time before its first sample has none.
-        drift=max((changes[i] for i in sure.kept if changes), default=math.nan),
+        drift=max((changes[i] for i in sure.conserved if changes), default=math.nan),
         floor=sure.floor,
         message=motion.message,
     )
@@ -219,7 +219,7 @@ def compared(motion: Trajectory) -> Trajectory:
 
 
 def verdict(motion: Trajectory, error: float, floor: float) -> str:
-    """What a result is worth; SILENT if it is wrong and does not say so."""
+    """The verdict on a result; SILENT if it is wrong and does not say so."""
     if not motion.whole:
         return "timeout" if motion.status is Status.TIMEOUT else "failed with a message"
     if error <= SLACK * max(motion.tol, ASKED):

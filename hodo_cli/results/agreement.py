@@ -21,17 +21,17 @@ RTOL = 1e-9
 # A time is worse conditioned than the state: 20 to 30 times on Fig 4 of paper 1, up to 1,000 times
 # on Fig 12, whose states agree far better than RTOL asks.
 CONDITION = 100.0
-"""By how much more the time of an event may be off than the state, and what is measured at that
-time."""
+"""The factor by which the time of an event, and a value measured at that time, may be further off
+than the state."""
 
 LOCATED = ("event_time", "crossing_time", "crossing_G")
 """The variables to which `CONDITION` applies."""
 
 STATED = 10.0
-"""A time may be off by so many times its stated error, which is that of one compiler's rounding."""
+"""A time may be off by so many times its stated error, which holds one compiler's rounding."""
 
 MAGNITUDE = 30.0
-"""The factor by which errors of one method may differ: that of another compiler's rounding."""
+"""The factor by which errors of one method may differ from one compiler's rounding to another."""
 
 LUCK = 8 * EPS
 """The largest relative error in place of which another machine may meet none at all."""
@@ -80,11 +80,11 @@ class ReferenceValues(NamedTuple):
 
     def of_size(self, size: Any, condition: float = 1.0) -> np.ndarray:
         """atol + rtol size, by the tolerances asked for, or else the variable's own."""
-        own, asked = self.variable.attrs, self.tolerance
+        attrs, asked = self.variable.attrs, self.tolerance
         rtol = asked.rtol * condition if asked.rtol is not None else None
         if rtol is None:
-            rtol = float(own["rtol"]) if "rtol" in own else RTOL * condition
-        atol = float(own.get("atol", 0.0)) if asked.atol is None else asked.atol
+            rtol = float(attrs["rtol"]) if "rtol" in attrs else RTOL * condition
+        atol = float(attrs.get("atol", 0.0)) if asked.atol is None else asked.atol
         return np.asarray(atol + np.maximum(rtol * size, SUBNORMAL))
 
 
@@ -93,9 +93,9 @@ def equal(b: ReferenceValues) -> np.ndarray:
     return np.zeros(b.variable.data.shape)
 
 
-def given(b: ReferenceValues) -> np.ndarray:
-    """Times and swept data are what the case says; a time at which an event ends the motion is as
-    good as that of the event."""
+def input_agreement(b: ReferenceValues) -> np.ndarray:
+    """Times and swept data come from the case; the last time of a motion that an event ended is as
+    good as the time of the event."""
     allowed = np.full(b.size.shape, GIVEN * float(np.max(b.size, initial=0)))
     events = b.group.variables.get("event_time")
     if b.name != "time" or events is None:
@@ -124,10 +124,10 @@ def vector_agreement(b: ReferenceValues) -> np.ndarray:
     return b.of_size(np.max(b.size, axis=axis, keepdims=True, initial=0))
 
 
-def series(b: ReferenceValues) -> np.ndarray:
+def series_agreement(b: ReferenceValues) -> np.ndarray:
     """A scalar of the time is judged by its size about that time: the smaller of the largest values
     until then and from then on, which is the amplitude of an oscillation, growing or decaying; and
-    no less than that of its neighbours, for an end at 0."""
+    no less than the size of its neighbours, for an end at 0."""
     size = np.moveaxis(b.size, b.variable.dims.index("time"), 0)
     about = np.minimum(
         np.maximum.accumulate(size), np.flip(np.maximum.accumulate(np.flip(size, 0)), 0)
@@ -155,10 +155,12 @@ class AgreementRule(NamedTuple):
 RULES = (
     AgreementRule(lambda name, b: b.data.dtype.kind != "f", equal),
     # A range that is swept is named by the key that it changes.
-    AgreementRule(lambda name, b: name in b.dims or b.attrs.get("long_name") == name, given),
+    AgreementRule(
+        lambda name, b: name in b.dims or b.attrs.get("long_name") == name, input_agreement
+    ),
     AgreementRule(lambda name, b: name in LOCATED, located_difference),
     AgreementRule(lambda name, b: "axis" in b.dims and b.data.ndim > 1, vector_agreement),
-    AgreementRule(lambda name, b: "time" in b.dims, series),
+    AgreementRule(lambda name, b: "time" in b.dims, series_agreement),
     AgreementRule(lambda name, b: True, number_agreement),
 )
 """The kinds of variables; the first that holds counts."""
@@ -234,7 +236,7 @@ OF_METHOD: Mapping[str, Callable[[Any, Any], bool]] = {
     "error_quantiles": same_magnitude,
     "crossing_error_quantiles": same_magnitude,
 }
-"""Those that have a reason to agree where both cases are computed by one method at one
+"""The attributes that have a reason to agree where both cases are computed by one method at one
 tolerance."""
 
 
@@ -244,8 +246,8 @@ def values_alike(a: Group, b: Group) -> bool:
 
 
 def differing_attributes(a: Group, b: Group) -> Iterator[tuple[str, str]]:
-    """The attributes of the reference `b`, and of its variables, with which those of `a` do not
-    agree: name and both values."""
+    """The attributes in which `a` and its variables do not agree with the reference `b`: name and
+    both values."""
     for key, agree in {**OF_CASE, **(OF_METHOD if values_alike(a, b) else {})}.items():
         ours, theirs = (group.attributes.get(key) for group in (a, b))
         if theirs is not None and (ours is None or not agree(ours, theirs)):

@@ -95,12 +95,12 @@ def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> 
         raise HodoError(f"{owner}: its coordinate {dim!r} holds more than finite numbers")
     if not (np.diff(values.astype(float)) < 0).any():
         return data
-    place = np.argsort(values, kind="stable")
+    order = np.argsort(values, kind="stable")
     # Parts that follow each other may share an end; parts of one span make no single curve.
-    if twice := values[place][1:][np.diff(values[place]) == 0].tolist():
+    if twice := values[order][1:][np.diff(values[order]) == 0].tolist():
         words = BODY_AXES[twice[0]] if dim == "axis" else f"{twice[0]:.6g}"
         raise HodoError(f"{owner}: its coordinate {dim!r} has {words} twice, out of order")
-    return data.isel({dim: place})
+    return data.isel({dim: order})
 
 
 def name_of(value: object) -> str:
@@ -115,34 +115,34 @@ def case_in(data: xr.Dataset, owner: str) -> Case:
     """
     if "case" not in data.attrs:
         raise HodoError(
-            f"{owner}: its attributes hold no case, as those of a result do; what computes with a "
-            "dataset drops them unless it is told keep_attrs=True"
+            f"{owner}: its attributes hold no case, as the attributes of a result do; "
+            "arithmetic with a dataset drops them without keep_attrs=True"
         )
     case = case_of(data.attrs, owner)
-    given = case.data
+    case_data = case.data
     for name in [key for axis in axes_of(case.sweep or {}) for key in axis.keys]:
         if name in data.variables and not data.variables[name].dims:
-            given = put(given, path_of(name), float(data.variables[name].data))
-    return case if given is case.data else replace(case, data=given)
+            case_data = put(case_data, path_of(name), float(data.variables[name].data))
+    return case if case_data is case.data else replace(case, data=case_data)
 
 
 def is_sweep(data: xr.Dataset) -> bool:
-    """Whether a dataset has members: a variable of a sweep has an axis that is none of a motion."""
+    """Whether a dataset has members: an axis that single motions do not have."""
     return bool(sweep_axes(data))
 
 
 MOTION_DIMS = ("time", "axis", "quaternion", "crossing", "event")
-"""The dimensions of what is stored of a single motion."""
+"""The dimensions of the variables of a single motion."""
 
 
 def sweep_axes(data: xr.Dataset) -> list[str]:
-    """The dimensions over which a dataset has members, in its order: those of their status."""
+    """The dimensions over which a dataset has members, in the order of their status."""
     status = data.variables.get("status")
     if status is not None:
         return [str(dim) for dim in status.dims]
     dims = [str(dim) for variable in data.variables.values() for dim in variable.dims]
-    given = "members" in data.attrs
-    return [dim for dim in dict.fromkeys(dims) if given and dim not in MOTION_DIMS]
+    is_sweep_group = "members" in data.attrs
+    return [dim for dim in dict.fromkeys(dims) if is_sweep_group and dim not in MOTION_DIMS]
 
 
 def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
@@ -178,8 +178,8 @@ def motions_of(cases: Cases, names: Sequence[str], labels: Sequence[str] = ()) -
 
     Raises HodoError as `motion_from` does, or if one has no samples.
     """
-    given = zip_longest(names, labels[: len(names)], fillvalue="")
-    motions = [motion_from(cases[name], name, label) for name, label in given]
+    labelled = zip_longest(names, labels[: len(names)], fillvalue="")
+    motions = [motion_from(cases[name], name, label) for name, label in labelled]
     for motion in motions:
         if not motion.sampled:
             status = motion.attrs["status"]
@@ -200,22 +200,22 @@ RECENT: dict[tuple[str, str, str], xr.Dataset] = {}
 figures and on the page, and to read one takes some milliseconds."""
 
 SMALL, AT_MOST = 10**6, 200
-"""The bytes of a case that is kept so, and how many are: 200 MB at most."""
+"""The largest case in bytes that is kept so, and the number of cases: 200 MB at most."""
 
 
 class StoredCases(Mapping[str, xr.Dataset]):
     """The cases of a result file by name, each read when it is asked for.
 
     `attrs` are the attributes of the file; `asked` are the names that were asked for, whether there
-    is such a case or not, and `kept`, if any are to be kept, the cases that were read.
+    is such a case or not, and `cache`, if there is one, holds the cases that were read.
     """
 
     def __init__(
         self, path: Path, reader: Callable[[], AbstractContextManager[ResultFile]],
-        kept: dict[str, xr.Dataset] | None = None,
+        cache: dict[str, xr.Dataset] | None = None,
     ) -> None:  # fmt: skip
         """`reader` opens the file for each reading. Raises HodoError as `open_batch` does."""
-        self.path, self._reader, self.kept = path, reader, kept
+        self.path, self._reader, self.cache = path, reader, cache
         self.asked: set[str] = set()
         with reader() as run:
             self._names = tuple(run.cases())
@@ -229,16 +229,16 @@ class StoredCases(Mapping[str, xr.Dataset]):
         """
         if name not in self:
             raise NoSuchCase(f"{self.path}: {unknown(f'case {name!r}', str(name), self._names)}")
-        if self.kept is None:
+        if self.cache is None:
             return self._read(name)
-        if name not in self.kept:
-            self.kept[name] = self._read(name)
-        return self.kept[name]
+        if name not in self.cache:
+            self.cache[name] = self._read(name)
+        return self.cache[name]
 
     def _read(self, name: str) -> xr.Dataset:
         with self._reader() as run:
             # Cases that are kept are never changed, so that one reading serves every figure.
-            checksum = "" if self.kept is None else run.checksum(name)
+            checksum = "" if self.cache is None else run.checksum(name)
             key = (str(self.path), name, checksum)
             if checksum and key in RECENT:
                 return RECENT[key]

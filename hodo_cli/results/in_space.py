@@ -52,9 +52,9 @@ def euler_angle(name: str, m: "Motion") -> np.ndarray:
     return angle
 
 
-def quaternion_part(part: str, m: "Motion") -> np.ndarray:
+def quaternion_part(letter: str, m: "Motion") -> np.ndarray:
     """a, b, c or d (n,) of the attitude."""
-    return m.stored("attitude")[:, "abcd".index(part)]
+    return m.stored("attitude")[:, "abcd".index(letter)]
 
 
 IN_SPACE = {

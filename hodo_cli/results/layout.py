@@ -76,10 +76,10 @@ def case_attributes(case: Case, mark: str, **others: Any) -> dict[str, Attribute
     """
     if source := models.added_source(case.model):
         others[MODEL_SOURCE] = source
-    given = {"model": case.model, "form": case.form, "case": dump(case), "hash": mark} | others
-    if missing := ATTRIBUTES.keys() - given.keys():
+    attributes = {"model": case.model, "form": case.form, "case": dump(case), "hash": mark} | others
+    if missing := ATTRIBUTES.keys() - attributes.keys():
         raise TypeError(f"a case is stored without {', '.join(sorted(missing))}")
-    return {name: given[name] for name in [*ATTRIBUTES, *others]}
+    return {name: attributes[name] for name in [*ATTRIBUTES, *others]}
 
 
 # Variables
@@ -150,7 +150,7 @@ CROSSING_COLUMNS = {
     "crossing_to": ("end", Stored("axis enclosed after", ("crossing",), "i1", flags=AXIS_FLAGS)),
     "crossing_G": ("momentum", Stored("|G| at the passage", ("crossing",), units=MOMENTUM)),
 }
-"""What is stored of each crossing: the field of `Crossing` that it holds, and how."""
+"""The columns of crossings: the field of `Crossing` that each holds, and how it is stored."""
 
 GROWTH_RATE = Stored(
     "rate at which a small tilt away from the axis grows, on the mean over a turn",
@@ -164,7 +164,7 @@ EVENT_COLUMNS = {
     "event_time": ("time", Stored("time of the event", ("event",), units="time")),
     "event_kind": ("kind", Stored("kind of the event", ("event",), "O")),
 }
-"""What is stored of each event of the motion: the field of `Occurrence` that it holds, and how."""
+"""The columns of events: the field of `Occurrence` that each holds, and how it is stored."""
 
 EVENT_DETAILS = {
     "from": Stored("axis enclosed before the passage", ("event",)),
@@ -184,8 +184,8 @@ EVENT_DETAILS = {
     "G2": Stored("G/|G| along x2 as the body stops", ("event",)),
     "G3": Stored("G/|G| along x3 as the body stops", ("event",)),
 }
-"""What may be stored with an event as `event_NAME`, by the names in `Occurrence.details`; nan where
-one has none. They are those of passages in averaged motions."""
+"""Further columns of events, `event_NAME` by the names in `Occurrence.details`; nan where an event
+lacks the detail. Passages in averaged motions have them."""
 
 MEMBER_STATUS = {
     "status": Stored("how the member ended", (), "i1", flags=flags(dict(enumerate(Status))))
@@ -205,7 +205,7 @@ MEMBER_CLASSIFIED = {
     "share": Stored("part of the span in which the hodograph encloses an axis", ("axis",)),
     "separation": Stored("smaller |D| of start and end, as a part of the sum of its terms"),
 }
-"""What is stored of each member of a sweep where a hodograph encloses an axis, over the sweep's
+"""The columns of a sweep's members where a hodograph encloses an axis, over the sweep's
 dimensions."""
 
 MEMBER_PASSED = {
@@ -213,8 +213,8 @@ MEMBER_PASSED = {
     or EVENT_DETAILS[name.removeprefix("event_")]._replace(dims=())
     for name in PASSED
 }
-"""What is stored of each member where the motion stores its axis and its passages; `event_NAME` is
-that of its last event."""
+"""The columns of a sweep's members where the motion stores its axis and its passages; `event_NAME`
+belongs to the last event."""
 
 MEMBER_STEPS = {"steps": Stored("steps of the integration", (), "i4")}
 
@@ -236,7 +236,7 @@ def case_variables(
 ) -> dict[str, Variable]:
     """The variables of a motion: what the model stores over the times (n,), and the events.
 
-    `labels` are those of the model's variables; one of `time` replaces the plain one. `errors` are
+    `labels` belong to the model's variables; a label of `time` replaces the plain one. `errors` are
     the measured errors of some of them.
     """
     of_time = labels.get("time", PLAIN_TIME)
@@ -293,7 +293,7 @@ def passages_as_crossings(events: Sequence[Occurrence], error: float) -> list[Cr
 
 
 def event_details(events: Sequence[Occurrence]) -> dict[str, Variable]:
-    """What comes with the events, one variable for each detail that any of them has."""
+    """The details of events, one variable for each detail that any of them has."""
     return {
         f"event_{name}": stored.holding([event.details.get(name, math.nan) for event in events])
         for name, stored in EVENT_DETAILS.items()
@@ -309,7 +309,7 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 
 
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
-    """Variables with their units in those of a case."""
+    """Variables with their units in the units of a case."""
     return {
         name: replace(
             variable,
@@ -350,7 +350,7 @@ def case_group(trajectory: Trajectory, mark: str) -> Group:
 
 
 def label_group(labelled: Classification, case: Case) -> Group:
-    """What `classify` adds to a stored case."""
+    """The group that `classify` adds to a stored case."""
     variables = label_variables(labelled.labels, labelled.crossings)
     if labelled.growth is not None:
         variables["growth_rate"] = GROWTH_RATE.holding(labelled.growth)

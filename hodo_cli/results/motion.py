@@ -1,8 +1,8 @@
 """A motion as figures and claims see it: the view of one dataset, by its coordinates, with every
 quantity that follows from its samples.
 
-`QUANTITIES` is the one table of what is derived from stored variables: |G|, T, D and the others are
-computed when they are asked for, from the samples, and by nobody else.
+`QUANTITIES` is the one table of derived quantities: |G|, T, D and the others are computed from the
+samples, here alone, when they are asked for.
 """
 
 import math
@@ -118,10 +118,10 @@ class Motion:
         return {name: self[name] for name in variables}
 
     def units(self, variable: str) -> str:
-        """The units of a variable or quantity in those of the case; "1" for a number."""
+        """The units of a variable or quantity in the units of the case; "1" for a number."""
         name = variable.partition(".")[0]
-        given = self.data[name].attrs if name in self.data else {}
-        return units_of_case(str(given.get("units", UNITS.get(name, "1"))), self.case)
+        attrs = self.data[name].attrs if name in self.data else {}
+        return units_of_case(str(attrs.get("units", UNITS.get(name, "1"))), self.case)
 
     def lacks_unit(self, variable: str) -> bool:
         """Whether nothing says what units a quantity has: it carries a moment of inertia, and only
@@ -149,7 +149,7 @@ class Motion:
         return name in self.data and self.data[name].dims == ("time",)
 
     def _hint(self, name: str) -> str:
-        """What to write instead of a name that is none."""
+        """The names that stand for variables, for the message about one that does not."""
         if name in self.vectors:
             return (
                 f"it is a vector, name a component: {', '.join(f'{name}.{x}' for x in BODY_AXES)}"
@@ -187,10 +187,10 @@ class Motion:
     @cached_property
     def inertia(self) -> np.ndarray:
         """Principal moments of inertia (3,)."""
-        given = self.case.data["inertia"]
-        if isinstance(given, Mapping):  # a top gives A, twice, and C
-            given = (given["A"], given["A"], given["C"])
-        return np.array(given, dtype=float)
+        moments = self.case.data["inertia"]
+        if isinstance(moments, Mapping):  # a top gives A, twice, and C
+            moments = (moments["A"], moments["A"], moments["C"])
+        return np.array(moments, dtype=float)
 
     @cached_property
     def order(self) -> tuple[int, int, int]:
@@ -283,7 +283,7 @@ def forms_apart(motion: Motion, other: Motion) -> np.ndarray:
 
 
 LATER = ("crossing_error", "crossing_G")
-"""What early files of format 1 do not have; it is nan in a crossing."""
+"""The columns that early files of format 1 lack; they are nan in a crossing."""
 
 
 def motion_of(
@@ -311,12 +311,12 @@ def _parsed(text: str) -> Case:
 
 
 def damage(data: Mapping[Any, Array]) -> str:
-    """What is wrong with the variables of a single motion; an empty string if nothing is."""
+    """The damage to the variables of a single motion; an empty string if there is none."""
     dims = {"time": ("time",), "omega": ("time", "axis"), "enclosed_axis": ("time",)}
     dims |= dict.fromkeys(CROSSING_COLUMNS, ("crossing",))
     # A selection of one component leaves a number over time.
-    whole = "omega" in data and data["omega"].dims != ("time",)
-    present = ["time", *["omega"] * whole, *["enclosed_axis"] * ("enclosed_axis" in data)]
+    has_vectors = "omega" in data and data["omega"].dims != ("time",)
+    present = ["time", *["omega"] * has_vectors, *["enclosed_axis"] * ("enclosed_axis" in data)]
     if "enclosed_axis" in data:
         # Labels and crossings are stored together.
         present += [name for name in CROSSING_COLUMNS if name not in LATER or name in data]
@@ -409,7 +409,7 @@ QUANTITIES: dict[str, Derive] = {
     "H": lambda m: _first_integral(m, "H"),
     **OF_ATTITUDE,
 }
-"""Quantities over time (n,) by name, from what is stored of a motion, where it stores none of this
+"""Quantities over time (n,) by name, from the stored variables of a motion that stores none of this
 name. Each raises KeyError with the stored variable that it needs and the case does not have."""
 
 UNITS = {
@@ -438,4 +438,5 @@ UNITS = {
     "theta": "rad",
     "phi": "rad",
 }
-"""The units of `QUANTITIES` in words, of components by their vector; what is stored has its own."""
+"""The units of `QUANTITIES` in words, of components by their vector; stored variables have their
+own."""

@@ -13,7 +13,7 @@ LARGEST_TURN = math.radians(15)
 """The largest angle by which a hodograph may turn from one sample to the next."""
 
 OSCILLATION = math.radians(30)
-"""The same of a component over time, whose peaks are what is read: 3 % of them is lost."""
+"""The largest such angle for a component over time, whose peaks are read: 3 % of them is lost."""
 
 VISIBLE = 0.02
 """The shortest chord that the eye sees, as a part of the size of a curve."""
@@ -27,7 +27,7 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     sample, and the distance (n,) that it covers there; by the rates, since samples that miss whole
     turns look smooth.
 
-    The rates are those of a free body, beside which a torque turns G slowly.
+    The rates belong to a free body, beside which a torque turns G slowly.
     """
     omega, A = motion.omega, motion.inertia
     size = np.abs(omega).max(initial=0) or 1.0
@@ -43,13 +43,13 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     return np.where(speed > 0, np.nan_to_num(curl), 0) * wide, speed * wide * size
 
 
-def coarse(motion: Motion, part: slice, limit: float = LARGEST_TURN) -> str:
-    """What is to be said of a motion whose samples are too few for a curve of G; an empty text if
-    they are not."""
-    if len(motion.time[part]) < 3:
+def coarse(motion: Motion, drawn: slice, limit: float = LARGEST_TURN) -> str:
+    """The warning that the samples of a motion which are drawn are too few for a curve of G; an
+    empty text if they are enough."""
+    if len(motion.time[drawn]) < 3:
         return ""
-    angle, distance = (values[part] for values in turns(motion))
-    size = np.abs(motion.G[part]).max(initial=0)
+    angle, distance = (values[drawn] for values in turns(motion))
+    size = np.abs(motion.G[drawn]).max(initial=0)
     seen = angle[distance > VISIBLE * size]
     worst = float(seen.max(initial=0))
     if worst <= limit:
@@ -77,7 +77,7 @@ def oscillates(name: str) -> bool:
 
 
 def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[str]:
-    """What is to be said of a figure some of whose motions have too few samples for its curves."""
+    """The warnings about the motions of a figure whose samples are too few for its curves."""
     kind = spec["kind"]
     names = [spec["x"], spec["y"]] if kind == "phase" else spec.get("variables", ())
     if kind not in CURVES and not any(map(oscillates, names)):

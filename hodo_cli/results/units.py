@@ -1,4 +1,4 @@
-"""The units of what is stored and derived: products of powers of the units that a case gives."""
+"""The units of stored and derived variables: products of powers of the units that a case gives."""
 
 import re
 from collections import Counter
@@ -13,17 +13,17 @@ FACTOR = re.compile(r"([^\W\d_]+|°|%)(?:\^?(-?\d+))?")
 
 
 def units_of_case(stated: str, case: Case) -> str:
-    """The units that are stated in words, such as "moment of inertia / time^2", in those of a case,
-    such as "kg m^2/s^2"; what is in no words stays as it is."""
-    given = {"inertia": case.inertia_unit, TIME_WORD: case.time.unit}
+    """Units stated in words, such as "moment of inertia / time^2", in the units of a case, such as
+    "kg m^2/s^2"; other units stay as they are."""
+    case_units = {"inertia": case.inertia_unit, TIME_WORD: case.time.unit}
     powers = factors(stated.replace(INERTIA, "inertia"))
-    if not powers.keys() & given.keys():
+    if not powers.keys() & case_units.keys():
         return stated
     if len(powers) == 1 and 1 in powers.values():
-        return given[next(iter(powers))]  # as it is spelled
+        return case_units[next(iter(powers))]  # as it is spelled
     total: Counter[str] = Counter()
     for word, power in powers.items():
-        for unit, of_unit in factors(given.get(word, word)).items():
+        for unit, of_unit in factors(case_units.get(word, word)).items():
             total[unit] += power * of_unit
     return written(total)
 
@@ -32,13 +32,13 @@ def factors(text: str) -> dict[str, int]:
     """The units in a product such as "kg m^2/s" with their powers; none in "1". A text that is no
     such product counts as one unit."""
     powers: Counter[str] = Counter()
-    for place, part in enumerate(text.split("/")):
-        for word in re.split(r"[\s*·.]+", part.strip()):
+    for position, product in enumerate(text.split("/")):
+        for word in re.split(r"[\s*·.]+", product.strip()):
             if word == "1":
                 continue
             if not (factor := FACTOR.fullmatch(word)):
                 return {f"({text})": 1}
-            powers[factor[1]] += (-1 if place else 1) * int(factor[2] or 1)
+            powers[factor[1]] += (-1 if position else 1) * int(factor[2] or 1)
     return powers
 
 

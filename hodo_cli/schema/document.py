@@ -19,7 +19,7 @@ from .kinds import KeyPath, WrongKey, shown
 from .mistakes import Mistakes, Place
 
 YAML_SUFFIXES = (".yaml", ".yml")
-"""What the name of a YAML file ends with."""
+"""The suffixes of YAML files."""
 
 # Half a million values take 100 MB of memory and some seconds; the papers' files hold 1,300 at
 # most, 8 levels deep.
@@ -51,7 +51,7 @@ class Block(dict[str, Any]):
     """A mapping that knows the places of its keys and values, and which keys it inherited from
     `defaults`.
 
-    The place of a value that is itself a mapping or list in block style is that of its key.
+    A value that is itself a mapping or list in block style has the place of its key.
     """
 
     def __init__(self) -> None:
@@ -88,11 +88,11 @@ class Items(list[Any]):
         return Items(list(self), list(self.places))
 
 
-def locate(root: Any, at: KeyPath, place: Place) -> tuple[Place, bool]:
-    """The place of what stands at a path, or of its nearest ancestor, and whether it is
-    inherited."""
+def locate(root: Any, path: KeyPath, place: Place) -> tuple[Place, bool]:
+    """The place of the value at a path, or of its nearest ancestor, and whether `defaults` gave
+    it."""
     node, inherited = root, False
-    for part in at:
+    for part in path:
         if isinstance(node, Block) and isinstance(part, str) and part in node:
             inherited = inherited or part in node.inherited
             place = (node.key_places if isinstance(part, WrongKey) else node.value_places)[part]
@@ -142,7 +142,7 @@ def _reason(error: yaml.MarkedYAMLError, mark: yaml.Mark | None, text: str, over
         # An override is one line, and stands within a document of its own.
         where = "" if override else f" of line {error.context_mark.line + 1}"
         return f"{OPENED[error.context]}{where} is not closed, or lacks a comma"
-    return ", ".join(part for part in (error.context, error.problem) if part)
+    return ", ".join(phrase for phrase in (error.context, error.problem) if phrase)
 
 
 class _Reader:
@@ -253,12 +253,12 @@ class _Reader:
         block = Block()
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             key, key_place = self.key(event, path)
-            at = (*path, key)
+            key_path = (*path, key)
             first = block.key_places.get(key)
             if first:
                 message = f"duplicate key; the first is in line {first.line}"
-                self.mistakes.add(key_place, message, at)
-            value, value_place = self.value(next(self.events), at, key_place)
+                self.mistakes.add(key_place, message, key_path)
+            value, value_place = self.value(next(self.events), key_path, key_place)
             # The first of two equal keys counts.
             if not first:
                 block.put(key, value, key_place, value_place)

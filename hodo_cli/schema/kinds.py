@@ -30,8 +30,8 @@ class Wrong(Exception):
 
     def __str__(self) -> str:
         """A line for each: the key, and what is right."""
-        lines = ((".".join(map(str, at)), sentence) for at, sentence in self.mistakes)
-        return "\n".join(f"{at}: {sentence}" if at else sentence for at, sentence in lines)
+        lines = ((".".join(map(str, path)), sentence) for path, sentence in self.mistakes)
+        return "\n".join(f"{path}: {sentence}" if path else sentence for path, sentence in lines)
 
 
 class WrongKey(str):
@@ -58,7 +58,7 @@ def is_scalar(value: Any) -> bool:
 
 
 class Kind:
-    """What every kind offers."""
+    """The methods of every kind."""
 
     def check(self, value: Any) -> Any:
         """The resolved value. Raises Wrong."""
@@ -104,7 +104,7 @@ def check_parts(parts: Iterable[Part]) -> tuple[dict[Any, Any], list[Mistake]]:
         try:
             values[key] = kind.check(value)
         except Wrong as error:
-            mistakes += [((key, *at), sentence) for at, sentence in error.mistakes]
+            mistakes += [((key, *path), sentence) for path, sentence in error.mistakes]
     return values, mistakes
 
 
@@ -116,19 +116,19 @@ def all_right(values: dict[Any, Any], mistakes: Sequence[Mistake]) -> dict[Any, 
 
 
 def check_keys(
-    keys: Mapping[str, Key], given: Mapping[str, Any]
+    keys: Mapping[str, Key], entries: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[Mistake]]:
     """The values of `keys` with defaults filled in, without those that are missing or wrong, and
     all mistakes."""
     values, mistakes = check_parts(
-        (name, key.kind, given[name]) for name, key in keys.items() if name in given
+        (name, key.kind, entries[name]) for name, key in keys.items() if name in entries
     )
     mistakes += [
-        ((WrongKey(name),), unknown("key", name, keys)) for name in given if name not in keys
+        ((WrongKey(name),), unknown("key", name, keys)) for name in entries if name not in keys
     ]
-    absent = {name: key.default for name, key in keys.items() if name not in given}
+    absent = {name: key.default for name, key in keys.items() if name not in entries}
     # One that is misspelt is not missing as well.
-    meant = {near(name, keys) for name in given if name not in keys}
+    meant = {near(name, keys) for name in entries if name not in keys}
     missing = [name for name, default in absent.items() if default is REQUIRED]
     if missing := [name for name in missing if name not in meant]:
         mistakes.append(((), f"missing {', '.join(map(repr, missing))}"))
@@ -138,7 +138,7 @@ def check_keys(
 
 
 def unknown(what: str, name: str, valid: Iterable[str]) -> str:
-    """The sentence for a name that is none of `valid`, with the nearest spelling."""
+    """The sentence about a name that is not among the `valid` ones, with the nearest spelling."""
     names = list(valid)
     # A line of a terminal or two; beyond that a list hides the mistake.
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
@@ -148,7 +148,7 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
 
 LONGEST_SEARCHED = 40
 """Names in a list that is searched by likeness, which takes some 20 us a name; a mistaken file can
-have a thousand names that are none of another thousand."""
+have a thousand names, each compared with another thousand."""
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
@@ -164,15 +164,15 @@ def near(name: str, valid: Iterable[str]) -> str | None:
     if len(folded) <= LONGEST_SEARCHED:
         close = get_close_matches(name, folded, n=1)
     else:
-        shorter = _one_letter_less(tuple(folded))
-        close = [shorter[part] for part in _shortened(name) if part in shorter]
+        names = _one_letter_less(tuple(folded))
+        close = [names[spelling] for spelling in _shortened(name) if spelling in names]
     return folded[close[0]] if close else None
 
 
 @lru_cache(maxsize=8)
 def _one_letter_less(names: tuple[str, ...]) -> dict[str, str]:
-    """Names by themselves and by what is left of them without one of their letters."""
-    return {part: name for name in names for part in _shortened(name)}
+    """Names by their own spelling, and by each spelling that lacks one of their letters."""
+    return {spelling: name for name in names for spelling in _shortened(name)}
 
 
 def _shortened(name: str) -> list[str]:
@@ -231,7 +231,7 @@ BOUNDS: tuple[tuple[str, str, str, Holds], ...] = (
 
 @dataclass(frozen=True)
 class Bounded(Kind):
-    """What numbers share: their bounds."""
+    """The bounds that integers and other numbers share."""
 
     above: float | None = None
     least: float | None = None
@@ -241,9 +241,9 @@ class Bounded(Kind):
 
     def bounds(self) -> Iterator[tuple[float, str, str, Holds]]:
         """The bounds that are set: value, sign, JSON Schema's word, and when it holds."""
-        for name, *rest in BOUNDS:
+        for name, *details in BOUNDS:
             if (bound := getattr(self, name)) is not None:
-                yield bound, *rest
+                yield bound, *details
 
     def bounded(self, number: float, article: str) -> float:
         """A number within the bounds. Raises Wrong."""
@@ -405,7 +405,7 @@ NAMES = ListOf(Text(), least=0, alone=True, title="a name or a list of names")
 
 @dataclass(frozen=True)
 class Mapped(Kind):
-    """What mappings share; by itself a mapping whose entries are checked elsewhere."""
+    """A mapping; used by itself, one whose entries are checked elsewhere."""
 
     def check(self, value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -455,7 +455,7 @@ class Variant(Mapped):
         return all_right(*self.check_keys(super().check(value)))
 
     def check_keys(self, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[Mistake]]:
-        """The values with defaults filled in, and all mistakes, as those of fixed keys."""
+        """The values with defaults filled in, and all mistakes, as `check_keys` of a table."""
         name = value.get(self.tag)
         if isinstance(name, str) and name in self.tables:
             return check_keys({**self.head(*self.tables), **self.tables[name]}, value)

@@ -1,6 +1,6 @@
 """Mistakes in a case file: where each stands, and all of them as one error.
 
-`document` takes the places down as it reads; `document.locate` finds that of a key.
+`document` notes the places as it reads; `document.locate` finds the place of a key.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ class Mistakes:
     def add(self, place: Place, message: str, path: KeyPath = ()) -> None:
         """Note a mistake; raises them all when there are too many to go on."""
         # An empty key would be a point without a name.
-        where = ".".join(str(part) for part in path if part != "")
+        where = ".".join(str(key) for key in path if key != "")
         self.noted[bool(place.override), place, f"{where}: {message}" if where else message] = None
         if len(self.noted) >= MAX_MISTAKES:
             raise self.error(f"\n{_one_line(self.name)}: stopped at {MAX_MISTAKES} mistakes")
@@ -47,7 +47,7 @@ class Mistakes:
         return self.error()
 
     def error(self, end: str = "") -> HodoError:
-        """One line for each mistake, by line and column; those of overrides last."""
+        """One line for each mistake, by line and column; mistakes of overrides last."""
         shown = sorted(self.noted)[: len(self.noted) if len(self.noted) <= LISTED else FIRST]
         lines = [self._line(place, text) for _, place, text in shown]
         if len(self.noted) > len(shown):
