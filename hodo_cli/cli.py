@@ -389,9 +389,20 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
 )
 @_folder("runs/figures")
 @click.option("--force", is_flag=True, help="Draw unchanged figures again too.")
+@click.option(
+    "--alone",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the page once more, with its pictures in it: one file to send.",
+)
 @_jobs("Draw in N processes.")
 def _plot(
-    runs: tuple[str, ...], formats: tuple[str, ...], out: Path, force: bool, jobs: int
+    runs: tuple[str, ...],
+    formats: tuple[str, ...],
+    out: Path,
+    force: bool,
+    alone: Path | None,
+    jobs: int,
 ) -> None:
     """Draw the figures of each RUN.
 
@@ -403,7 +414,7 @@ def _plot(
 
     files, names = plot.split(runs)
     failed = False
-    for line, is_problem in plot.draw_results(files, names, formats, out, jobs, force):
+    for line, is_problem in plot.draw_results(files, names, formats, out, jobs, force, alone):
         click.echo(line, err=is_problem)
         failed |= is_problem
     if failed:

@@ -11,8 +11,8 @@ from hodo_cli import figures, open
 from hodo_cli.cases.config import Config, parse
 from hodo_cli.cases.figure_block import DrawnFigure
 from hodo_cli.cli import main
-from hodo_cli.figures.page import PageResult, write_page
 from hodo_cli.figures.sheet import Sheet
+from hodo_cli.page import PageResult, write_page
 from hodo_cli.results.dataset import StoredCases
 
 

@@ -18,7 +18,7 @@ LAYERS = (
     "integration batch",
     "results",
     "sweeps",
-    "claims figures",
+    "claims figures page",
     "papers",
     "commands tables",
     "api cli functions",

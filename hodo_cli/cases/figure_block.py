@@ -31,8 +31,8 @@ FORMATS = ("png", "svg", "pdf", "csv", "html")
 SCRIPT = "plotly.js"
 """The script that all figures in HTML share, in the folder above theirs."""
 
-PIECE = "page.json"
-"""The file by which a folder of figures tells the page its section and its index entries."""
+PAGE_DATA = "page.json"
+"""The data of a result for the page, in the folder of its figures."""
 
 
 @dataclass(frozen=True)

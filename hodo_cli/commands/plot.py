@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.pool import Pool, pool
 from ..cases.config import Config, load, parse
-from ..cases.figure_block import FORMATS, PIECE, SCRIPT, DrawnFigure
+from ..cases.figure_block import FORMATS, PAGE_DATA, SCRIPT, DrawnFigure
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
@@ -112,15 +112,18 @@ def draw_results(
     out: Path,
     jobs: int = 1,
     force: bool = False,
+    alone: Path | None = None,
 ) -> Iterator[tuple[str, bool]]:
-    """Draw the figures of result files, all or those named, and then a page with all of them; what
-    is drawn already is kept, unless `force`.
+    """Draw the figures of result files, all or those named, and then a page with all of them, which
+    `alone` holds once more with its pictures; what is drawn already is kept, unless `force`.
 
     Yields the lines to print, each with whether it tells of a problem. Raises HodoError for an
     unknown figure or format before anything is drawn, or if a file cannot be read.
     """
     for wrong in (name for name in formats if name not in FORMATS):
         raise HodoError(unknown(f"format {wrong!r}", wrong, FORMATS))
+    if alone is not None and names:
+        raise HodoError("--alone writes the page of all figures: name no figure")
     folders: list[Folder] = []
     for path in paths:
         with opened(path) as (run, config):
@@ -150,6 +153,11 @@ def draw_results(
         if not names:
             messages += renewed_page(out, folders, workers, force)
             yield str(out / PAGE_FILE), False
+        if alone is not None:
+            from ..page import write_alone
+
+            write_alone(out / PAGE_FILE, alone)
+            yield str(alone), False
     # At the end, when all that is drawn or on the page has been read.
     for line in dict.fromkeys(messages):
         warnings.warn(line, stacklevel=2)
@@ -291,7 +299,7 @@ def page_digest(out: Path, folders: Sequence[Folder]) -> str:
         for folder in folders
         for drawn in folder.figures
     ]
-    files = [*sorted(out.glob(f"*/{PIECE}")), out / PAGE_FILE]
+    files = [*sorted(out.glob(f"*/{PAGE_DATA}")), out / PAGE_FILE]
     checksums = [checksum for folder in folders for checksum in folder.checksums.values()]
     return content_digest(checksums, repr((shown, figures, [*map(bytes_digest, files)])))
 
@@ -299,7 +307,7 @@ def page_digest(out: Path, folders: Sequence[Folder]) -> str:
 def page_written(task: PageTask) -> tuple[str, ...]:
     """Write the page of all figures, and return the warnings that it gives; what a pool does."""
     load_what_draws()
-    from ..figures.page import PageResult, write_page
+    from ..page import PageResult, write_page
     from ..results.dataset import open_cases
 
     with warnings.catch_warnings(record=True) as caught, ExitStack() as stack:

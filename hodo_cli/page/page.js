@@ -17,15 +17,14 @@ function filter() {
 }
 
 function sort(column, button) {
-  const up = button.getAttribute("aria-pressed") !== "true";
+  const head = button.parentElement;
+  const up = head.getAttribute("aria-sort") !== "ascending";
   // fig2 before fig10: digits count as numbers.
   const order = new Intl.Collator("en", { numeric: true }).compare;
   const text = (row) => row.cells[column].textContent;
   const rows = [...body.rows].sort((a, b) => (up ? 1 : -1) * order(text(a), text(b)));
-  for (const other of document.querySelectorAll("#index th button")) {
-    other.removeAttribute("aria-pressed");
-  }
-  button.setAttribute("aria-pressed", String(up));
+  for (const other of document.querySelectorAll("#index th")) other.removeAttribute("aria-sort");
+  head.setAttribute("aria-sort", up ? "ascending" : "descending");
   body.append(...rows);
 }
 

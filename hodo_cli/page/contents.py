@@ -1,0 +1,208 @@
+"""The section of one result as plain data: texts, numbers and names of files, and no HTML."""
+
+import os
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..cases.case import Case
+from ..cases.claim_block import cases_of
+from ..cases.config import Config
+from ..cases.figure_block import DrawnFigure
+from ..models.rigid_body import LABELS
+from ..results.dataset import StoredCases, motion_from
+from ..results.motion import Motion
+from ..results.resolution import OF_SAMPLES, coarse_curves
+from ..sweeps.swept import ANGLES, round_degrees
+from ..text import magnitude
+from .stored import Section
+
+
+@dataclass(frozen=True)
+class PageResult:
+    """What the page shows of one result: its cases, its config, and the figures just drawn."""
+
+    cases: StoredCases
+    config: Config
+    figures: Sequence[DrawnFigure]
+
+
+def section_of(result: PageResult, folder: Path) -> Section:
+    """The section of a result in the shape of `stored.SECTION`, with files relative to the folder
+    of the page. Raises HodoError for a damaged result file."""
+    cases, config = result.cases, result.config
+    motions = {name: motion_from(cases[name], name) for name in cases}
+    return {
+        "name": cases.path.stem,
+        "title": config.title or cases.path.name,
+        "references": config.references,
+        "file": os.path.relpath(cases.path, folder),
+        # The misprints that a case file lists are those of a paper.
+        "paper": bool(config.errata),
+        "figures": [
+            figure_entry(figure, config.figures[figure.name], motions, folder)
+            for figure in result.figures
+        ],
+        "statements": [*statements(cases, config)],
+        "errata": [*errata(cases, config)],
+        "cases": [case_entry(motion) for motion in motions.values()],
+    }
+
+
+def figure_entry(
+    figure: DrawnFigure, spec: Mapping[str, Any], motions: Mapping[str, Motion], folder: Path
+) -> Section:
+    """A figure with its caption, its files, and the cases that it shows."""
+    shown = [motions[name] for name in spec.get("cases", ()) if name in motions]
+    assumed = [f"{key}: {text}" for motion in shown for key, text in motion.case.assumes.items()]
+    singles = [motion for motion in shown if motion.sampled and not motion.case.sweep]
+    remarks = coarse_curves(spec, singles) if spec["kind"] in OF_SAMPLES else []
+    sizes = [picture_size(file) for file in figure.files if file.suffix == ".png"]
+    return {
+        "name": figure.name,
+        "caption": " ".join(filter(None, [spec["caption"], *remarks])),
+        "about": described(spec, shown),
+        "problem": figure.problem,
+        "files": [os.path.relpath(file, folder) for file in figure.files],
+        "size": sizes[0] if sizes else (),
+        "assumed": [*dict.fromkeys(assumed)],
+        "cases": [*spec.get("cases", ())],
+    }
+
+
+def picture_size(picture: Path) -> tuple[int, int]:
+    """Width and height of a PNG, in pixels."""
+    # The first chunk of every PNG begins with its size, so that no library has to decode it.
+    with open(picture, "rb") as file:
+        width, height = struct.unpack(">II", file.read(24)[16:])
+    return int(width), int(height)
+
+
+KINDS_IN_WORDS = {
+    "hodograph": "Hodograph of the angular momentum in body axes",
+    "sphere": "Curves of the direction of angular momentum on the unit sphere",
+    "quadrants": "Squares of two angular velocities, with the regions of both enclosed axes",
+    "quadrant-sketch": "Sketch of the regions of both enclosed axes",
+    "series": "Curves over time",
+    "phase": "One variable against another",
+    "invariants": "Energy, squared momentum and D/2T over time, within their bounds",
+    "map": "Map of a sweep",
+    "curve": "Curves of a sweep",
+    "order": "Distance of averaging from full motions against the small parameter",
+    "cost": "Steps and run time against the small parameter",
+    "share": "Share of starts that have crossed the separatrix, over time",
+}
+"""What each kind of figure shows, for a reader who cannot see it."""
+
+
+def described(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
+    """What a picture shows, in words: its kind, variables, cases and crossings."""
+    parts = [KINDS_IN_WORDS[spec["kind"]]]
+    if names := spec.get("variables") or spec.get("variable"):
+        parts.append(names if isinstance(names, str) else ", ".join(names))
+    if spec["kind"] == "phase":
+        parts.append(f"{spec['y']} over {spec['x']}")
+    if spec.get("cases"):
+        parts.append(f"case{'s' * (len(spec['cases']) > 1)} {', '.join(spec['cases'])}")
+    for motion in shown if len(shown) == 1 else ():
+        if ends := end_axes(motion):
+            count = len(motion.crossings)
+            parts.append(
+                f"encloses {ends[0]} first and {ends[1]} last, with {count} "
+                f"crossing{'s' * (count != 1)} of the separatrix"
+            )
+    return "; ".join(parts)
+
+
+def end_axes(motion: Motion) -> list[str]:
+    """The axes enclosed at start and end; none of a motion without labels."""
+    labels = motion.labels if motion.classified else ()
+    return [LABELS[int(labels[i])] for i in (0, -1)] if len(labels) else []
+
+
+def statements(cases: StoredCases, config: Config) -> Iterator[Section]:
+    """The statements that `hodo claims` has judged, with their verdicts."""
+    about = {claim["id"]: cases_of(claim) for claim in config.claims}
+    renamed = {"claim": "name", "statement": "text"}
+    columns = ("claim", "where", "statement", "original", "verdict", "evidence", "contradicted_by")
+    for texts in stored_texts(cases, "_claims", (*columns, "theorem", "measured", "note")):
+        yield {
+            **{renamed.get(column, column): texts[column] for column in columns},
+            "notes": [*filter(None, (texts[key] for key in ("theorem", "measured", "note")))],
+            "cases": [*about.get(texts["claim"], ())],
+        }
+
+
+def errata(cases: StoredCases, config: Config) -> Iterator[Section]:
+    """The misprints that `hodo claims` has judged."""
+    about = {erratum["id"]: erratum["cases"] for erratum in config.errata}
+    columns = ("claim", "where", "printed", "should_be", "verdict", "evidence")
+    for texts in stored_texts(cases, "_errata", columns):
+        name, printed = texts.pop("claim"), texts.pop("printed")
+        yield {**texts, "name": name, "text": printed, "cases": [*about.get(name, ())]}
+
+
+def stored_texts(
+    cases: StoredCases, group: str, columns: Sequence[str]
+) -> Iterator[dict[str, str]]:
+    """The rows of a group of verdicts by their columns; none before `hodo claims`."""
+    if group not in cases:
+        return
+    stored = cases[group].variables
+    for i in range(stored["claim"].size):
+        # Verdicts of an earlier version have fewer texts.
+        yield {name: str(stored[name].data[i]) if name in stored else "" for name in columns}
+
+
+def case_entry(motion: Motion) -> Section:
+    """A case with its parameters, errors, enclosed axes and crossings."""
+    attrs, ends = motion.attrs, end_axes(motion)
+    ended = "" if attrs["status"] == "ok" else f"{attrs['status']}: {attrs['message']}"
+    assumed = [f"assumed {key}: {text}" for key, text in motion.case.assumes.items()]
+    notes = [ended, *assumed, motion.case.note, *str(attrs["warnings"]).splitlines()]
+    return {
+        "name": motion.name,
+        "model": f"{attrs['model']}, {attrs['form']}",
+        "method": str(attrs["method"]),
+        "steps": str(attrs["steps"]),
+        "error": float(attrs["error"]),
+        "error_kind": str(attrs["error_kind"]),
+        "run_time": float(attrs["run_time"]),
+        "parameters": parameters(motion.case),
+        "notes": [*filter(None, notes)],
+        "ends": ends,
+        "crossings": [
+            [
+                f"{crossing.time:.15g}",
+                magnitude(crossing.error),
+                LABELS[crossing.start],
+                LABELS[crossing.end],
+                f"{crossing.momentum:.6g}",
+            ]
+            for crossing in (motion.crossings if ends else ())
+        ],
+    }
+
+
+def parameters(case: Case) -> str:
+    """The data of a case in one line, without the keys that it leaves out."""
+    span = f"time {case.time.start:g} to {case.time.end:g}"
+    return "; ".join(
+        [*(f"{key} {_plain(value)}" for key, value in case.data.items() if value is not None), span]
+    )
+
+
+def _plain(value: Any, key: str = "") -> str:
+    """A value as text: numbers to 12 digits, lists in brackets, mappings as key = value."""
+    if isinstance(value, Mapping):
+        return ", ".join(
+            f"{key} = {_plain(item, key)}" for key, item in value.items() if item is not None
+        )
+    if isinstance(value, list | tuple):
+        return f"({', '.join(map(_plain, value))})"
+    if key in ANGLES and isinstance(value, float):
+        degrees = round_degrees(value)
+        return f"{value:.12g}" if degrees is None else f"{degrees:g} deg"
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
