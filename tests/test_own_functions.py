@@ -24,8 +24,9 @@ from hodo_cli.cases.case import Case
 from hodo_cli.engines import have_taylor
 from hodo_cli.functions import abs, cos, exp, log, sin, sqrt
 from hodo_cli.models.base import Constants, Label
-from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame, growth_rates
-from hodo_cli.models.theory.steady_spin import tilt_growth_by_equations
+from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
+from hodo_cli.models.theory.possible_crossings import Dissipation
+from hodo_cli.models.theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 from hodo_cli.schema.kinds import Key, Number, vector
 from hodo_cli.sweeps import chunk
 
@@ -241,7 +242,7 @@ def test_a_tilt_grows_by_the_equations_as_by_the_formula(seed: int) -> None:
     A, rates = [draw.uniform(0.55, 1) for _ in range(3)], [draw.uniform(0, 0.1) for _ in range(3)]
     start = {"p": 0.3, "q": 0.4, "r": -0.5, "G": None}
     system = Disguised(inertia=tuple(A), initial=start, damping=tuple(rates))
-    expected = growth_rates(np.array(A), np.array(rates))
+    expected = tilt_growth_rates(Dissipation(A, rates), np.ones(3))
     found = tilt_growth_by_equations(system)
     assert found == pytest.approx(expected, nan_ok=True, rel=1e-9, abs=1e-14)
 

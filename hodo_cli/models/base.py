@@ -190,11 +190,6 @@ class Model:
         return np.array(self.start, dtype=np.longdouble)
 
     @property
-    def damping_rates(self) -> np.ndarray | None:
-        """The rates (3,) at which a medium damps rotation about each body axis; None without."""
-        return None
-
-    @property
     def tilt_growth(self) -> np.ndarray | None:
         """The rates (3,) at which a small tilt away from each body axis grows; None where theory
         gives none."""

@@ -13,6 +13,7 @@ from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Model, mistake_of
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
 from .terms.torques import CONSTANT, FLUID, fluid_torque, rates_under
+from .theory.possible_crossings import Dissipation
 
 # First-order theories are then off by some per cent, which figures show.
 NOT_SMALL = 0.1
@@ -254,3 +255,8 @@ class FullCavity(Cavity, BodyFrame):
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return rates_under((FLUID, CONSTANT), t, y, k)
+
+    @property
+    def dissipation(self) -> Dissipation:
+        kappa = coefficient(self.cavity, self.kappa)
+        return Dissipation(self.inertia, kappa=kappa, torque=self.applied)

@@ -11,9 +11,10 @@ from ..schema.kinds import Key, vector
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
 from .base import Constants
-from .rigid_body import INERTIA, INITIAL, BodyFrame, absorbing_axes
+from .rigid_body import INERTIA, INITIAL, BodyFrame
 from .terms.torques import DAMPING, rates_under
 from .theory.closed_form import free_time, scaled_motion
+from .theory.possible_crossings import Dissipation
 
 
 def damping_warnings(damping: Sequence[float]) -> list[str]:
@@ -77,12 +78,8 @@ class LinearDiag(BodyFrame):
         return free_time(self.damping[0], t)
 
     @property
-    def damping_rates(self) -> np.ndarray:
-        return np.array(self.damping)
-
-    @property
-    def absorbing_axes(self) -> frozenset[int]:
-        return absorbing_axes(np.array(self.inertia), self.damping_rates)
+    def dissipation(self) -> Dissipation:
+        return Dissipation(self.inertia, self.damping)
 
     @property
     def warnings(self) -> list[str]:
@@ -108,7 +105,3 @@ class LinearDiagAveraged(Damped, LinearDiag):
 
     form = "averaged"
     keys = LinearDiag.keys | {"mean_start": MEAN_START}
-
-    @property
-    def coefficients(self) -> tuple[float, ...]:
-        return self.damping

@@ -14,7 +14,8 @@ import numpy as np
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Event, Label, Model, mistake_of
-from .theory.steady_spin import tilt_growth_by_equations
+from .theory.possible_crossings import Dissipation, axes_kept
+from .theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 
 UNDETERMINED, SEPARATRIX = -1, 0
 LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
@@ -163,42 +164,6 @@ def slope(A: Sequence[float] | np.ndarray) -> float:
     )
 
 
-def growth_rates(A: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """The rate (3,) at which a small tilt away from steady rotation about each axis grows, on the
-    mean over a turn; not a number for the middle axis, about which free rotation is unstable.
-
-    `rates` (3,) are those at which the medium alone damps rotation about each axis: lambda_i, or
-    I_ii/A_i. A tilt (w_j, w_k) decays at the mean of its two rates, and the rotation w_i that it is
-    measured by at its own. Right to first order in the rates: 0.3 % at 0.005. Where it is positive
-    the motion leaves the axis, though not always for the other one: it may end as an oscillation of
-    constant shape on the same side.
-    """
-    # lambda_i less the mean of the other two.
-    growth = rates - (rates.sum() - rates) / 2
-    # Equal rates cancel but for their rounding.
-    growth = np.where(np.abs(growth) <= 4 * np.finfo(float).eps * np.abs(rates).max(), 0, growth)
-    # Nor for an axis whose moment is the middle one too: a symmetric body has no such turn.
-    return np.asarray(np.where(A[inertia_order(A)[1]] == A, np.nan, growth))
-
-
-def absorbing_axes(A: np.ndarray, rates: np.ndarray) -> frozenset[int]:
-    """The axes that the hodograph encloses for ever once it does, in a medium that damps rotation
-    about each body axis at a rate (3,) of its own.
-
-    With l and s the axes of largest and smallest inertia, and D the difference of its two terms
-    d_l and d_s,
-
-        dD/dt = -2 lambda_l d_l + 2 lambda_s d_s
-              = -2 lambda_l D + 2 (lambda_s - lambda_l) d_s,
-
-    so that D > 0 does not end if lambda_l <= lambda_s, and D < 0 not if lambda_l >= lambda_s.
-    """
-    largest, _, smallest = inertia_order(A)
-    kept = (rates[largest] <= rates[smallest], rates[largest] >= rates[smallest])
-    axes = (largest + 1, smallest + 1)
-    return frozenset(axis for axis, holds in zip(axes, kept, strict=True) if holds)
-
-
 SMALLEST = 1e-100
 """The smallest moment of inertia whose cube is a double, and the inverse of the largest one."""
 
@@ -326,11 +291,26 @@ class BodyFrame(Model):
         return ()
 
     @property
+    def dissipation(self) -> Dissipation | None:
+        """The torques as the theorems on crossings and tilts take them; None where these do not
+        cover them."""
+        return None
+
+    @property
+    def absorbing_axes(self) -> frozenset[int]:
+        terms = self.dissipation
+        if terms is None:
+            return frozenset()
+        return frozenset((np.flatnonzero(axes_kept(terms)) + 1).tolist())
+
+    @property
     def tilt_growth(self) -> np.ndarray | None:
-        rates = self.damping_rates
-        if rates is None:
+        terms = self.dissipation
+        if terms is None:
             return tilt_growth_by_equations(self)
-        return growth_rates(np.array(self.inertia), rates)
+        omega = np.array(self.velocity(self.inertia, self.initial))
+        rates = tilt_growth_rates(terms, np.copysign(np.linalg.norm(omega), omega))
+        return rates if np.isfinite(rates).any() else None
 
     @property
     def class_events(self) -> tuple[Event, ...]:

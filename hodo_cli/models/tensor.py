@@ -14,6 +14,7 @@ from .averaging.forms import MEAN_START
 from .base import Constants
 from .rigid_body import INERTIA, INITIAL, BodyFrame
 from .terms.torques import RESISTANCE, rates_under
+from .theory.possible_crossings import Dissipation
 
 
 def tensor_matrix(given: Sequence[Sequence[float]] | Mapping[str, float]) -> np.ndarray:
@@ -22,6 +23,11 @@ def tensor_matrix(given: Sequence[Sequence[float]] | Mapping[str, float]) -> np.
         on, off = given["diagonal"], given["off_diagonal"]
         return np.array([[on, off, off], [off, on, off], [off, off, on]])
     return np.array(given)
+
+
+def is_diagonal(I: np.ndarray) -> bool:
+    """Whether a tensor has no entries besides those of its diagonal."""
+    return not (I - np.diag(np.diag(I))).any()
 
 
 def tensor_warnings(I: np.ndarray) -> list[str]:
@@ -87,19 +93,15 @@ class Tensor(BodyFrame):
         """I as a 3x3 array."""
         return tensor_matrix(self.resistance)
 
-    @property
-    def off_diagonal(self) -> np.ndarray:
-        """I with zeros on its diagonal."""
-        return np.asarray(self.matrix - np.diag(np.diag(self.matrix)))
-
     @cached_property
     def constants(self) -> Constants:
         entries = zip(RESISTANCE.degree, self.matrix.ravel().tolist(), strict=True)
         return {**super().constants, **dict(entries)}
 
     @property
-    def damping_rates(self) -> np.ndarray:
-        return np.asarray(np.diag(self.matrix) / np.array(self.inertia))
+    def dissipation(self) -> Dissipation:
+        lam = tuple((np.diag(self.matrix) / np.array(self.inertia)).tolist())
+        return Dissipation(self.inertia, lam, covered=is_diagonal(self.matrix))
 
     @property
     def final_axis(self) -> int | None:
@@ -116,12 +118,6 @@ class Tensor(BodyFrame):
         root = np.sqrt(A)
         _, vectors = np.linalg.eigh(I / np.outer(root, root))
         return int(rigid_body.enclosed_axis(A, vectors[:, 0] / root, 1e-12))
-
-    @property
-    def absorbing_axes(self) -> frozenset[int]:
-        if self.off_diagonal.any():
-            return frozenset()
-        return rigid_body.absorbing_axes(np.array(self.inertia), self.damping_rates)
 
     @property
     def warnings(self) -> list[str]:
@@ -145,14 +141,10 @@ class TensorAveraged(Damped, Tensor):
     keys = Tensor.keys | {"mean_start": MEAN_START}
 
     @property
-    def coefficients(self) -> tuple[float, ...]:
-        return tuple((np.diag(self.matrix) / np.array(self.inertia)).tolist())
-
-    @property
     def predictable(self) -> bool:
         # The other entries move the phase by as much as a half turn, and make D change sign several
         # times: of 11 senses that the diagonal alone would tell, 3 were right.
-        return not self.off_diagonal.any()
+        return is_diagonal(self.matrix)
 
     @property
     def rate(self) -> float:
@@ -160,7 +152,7 @@ class TensorAveraged(Damped, Tensor):
 
     @property
     def warnings(self) -> list[str]:
-        if not self.off_diagonal.any():
+        if is_diagonal(self.matrix):
             return super().warnings
         dropped = (
             "the off-diagonal entries of the tensor average to nothing, to first order; to second"

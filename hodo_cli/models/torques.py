@@ -18,7 +18,7 @@ from .cavity import CAVITY, coefficient, heavy_fluid, reynolds_warning, weak
 from .constants import attributes
 from .linear_diag import damping_warnings
 from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, enclosed_axis
-from .tensor import Tensor, tensor_matrix, tensor_warnings
+from .tensor import Tensor, is_diagonal, tensor_matrix, tensor_warnings
 from .terms import torques as terms
 from .terms.laws import (
     coefficient_at,
@@ -34,12 +34,10 @@ from .theory.closed_form import free_motion, free_time, scaled_motion
 from .theory.possible_crossings import (
     CrossingPattern,
     Dissipation,
-    axes_kept,
     outer_axes,
     possible_crossings,
     turning_momenta,
 )
-from .theory.steady_spin import tilt_growth_rates
 
 TERMS: Mapping[str, Term] = {
     "damping": terms.DAMPING,
@@ -332,46 +330,29 @@ class Torques(BodyFrame):
 
     @property
     def dissipation(self) -> Dissipation | None:
-        """The coefficients that theorems on crossings take; None for a sum that they do not
-        cover."""
         given = given_coefficients(vars(self))
         numbers = [x for entries in given.values() for x in entries]
         if given.keys() & {"space_torque", "expression"} or not all(
             isinstance(x, float) for x in numbers
         ):
             return None
-        damping = np.array(given.get("damping", np.zeros(3)))
+        damping, covered = np.array(given.get("damping", np.zeros(3))), True
         if self.resistance is not None:
             I = tensor_matrix(self.resistance)
-            if np.count_nonzero(I - np.diag(np.diag(I))):
-                return None
-            damping = damping + np.diag(I) / self.inertia
+            damping, covered = damping + np.diag(I) / self.inertia, is_diagonal(I)
         zeros = (0.0, 0.0, 0.0)
         quadratic, by_axes = (given.get(name, zeros) for name in ("quadratic", "quadratic_axes"))
-        return Dissipation(self.inertia, damping, quadratic, by_axes, *given.get("kappa", (0.0,)))
-
-    @property
-    def absorbing_axes(self) -> frozenset[int]:
-        terms = self.dissipation
-        if terms is None or self.torque is not None:
-            return frozenset()
-        return frozenset((np.flatnonzero(axes_kept(terms)) + 1).tolist())
-
-    @property
-    def tilt_growth(self) -> np.ndarray | None:
-        terms = self.dissipation
-        if terms is None:
-            return None
-        torque = [self.epsilon * x for x in self.torque or (0.0, 0.0, 0.0)]
-        rates = tilt_growth_rates(terms, np.array(self.start[:3]), torque)
-        return rates if np.isfinite(rates).any() else None
+        torque = [self.epsilon * x for x in given.get("torque", zeros)]
+        (kappa,) = given.get("kappa", (0.0,))
+        return Dissipation(self.inertia, damping, quadratic, by_axes, kappa, torque, covered)
 
     @property
     def predictions(self) -> list[str]:
         terms = self.dissipation
-        if terms is None or self.torque is not None:
+        if terms is None:
             return []
-        return [*crossings_foretold(terms), *self.stop_foretold(terms)]
+        stop = [] if any(terms.torque) else self.stop_foretold(terms)
+        return [*crossings_foretold(terms), *stop]
 
     def stop_foretold(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""

@@ -82,7 +82,8 @@ class Damped(AveragedTurns):
     @property
     def coefficients(self) -> tuple[float, ...]:
         """lambda about x1, x2, x3."""
-        raise NotImplementedError
+        assert self.dissipation is not None
+        return tuple(self.dissipation.damping)
 
     @property
     def predictable(self) -> bool:

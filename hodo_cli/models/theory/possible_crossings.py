@@ -20,7 +20,8 @@ beside the separatrix the sense turns where kappa G^2 f = lambda_1 - lambda_3, f
 beta)/3.
 
 All of it holds for constant coefficients, a diagonal tensor of resistance (lambda_i += I_ii/A_i),
-and without a torque fixed in the body or in space, an expression or a rotor.
+and without a torque fixed in the body or in space, an expression or a rotor. A body with two equal
+moments never crosses.
 """
 
 from enum import IntEnum
@@ -44,13 +45,17 @@ class CrossingPattern(IntEnum):
 
 
 class Dissipation(NamedTuple):
-    """The coefficients of a sum of torques by body axis, (..., 3), but for kappa (...)."""
+    """The coefficients of a sum of torques by body axis, (..., 3), but for kappa (...); `torque` is
+    constant in the body. `covered` (...) is False where there are others, whose means over a turn
+    are 0, so that they count in no growth of a tilt, but may make the motion cross."""
 
     inertia: Any
     damping: Any = (0.0, 0.0, 0.0)
     quadratic: Any = (0.0, 0.0, 0.0)
     quadratic_axes: Any = (0.0, 0.0, 0.0)
     kappa: Any = 0.0
+    torque: Any = (0.0, 0.0, 0.0)
+    covered: Any = True
 
 
 class SenseReversal(NamedTuple):
@@ -105,11 +110,13 @@ def possible_crossings(terms: Dissipation, momentum: Any = np.inf) -> np.ndarray
     down = (damping > 0) | (quadratic > 0) | (by_axes > 0)
     dissipates = (np.asarray(terms.damping) >= 0).all(-1)
     turns = fluid & (damping > 0) & (quadratic == 0) & (by_axes == 0) & dissipates
+    covered = np.asarray(terms.covered) & (np.asarray(terms.torque) == 0).all(-1)
     slow = np.asarray(momentum) <= turning_momenta(terms).damping
     codes = np.select(
-        [(a == b) | (b == c), ~down & ~up, ~down, ~up | (turns & slow), turns],
+        [(a == b) | (b == c), ~covered, ~down & ~up, ~down, ~up | (turns & slow), turns],
         [
             CrossingPattern.NONE,
+            CrossingPattern.UNKNOWN,
             CrossingPattern.NONE,
             CrossingPattern.TO_LARGEST,
             CrossingPattern.TO_SMALLEST,
@@ -132,7 +139,7 @@ def axes_kept(terms: Dissipation, momentum: Any = np.inf) -> np.ndarray:
 
 
 def _outer(inertia: Any, values: Any) -> tuple[Any, Any]:
-    """What of values (..., 3) belongs to the axes of largest and smallest inertia."""
+    """Those of values (..., 3) that belong to the axes of largest and smallest inertia."""
     inertia, values = np.broadcast_arrays(inertia, np.asarray(values, float))
     taken = np.take_along_axis(values, outer_axes(inertia), -1)
     return taken[..., 0], taken[..., 1]

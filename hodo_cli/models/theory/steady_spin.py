@@ -9,7 +9,7 @@ from ..constants import attributes, contains_time, jacobian, structure
 from .possible_crossings import Dissipation
 
 
-def tilt_growth_rates(terms: Dissipation, omega: Any, torque: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
+def tilt_growth_rates(terms: Dissipation, omega: Any) -> np.ndarray:
     """The rate (..., 3) at which a small tilt away from rotation about each body axis, at the speed
     omega (..., 3), grows on the mean over a turn; not a number for the middle axis, about which
     free rotation is unstable.
@@ -24,8 +24,8 @@ def tilt_growth_rates(terms: Dissipation, omega: Any, torque: Any = (0.0, 0.0, 0
     axis, though not always for the other one: it may end as an oscillation of constant shape on the
     same side.
     """
-    A, damping, quadratic, by_axes, omega, torque = (
-        np.asarray(x, float) for x in (*terms[:4], omega, torque)
+    A, damping, quadratic, by_axes, torque, omega = (
+        np.asarray(x, float) for x in (*terms[:4], terms.torque, omega)
     )
     w, kappa = np.abs(omega), np.asarray(terms.kappa, float)[..., None]
     j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
