@@ -3,15 +3,17 @@ add a file, or name one of your own. Imports schema and arithmetic only; knows n
 plot."""
 
 import os
-import pkgutil
+import re
 import sys
-from collections.abc import Iterator
+from collections import UserDict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from .. import HodoError
 from .added.mistakes import equations_mistake, located
@@ -24,6 +26,9 @@ inherit it."""
 
 GROUP = "hodo.models"
 """The entry points of installed packages that name a module with models."""
+
+STATED_NAME = re.compile(r'^    name = "(.+)"$', re.MULTILINE)
+"""How a class states its model's name. One that inherits it from another file repeats it."""
 
 
 def _is_form(item: type[Model]) -> bool:
@@ -42,25 +47,62 @@ def _forms(module: ModuleType) -> Iterator[type[Model]]:
 
 
 @cache
-def catalogue() -> dict[str, dict[str, type[Model]]]:
-    """Every model class by its YAML name and form; the first form of a model is its default.
+def _own_modules_of() -> Mapping[str, Sequence[str]]:
+    """The modules in this folder and those in it, by the names of the models whose forms they
+    define: their texts tell these, so that only the modules of the models in use are loaded."""
+    folder, modules = Path(__file__).parent, dict[str, list[str]]()
+    for path in sorted(folder.rglob("*.py")):
+        module = ".".join(path.relative_to(folder).with_suffix("").parts)
+        for name in dict.fromkeys(STATED_NAME.findall(path.read_text("utf-8"))):
+            modules.setdefault(name, []).append(f"{__name__}.{module}")
+    return modules
+
+
+@cache
+def _added_forms() -> Mapping[str, Sequence[tuple[str, type[Model]]]]:
+    """The forms that are not hodo's, by their model's name, each with the source of its module."""
+    forms = dict[str, list[tuple[str, type[Model]]]]()
+    for source, module, _ in _added_modules():
+        for item in _forms(module):
+            forms.setdefault(item.name, []).append((source, item))
+    return forms
+
+
+@cache
+def forms_of(name: str) -> Mapping[str, type[Model]]:
+    """The classes of a model by form, the first of which is its default.
 
     Raises HodoError if an installed package's models cannot be loaded, or one is there already.
     """
-    forms_by_name: dict[str, dict[str, type[Model]]] = {}
-    for info in pkgutil.walk_packages(__path__, f"{__name__}."):
-        for item in _forms(import_module(info.name)):
-            forms_by_name.setdefault(item.name, {})[item.form] = item
-    for source, module, _ in _added_modules():
-        for item in _forms(module):
-            # Which of two is meant would depend on the order of files.
-            if item.form in forms_by_name.get(item.name, {}):
-                message = f"there is already a model {item.name!r} with the form {item.form!r}"
-                raise HodoError(f"{source}: {message}")
-            forms_by_name.setdefault(item.name, {})[item.form] = item
-    for forms in forms_by_name.values():
-        add_averaged(forms)
-    return forms_by_name
+    forms = {
+        item.form: item
+        for module in _own_modules_of().get(name, ())
+        for item in _forms(import_module(module))
+        if item.name == name
+    }
+    for source, item in _added_forms().get(name, ()):
+        # Which of two is meant would depend on the order of files.
+        if item.form in forms:
+            message = f"there is already a model {name!r} with the form {item.form!r}"
+            raise HodoError(f"{source}: {message}")
+        forms[item.form] = item
+    add_averaged(forms)
+    return forms
+
+
+class Catalogue(UserDict[str, Any]):
+    """`forms_of` by the names of the models, None until a model is asked for."""
+
+    def __getitem__(self, name: str) -> Mapping[str, type[Model]]:
+        if self.data[name] is None:
+            self.data[name] = forms_of(name)
+        return self.data[name]  # type: ignore[no-any-return]
+
+
+@cache
+def catalogue() -> Catalogue:
+    """Every model class by its YAML name and form."""
+    return Catalogue(dict.fromkeys((*_own_modules_of(), *_added_forms())))
 
 
 def add_averaged(forms: dict[str, type[Model]]) -> None:

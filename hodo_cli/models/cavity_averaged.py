@@ -45,6 +45,7 @@ class SymmetricCavity(Cavity):
 
     spin_reversal: str
 
+    name = "cavity+constant"
     keys = Cavity.keys | {
         "spin_reversal": Key(
             Choice("stop", "continue"), "what to do where r reaches 0", default="stop"
