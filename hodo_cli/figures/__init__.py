@@ -52,8 +52,8 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
 def draw(
     spec: Mapping[str, Any], cases: Cases, figures: Mapping[str, Mapping[str, Any]] = NO_OTHERS
 ) -> Sheet:
-    """The figure that one entry of a `figures:` block describes, of datasets by name; `figures` are
-    those with which it may share a scale.
+    """The figure that one entry of a `figures:` block describes, of datasets by name; it may share
+    the scale of other `figures`.
 
     Raises HodoError if a case or variable is not there, the kind of figure has no meaning for it,
     or a text is not TeX as matplotlib knows it.
@@ -84,7 +84,7 @@ def draw(
 
 
 def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]:
-    """A figure with the symbol of its time: without one given t where that has a unit, since tau is
+    """A figure with the symbol of its time. The default is t for a time with a unit, and tau for
     the dimensionless time of the papers."""
     if spec.get("time", "") is not None:
         return spec
@@ -94,7 +94,7 @@ def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]
 
 
 def remarks_on(spec: Mapping[str, Any], cases: Cases) -> list[str]:
-    """What its caption has to say of a figure: that its curves are polygons. Warns of it, too."""
+    """The remarks for a figure's caption: that its curves are polygons. Warns of it, too."""
     names = [name for name in spec.get("cases", ()) if not is_sweep(cases[name])]
     remarks = coarse_curves(spec, motions_of(cases, names)) if spec["kind"] in OF_SAMPLES else []
     for remark in remarks:
@@ -103,8 +103,8 @@ def remarks_on(spec: Mapping[str, Any], cases: Cases) -> list[str]:
 
 
 def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
-    """The units of a column of a figure's values: those of its motions, which have the same; "1"
-    of what a sweep shows by numbers of its own."""
+    """The units of a column of a figure's values by its name: the units of its motions, which all
+    share them; "1" for a sweep, whose values are plain numbers."""
     name = next(iter(spec.get("cases", ())), "")
     if not name or is_sweep(cases[name]):
         return lambda column: "1"
@@ -124,7 +124,7 @@ def check(spec: Mapping[str, Any], cases: Cases) -> None:
 
 
 def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
-    """What figures may ask of a dataset."""
+    """The properties of a dataset that figures are checked by."""
     axes = {axis: data.sizes[axis] for axis in sweep_axes(data)}
     inner = {"axis", *axes} if axes else {"time", "axis"}
     stored = {
@@ -162,8 +162,8 @@ def render(
     except NOT_OF_A_CASE:
         raise
     except Exception as error:
-        # A mistake of ours in one figure shall not cost the others; it is no traceback then, so
-        # the kind of the error is part of what is said.
+        # A mistake of ours in one figure shall not cost the others. Without a traceback, the kind
+        # of the error belongs in the message.
         return DrawnFigure(name, problem=f"{type(error).__name__}: {error}")
 
 

@@ -65,7 +65,7 @@ SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3, 2))}
 HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 
 
-# What several kinds draw
+# Drawn by several kinds
 
 
 def hues(n: int = 256, end: float = AREA_END) -> ListedColormap:
@@ -135,16 +135,16 @@ COLOURS = dict(
 LINES = dict(zip(LINE_NAMES, ("-", (0, (5, 1.5)), (0, (1, 1))), strict=True))
 
 
-def styles(n: int, given: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """n colours with line styles: those given, such as "blue dashed", then those of the cycle."""
+def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """n colours with line styles: first the named ones, such as "blue dashed", then the cycle's."""
     lines = list(dict.fromkeys(line for _, line in CYCLE))
     looks: list[dict[str, Any]] = []
     for i in range(n):
-        again, (colour, line) = i // len(CYCLE), CYCLE[i % len(CYCLE)]
+        lap, (colour, line) = i // len(CYCLE), CYCLE[i % len(CYCLE)]
         # Each round of the colours has other lines, or its curves would look like those before.
-        line = lines[(lines.index(line) + again) % len(lines)]
+        line = lines[(lines.index(line) + lap) % len(lines)]
         looks.append({"color": colour, "ls": line})
-    return [*map(style, given), *looks[len(given) :]][:n]
+    return [*map(style, style_names), *looks[len(style_names) :]][:n]
 
 
 def style(text: str) -> dict[str, Any]:
@@ -154,10 +154,10 @@ def style(text: str) -> dict[str, Any]:
 
 
 def palette(
-    motion: Motion, colour: str, place: int, given: Sequence[str] = ()
+    motion: Motion, colour: str, index: int, style_names: Sequence[str] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (m, 3), and the position in them of each sample's colour (n,), by what the colour
-    says; by case, of the styles given."""
+    """Colours (m, 3), and the index in them of each sample's colour (n,): by time, by enclosed
+    axis, or the one colour of a case, whose number among the cases is `index`."""
     if colour == "time":
         since = motion.time - motion.time[0]
         colours = np.asarray(hues(TIME_COLOURS, CURVE_END).colors)[:, :3]
@@ -167,7 +167,7 @@ def palette(
         return np.array([to_rgb(AXIS_COLOUR[x]) for x in labels]), np.searchsorted(
             labels, motion.labels
         )
-    look = styles(place + 1, given)[place]
+    look = styles(index + 1, style_names)[index]
     return np.array([to_rgb(look["color"])]), np.zeros(len(motion.time), dtype=int)
 
 
@@ -207,14 +207,14 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
     unit = motions[0].units("time")
     of_time = "" if unit == "1" else f" {unit}"
     # With its last zeros, which tell how exact a printed number is.
-    every = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
-    crossings = abridged(every, CROSSINGS_NAMED)
+    times = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
+    crossings = abridged(times, CROSSINGS_NAMED)
     end, crossing = "end", "$D = 0$"
     if len({float(motion.time[-1]) for motion in motions}) == 1:
         end += f", ${time} = {motions[0].time[-1]:.6g}${of_time}"
     if len(motions) == 1:
-        at = f"{crossing} at ${time}$ = {', '.join(crossings)}{of_time}"
-        crossing = "\n".join(textwrap.wrap(at, 80 if wide else 46))
+        words = f"{crossing} at ${time}$ = {', '.join(crossings)}{of_time}"
+        crossing = "\n".join(textwrap.wrap(words, 80 if wide else 46))
     entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 
@@ -231,10 +231,10 @@ def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
 
 
 def case_handles(
-    names: Sequence[str], given: Sequence[str] = (), solid: bool = False
+    names: Sequence[str], style_names: Sequence[str] = (), solid: bool = False
 ) -> list[Line2D]:
     """Legend entries of the colours and line styles by case, or of the colours alone."""
-    looks = styles(len(names), given)
+    looks = styles(len(names), style_names)
     return [
         Line2D([], [], **look | ({"ls": "-"} if solid else {}), label=name)
         for name, look in zip(names, looks, strict=True)
@@ -242,11 +242,11 @@ def case_handles(
 
 
 def colour_handles(
-    motions: Sequence[Motion], colour: str, given: Sequence[str] = ()
+    motions: Sequence[Motion], colour: str, style_names: Sequence[str] = ()
 ) -> list[Line2D]:
-    """Legend entries of what the colour of a hodograph says."""
+    """Legend entries of the colours of a hodograph; none where a bar explains them."""
     if colour == "case":
-        return case_handles([motion.label for motion in motions], given, solid=True)
+        return case_handles([motion.label for motion in motions], style_names, solid=True)
     return axis_handles(motions) if colour == "axis" else []
 
 
@@ -254,11 +254,11 @@ def plane_curve(
     axes: Axes, points: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float
 ) -> None:
     """A plane curve (n, 2) in colours[code]."""
-    pieces = stretches(code)
-    shades = [colours[code[piece.start]] for piece in pieces]
+    segments = stretches(code)
+    shades = [colours[code[segment.start]] for segment in segments]
     axes.add_collection(
         LineCollection(
-            [points[piece] for piece in pieces], colors=shades, linewidths=width, alpha=0.85
+            [points[segment] for segment in segments], colors=shades, linewidths=width, alpha=0.85
         )
     )
 
@@ -288,13 +288,13 @@ def pair(point: np.ndarray) -> tuple[float, float]:
 def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
     """An arrow head that shows the direction of a curve (n, 2), where it is `size` away from its
     start."""
-    far = np.flatnonzero(np.hypot(*(points - points[0]).T) > size)
-    if far.size and far[0] + 1 < len(points):
-        place, step = points[far[0]], points[far[0] + 1] - points[far[0]]
+    beyond = np.flatnonzero(np.hypot(*(points - points[0]).T) > size)
+    if beyond.size and beyond[0] + 1 < len(points):
+        point, step = points[beyond[0]], points[beyond[0] + 1] - points[beyond[0]]
         arrow(
             axes,
-            place - step / max(float(np.hypot(*step)), math.ulp(0)) * 0.01 * size,
-            place,
+            point - step / max(float(np.hypot(*step)), math.ulp(0)) * 0.01 * size,
+            point,
             colour,
             zorder=5,
         )

@@ -1,4 +1,4 @@
-"""Errors, costs and shares: the figure of `hodo bench`, and those of averaging."""
+"""Errors, costs and shares: the figure of `hodo bench`, and the figures of averaging."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -33,7 +33,7 @@ from .artists import (
 from .sheet import STYLE, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
-"""How shares that are counted look, on the line of those that are calculated."""
+"""The look of counted shares, on the line of the calculated ones."""
 
 
 def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -73,12 +73,12 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for label, small, motions in groups(spec, cases):
         names.append(label)
         style = styles(len(names), spec["styles"])[-1]
-        taken = {what: np.array([m.attrs[what] for m in motions]) for what in ("steps", "run_time")}
-        for axes, values in zip((steps, seconds), taken.values(), strict=True):
+        costs = {name: np.array([m.attrs[name] for m in motions]) for name in ("steps", "run_time")}
+        for axes, values in zip((steps, seconds), costs.values(), strict=True):
             axes.loglog(small, values, marker="o", ms=3, **style)
-        sheet.record("cost", label, {"small": small, **taken})
-    for axes, what in ((steps, "steps"), (seconds, "run time [s]")):
-        axes.set(xlabel=f"${spec['parameter']}$", ylabel=what)
+        sheet.record("cost", label, {"small": small, **costs})
+    for axes, name in ((steps, "steps"), (seconds, "run time [s]")):
+        axes.set(xlabel=f"${spec['parameter']}$", ylabel=name)
     legend(sheet, case_handles(names, spec["styles"]), len(names))
 
 
@@ -166,7 +166,7 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
 
 
 def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
-    """What every method makes of every case, with its error."""
+    """The verdict on every method for every case, with its error."""
     cases, methods = (trials.variables[name].data for name in ("case", "method"))
     status, error = (trials.variables[name].data[:, :, 0] for name in ("status", "error"))
     sheet.figure.set_size_inches(PAGE, 0.14 * len(cases) + 1)

@@ -1,4 +1,4 @@
-"""What figures of curves in space and of the quadrants are made of: views, the sphere, regions.
+"""The geometry of figures of curves in space and of the quadrants: views, the sphere, regions.
 Numbers only."""
 
 import math

@@ -41,37 +41,38 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     flat = spec["x"] is None
     across = () if flat else (spec["x"], spec["y"])
     sweeps = sweeps_of(cases, spec, *across)
-    rows = [[(swept, at) for at in positions(swept, spec)] for swept in sweeps]
+    rows = [[(swept, indices) for indices in positions(swept, spec)] for swept in sweeps]
     cells = [cell for row in rows for cell in row]
-    values = [map_values(swept, spec, at) for swept, at in cells]
+    values = [map_values(swept, spec, indices) for swept, indices in cells]
     # One scale for all panels, or equal colours would mean different values.
-    every = np.concatenate([value.ravel() for value in values])
-    scale = Normalize(*(spec["range"] or (np.nanmin(every), np.nanmax(every))))
+    all_values = np.concatenate([value.ravel() for value in values])
+    scale = Normalize(*(spec["range"] or (np.nanmin(all_values), np.nanmax(all_values))))
     labels = [*spec["labels"], *[""] * len(cells)]
     panels = map_panels(sheet, [len(row) for row in rows], flat)
-    for axes, (swept, at), value, label in zip(panels, cells, values, labels, strict=False):
-        title = label or ", ".join(position(swept, name, i) for name, i in at.items())
+    for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
+        title = label or ", ".join(position(swept, name, i) for name, i in indices.items())
         axes.set_title(title)
         # Rasterized: a million cells as vectors make a file that no reader opens.
         look: Look = {"norm": scale, "cmap": hues(), "rasterized": True}
         places = (map_sphere if flat else map_image)(axes, swept, spec, value, look)
-        name = plain_name(swept, at, label, len(sweeps))
+        name = plain_name(swept, indices, label, len(sweeps))
         sheet.record(swept.name, name, {**places, spec["variable"]: value.ravel()})
     handles: list[Line2D | Patch] = []
     if flat:
         handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
-    if np.isnan(every).any():
+    if np.isnan(all_values).any():
         handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label="none"))
     if spec["level"] is not None and not flat:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
     meaning = map_label(sweeps, spec)
-    if meaning.startswith(SHARE) and set(np.unique(every[np.isfinite(every)])) <= {0.0, 1.0}:
+    yes_or_no = np.isin(all_values, (0, 1)) | np.isnan(all_values)
+    if meaning.startswith(SHARE) and yes_or_no.all():
         # Yes or no: a scale would show colours that no member has.
         words = ((1, meaning.removeprefix(SHARE)), (0, "otherwise"))
-        handles += [Patch(fc=hues()(scale(at)), label=word) for at, word in words]
+        handles += [Patch(fc=hues()(scale(value)), label=word) for value, word in words]
     else:
         labelled = meanings(sweeps[0], spec["variable"])
-        ticks = {at: word for at, word in labelled.items() if at in every}
+        ticks = {value: word for value, word in labelled.items() if value in all_values}
         colour_bar(sheet, scale, meaning, ticks)
     if handles:
         legend(sheet, handles, 2)
@@ -85,8 +86,8 @@ def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[Swept
     sweeps = [Swept.of(name, cases[name]).sorted_along(*across) for name in spec["cases"]]
     for axis in across:
         if len(units := {swept.unit(axis): swept.name for swept in sweeps}) > 1:
-            given = " and ".join(f"{unit!r} in {name}" for unit, name in units.items())
-            raise HodoError(f"axis {axis} is in {given}: one scale has one unit")
+            units_named = " and ".join(f"{unit!r} in {name}" for unit, name in units.items())
+            raise HodoError(f"axis {axis} is in {units_named}: one scale has one unit")
     return sweeps
 
 
@@ -110,9 +111,9 @@ def colour_bar(sheet: Sheet, scale: Normalize, label: str, ticks: Mapping[int, s
 
 def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
     """Panels for sweeps with so many positions each: a row a sweep, or up to three in a row."""
-    n, most = sum(rows), max(rows)
+    n, longest = sum(rows), max(rows)
     # A row for each of several sweeps; else three panels fill the width of a page.
-    columns = most if len(rows) > 1 and most > 1 else min(n, 3)
+    columns = longest if len(rows) > 1 and longest > 1 else min(n, 3)
     if len(rows) == 1 and n == 4:
         columns = 2  # two by two, rather than three and one
     lines = -(-n // columns)
@@ -138,13 +139,13 @@ def positions(swept: Swept, spec: Mapping[str, Any]) -> list[dict[str, int]]:
     return [{spec["panels"]: i} for i in spec["at"] or range(swept.axes[spec["panels"]])]
 
 
-def map_values(swept: Swept, spec: Mapping[str, Any], at: Mapping[str, int]) -> np.ndarray:
-    """What one panel shows: (x, y), or (directions,).
+def map_values(swept: Swept, spec: Mapping[str, Any], indices: Mapping[str, int]) -> np.ndarray:
+    """The values of one panel: (x, y), or (directions,).
 
     Raises HodoError if there is nothing but gaps.
     """
     keep = [swept.sphere] if spec["x"] is None else [spec["x"], spec["y"]]
-    values = swept.values(spec["variable"], keep, at)
+    values = swept.values(spec["variable"], keep, indices)
     if not np.isfinite(values).any():
         raise HodoError(f"sweep {swept.name} has no value of {spec['variable']} to draw")
     return values
@@ -184,8 +185,8 @@ def map_sphere(
     directions = swept.directions()
     axes.set_facecolor(GAP)
     axes.grid(False)
-    # At the top of its room: room left above the map would be taken for that of its title, which
-    # is cut off when the map grows.
+    # At the top of its room: the layout would take room above the map for its title's, and the
+    # title would be cut off when the map grows.
     axes.set(xticks=[], yticks=[], anchor="N")
     axes.spines["geo"].set(color=GREY, lw=0.6)
     axes.pcolormesh(*sphere_cells(directions, values), **look)
@@ -224,8 +225,8 @@ def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def sphere_cells(
     directions: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges of longitude and latitude, and the value in each cell: that of the nearest of the
-    directions (n, 3)."""
+    """Edges of longitude and latitude, and in each cell the value of the nearest direction of
+    `directions` (n, 3)."""
     # Late, because it loads half of SciPy, which no other figure needs.
     from scipy.spatial import cKDTree
 
@@ -253,18 +254,22 @@ STORED_ERRORS = {"crossing_time": "crossing_error"}
 def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over one axis: a curve a sweep, or a curve an entry of another axis."""
     sweeps = sweeps_of(cases, spec, spec["x"])
-    curves = [(swept, at) for swept in sweeps for at in positions(swept, _as_panels(spec))]
+    curves = [
+        (swept, indices) for swept in sweeps for indices in positions(swept, _as_panels(spec))
+    ]
     sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
     axes = sheet.figure.subplots()
     labels = [*spec["labels"], *[""] * len(curves)]
     lacking = False
-    for (swept, at), given, style in zip(curves, labels, styles(len(curves)), strict=False):
-        label = given or ", ".join(
-            ([swept.name] if len(sweeps) > 1 or not at else [])
-            + [position(swept, name, i) for name, i in at.items()]
+    for (swept, indices), given_label, style in zip(
+        curves, labels, styles(len(curves)), strict=False
+    ):
+        label = given_label or ", ".join(
+            ([swept.name] if len(sweeps) > 1 or not indices else [])
+            + [position(swept, name, i) for name, i in indices.items()]
         )
-        name = plain_name(swept, at, given, len(sweeps))
-        lacking |= curve_of(sheet, axes, swept, spec, at, (label, name), style)
+        name = plain_name(swept, indices, given_label, len(sweeps))
+        lacking |= curve_of(sheet, axes, swept, spec, indices, (label, name), style)
     if all(not np.isfinite(line.get_ydata()).any() for line in axes.lines):
         raise HodoError(f"sweep {sweeps[0].name} has no value of {spec['variable']} to draw")
     if spec["level"] is not None:
@@ -281,12 +286,12 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     handles: list[Line2D] = []
     if len(curves) > 1 or spec["labels"]:
         handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
-    none = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label="none")
-    legend(sheet, [*handles, *([none] if lacking else [])], 2)
+    missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label="none")
+    legend(sheet, [*handles, *([missing] if lacking else [])], 2)
 
 
 def _as_panels(spec: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a curve as `positions` takes those of a map."""
+    """The keys of a curve under the names that `positions` reads from a map."""
     return {"panels": spec["by"], "at": spec["at"]}
 
 
@@ -295,27 +300,29 @@ def curve_of(
     axes: Axes,
     swept: Swept,
     spec: Mapping[str, Any],
-    at: Mapping[str, int],
+    indices: Mapping[str, int],
     names: tuple[str, str],
     style: Mapping[str, Any],
 ) -> bool:
-    """Draw one curve, with the stored errors of its values and crosses at the bottom where there
-    is none; whether there are such places. `names` are those in the legend and in tables."""
+    """Draw one curve, with the stored errors of its values, and crosses at the bottom where a value
+    is absent; whether one is. `names` are its names in the legend and in tables."""
     label, name = names
     x, _ = swept.ticks(spec["x"])
-    values = swept.values(spec["variable"], [spec["x"]], at)
+    values = swept.values(spec["variable"], [spec["x"]], indices)
     shown = {column(swept, spec["x"]): x, spec["variable"]: values}
     axes.plot(x, values, **style, marker=".", ms=3, label=label)
     if (error := STORED_ERRORS.get(spec["variable"], "")) in swept.data:
-        shown[error] = swept.values(error, [spec["x"]], at)
+        shown[error] = swept.values(error, [spec["x"]], indices)
         axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])
-    # What tells this curve from the others, as numbers, in each of its rows.
-    shown |= {column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in at.items()}
-    none = ~np.isfinite(values)
+    # The numbers that tell this curve from the others, in each of its rows.
+    shown |= {
+        column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in indices.items()
+    }
+    missing = ~np.isfinite(values)
     bottom = axes.get_xaxis_transform()
     axes.plot(
-        x[none],
-        np.full(int(none.sum()), 0.02),
+        x[missing],
+        np.full(int(missing.sum()), 0.02),
         transform=bottom,
         ls="",
         marker="x",
@@ -324,7 +331,7 @@ def curve_of(
         clip_on=False,  # whole at the ends of the axis too
     )
     sheet.record(swept.name, name, shown)
-    return bool(none.any())
+    return bool(missing.any())
 
 
 SHARE = "share of members: "
@@ -332,13 +339,13 @@ SHARE = "share of members: "
 
 
 def map_label(sweeps: Sequence[Swept], spec: Mapping[str, Any]) -> str:
-    """What the colours of a map show, or the height of a curve."""
-    name, _, part = spec["variable"].partition(".")
+    """The label of a map's colours, or of a curve's height."""
+    name, _, component = spec["variable"].partition(".")
     attributes = sweeps[0].data[name].attrs
     meaning = str(attributes.get("long_name", name))
-    if part in str(attributes.get("flag_meanings", "")).split():
-        return f"{SHARE}{part} is the {meaning}"
-    shown = f"{meaning}, here {part}" if part else meaning
+    if component in str(attributes.get("flag_meanings", "")).split():
+        return f"{SHARE}{component} is the {meaning}"
+    shown = f"{meaning}, here {component}" if component else meaning
     over = dict.fromkeys(
         axis for swept in sweeps for axis in averaged(spec, swept.axes, swept.sphere)
     )
@@ -346,20 +353,20 @@ def map_label(sweeps: Sequence[Swept], spec: Mapping[str, Any]) -> str:
 
 
 def meanings(swept: Swept, variable: str) -> dict[int, str]:
-    """What the values of a label mean; nothing for a variable that is none."""
+    """The meanings of a label's values; an empty dict for a variable that is no label."""
     attributes = swept.data[variable].attrs if variable in swept.data else {}
     values = np.atleast_1d(attributes.get("flag_values", ())).tolist()
     return dict(zip(values, str(attributes.get("flag_meanings", "")).split(), strict=True))
 
 
 def axis_name(swept: Swept, name: str) -> str:
-    """What stands along an axis of a sweep: the symbol of its first key, and its unit."""
+    """The text along an axis of a sweep: the symbol of its first key, and its unit."""
     unit = swept.unit(name)
     return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "")
 
 
 def column(swept: Swept, name: str) -> str:
-    """The name of an axis in tables and pages, with a unit that is not that of the result."""
+    """The name of an axis in tables and pages, with its unit where the result has another."""
     unit = swept.unit(name)
     return name if unit in ("", "rad") else f"{name} [{unit}]"
 
@@ -370,12 +377,14 @@ def position(swept: Swept, name: str, i: int) -> str:
     return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
 
 
-def plain_name(swept: Swept, at: Mapping[str, int], label: str, several: int) -> str:
+def plain_name(swept: Swept, indices: Mapping[str, int], label: str, sweep_count: int) -> str:
     """The name of a curve or panel in tables and pages: the label that it is given, or its sweep
     and the keys that tell it from the others."""
-    keys = [f"{name} = {swept.ticks(name)[0][i]:.4g} {swept.unit(name)}" for name, i in at.items()]
-    own = [swept.name] if several > 1 or not at else []
-    return label or ", ".join([*own, *map(str.rstrip, keys)])
+    keys = [
+        f"{name} = {swept.ticks(name)[0][i]:.4g} {swept.unit(name)}" for name, i in indices.items()
+    ]
+    sweep_name = [swept.name] if sweep_count > 1 or not indices else []
+    return label or ", ".join([*sweep_name, *map(str.rstrip, keys)])
 
 
 KEY_SYMBOLS = {

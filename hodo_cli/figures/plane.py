@@ -60,8 +60,7 @@ def squares(motion: Motion) -> np.ndarray:
 
 
 def of_one_body(motions: list[Motion]) -> list[Motion]:
-    """Motions for a figure whose regions are those of a body. Raises HodoError if they have
-    several."""
+    """Motions for a figure of one body's regions. Raises HodoError if they are of two bodies."""
     if other := of_other_body(motions):
         names = f"{motions[0].name} and {other.name}"
         raise HodoError(f"{names} are motions of two bodies, each of which has its own regions")
@@ -87,9 +86,9 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
     for axes, limit, form in zip(panels, limits, (NAME, LETTER), strict=False):
         regions(axes, motions[0], limit, np.concatenate([*points.values()]), form)
-        for place, motion in enumerate(motions):
+        for index, motion in enumerate(motions):
             curve = points[motion.name]
-            plane_curve(axes, curve, *palette(motion, "axis", place), 0.8 * line_width(motion))
+            plane_curve(axes, curve, *palette(motion, "axis", index), 0.8 * line_width(motion))
             # A crossing lies on the diagonal; interpolation between samples may leave it a little.
             on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
             mark_points(axes, curve[[0, -1]], on_line, up_to(limit))
@@ -136,16 +135,16 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: 
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
     look: Look = {"xycoords": "axes fraction", "size": 9, "path_effects": HALO, "zorder": 7}
     across, up = np.linspace(form.half, 1 - form.half, 25), np.linspace(0.05, 0.95, 25)
-    places = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
+    candidates = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
     # The ends of a name must be inside its region too.
-    side, room = places[:, 0] - places[:, 1], form.half + 0.05
+    side, room = candidates[:, 0] - candidates[:, 1], form.half + 0.05
     # The farther from the diagonal the better, if the name has some room beside the curves.
     farthest = np.argsort(-np.abs(side), kind="stable")
     for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
-        own = places[farthest][sign * side[farthest] > room]
-        place = own[clearest(points / limit, own, form.half + 0.06)]
+        inside = candidates[farthest][sign * side[farthest] > room]
+        centre = inside[clearest(points / limit, inside, form.half + 0.06)]
         text = form.text.format(name, axis + 1)
-        axes.annotate(text, pair(place), ha="center", va="center", **look)
+        axes.annotate(text, pair(centre), ha="center", va="center", **look)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
@@ -196,12 +195,12 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     # In panels of variables the styles tell cases apart, in panels of cases variables.
     if by_case := spec["panels"] == "case":
         groups = {motion.name: [(motion, name) for name in variables] for motion in motions}
-        keys, names, given = variables, [f"${symbol(name)}$" for name in variables], ()
+        keys, names, style_names = variables, [f"${symbol(name)}$" for name in variables], ()
     else:
         groups = {name: [(motion, name) for motion in motions] for name in variables}
         keys, names = [motion.name for motion in motions], [motion.label for motion in motions]
-        given = spec["styles"]
-    looks = styles(len(names), given)
+        style_names = spec["styles"]
+    looks = styles(len(names), style_names)
     panels = series_panels(sheet, spec, len(groups), time_label(spec, motions[0]))
     for axes, (group, curves) in zip(panels, groups.items(), strict=True):
         for (motion, name), style in zip(curves, looks, strict=True):
@@ -213,13 +212,13 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
             axes.set(title=curves[0][0].label, ylabel=first_label(axes, names, curves))
         else:
             axes.set_ylabel(axis_label(group, motions[0]))
-        for small in spec["insets"]:
-            if small["panel"] == group:
-                motion = next(motion for motion in motions if motion.name == small["case"])
-                inset(sheet, axes, small, motion, dict(zip(keys, looks, strict=True)))
+        for inset_spec in spec["insets"]:
+            if inset_spec["panel"] == group:
+                motion = next(motion for motion in motions if motion.name == inset_spec["case"])
+                inset(sheet, axes, inset_spec, motion, dict(zip(keys, looks, strict=True)))
     # Panels share their time: its end is known when all are drawn.
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
-    handles = case_handles(names, given) if len(names) > 1 else []
+    handles = case_handles(names, style_names) if len(names) > 1 else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
     legend(sheet, handles, columns_for(sheet, [str(handle.get_label()) for handle in handles]))
 
@@ -234,8 +233,8 @@ def series_curve(
     style: Mapping[str, Any],
 ) -> None:
     """A variable of a motion over its time or the span of the figure, with its marks."""
-    part = within_span(motion, spec["span"])
-    times, values = motion.time[part], motion[variable][part]
+    samples = within_span(motion, spec["span"])
+    times, values = motion.time[samples], motion[variable][samples]
     sheet.record(panel, motion.label, {"time": times, variable: values})
     axes.plot(times, values, **style)
     if spec["passages"] == "yes":
@@ -258,13 +257,13 @@ def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
 
     Raises HodoError if there is none.
     """
-    part = samples_within(motion, span)
-    if span is not None and part.start >= part.stop:
+    samples = samples_within(motion, span)
+    if span is not None and samples.start >= samples.stop:
         raise HodoError(
             f"the span {span[0]:g} to {span[1]:g} holds no sample of case {motion.name}, whose "
             f"time goes from {motion.time[0]:g} to {motion.time[-1]:g}"
         )
-    return part
+    return samples
 
 
 def first_label(axes: Axes, names: Sequence[str], curves: Sequence[tuple[Motion, str]]) -> str:
@@ -277,7 +276,7 @@ def first_label(axes: Axes, names: Sequence[str], curves: Sequence[tuple[Motion,
 
 
 def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> list[Axes]:
-    """n panels in rows of `columns`, with a label below the lowest of each column; those of cases
+    """n panels in rows of `columns`, with a label below the lowest of each column; panels of cases
     share both scales."""
     columns = min(n, spec["columns"])
     rows = -(-n // columns)
@@ -312,7 +311,7 @@ def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any
 
 
 def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
-    """Legend entries of what `passage_marks` draws."""
+    """Legend entries of the marks of `passage_marks`."""
     crossing = Line2D(
         [], [], **{**CROSSING, "mfc": "white"}, label="crossing of each curve, $D = 0$"
     )
@@ -325,7 +324,7 @@ def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
 
 
 def event_handles(motions: Sequence[Motion]) -> list[Line2D]:
-    """Legend entries of what `event_marks` draws."""
+    """Legend entries of the marks of `event_marks`."""
     kinds = dict.fromkeys(kind for motion in motions for kind, _ in motion.events)
     return [Line2D([], [], **END, label=kind.replace("_", " ")) for kind in kinds]
 
@@ -363,16 +362,16 @@ def inset(
 ) -> None:
     """A smaller panel within a panel: some variables of one case, over a part of its time."""
     axes = panel.inset_axes(spec["box"])
-    part = within_span(motion, spec["span"])
+    samples = within_span(motion, spec["span"])
     for name, look in zip(spec["variables"], styles(len(spec["variables"])), strict=True):
         drawn = looks.get(name, looks.get(motion.name, look))
-        times, values = motion.time[part], motion[name][part]
+        times, values = motion.time[samples], motion[name][samples]
         axes.plot(times, values, **drawn, lw=0.9)
         sheet.record("inset", motion.name, {"time": times, name: values})
-    shown = [f"${symbol(name)}$" for name in spec["variables"]]
+    symbols = [f"${symbol(name)}$" for name in spec["variables"]]
     # A panel of one case names it already.
-    named = [] if panel.get_title() == motion.label else [motion.label]
-    axes.set_title(", ".join([*shown, *named]), size=7, pad=2)
+    case_name = [] if panel.get_title() == motion.label else [motion.label]
+    axes.set_title(", ".join([*symbols, *case_name]), size=7, pad=2)
     axes.tick_params(labelsize=6)
     axes.margins(x=0)
 
@@ -397,7 +396,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 
 def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping,
-    those of G^2."""
+    the bounds of G^2."""
     motions = of_one_body(motions_of(cases, spec["cases"], spec["labels"]))
     sheet.figure.set_size_inches(COLUMN, 1.75 * COLUMN)
     energy, square, ratio = sheet.figure.subplots(3, sharex=True)
