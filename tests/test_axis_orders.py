@@ -19,7 +19,7 @@ from test_averaged import FIG12, case, cavity, chance, full
 from hodo_cli.cases.case import Case
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.trajectory import Trajectory
-from hodo_cli.sweeps.chunk import FEWEST, side_by_side
+from hodo_cli.sweeps.single_cases import FEWEST, side_by_side
 
 COUNT = max(FEWEST, int(os.environ.get("HODO_FUZZ", "32")))
 """Motions of each kind; fewer would not go side by side."""

@@ -38,6 +38,7 @@ from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
 from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
+from hodo_cli.sweeps.single_cases import side_by_side
 
 pytestmark = pytest.mark.engines
 
@@ -276,10 +277,10 @@ def test_members_are_prepared_at_once_as_one_by_one(
     calls, inputs = [], members.inputs
     monkeypatch.setattr(members, "inputs", lambda *given: calls.append(1) or inputs(*given))
     found = members.prepare(case, every)
-    at = np.concatenate([some.at for some in found])
+    at = np.concatenate([some.positions for some in found])
     assert sorted(at) == [i for i in every if each[i].start is not None]
     for some in found:
-        for i, *numbers in zip(some.at, some.constants.T, some.start.T, strict=True):
+        for i, *numbers in zip(some.positions, some.constants.T, some.start.T, strict=True):
             assert (some.structure, some.events) == (each[i].structure, each[i].events)
             assert [tuple(x.tolist()) for x in numbers] == [each[i].constants, each[i].start]
     # Those that are refused go one by one, and the others in a part for each way they take.
@@ -342,7 +343,7 @@ def test_samples_side_by_side_are_those_of_single_cases_and_neighbours_change_no
     case = one(f"{body}, {BALL}, "
                f"sweep: {{size: {{zip: {{{sizes}}}}}, d: {{sphere: {{count: 40}}}}}}")  # fmt: skip
     cases = list(members.members_as_cases(case, np.arange(80), 1234))
-    whole, some = chunk.side_by_side(cases), chunk.side_by_side(cases[7:45])
+    whole, some = side_by_side(cases), side_by_side(cases[7:45])
     assert sum(each is not None for each in whole) > 70
     assert min(each[0].exponent[-1] for each in whole if each) < -100
     for single, found in zip(cases, whole, strict=True):
@@ -363,7 +364,7 @@ def test_samples_side_by_side_are_those_of_single_cases_and_neighbours_change_no
 def test_the_last_sample_is_the_end_whatever_rounding_has_taken_from_the_time() -> None:
     brief = FIG4.replace("end: 1000", "end: 3")
     case = one(f"{brief}, {BALL}, sweep: {{d: {{sphere: {{count: 200}}}}}}")
-    found = chunk.side_by_side([*members.members_as_cases(case, np.arange(200), 11)])
+    found = side_by_side([*members.members_as_cases(case, np.arange(200), 11)])
     paths = [each[0] for each in found if each]
     ends = [np.ldexp(path.state[-1], path.exponent[-1]) for path in paths]
     np.testing.assert_allclose(ends, computed(case)["omega"], rtol=0, atol=1e-15)
@@ -542,7 +543,7 @@ def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
         assert named == ["damping.2", "direction", "axis"]
         assert ball["damping.2"][:].tolist() == [0.001, 0.005, 0.009]
         values = computed(case)
-        for name in columns.kept(case):
+        for name in columns.stored_columns(case):
             stored = ball[name][:].reshape(1200, *ball[name].shape[2:])
             assert np.array_equal(stored, values[name], equal_nan=True), name
         assert ball.attrs["error"] < 1e-11
@@ -613,7 +614,7 @@ def test_what_a_sweep_takes_on_the_disk_is_foreseen() -> None:
         "sweep: {damping.2: {values: [0.001, 0.002, 0.003]}}"
     )
     case = replace(case, time=replace(case.time, samples=101))
-    values, kept = computed(case), columns.kept(case)
+    values, kept = computed(case), columns.stored_columns(case)
     assert set(kept) == {"omega", "status"}
     stored = sum(values[name].nbytes for name in kept)
     assert stored == 3 * (101 * 3 * 8 + 1)

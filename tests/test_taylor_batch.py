@@ -13,7 +13,9 @@ from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import constants as flat
 from hodo_cli.models.base import Event
-from hodo_cli.sweeps import ensemble, members
+from hodo_cli.sweeps import members
+from hodo_cli.sweeps.ensemble.advance import advance
+from hodo_cli.sweeps.ensemble.motions import Ensemble
 
 TOP = (
     "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, b: [0.1, 1], time: {end: 2}, "
@@ -151,10 +153,10 @@ def test_a_touch_of_a_body_with_two_equal_moments_is_no_crossing() -> None:
                "time: {end: 60}, sweep: {initial.r: {values: [0.1, 0.5]}}")  # fmt: skip
     (some,) = members.prepare(case, np.arange(2))
     (event,) = some.events
-    e = ensemble.Ensemble(
+    e = Ensemble(
         type(case.system), some.structure, some.constants, some.start, (0.0, 60.0), event, 1e-12
     )
-    outcome = ensemble.advance(e)
+    outcome = advance(e)
     assert outcome.accepted.all()
     assert not outcome.passages.motion.size
 

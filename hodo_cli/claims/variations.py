@@ -13,8 +13,8 @@ from ..cases.case import Case, Time, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of, path_of, put
 from ..models import rigid_body
 from ..results.motion import Motion
-from ..sweeps.chunk import side_by_side
 from ..sweeps.members import members_as_cases
+from ..sweeps.single_cases import side_by_side
 from .finding import ROUNDING
 from .quantities import integrated_motion, sampled_motion
 

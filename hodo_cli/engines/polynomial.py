@@ -86,8 +86,8 @@ def _halves(degree: int, dtype: np.dtype[Any]) -> np.ndarray:
     """The matrices (2, degree + 1, degree + 1) from a row of Bernstein coefficients to those on
     each half of the interval (de Casteljau's algorithm at 1/2)."""
     # Sums of positive numbers that add up to 1, so halving amplifies no rounding.
-    left = np.array([[comb(i, j) / 2**i for i in range(degree + 1)] for j in range(degree + 1)])
-    return np.array([left, left[::-1, ::-1]]).astype(dtype)
+    lower = np.array([[comb(i, j) / 2**i for i in range(degree + 1)] for j in range(degree + 1)])
+    return np.array([lower, lower[::-1, ::-1]]).astype(dtype)
 
 
 @lru_cache(maxsize=64)
@@ -140,14 +140,14 @@ def isolate(b: np.ndarray, noise: np.ndarray) -> Zeros:
         slopes = np.diff(b, axis=1)
         monotone = (slopes > 0).all(axis=1) | (slopes < 0).all(axis=1)
         single = monotone & ((above[:, 0] & below[:, -1]) | (below[:, 0] & above[:, -1]))
-        rest = ~(above.all(axis=1) | below.all(axis=1) | single)
-        lost = rest & ((halving == HALVINGS) | ~(above | below).any(axis=1))
+        undecided = ~(above.all(axis=1) | below.all(axis=1) | single)
+        lost = undecided & ((halving == HALVINGS) | ~(above | below).any(axis=1))
         if single.any():
             zeros.append(
                 _zeros_at(row[single], low[single] + width * _refined(b[single]), width, True)
             )
         zeros.append(_zeros_at(row[lost], low[lost], width, False))
-        split = rest & ~lost
+        split = undecided & ~lost
         if not split.any():
             break
         row, low, width = np.repeat(row[split], 2), np.repeat(low[split], 2), width / 2
@@ -186,7 +186,7 @@ def _refined(b: np.ndarray) -> np.ndarray:
     # The first and the last coefficient are the values at the ends.
     zeros = b[:, 0] / (b[:, 0] - b[:, -1])
     x, low, high = zeros.copy(), np.zeros_like(zeros), np.ones_like(zeros)
-    left, rising = np.arange(len(b)), b[:, -1] > 0
+    unconverged, rising = np.arange(len(b)), b[:, -1] > 0
     # With t = x/(1 - x), p = (1 - x)^n sum c_j t^j and p' = n (1 - x)^(n - 1) sum d_j t^j: Horner's
     # scheme on whole columns, at an eighth of the cost of Bernstein's polynomials.
     c = (b * _binomials(degree, b.dtype)).T
@@ -204,11 +204,12 @@ def _refined(b: np.ndarray) -> np.ndarray:
         if iteration % 4 == 3:
             inside &= high - low < 0.5 ** (iteration // 2)
         new = np.where(value == 0, x, np.where(inside, new, (low + high) / 2))
-        zeros[left] = new
-        # What has converged is left as it is, so that the last bit does not hang on the others.
+        zeros[unconverged] = new
+        # Zeros that have converged stay as they are: no last bit hangs on other polynomials.
         moving = np.abs(new - x) > 2 * eps * new
         if not moving.any():
             break
-        left, x, low, high = left[moving], new[moving], low[moving], high[moving]
+        unconverged, x = unconverged[moving], new[moving]
+        low, high = low[moving], high[moving]
         c, d, rising = c[:, moving], d[:, moving], rising[moving]
     return np.asarray(zeros)

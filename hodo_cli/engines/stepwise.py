@@ -128,9 +128,9 @@ class Stepwise:
 def between(zeros: Zeros, row: int) -> np.ndarray:
     """Places in [0, 1], both ends among them, that part the zeros of one polynomial: in the middle
     between two of them, and at the ends of uncertain intervals."""
-    own = zeros.row == row
-    low, high = ((zeros.x + side * zeros.width / 2)[own] for side in (-1, 1))
-    unsure = np.append(low, high)[np.tile(~zeros.sure[own], 2)]
+    chosen = zeros.row == row
+    low, high = ((zeros.x + side * zeros.width / 2)[chosen] for side in (-1, 1))
+    unsure = np.append(low, high)[np.tile(~zeros.sure[chosen], 2)]
     middles = (high[:-1] + low[1:]) / 2
     inner = np.concatenate((middles, unsure))
     return np.unique(np.concatenate(([0], inner[(inner > 0) & (inner < 1)], [1]))).astype(low.dtype)

@@ -86,8 +86,8 @@ class Taylor:
 
     def _stopped_by(self, outcome: Any) -> int | None:
         """The terminal event that ended a propagation, if one did."""
-        place = -1 - int(outcome)
-        return self.terminal[place] if 0 <= place < len(self.terminal) else None
+        position = -1 - int(outcome)
+        return self.terminal[position] if 0 <= position < len(self.terminal) else None
 
     def leg(self, k: Constants, y: np.ndarray, grid: np.ndarray, control: StepControl) -> Leg:
         """See `Engine.leg`."""

@@ -96,23 +96,23 @@ class TaylorStep:
 
     def __init__(self, model: type[Model], structure: Structure, event: Event | None) -> None:
         start = hy.make_vars(*(f"y{i}" for i in range(len(model.state))))
-        left, lost, steps = clock = hy.make_vars("left", "lost", "steps")
+        remaining, lost, steps = clock = hy.make_vars("remaining", "lost", "steps")
         # The first parameter is the time of the end, from which the time left is counted; the last
         # one is the `stride`, so that the code serves every tolerance.
         end, *numbers, most = (hy.par[i] for i in range(count(structure) + 2))
         k = namespace(structure, numbers)
-        # What is left is in units that fit the motion, in which the end is not.
+        # The time left is in units that fit the motion, the end in the case's own.
         unit = getattr(k, UNIT, 1.0)
-        begin = (end - left * unit) - lost * unit
+        begin = (end - remaining * unit) - lost * unit
         time, state = motion(model.rhs, begin, start, k, unit)
         y = [coefficients(series, SERIES_ORDER) for series in state]
-        step = smaller(most * radius(y), left)
+        step = smaller(most * radius(y), remaining)
         # The last step takes exactly the time left, so that it leaves 0 and no rounding.
-        then = left - step
+        after = remaining - step
         # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
-        lost = lost + ((left - then) - step)
-        steps = steps + hy.select(hy.gt(left, 0.0), hy.expression(1.0), hy.expression(0.0))
-        rows = [*(total_of_powers(c, step) for c in y), then, lost, steps, step]
+        lost = lost + ((remaining - after) - step)
+        steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
+        rows = [*(total_of_powers(c, step) for c in y), after, lost, steps, step]
         self._inputs, self._event_series = [*start, *clock], list[Any]()
         if event is not None:
             self._event_series = coefficients(event.function(time, state, k), SERIES_ORDER)
@@ -149,12 +149,12 @@ class TaylorStep:
 
 def stride(tol: float, event: Event | None) -> float:
     """The longest step that a tolerance allows, in radii of convergence (`radius`)."""
-    part = math.exp((math.log(max(tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
-    return min(part, BRANCHING) if event is not None and event.passage else part
+    longest = math.exp((math.log(max(tol, 2.0**-62)) - 0.7) / (SERIES_ORDER - 3))
+    return min(longest, BRANCHING) if event is not None and event.passage else longest
 
 
 def coefficients(series: Series, order: int) -> list[Any]:
-    """Those of a series up to an order."""
+    """The coefficients of a series up to an order."""
     return [series[i] for i in range(order + 1)]
 
 
@@ -178,12 +178,12 @@ def radius(y: Sequence[Sequence[Any]]) -> Any:
     chosen such that tol^(1/(n - 1)) is 1/e^2; F. Biscani and D. Izzo, Monthly Notices of the RAS
     504 (2021) 2614.
     """
-    norm, before, at, after = (
+    norm, lower, highest, higher = (
         reduce(larger, [size(c[i]) for c in y])
         for i in (0, ROOT_ORDER - 1, ROOT_ORDER, ROOT_ORDER + 1)
     )
     # A steady rotation has coefficients of 0.
-    coefficient = larger(at, hy.sqrt(before * after)) + TINY
+    coefficient = larger(highest, hy.sqrt(lower * higher)) + TINY
     power = larger(norm, hy.expression(1.0)) / coefficient
     return reduce(lambda x, _: hy.sqrt(x), range(int(math.log2(ROOT_ORDER))), power)
 

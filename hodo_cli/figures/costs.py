@@ -15,7 +15,7 @@ from ..models.averaging.passage import share_that_crosses
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion, forms_apart
 from ..storage.group import Group
-from ..sweeps.swept import Swept
+from ..sweeps.view import SweepView
 from .artists import (
     BLACK,
     COLUMN,
@@ -86,7 +86,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The share of starts that have crossed the separatrix by a time: the averaged closed form as
     lines, the starts of a sweep of full motions as points."""
     name = spec["cases"][0]
-    swept = Swept.of(name, cases[name])
+    swept = SweepView.of(name, cases[name])
     body, sphere = swept.body(), swept.sphere
     stored = "crossing_time" in swept.data and "damping" in swept.case.data
     if body is None or not sphere or not stored or len(swept.axes) != 2:

@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from .. import HodoError
 from ..cases.figure_block import averaged
 from ..results.dataset import Cases
-from ..sweeps.swept import Swept
+from ..sweeps.view import SweepView
 from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
 from .geometry import edges, separatrix_circles
 from .sheet import Look, Sheet
@@ -78,12 +78,12 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         legend(sheet, handles, 2)
 
 
-def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[Swept]:
+def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[SweepView]:
     """The sweeps of a figure, in order along the axes that are drawn.
 
     Raises HodoError if such an axis has values of several units, or one out of order twice.
     """
-    sweeps = [Swept.of(name, cases[name]).sorted_along(*across) for name in spec["cases"]]
+    sweeps = [SweepView.of(name, cases[name]).sorted_along(*across) for name in spec["cases"]]
     for axis in across:
         if len(units := {swept.unit(axis): swept.name for swept in sweeps}) > 1:
             units_named = " and ".join(f"{unit!r} in {name}" for unit, name in units.items())
@@ -132,14 +132,14 @@ def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
     return list(panels[:n])
 
 
-def positions(swept: Swept, spec: Mapping[str, Any]) -> list[dict[str, int]]:
+def positions(swept: SweepView, spec: Mapping[str, Any]) -> list[dict[str, int]]:
     """The positions on the axis of panels, one panel each."""
     if spec["panels"] is None:
         return [{}]
     return [{spec["panels"]: i} for i in spec["at"] or range(swept.axes[spec["panels"]])]
 
 
-def map_values(swept: Swept, spec: Mapping[str, Any], indices: Mapping[str, int]) -> np.ndarray:
+def map_values(swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, int]) -> np.ndarray:
     """The values of one panel: (x, y), or (directions,).
 
     Raises HodoError if there is nothing but gaps.
@@ -152,7 +152,7 @@ def map_values(swept: Swept, spec: Mapping[str, Any], indices: Mapping[str, int]
 
 
 def map_image(
-    axes: Axes, swept: Swept, spec: Mapping[str, Any], values: np.ndarray, look: Look
+    axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray, look: Look
 ) -> dict[str, np.ndarray]:
     """Draw an image over two axes, grey where there is no value; returns the place (n,) of each
     value by the names of the axes.
@@ -175,7 +175,7 @@ def map_image(
 
 
 def map_sphere(
-    axes: Axes, swept: Swept, spec: Mapping[str, Any], values: np.ndarray, look: Look
+    axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray, look: Look
 ) -> dict[str, np.ndarray]:
     """Draw an equal-area map of the directions of G at the start, with the separatrix, grey where
     there is no value; returns the directions as `map_image` does.
@@ -298,7 +298,7 @@ def _as_panels(spec: Mapping[str, Any]) -> dict[str, Any]:
 def curve_of(
     sheet: Sheet,
     axes: Axes,
-    swept: Swept,
+    swept: SweepView,
     spec: Mapping[str, Any],
     indices: Mapping[str, int],
     names: tuple[str, str],
@@ -338,7 +338,7 @@ SHARE = "share of members: "
 """How the label of a share begins; where each member is drawn by itself, it says yes or no."""
 
 
-def map_label(sweeps: Sequence[Swept], spec: Mapping[str, Any]) -> str:
+def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
     """The label of a map's colours, or of a curve's height."""
     name, _, component = spec["variable"].partition(".")
     attributes = sweeps[0].data[name].attrs
@@ -352,32 +352,32 @@ def map_label(sweeps: Sequence[Swept], spec: Mapping[str, Any]) -> str:
     return f"{shown}, mean over {', '.join(over)}" if over else shown
 
 
-def meanings(swept: Swept, variable: str) -> dict[int, str]:
+def meanings(swept: SweepView, variable: str) -> dict[int, str]:
     """The meanings of a label's values; an empty dict for a variable that is no label."""
     attributes = swept.data[variable].attrs if variable in swept.data else {}
     values = np.atleast_1d(attributes.get("flag_values", ())).tolist()
     return dict(zip(values, str(attributes.get("flag_meanings", "")).split(), strict=True))
 
 
-def axis_name(swept: Swept, name: str) -> str:
+def axis_name(swept: SweepView, name: str) -> str:
     """The text along an axis of a sweep: the symbol of its first key, and its unit."""
     unit = swept.unit(name)
     return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "")
 
 
-def column(swept: Swept, name: str) -> str:
+def column(swept: SweepView, name: str) -> str:
     """The name of an axis in tables and pages, with its unit where the result has another."""
     unit = swept.unit(name)
     return name if unit in ("", "rad") else f"{name} [{unit}]"
 
 
-def position(swept: Swept, name: str, i: int) -> str:
+def position(swept: SweepView, name: str, i: int) -> str:
     """A position on an axis: symbol = value."""
     unit = "°" if swept.unit(name) == "deg" else f" {swept.unit(name)}".rstrip()
     return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
 
 
-def plain_name(swept: Swept, indices: Mapping[str, int], label: str, sweep_count: int) -> str:
+def plain_name(swept: SweepView, indices: Mapping[str, int], label: str, sweep_count: int) -> str:
     """The name of a curve or panel in tables and pages: the label that it is given, or its sweep
     and the keys that tell it from the others."""
     keys = [

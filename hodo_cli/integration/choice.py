@@ -53,7 +53,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
             # Along the way, because damping may have slowed or the motion may only become fast
             # later.
             times = np.linspace(case.time.start, case.time.end, 17)[1:]
-            # What a motion may not take its trial need not try.
+            # A trial need not take more steps than the motion itself may.
             most = min(steps / RATIO, MOST_TRIED, case.max_steps or MOST_TRIED)
             tried = replace(case, max_steps=int(most), max_seconds=None)
             trial = solve(tried, "collocation", tol=ROUGH, times=times)

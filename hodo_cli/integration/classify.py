@@ -45,9 +45,9 @@ class Classification:
     """Labels (n,) of a motion's samples, as in `rigid_body.LABELS`, its crossings, and warnings.
 
     `growth` (3,) are the rates at which a small tilt away from each axis grows, None where none can
-    be told; `final` is the label in the end where theory predicts it, `predictions` what else it
-    says. `hidden` is set where the error of the motion hides a crossing, or which list of them is
-    right.
+    be told; `final` is the label in the end where theory predicts it, `predictions` are further
+    sentences of it. `hidden` is set where the error of the motion hides a crossing, or which list
+    of them is right.
     """
 
     labels: np.ndarray
@@ -84,11 +84,11 @@ def classify(
     resting = at_rest(state, dense.motion.exponent[samples])
     labels[: len(samples)] = np.where(resting, rigid_body.UNDETERMINED, axes)
     labels = completed(labels, case.system.absorbing_axes)
-    own = crossings_of(dense, errors)
+    listed = crossings_of(dense, errors)
     crossings, warnings = (
-        resolve_conflicts(own, *reference)
+        resolve_conflicts(listed, *reference)
         if reference
-        else (own.crossings, undecided_warning(own.undecided))
+        else (listed.crossings, undecided_warning(listed.undecided))
     )
     hidden = bool(warnings)
     if len(samples) < len(omega):
@@ -237,9 +237,9 @@ def distances(motion: Trajectory, reference: Trajectory) -> np.ndarray:
     """|omega - omega_ref| / |omega_ref| (n,) at the times of a motion; at least its rounding."""
     n = min(len(motion.time), len(reference.time))
     shift = (motion.exponent[:n] - reference.exponent[:n])[:, None]
-    own, better = extended(motion.omega[:n]), extended(reference.omega[:n])
+    judged, better = extended(motion.omega[:n]), extended(reference.omega[:n])
     # Only the difference needs the digits of a long double.
-    apart = (np.ldexp(own, shift) - better).astype(float)
+    apart = (np.ldexp(judged, shift) - better).astype(float)
     distance, size = (np.sqrt(np.vecdot(x, x)) for x in (apart, better.astype(float)))
     errors = np.divide(distance, size, out=np.zeros_like(distance), where=size > 0)
     least = EPS if motion.state.dtype == np.float64 else PRECISION["extended"]
@@ -290,41 +290,41 @@ def crossings_of(
 def completed(labels: np.ndarray, absorbing: frozenset[int]) -> np.ndarray:
     """Labels (n,) with those that the error of a motion hides, where its equations tell them: it
     never leaves the axes that are `absorbing`, and before that it enclosed the other axis."""
-    place, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])
-    first, last = place[is_absorbing][:1], place[(labels > 0) & ~is_absorbing][-1:]
+    sample, is_absorbing = np.arange(len(labels)), np.isin(labels, [*absorbing])
+    first, last = sample[is_absorbing][:1], sample[(labels > 0) & ~is_absorbing][-1:]
     if not absorbing or (last > first).any():  # its error is larger than stated
         return labels
     # A start on D = 0 is on neither side, wherever it leads.
-    hidden, whole = (labels == rigid_body.SEPARATRIX) & (place > 0), labels.copy()
+    hidden, filled = (labels == rigid_body.SEPARATRIX) & (sample > 0), labels.copy()
     for known in first:
-        whole[hidden & (place > known)] = labels[known]
+        filled[hidden & (sample > known)] = labels[known]
     for known in last:
-        whole[hidden & (place < known)] = labels[known]
-    return whole
+        filled[hidden & (sample < known)] = labels[known]
+    return filled
 
 
 def resolve_conflicts(
-    own: CrossingList, better: CrossingList, name: str
+    listed: CrossingList, better: CrossingList, name: str
 ) -> tuple[list[Crossing], tuple[str, ...]]:
     """The crossings to be stored, from those of a motion and of its reference, and warnings.
 
     Lists that differ are exchanged only if the reference decides everything, and with a warning.
     """
-    if axes(own) == axes(better):
-        pairs = zip(own.crossings, better.crossings, strict=True)
+    if axes(listed) == axes(better):
+        pairs = zip(listed.crossings, better.crossings, strict=True)
         crossings = [with_error(a, abs(a.time - b.time)) for a, b in pairs]
-        # What the motion leaves undecided its reference may decide, and then nothing is missing.
-        return crossings, undecided_warning(own.undecided if better.undecided else [])
-    lists = f"{len(own.crossings)} certain by the motion, {len(better.crossings)} by {name}"
+        # Where the motion is undecided its reference may decide, and then nothing is missing.
+        return crossings, undecided_warning(listed.undecided if better.undecided else [])
+    lists = f"{len(listed.crossings)} certain by the motion, {len(better.crossings)} by {name}"
     if better.undecided:
-        undecided = undecided_warning(own.undecided or better.undecided)
-        return own.crossings, (*undecided, f"the crossings are undecided: {lists}")
+        undecided = undecided_warning(listed.undecided or better.undecided)
+        return listed.crossings, (*undecided, f"the crossings are undecided: {lists}")
     crossings = [with_error(c, w) for c, w in zip(better.crossings, better.widths, strict=True)]
     return crossings, (f"the crossings hang on the error of the motion: {lists}, which are stored",)
 
 
 def axes(listed: CrossingList) -> list[tuple[int, int]]:
-    """From which axis to which each crossing leads."""
+    """The axes that each crossing leaves and enters."""
     return [(c.start, c.end) for c in listed.crossings]
 
 

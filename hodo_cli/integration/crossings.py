@@ -247,10 +247,12 @@ def read_sign_changes(
         if rises[n] == rises[n + 1]:
             verdict.undecided.append(_nearest(signs, first + 1, last))
             continue
-        at, spread = _passage(signs, first, last)
+        moment, spread = _passage(signs, first, last)
         axes = (order[0] + 1, order[2] + 1) if rises[n] > 0 else (order[2] + 1, order[0] + 1)
-        verdict.crossings.append(Crossing(float(signs.time[at]), *axes, float(signs.momentum[at])))
-        width = band[last] / signs.rate[at] if signs.rate[at] else math.inf
+        verdict.crossings.append(
+            Crossing(float(signs.time[moment]), *axes, float(signs.momentum[moment]))
+        )
+        width = band[last] / signs.rate[moment] if signs.rate[moment] else math.inf
         verdict.widths.append(float(max(width, spread)))
     if sure.size and sure[-1] < len(signs.time) - 1 and not certain:
         verdict.undecided.append(_nearest(signs, sure[-1] + 1, len(signs.time)))
@@ -268,7 +270,7 @@ def needed(
     there = np.isin(axis, [*absorbing])
     first = int(np.argmax(there)) if there.any() else len(sure)
     if (axis[first:] != axis[first : first + 1]).any():
-        return sure, False  # its error is larger than stated, and what it shows is said
+        return sure, False  # its error is larger than stated, and its crossings are listed as seen
     return sure[max(first - 1, 0) : first + 1] if absorbing else sure, first < len(sure)
 
 

@@ -21,7 +21,7 @@ LIMIT = 2**12
 smallest double."""
 
 LARGEST, OVERFLOW_MESSAGE = 1024, "the motion has outgrown the largest number"
-"""The binary order of magnitude of the largest double, and what is said of a motion beyond it."""
+"""The binary order of magnitude of the largest double, and the message of a motion beyond it."""
 
 
 def at_rest(omega: np.ndarray, exponent: Any) -> np.ndarray:
@@ -44,8 +44,8 @@ class SampleBuffer:
 
     def add(self, states: np.ndarray, size: int | np.ndarray) -> None:
         """Enter the states at the next times, in units of 2**size."""
-        here = slice(self.done, self.done + len(states))
-        self.state[here], self.exponent[here] = states, size
+        new = slice(self.done, self.done + len(states))
+        self.state[new], self.exponent[new] = states, size
         self.done += len(states)
 
     def end(self, time: float, state: np.ndarray, size: int) -> None:
@@ -160,7 +160,7 @@ def propagate(
 
 
 def passed(system: Model, passage: Passage, hit: Hit, clock: Clock, units: Units) -> EventOutcome:
-    """What becomes of the motion at a terminal event that lets it through."""
+    """The outcome of a terminal event that lets the motion through."""
     state = scaled_by(type(system), hit.state, units.size)
     numbers = attributes(system.constants, hit.state.dtype.type)
     return passage(clock.exact(hit.time), [*state], numbers)

@@ -36,11 +36,11 @@ def measured_error(motion: Trajectory) -> tuple[dict[str, float], str]:
     case, times, n = motion.case, motion.time, len(motion.time)
     if motion.whole and any(event.terminal for event in case.system.run_events):
         times = sample_times(case)
-    kept = thinned(len(times))
-    times = times[kept]
+    positions = thinned(len(times))
+    times = times[positions]
     # Both motions are thinned alike, and where an event ends one before the other, it counts too.
-    rows = np.append(kept[kept < n - 1], n - 1) if n else kept[:0]
-    thin = motion.at(rows) if len(rows) < n else motion
+    rows = np.append(positions[positions < n - 1], n - 1) if n else positions[:0]
+    thin_motion = motion.at(rows) if len(rows) < n else motion
     for by in references(case, motion.method, motion.tol):
         limited = with_step_limit(motion, by.method)
         reference = solve(limited, by.method, by.precision, by.tol, times, refine=False)
@@ -50,7 +50,7 @@ def measured_error(motion: Trajectory) -> tuple[dict[str, float], str]:
             continue
         # A reference that stops early still judges a motion that stopped as well.
         if reference.whole or not motion.whole:
-            return errors_against(case, thin, reference), by.kind
+            return errors_against(case, thin_motion, reference), by.kind
     return {}, "none"
 
 
@@ -97,10 +97,10 @@ def references(case: Case, method: str, tol: float) -> Iterator[Reference]:
     if finer == "quadruple" and not engines.have_quadruple():
         finer = None
     if finer:
-        # What `auto` took for the motion it takes for long doubles too: without another trial, and
-        # not the series where that has failed.
-        known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
-        yield Reference(finer, method if known else best(case, finer)[0])
+        # The method that `auto` took for the motion it takes for long doubles too: without another
+        # trial, and not the series where that has failed.
+        is_known = case.method == "auto" and finer == "extended" and method in AUTOMATIC
+        yield Reference(finer, method if is_known else best(case, finer)[0])
     if method == "exact":
         # A closed form has no tolerance, and the same formula again would show no error.
         method = "taylor" if engines.have_taylor() else "collocation"
@@ -113,8 +113,8 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
 
     A vector is judged sample by sample, relative to its length; an attitude by the angle to turn it
     into the other; a scalar relative to its largest value; the time of a terminal event relative to
-    the time since the start. A motion at rest (LIMIT) has no error. What is judged is what is
-    stored, in double precision.
+    the time since the start. A motion at rest (LIMIT) has no error. The values of the motion are
+    judged as they are stored, in double precision.
     """
     system = case.system
     n = min(len(motion.time), len(reference.time))
@@ -129,7 +129,7 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     state, shift = motion.state[rows].astype(float), sizes[0] - sizes[1]
     if system.degree and shift.any():
         state = rescaled(type(system), state, shift)
-    own = system.output(motion.time[rows], state, attributes(system.constants))
+    judged = system.output(motion.time[rows], state, attributes(system.constants))
     k = attributes(system.constants, np.longdouble)
     better = system.output(reference.time[rows], extended(reference.state[rows]), k)
     # One of the two may be called at rest a step before the other.
@@ -137,7 +137,7 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     for name, variable in system.variables.items():
         if case.store and name not in case.store:
             continue
-        a, b = own[name], better[name]
+        a, b = judged[name], better[name]
         if a.dtype.kind == "i":  # a label has no error
             continue
         distance, size = subtracted(a, b), np.abs(b.astype(float))

@@ -53,7 +53,7 @@ def early_end(motion: Trajectory) -> str:
 
 
 def model_warnings(motion: Trajectory) -> list[str]:
-    """What the model of a motion says of its data and of its course."""
+    """The warnings of the model of a motion about its data and its course."""
     system, state = motion.system, motion.state.astype(float)
     if not len(motion.time):
         return system.warnings
@@ -61,8 +61,8 @@ def model_warnings(motion: Trajectory) -> list[str]:
 
 
 def remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[str]:
-    """What a motion with these errors does not show by itself: an error larger than was asked for,
-    or unknown, and infinite values."""
+    """Remarks on a motion with these errors: an error larger than was asked for, or unknown, a
+    probability far from its limit, and infinite values."""
     case, worst = motion.case, max(errors.values(), default=math.nan)
     asked = max(motion.tol, ASKED)
     # Ten times, because a tolerance bounds the error of a step and not that of the motion.

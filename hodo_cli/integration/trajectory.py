@@ -1,4 +1,4 @@
-"""What an integration returns."""
+"""A motion as an integration returns it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from ..models.constants import attributes, rescaled
 
 @dataclass(frozen=True)
 class Occurrence:
-    """One event of a motion: what, and when."""
+    """One event of a motion: its kind and its time."""
 
     kind: str
     time: float

@@ -112,8 +112,8 @@ class Units:
             name: in_unit(k[name], (degree - 1) * self.size - self.rate)
             for name, degree in model.degree.items()
         }
-        own = {VELOCITY: self.size, UNIT: -self.rate}
-        return {**k} | scaled | {name: np.ldexp(1.0, own[name]) for name in own if name in k}
+        units = {VELOCITY: self.size, UNIT: -self.rate}
+        return {**k} | scaled | {name: np.ldexp(1.0, units[name]) for name in units if name in k}
 
 
 def largest_of(constant: Any) -> Any:

@@ -15,7 +15,7 @@ from ..models.rigid_body import LABELS
 from ..results.dataset import StoredCases, motion_from
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
-from ..sweeps.swept import ANGLES, round_degrees
+from ..sweeps.view import ANGLES, round_degrees
 from ..text import magnitude
 from .stored import Section
 

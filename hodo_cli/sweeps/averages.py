@@ -38,37 +38,37 @@ def average(
     axes: Sequence[str],
     variable: str,
     keep: Sequence[str],
-    at: Mapping[str, int],
+    positions: Mapping[str, int],
 ) -> np.ndarray:
-    """A variable over the axes to `keep`, at positions `at` on others, averaged over the rest; nan
-    where there is none.
+    """A variable over the axes to `keep`, at fixed `positions` on others, averaged over all further
+    axes; nan where no member counts.
 
     `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is another,
     so that its average is a share of members. Members whose status is not ok do not count. Raises
     HodoError if there is no such variable, axis or position.
     """
     data, label = numbers(variables, axes, variable)
-    for axis, i in at.items():
+    for axis, i in positions.items():
         if axis not in axes or not i < data.shape[axes.index(axis)]:
             raise HodoError(
                 f"the sweep has no position {i} on an axis {axis!r} (its axes: {', '.join(axes)})"
             )
     # Members that failed hold nan or 0, and 0 is a label.
     data = np.where(variables["status"].data == 0, data, np.nan)[
-        tuple(at.get(axis, slice(None)) for axis in axes)
+        tuple(positions.get(axis, slice(None)) for axis in axes)
     ]
-    left = [axis for axis in axes if axis not in at]
-    rest = tuple(i for i, axis in enumerate(left) if axis not in keep)
-    if rest and label:
+    free = [axis for axis in axes if axis not in positions]
+    averaged = tuple(i for i, axis in enumerate(free) if axis not in keep)
+    if averaged and label:
         shares = ", ".join(f"{variable}.{word}" for word in label)
         raise HodoError(f"{variable} is a label, without a mean: name a share, {shares}")
-    counted = np.isfinite(data).sum(axis=rest)
-    total = np.nansum(data, axis=rest)
+    counted = np.isfinite(data).sum(axis=averaged)
+    total = np.nansum(data, axis=averaged)
     # Not nanmean, which warns on stderr where nothing is left to average.
     means = np.divide(total, counted, out=np.full(np.shape(total), np.nan), where=counted > 0)
-    # What is left stands in the order of the sweep: the axes go into the order that was asked for.
+    # The means stand in the order of the sweep's axes, and are asked for in that of `keep`.
     return np.asarray(
-        np.transpose(means, np.argsort(np.argsort([left.index(axis) for axis in keep])))
+        np.transpose(means, np.argsort(np.argsort([free.index(axis) for axis in keep])))
     )
 
 
@@ -79,18 +79,19 @@ def numbers(
 
     Raises HodoError as `average` does.
     """
-    name, _, part = variable.partition(".")
+    name, _, word = variable.partition(".")
     if name not in variables or not set(axes) <= set(variables[name].dims):
         stored = [str(key) for key, column in variables.items() if set(axes) <= set(column.dims)]
         raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(stored)})")
-    dims, data, attributes = (getattr(variables[name], of) for of in ("dims", "data", "attrs"))
+    column = variables[name]
+    dims, data, attributes = column.dims, column.data, column.attrs
     words = str(attributes.get("flag_meanings", "")).split()
     components = ["x1", "x2", "x3"] if dims == (*axes, "axis") else []
-    if part in words:
-        return data == np.asarray(attributes["flag_values"])[words.index(part)], []
-    if part in components:
-        return data[..., components.index(part)], []
-    if part or dims != tuple(axes):
-        has = ", ".join(f"{name}.{word}" for word in words or components) or name
+    if word in words:
+        return data == np.asarray(attributes["flag_values"])[words.index(word)], []
+    if word in components:
+        return data[..., components.index(word)], []
+    if word or dims != tuple(axes):
+        has = ", ".join(f"{name}.{choice}" for choice in words or components) or name
         raise HodoError(f"the sweep has no {variable!r}: it has {has}")
     return data, words

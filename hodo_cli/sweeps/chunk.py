@@ -1,7 +1,7 @@
 """A chunk of members, integrated: the task of a pool."""
 
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import thread_time
@@ -14,18 +14,16 @@ from ..cases.case import Case, Time
 from ..engines import have_taylor
 from ..engines.protocol import EPS, Status
 from ..integration.classify import classify
-from ..integration.crossings import Crossing
 from ..integration.integrate import integrate
-from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.constants import UNIT, contains_time, flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage.group import Attribute, Group, Variable
-from . import ensemble
 from .columns import columns, event_columns, label_columns, shape
-from .ensemble import Ensemble, Outcome, Passages
-from .members import Prepared, alike, member, of_system, prepare
+from .ensemble.advance import advance_through, measure_crossings
+from .ensemble.motions import Ensemble, Outcome, Passages
+from .members import Prepared, member, prepare
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -36,9 +34,6 @@ WORTH = 250
 step of averaged equations, at about a millisecond for each member by itself. The nodes of a
 quadrature count among the constants."""
 
-
-FEWEST = 32
-"""Single cases of one kind, below which each by itself takes less time than compiling the step."""
 
 TURNING = 20
 """By what factor a body averaged over its turns takes longer by itself than a top does."""
@@ -65,12 +60,12 @@ def chunks(case: Case) -> Iterator[Chunk]:
 
 
 def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
-    """The members of an array of these sizes in parts, each of which is a box of it and of at most
-    so many: whole rows, or parts of one."""
+    """The first member of each box of an array of these sizes, and the one behind its last: boxes
+    of at most so many members, which are whole rows or stretches of one."""
     axis = next(i for i in range(len(sizes)) if math.prod(sizes[i + 1 :]) <= most)
     row, length = math.prod(sizes[axis + 1 :]), sizes[axis]
-    parts = -(-length // (most // row))
-    edges = [length * i // parts * row for i in range(parts + 1)]  # parts of equal size
+    count = -(-length // (most // row))
+    edges = [length * i // count * row for i in range(count + 1)]  # boxes of equal size
     for begin in range(0, math.prod(sizes), length * row):
         for low, high in pairwise(edges):
             yield begin + low, begin + high
@@ -92,55 +87,8 @@ def goes_beside(case: Case) -> bool:
     return fit and case.system.batchable and case.max_steps is None and case.max_seconds is None
 
 
-Followed = tuple[Trajectory, tuple[Crossing, ...]]
-"""A motion and its separatrix crossings."""
-
-
-def side_by_side(cases: Sequence[Case]) -> list[Followed | None]:
-    """The motions of single cases, integrated side by side where there are enough of one kind; None
-    for a case that is left to `classify`."""
-    motions: list[Followed | None] = [None] * len(cases)
-    for at, e in ensembles_of(cases):
-        times = sample_times(cases[at[0]])
-        outcome, _ = ensemble.advance_through(replace(e, times=times))
-        passed = accepted_passages(outcome)
-        crossings: list[list[Crossing]] = [[] for _ in at]
-        columns = crossing_columns(e, passed).values()
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        for n, (time, error, start, end, momentum) in zip(passed.motion, rows, strict=True):
-            crossings[n].append(Crossing(time, start, end, momentum, error))
-        for n in np.flatnonzero(outcome.accepted):
-            case, state = cases[at[n]], outcome.samples[:, n].T
-            motion = Trajectory(
-                case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n]
-            )
-            motions[at[n]] = motion, tuple(crossings[n])
-    return motions
-
-
-def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
-    """The ensembles that single cases make, where there are enough of one kind, with the places
-    (n,) of their motions among the cases."""
-    kinds: dict[Hashable, list[Prepared]] = {}
-    for i, case in enumerate(cases):
-        if watches_separatrix(case):
-            inputs = of_system(case.data, case.system)
-            single = Prepared.of(inputs, np.array([i]), inputs.start or ())
-            kinds.setdefault((type(case.system), case.time, case.tol), []).append(single)
-    for group in (group for singles in kinds.values() for group in alike(singles)):
-        if len(group.at) >= FEWEST:
-            yield group.at, ensemble_of(cases[group.at[0]], group)
-
-
-def watches_separatrix(case: Case) -> bool:
-    """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
-    system = case.system
-    is_small = bool(system.degree) and not system.no_axis_reason
-    return is_small and goes_beside(case) and not system.run_events
-
-
 def compute(chunk: Chunk) -> Group:
-    """The members of a chunk, reduced; what a pool does."""
+    """The members of a chunk, reduced to a few numbers each: the task of a pool."""
     began = thread_time()
     case, n = chunk.case, chunk.last - chunk.first
     values = {
@@ -151,51 +99,49 @@ def compute(chunk: Chunk) -> Group:
         )
         for name, column in columns(case).items()
     }
-    left = _together(chunk, values) if fits_ensemble(case) else np.arange(n)
-    methods = {"taylor"} if len(left) < n else set()
-    for i in left:
+    unsettled = integrated_together(chunk, values) if fits_ensemble(case) else np.arange(n)
+    methods = {"taylor"} if len(unsettled) < n else set()
+    for i in unsettled.tolist():
         if values["status"][i] != Status.INVALID.code:
-            number = chunk.first + int(i)
-            status, method, reduced = integrated_alone(case, number)
+            status, method, reduced = integrated_alone(case, chunk.first + i)
             values["status"][i] = status.code
             methods.add(method)
             enter(values, [i], reduced)
     dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
     if "trajectory" in case.store:
-        values |= (paths := _trajectories(chunk, values["status"]))
+        values |= (paths := trajectories(chunk, values["status"]))
         dims |= {name: ("member", "time", *dims[name][1:]) for name in paths}
     attributes: dict[str, Attribute] = {
         "run_time": thread_time() - began,
-        "alone": len(left),
+        "alone": len(unsettled),
         "methods": " ".join(sorted(methods - {""})),
     }
     return Group(attributes, {name: Variable(dims[name], data) for name, data in values.items()})
 
 
-def enter(values: Mapping[str, np.ndarray], at: Any, reduced: Mapping[str, np.ndarray]) -> None:
-    """Enter what members come to in the rows `at` of those columns that their sweep has."""
+def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.ndarray]) -> None:
+    """Enter the columns of some members in their rows of those columns that their sweep has."""
     for name in values.keys() & reduced.keys():
-        values[name][at] = reduced[name]
+        values[name][rows] = reduced[name]
 
 
-def _together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
-    """Fill in the members whose motions an ensemble accepts; returns the places of the others."""
-    case = chunk.case
-    status = values["status"]
+def integrated_together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
+    """Fill in the members whose motions an ensemble accepts; returns the rows of the others."""
+    case, status = chunk.case, values["status"]
     status[:] = Status.INVALID.code
-    is_left = np.zeros(len(status), dtype=bool)
+    is_unsettled = np.zeros(len(status), dtype=bool)
     for group in prepare(case, np.arange(chunk.first, chunk.last)):
-        status[group.at], is_left[group.at] = Status.OK.code, True
+        status[group.positions], is_unsettled[group.positions] = Status.OK.code, True
         # One compiled step watches one event; of two or more, single cases keep the order.
         if len(group.events) <= 1:
             e = ensemble_of(case, group)
-            outcome, events = ensemble.advance_through(e)
-            if not (e.model.no_axis_reason or e.model.always_absorbing):
-                ensemble.measure_crossings(e, outcome)
-            accepted = group.at[outcome.accepted]
+            outcome, events = advance_through(e)
+            if e.event and not (e.model.no_axis_reason or e.model.always_absorbing):
+                measure_crossings(e, e.event, outcome)
+            accepted = group.positions[outcome.accepted]
             enter(values, accepted, reduced_ensemble(e, outcome, events, case.time))
-            is_left[accepted] = False
-    return np.flatnonzero(is_left)
+            is_unsettled[accepted] = False
+    return np.flatnonzero(is_unsettled)
 
 
 def ensemble_of(case: Case, group: Prepared) -> Ensemble:
@@ -204,7 +150,7 @@ def ensemble_of(case: Case, group: Prepared) -> Ensemble:
     span, tol = (case.time.start, case.time.end), case.tol or EPS
     form, constants = group.structure, group.constants
     if model.degree and contains_time(model, form, group.events) and (UNIT, 0) not in form:
-        form, constants = (*form, (UNIT, 0)), np.vstack((constants, np.ones(len(group.at))))
+        form, constants = (*form, (UNIT, 0)), np.vstack((constants, np.ones(len(group.positions))))
     return Ensemble(model, form, constants, group.start, span, event, tol)
 
 
@@ -224,21 +170,15 @@ def reduced_ensemble(
         start = e.model.output(begin, e.start[:, accepted].T, e.named(accepted))
         axes = start["enclosed_axis"], final["enclosed_axis"]
         return final | event_columns([events.get(i, []) for i in accepted.tolist()], axes)
-    passed = accepted_passages(outcome)
-    place = np.searchsorted(accepted, passed.motion)
+    passed = outcome.accepted_passages
+    row = np.searchsorted(accepted, passed.motion)
     if not e.model.no_axis_reason:
         first, last = (enclosed(e, side[accepted]) for side in (outcome.first, outcome.last))
-        labels = label_columns(first, last, place, crossing_columns(e, passed), time)
+        labels = label_columns(first, last, row, crossing_columns(e, passed), time)
         return final | labels | {"separation": least_separation(e, outcome, accepted)}
     event_time = np.full(len(accepted), np.nan)
-    event_time[place] = passed.time  # of several, the last one counts
+    event_time[row] = passed.time  # of several, the last one counts
     return final | {"event_time": event_time}
-
-
-def accepted_passages(outcome: Outcome) -> Passages:
-    """The passages of accepted motions."""
-    sure = outcome.accepted[outcome.passages.motion]
-    return Passages(*(column[..., sure] for column in outcome.passages))
 
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
@@ -248,9 +188,9 @@ def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
     return np.asarray(axes[side.astype(int) + 1])
 
 
-def least_separation(e: Ensemble, outcome: Outcome, at: np.ndarray) -> np.ndarray:
-    """The smaller `rigid_body.separation` of start and end of the motions `at` (k,)."""
-    A, ends = e.inertia[:, at], (e.start[:3, at], outcome.state[:3, at])
+def least_separation(e: Ensemble, outcome: Outcome, motions: np.ndarray) -> np.ndarray:
+    """The smaller `rigid_body.separation` of start and end of some motions (k,)."""
+    A, ends = e.inertia[:, motions], (e.start[:3, motions], outcome.state[:3, motions])
     order = rigid_body.inertia_order(e.inertia[:, 0])
     return np.asarray(np.minimum(*(rigid_body.separation(A, omega, order) for omega in ends)))
 
@@ -268,8 +208,8 @@ def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
 
 
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:
-    """How one member ends that is integrated as a single case; its method and its columns (1,), or
-    none where it comes to nothing."""
+    """The status of one member that is integrated as a single case, its method, and its columns
+    (1,): none where it comes to nothing."""
     model, single = type(case.system), member(case, number)
     if any(model.check(single.data)):
         return Status.INVALID, "", {}
@@ -299,7 +239,7 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     classification = classify(case, motion.method, motion.tol, motion.error, omega)
     A = np.array(case.data["inertia"])[:, None]
     ends = np.array([case.system.start[:3], motion.omega[-1]], dtype=float).T
-    part = rigid_body.separation(A, ends, rigid_body.inertia_order(A[:, 0])).min()
+    nearest = rigid_body.separation(A, ends, rigid_body.inertia_order(A[:, 0])).min()
     member = np.zeros(len(classification.crossings), dtype=np.int64)
     columns = columns_of(CROSSING_COLUMNS, classification.crossings)
     crossings = {name: variable.data for name, variable in columns.items()}
@@ -307,10 +247,10 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
         classification.labels[:1], classification.labels[-1:], member, crossings, case.time
     )
     status = Status.UNDECIDED if classification.hidden else Status.OK
-    return status, labels | {"separation": np.array([part])}
+    return status, labels | {"separation": np.array([nearest])}
 
 
-def _trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
+def trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
     """The stored variables at every sample (n, samples, ...); nan from where a motion ended."""
     case = chunk.case
     paths: dict[str, np.ndarray] = {}

@@ -35,13 +35,13 @@ def columns(case: Case) -> dict[str, Stored]:
         # As a label at the end it is `end_axis`.
         if name != "enclosed_axis" or "trajectory" in case.store
     }
-    own = MEMBER_CLASSIFIED
+    reduced = MEMBER_CLASSIFIED
     if model.no_axis_reason:
-        own = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
-    return final | own | MEMBER_STEPS | MEMBER_STATUS
+        reduced = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
+    return final | reduced | MEMBER_STEPS | MEMBER_STATUS
 
 
-def kept(case: Case) -> dict[str, Stored]:
+def stored_columns(case: Case) -> dict[str, Stored]:
     """The columns that are stored in the result."""
     asked = set(case.store) - {"trajectory"}
     if asked and "trajectory" in case.store:
@@ -61,9 +61,10 @@ def shape(case: Case) -> tuple[int, ...]:
 
 def stored_bytes(case: Case) -> int:
     """The bytes that a sweep takes in its result."""
-    columns, samples = kept(case), case.time.samples
+    samples = case.time.samples
     size = sum(
-        np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in columns.values()
+        np.dtype(column.dtype).itemsize * math.prod(column.shape)
+        for column in stored_columns(case).values()
     )
     if "trajectory" in case.store:
         size += 8 * samples * sum(label.width for label in case.system.variables.values())

@@ -14,7 +14,7 @@ from ..integration.solve import sample_times
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
 from ..storage.group import Attribute, Group, StreamedVariables, Variable
 from .chunk import Chunk, fits_ensemble
-from .columns import kept, shape
+from .columns import shape, stored_columns
 from .summary import Read, Summary
 
 
@@ -27,7 +27,7 @@ def group_of_columns(
     sizes = shape(case)
     names = [axis.name for axis in axes_of(case.sweep or {})]
     variables = coordinates(case)
-    for name, column in kept(case).items():
+    for name, column in stored_columns(case).items():
         inner, dims = column.shape, column.dims
         if "trajectory" in case.store and name in case.system.variables:
             inner, dims = (case.time.samples, *inner), ("time", *dims)
@@ -39,31 +39,33 @@ def group_of_columns(
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
         for task in tasks:
             where = box(sizes, task.first, task.last)
-            with read(task) as part:
-                for name in kept(case):
-                    data = part.variable(name)
+            with read(task) as finished:
+                for name in stored_columns(case):
+                    data = finished.variable(name)
                     outline = (*(corner.stop - corner.start for corner in where), *data.shape[1:])
                     yield name, where, data.reshape(outline)
 
     variables = with_units(variables, case)
     return Group(
-        {**attributes, **errors}, variables, StreamedVariables(frozenset(kept(case)), fill)
+        {**attributes, **errors},
+        variables,
+        StreamedVariables(frozenset(stored_columns(case)), fill),
     )
 
 
 def sweep_attributes(
     case: Case, case_digest: str, total: int, summary: Summary, problems: Mapping[str, int]
 ) -> dict[str, Attribute]:
-    """The attributes of a sweep of so many members; what is known of its errors comes besides."""
+    """The attributes of a sweep of so many members, without those of its errors."""
     ok, failed, timeout, invalid, hidden = summary.status.tolist()
     remarks = (
         (invalid, "are no body or have no start"),
         (hidden, "are undecided: their error is larger than their distance from the separatrix"),
     )
-    words = [f"{count} of {total} members: {message}" for message, count in problems.items()]
-    words += [
-        f"{n} of {total} members {what}"
-        for n, what in ((failed, "failed"), (timeout, "ran out of time"))
+    messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
+    messages += [
+        f"{n} of {total} members {outcome}"
+        for n, outcome in ((failed, "failed"), (timeout, "ran out of time"))
         if n
     ]
     together = fits_ensemble(case)
@@ -81,8 +83,8 @@ def sweep_attributes(
         error=math.nan,
         error_kind="none",
         status=ending(ok + hidden, failed, timeout),
-        message="; ".join(words) or ("" if ok + hidden else "no member is a body with a start"),
-        warnings="\n".join(f"{n} of {total} members {what}" for n, what in remarks if n),
+        message="; ".join(messages) or ("" if ok + hidden else "no member is a body with a start"),
+        warnings="\n".join(f"{n} of {total} members {outcome}" for n, outcome in remarks if n),
     )
 
 
@@ -110,10 +112,10 @@ def coordinates(case: Case) -> dict[str, Variable]:
 def stated_unit(case: Case, name: str) -> str:
     """The unit of a swept key, in words; none of an angle, which may be given in degrees."""
     keys, unit = keys_of(case.model, case.form)[1], "1"
-    for part in path_of(name):
-        if part in keys:
-            unit = keys[str(part)].unit
-            keys = getattr(keys[str(part)].kind, "keys", {})
+    for key in path_of(name):
+        if key in keys:
+            unit = keys[str(key)].unit
+            keys = getattr(keys[str(key)].kind, "keys", {})
     return "1" if unit == "rad" else unit
 
 
@@ -125,7 +127,7 @@ def ending(ok: int, failed: int, timeout: int) -> Status:
 
 
 def box(sizes: tuple[int, ...], first: int, last: int) -> tuple[slice, ...]:
-    """Where the members `first` to `last` - 1, whose chunk is a box, stand in an array of these
-    sizes."""
+    """The box of the members `first` to `last` - 1 in an array of these sizes, as a slice of each
+    axis."""
     corners = zip(np.unravel_index(first, sizes), np.unravel_index(last - 1, sizes), strict=True)
     return tuple(slice(int(low), int(high) + 1) for low, high in corners)

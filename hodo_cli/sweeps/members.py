@@ -20,10 +20,10 @@ FEWEST_COLUMN = 16
 
 
 class Inputs(NamedTuple):
-    """One combination of the values that vary otherwise than over a sphere, or a column of many:
-    the data, and what they amount to.
+    """The data of members with one combination of the values that vary otherwise than over a
+    sphere, or with a column of many, and the system that they describe.
 
-    `start` is None, and so is all but the data, where they describe no body or no start.
+    Where they describe no body or no start, `start` is None and only the data are set.
     """
 
     data: Mapping[str, Any]
@@ -35,20 +35,21 @@ class Inputs(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """Members that can share a compiled step: their places (k,), what they have in common, and
-    their constants (c, k) and starts (m, k)."""
+    """Members that can share a compiled step: their positions (k,), the structure and the events
+    that they have in common, and their constants (c, k) and starts (m, k)."""
 
-    at: np.ndarray
+    positions: np.ndarray
     structure: Structure
     events: tuple[Event, ...]
     constants: np.ndarray
     start: np.ndarray
 
     @classmethod
-    def of(cls, given: Inputs, at: np.ndarray, start: Iterable[Any]) -> "Prepared":
-        """The members `at` with these inputs, and with a start of their own."""
-        constants, begin = (rows(numbers, len(at)) for numbers in (given.constants, tuple(start)))
-        return cls(at, given.structure, given.events, constants, begin)
+    def of(cls, shared: Inputs, positions: np.ndarray, start: Iterable[Any]) -> "Prepared":
+        """The members at some positions with these inputs, and with starts of their own."""
+        n = len(positions)
+        constants, starts = (rows(numbers, n) for numbers in (shared.constants, tuple(start)))
+        return cls(positions, shared.structure, shared.events, constants, starts)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -72,7 +73,7 @@ def inputs(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Input
 
 
 def of_system(data: Mapping[str, Any], system: Model) -> Inputs:
-    """What data of which a model makes this system amount to."""
+    """The inputs of members with these data, of which a model makes this system."""
     k, events = system.constants, (*system.run_events, *system.class_events)
     return Inputs(data, structure(k), tuple(flatten(k)), system.start, events, system)
 
@@ -80,8 +81,8 @@ def of_system(data: Mapping[str, Any], system: Model) -> Inputs:
 def combinations(
     case: Case, members: np.ndarray
 ) -> tuple[list[KeyPath], np.ndarray, np.ndarray, np.ndarray | None]:
-    """The paths that vary and the values there (p, k) of each combination that occurs among members
-    (n,), the place of each member's, and its direction (n, 3), if any."""
+    """The paths that vary, the values there (p, k) of each combination that occurs among members
+    (n,), the position (n,) of each member's combination, and its direction (n, 3), if any."""
     assert case.sweep is not None
     axes = axes_of(case.sweep)
     index = np.unravel_index(members, shape(case))
@@ -89,108 +90,106 @@ def combinations(
     sizes = [len(axis) for axis, _ in plain] or [1]
     flat = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
     # The members of a sphere have their data in common.
-    which, place = np.unique(flat, return_inverse=True)
+    occurring, combination = np.unique(flat, return_inverse=True)
     varying = [
-        (path, axis.values(j, at))
-        for (axis, _), at in zip(plain, np.unravel_index(which, sizes), strict=bool(plain))
+        (path, axis.values(j, along))
+        for (axis, _), along in zip(plain, np.unravel_index(occurring, sizes), strict=bool(plain))
         for j, (path, _) in enumerate(axis.ranges)
     ]
     paths = [path for path, _ in varying]
-    values = np.array([numbers for _, numbers in varying]).reshape(len(paths), len(which))
+    values = np.array([numbers for _, numbers in varying]).reshape(len(paths), len(occurring))
     sphere = next(
         ((axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is not None), None
     )
-    return paths, values, place, sphere[0].directions(sphere[1]) if sphere else None
+    return paths, values, combination, sphere[0].directions(sphere[1]) if sphere else None
 
 
 def member_inputs(
     case: Case, members: np.ndarray
 ) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
-    """The combinations that occur among members (n,), each by itself, the place of each member's,
-    and its direction (n, 3), if any."""
-    paths, values, place, direction = combinations(case, members)
-    return [inputs(case, paths, row) for row in values.T.tolist()], place, direction
+    """The inputs of each combination that occurs among members (n,), the position (n,) of each
+    member's combination, and its direction (n, 3), if any."""
+    paths, values, combination, direction = combinations(case, members)
+    return [inputs(case, paths, row) for row in values.T.tolist()], combination, direction
 
 
 def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
     """Members (n,) as their motions begin; those without a body or a start are left out."""
-    paths, values, place, direction = combinations(case, members)
+    paths, values, combination, direction = combinations(case, members)
     if direction is None:
-        return alike(in_parts(case, paths, values[:, place], np.arange(len(members))))
-    given = [inputs(case, paths, row) for row in values.T.tolist()]
-    omega = velocities(given, place, direction)
+        every = np.arange(len(members))
+        return alike(prepared_by_branch(case, paths, values[:, combination], every))
+    sets = [inputs(case, paths, row) for row in values.T.tolist()]
+    omega = velocities(sets, combination, direction)
     return alike(
-        Prepared.of(shared, at, shared.system.starts(omega[at]))
-        for shared, at in ((shared, np.flatnonzero(place == i)) for i, shared in enumerate(given))
+        Prepared.of(shared, own, shared.system.starts(omega[own]))
+        for i, shared in enumerate(sets)
+        for own in [np.flatnonzero(combination == i)]
         if shared.system is not None
     )
 
 
-def in_parts(
-    case: Case, paths: Sequence[KeyPath], values: np.ndarray, at: np.ndarray
+def prepared_by_branch(
+    case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
 ) -> Iterator[Prepared]:
-    """The members `at`, with values (p, n) at paths: as many at once as their model prepares
-    alike."""
+    """The members at some positions, with values (p, n) at paths: those at once for which their
+    model takes the same branches."""
     try:
-        some = at_once(case, paths, values, at)
+        together = prepared_at_once(case, paths, values, positions)
     except BranchDivergence as branches:
-        for part in (branches.where, ~branches.where):
-            yield from in_parts(case, paths, values, at[part])
+        for branch in (branches.where, ~branches.where):
+            yield from prepared_by_branch(case, paths, values, positions[branch])
         return
-    if some is not None:
-        yield some
+    if together is not None:
+        yield together
         return
-    for place, row in zip(at[:, None], values[:, at].T.tolist(), strict=True):
+    for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         single = inputs(case, paths, row)
         if single.start is not None:
-            yield Prepared.of(single, place, single.start)
+            yield Prepared.of(single, position, single.start)
 
 
-def at_once(
-    case: Case, paths: Sequence[KeyPath], values: np.ndarray, at: np.ndarray
+def prepared_at_once(
+    case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
 ) -> Prepared | None:
-    """The same, for members whose model takes one branch; None if they are to be prepared one by
-    one: they are few, refused, or their model takes plain numbers only."""
-    if len(at) < FEWEST_COLUMN:
+    """The members at some positions if their model takes one branch; None if they are to be
+    prepared one by one: they are few, refused, or their model takes plain numbers only."""
+    if len(positions) < FEWEST_COLUMN:
         return None
     try:
         with np.errstate(all="ignore"):  # columns refuse what is not finite
-            shared = inputs(case, paths, [Column(row) for row in values[:, at]])
-        return None if shared.start is None else Prepared.of(shared, at, shared.start)
+            shared = inputs(case, paths, [Column(row) for row in values[:, positions]])
+        return None if shared.start is None else Prepared.of(shared, positions, shared.start)
     except TypeError:
         return None
 
 
-def alike(parts: Iterable[Prepared]) -> list[Prepared]:
-    """The same members, with those together that can share a compiled step."""
+def alike(groups: Iterable[Prepared]) -> list[Prepared]:
+    """Groups of members, joined where they can share a compiled step."""
     kinds: dict[Hashable, list[Prepared]] = {}
-    for part in parts:
-        kinds.setdefault((part.structure, part.events), []).append(part)
-    return [
-        Prepared(
-            np.concatenate([part.at for part in same]),
-            *same[0][1:3],
-            *(
-                np.concatenate(arrays, axis=1)
-                for arrays in zip(*(p[3:] for p in same), strict=True)
-            ),
-        )
-        for same in kinds.values()
-    ]
+    for group in groups:
+        kinds.setdefault((group.structure, group.events), []).append(group)
+    return [joined(kind) for kind in kinds.values()]
 
 
-def velocities(given: list[Inputs], place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def joined(kind: list[Prepared]) -> Prepared:
+    """Groups of members of one structure as one."""
+    positions, constants, start = (
+        np.concatenate([group[field] for group in kind], axis=-1) for field in (0, 3, 4)
+    )
+    return Prepared(positions, kind[0].structure, kind[0].events, constants, start)
+
+
+def velocities(sets: list[Inputs], combination: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
     the data; nan for data that describe no body or no start."""
-    A, omega = (
-        np.array([shared.data["inertia"] for shared in given]),
-        np.full((len(given), 3), np.nan),
-    )
-    for row, shared in zip(omega, given, strict=True):
+    A = np.array([shared.data["inertia"] for shared in sets])
+    omega = np.full((len(sets), 3), np.nan)
+    for row, shared in zip(omega, sets, strict=True):
         if shared.system is not None:
             row[:] = shared.system.velocity(shared.data["inertia"], shared.data["initial"])
     G = np.linalg.norm(A * omega, axis=1)
-    return np.asarray(G[place, None] * direction / A[place])
+    return np.asarray(G[combination, None] * direction / A[combination])
 
 
 def member(case: Case, number: int, samples: int = 2) -> Case:
@@ -200,12 +199,12 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
 
 def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[Case]:
     """Members as cases of their own."""
-    given, place, direction = member_inputs(case, numbers)
+    sets, combination, direction = member_inputs(case, numbers)
     time = replace(case.time, samples=samples)
     common = replace(case, time=time, sweep=None, store=(), error="off")
-    omega = None if direction is None else velocities(given, place, direction)
+    omega = None if direction is None else velocities(sets, combination, direction)
     for i, number in enumerate(numbers):
-        shared = given[place[i]]
+        shared = sets[combination[i]]
         data = shared.data
         if omega is not None and shared.start is not None:
             # The other ways to give the start (|G|, x and y) make way for the components.
@@ -217,16 +216,16 @@ def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[
 
 
 def warnings_of_ends(case: Case) -> list[str]:
-    """What the data of the first and of the last member say against their model.
+    """The warnings that the models of the first and of the last member give of their data.
 
-    The data of the case itself may never be run. Values on an axis mostly rise or fall, so that
-    what is said of any member is said of one of these two.
+    The data of the case itself may never be run. Values on an axis mostly rise or fall, so that a
+    warning of any member is one of these two.
     """
     last = math.prod(shape(case)) - 1
     numbers: dict[str, int] = {}
     for number in sorted({0, last}):
-        (given,), _, _ = member_inputs(case, np.array([number]))
-        if given.start is not None:
+        (single,), _, _ = member_inputs(case, np.array([number]))
+        if single.start is not None:
             for warning in member(case, number).system.warnings:
                 numbers.setdefault(warning, number)
     return [f"member {number} of {last + 1}: {warning}" for warning, number in numbers.items()]

@@ -1,4 +1,4 @@
-"""What is measured of a sweep as a whole: errors of sampled members, counts, shares."""
+"""Counts over all members of a sweep, and the measured errors of some."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -40,7 +40,7 @@ LEVELS = (0.5, 0.9, 0.99, 1.0)
 
 
 class MemberEnd(NamedTuple):
-    """What is stored of a member: its number, its variables at the end, its first crossing."""
+    """A member as it is stored: its number, its variables at the end, its first crossing."""
 
     number: int
     final: Mapping[str, np.ndarray]
@@ -48,8 +48,8 @@ class MemberEnd(NamedTuple):
 
 
 class MemberError(NamedTuple):
-    """The errors of the final state and of the first crossing of a member, and against what they
-    are measured."""
+    """The errors of the final state and of the first crossing of a member, and the kind of the
+    reference that they are measured against."""
 
     final: float
     crossing_time: float
@@ -76,26 +76,26 @@ def member_error(case: Case, end: MemberEnd) -> MemberError:
     method = "taylor" if fits_ensemble(case) else choose(single)[0]
     tol = case.tol or PRECISION[case.precision]
     # nan where there is no crossing, and then the comparison is false.
-    between = [crossing] if crossing < case.time.end else []
-    times = np.array([case.time.start, *between, case.time.end])
+    crossings = [crossing] if crossing < case.time.end else []
+    times = np.array([case.time.start, *crossings, case.time.end])
     for by in references(single, method, tol):
         reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=single)
         if reference.whole:
-            shift = _newton(reference) if between else math.nan
-            return MemberError(_final_error(end.final, reference), shift, by.kind)
+            shift = newton_step(reference) if crossings else math.nan
+            return MemberError(final_error(end.final, reference), shift, by.kind)
     return MemberError(math.nan, math.nan, "none")
 
 
-def _final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
-    """The largest error of what is stored of a member at its end; of a vector relative to its
+def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
+    """The largest error of the stored variables of a member at its end; of a vector relative to its
     length there, of a number to its largest value at start and end, since it may vanish."""
     case, last = reference.case, reference.at(slice(-1, None))
     errors, compared = [0.0], set()
     if not case.system.no_axis_reason:  # omega is the state, which is compared as it is
         true = rescaled(type(case.system), last.state.astype(float), last.exponent)
         state = np.concatenate((final["omega"][None], true[:, 3:]), axis=1)
-        own = replace(last, state=state, exponent=np.zeros(1, dtype=np.intc))
-        errors.append(errors_against(case, own, last)["omega"])
+        stored = replace(last, state=state, exponent=np.zeros(1, dtype=np.intc))
+        errors.append(errors_against(case, stored, last)["omega"])
         compared.add("omega")
     for name, values in reference.variables.items():
         if name == "attitude" and name in final:
@@ -107,8 +107,8 @@ def _final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> floa
     return max(errors)
 
 
-def _newton(reference: Trajectory) -> float:
-    """|D / (dD/dt)| at the second sample of a motion; infinite where D stands still beside 0."""
+def newton_step(reference: Trajectory) -> float:
+    """|D / (dD/dt)| at the second sample of a motion: infinite where D is at rest beside 0."""
     system, A = reference.case.system, np.array(reference.case.data["inertia"])
     model, k, time = type(system), system.constants, float(reference.time[1])
     state, exponent = reference.state[1].astype(float), int(reference.exponent[1])
@@ -121,10 +121,10 @@ def _newton(reference: Trajectory) -> float:
     ahead = scaled[:3] + 1e-100j * np.array(rates[:3], dtype=float)
     slope = float(np.subtract(*rigid_body.separatrix_terms(A, ahead, order)).imag) / 1e-100
     shift = 2 * (exponent - int(units.size)) - int(units.rate)
-    off = float(np.subtract(*rigid_body.separatrix_terms(A, reference.omega[1], order)))
+    D = float(np.subtract(*rigid_body.separatrix_terms(A, reference.omega[1], order)))
     if not slope:
-        return math.inf if off else 0.0
-    return abs(math.ldexp(off / slope, shift))
+        return math.inf if D else 0.0
+    return abs(math.ldexp(D / slope, shift))
 
 
 class FinishedChunk(NamedTuple):
@@ -137,8 +137,8 @@ class FinishedChunk(NamedTuple):
 Read = Callable[[Chunk], AbstractContextManager[FinishedChunk]]
 
 
-def lost_part(chunk: Chunk) -> Group:
-    """A chunk whose worker failed."""
+def lost_chunk(chunk: Chunk) -> Group:
+    """The columns of a chunk whose worker failed."""
     variables = {}
     for name, column in columns(chunk.case).items():
         missing = 0 if column.dtype[0] == "i" else np.nan
@@ -150,7 +150,7 @@ def lost_part(chunk: Chunk) -> Group:
 
 @dataclass
 class Summary:
-    """What the chunks on the disk add up to, and the ends of the members to be probed."""
+    """Sums over the chunks on the disk, and the ends of the members whose error is measured."""
 
     status: np.ndarray
     steps: int
@@ -168,24 +168,24 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
     near: list[tuple[float, MemberEnd]] = []
     for task in tasks:
-        with read(task) as part:
-            status = part.variable("status")
+        with read(task) as chunk:
+            status = chunk.variable("status")
             summary.status += np.bincount(status, minlength=len(Status))
-            summary.steps += int(part.variable("steps").sum())
-            summary.run_time += part.attributes["run_time"]
-            summary.alone += part.attributes["alone"]
-            summary.methods.update(str(part.attributes["methods"]).split())
+            summary.steps += int(chunk.variable("steps").sum())
+            summary.run_time += chunk.attributes["run_time"]
+            summary.alone += chunk.attributes["alone"]
+            summary.methods.update(str(chunk.attributes["methods"]).split())
             if case.error == "off":
                 continue
-            end, separation = member_ends(case, task, part), np.full(len(status), math.inf)
+            end, separation = member_ends(case, task, chunk), np.full(len(status), math.inf)
             if not case.system.no_axis_reason:
                 ok = status == Status.OK.code
-                separation = np.where(ok, part.variable("separation"), np.inf)
+                separation = np.where(ok, chunk.variable("separation"), np.inf)
         nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]
         near += [(float(separation[i]), end(int(i))) for i in nearest]
         near = sorted(near, key=lambda pair: (pair[0], pair[1].number))[:NEAREST]
-        here = drawn[(drawn >= task.first) & (drawn < task.last)] - task.first
-        summary.ends += [end(int(i)) for i in here if status[i] == Status.OK.code]
+        within = drawn[(drawn >= task.first) & (drawn < task.last)] - task.first
+        summary.ends += [end(int(i)) for i in within if status[i] == Status.OK.code]
     numbers = {end.number for end in summary.ends}
     summary.ends += [end for _, end in near if end.number not in numbers]
     # Smaller, components may be below the smallest normal double, and differ for that alone.
@@ -194,30 +194,30 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
 
 
 def largest(end: MemberEnd) -> float:
-    """The largest component of what is stored of a member."""
+    """The largest component of the stored variables of a member."""
     return float(max(np.abs(values).max() for values in end.final.values()))
 
 
-def member_ends(case: Case, chunk: Chunk, part: FinishedChunk) -> Callable[[int], MemberEnd]:
-    """The end of each member of a chunk, by its place there."""
-    final, crossing = {}, np.full(chunk.last - chunk.first, math.nan)
+def member_ends(case: Case, task: Chunk, chunk: FinishedChunk) -> Callable[[int], MemberEnd]:
+    """The end of each member of a chunk, by its row there."""
+    final, crossing = {}, np.full(task.last - task.first, math.nan)
     for name, variable in case.system.variables.items():
         if name == "enclosed_axis":  # a label, which has no error
             continue
-        values = part.variable(name)
+        values = chunk.variable(name)
         # A member whose samples are stored has an axis more.
         final[name] = values[:, -1] if values.ndim > len(variable.dims) else values
     if not case.system.no_axis_reason:
-        crossing = part.variable("crossing_time")
+        crossing = chunk.variable("crossing_time")
     return lambda i: MemberEnd(
-        chunk.first + i, {name: x[i] for name, x in final.items()}, float(crossing[i])
+        task.first + i, {name: x[i] for name, x in final.items()}, float(crossing[i])
     )
 
 
 def sampled_errors(
     case: Case, pool: Pool, summary: Summary, report: Callable[[float], object]
 ) -> dict[str, Any]:
-    """Quantiles of the measured errors; `report` is called with the share of them that is done."""
+    """Quantiles of the measured errors; `report` is called with the finished share of them."""
     starts = range(0, len(summary.ends), PROBED)
     tasks = [SampledMembers(case, summary.ends[i : i + PROBED]) for i in starts]
     errors: list[MemberError] = []

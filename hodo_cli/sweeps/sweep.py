@@ -18,28 +18,25 @@ from ..storage.group import Group
 from ..storage.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
-from .summary import PROBES, FinishedChunk, lost_part, sampled_errors, summarized
+from .summary import PROBES, FinishedChunk, lost_chunk, sampled_errors, summarized
 
 
 def run_sweep(
     case: Case, case_digest: str, pool: Pool, writer: Writer, resume: bool, progress: Progress
 ) -> Group:
-    """All members of a sweep; the chunks of an earlier run with the same digest are taken over if
-    `resume`.
-
-    Raises HodoError if no member came to anything.
-    """
+    """All members of a sweep as the group of a result file; with `resume`, the chunks that an
+    earlier run with the same digest has stored are kept."""
     sweep_id = digest(case_digest)
     stored = writer.chunks(sweep_id) if resume else set()
     tasks = list(chunks(case))
     problems: dict[str, int] = {}
     if stored:
         progress.say(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
-    left = [task for task in tasks if task.first not in stored]
+    missing = [task for task in tasks if task.first not in stored]
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
     progress.report(case.name, members * len(stored) / len(tasks))
-    for i, (chunk, outcome) in enumerate(pool.map(compute, left), len(stored) + 1):
+    for i, (chunk, outcome) in enumerate(pool.map(compute, missing), len(stored) + 1):
         progress.report(case.name, members * i / len(tasks))
         if isinstance(outcome, Exception):
             # A chunk that fails costs its own members; the sweep goes on and says how many.
@@ -51,11 +48,11 @@ def run_sweep(
     @contextmanager
     def read(chunk: Chunk) -> Iterator[FinishedChunk]:
         if chunk.first not in done:
-            lost = lost_part(chunk)
-            yield FinishedChunk(lost.attributes, lambda name: lost.variables[name].data)
+            empty = lost_chunk(chunk)
+            yield FinishedChunk(empty.attributes, lambda name: empty.variables[name].data)
         else:
-            with writer.chunk(sweep_id, chunk.first) as part:
-                yield FinishedChunk(part.summary("part"), partial(part.array, "part"))
+            with writer.chunk(sweep_id, chunk.first) as file:
+                yield FinishedChunk(file.summary("part"), partial(file.array, "part"))
 
     summary = summarized(case, tasks, read)
 

@@ -29,8 +29,8 @@ def round_degrees(angle: float) -> float | None:
     """The degrees of an angle in radians if they are a round number, in which it was given then;
     None if not. A case holds every angle in radians."""
     degrees = math.degrees(angle)
-    whole = round(degrees, 6)
-    return whole if abs(degrees - whole) <= 4 * math.ulp(degrees) else None
+    rounded = round(degrees, 6)
+    return rounded if abs(degrees - rounded) <= 4 * math.ulp(degrees) else None
 
 
 EVEN = 1e-9
@@ -47,7 +47,7 @@ def in_even_ratios(values: np.ndarray) -> bool:
 
 
 @dataclass(frozen=True)
-class Swept:
+class SweepView:
     """A sweep: the name of its case, the case, and its dataset, whose last dimensions are `time`
     and `axis`."""
 
@@ -56,7 +56,7 @@ class Swept:
     data: "xr.Dataset"
 
     @classmethod
-    def of(cls, name: str, data: "xr.Dataset") -> "Swept":
+    def of(cls, name: str, data: "xr.Dataset") -> "SweepView":
         """The sweep in a dataset. Raises HodoError if what it holds does not fit together."""
         owner = f"case {name}"
         case, data = case_in(data, owner), ordered(data, owner)
@@ -85,11 +85,11 @@ class Swept:
 
     def at(self, name: str, i: int) -> Case:
         """The case with the values that vary along an axis as they are at a position."""
-        given = self.case.data
+        data = self.case.data
         for key in swept_names(self.data):
             if self.data.variables[key].dims == (name,):
-                given = put(given, path_of(key), float(self.data.variables[key].data[i]))
-        return replace(self.case, data=given)
+                data = put(data, path_of(key), float(self.data.variables[key].data[i]))
+        return replace(self.case, data=data)
 
     @property
     def sphere(self) -> str:
@@ -103,17 +103,17 @@ class Swept:
         """
         vector = self.data[f"{self.sphere}_vector"].transpose(self.sphere, "axis")
         if tuple(vector["axis"].data) != BODY_AXES:
-            raise HodoError(f"sweep {self.name} has no whole directions of its sphere left")
+            raise HodoError(f"the directions of sweep {self.name} lack a component")
         return np.asarray(vector.data)
 
     def values(self, variable: str, keep: Sequence[str], at: Mapping[str, int]) -> np.ndarray:
         """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed;
         see `averages.average`."""
-        name, _, part = variable.partition(".")
+        name, _, component = variable.partition(".")
         column = self.data[name]
-        if part and "axis" in column.dims:
+        if component and "axis" in column.dims:
             # By its coordinate, wherever it stands.
-            column, variable = column.isel(axis=list(column["axis"].data).index(part)), name
+            column, variable = column.isel(axis=list(column["axis"].data).index(component)), name
         ok = self.data["status"] if "status" in self.data else 0 * column
         columns = {name: self._over_all(column), "status": self._over_all(ok)}
         return average(columns, list(self.axes), variable, keep, at)
@@ -124,7 +124,7 @@ class Swept:
         column = column.expand_dims(sizes).transpose(*self.axes, ...)
         return Variable(tuple(map(str, column.dims)), np.asarray(column.data), dict(column.attrs))
 
-    def sorted_along(self, *names: str) -> "Swept":
+    def sorted_along(self, *names: str) -> "SweepView":
         """The sweep with the values along some axes in order, ascending unless they descend.
 
         Raises HodoError if one then stands twice: members of several sweeps make no single curve.
@@ -135,11 +135,13 @@ class Swept:
             steps = np.diff(values)
             if (steps >= 0).all() or (steps <= 0).all():
                 continue
-            place = np.argsort(values, kind="stable")
-            if twice := values[place][1:][np.diff(values[place]) == 0].tolist():
-                message = f"axis {name} of sweep {self.name} has {twice[0]:.6g} twice, out of order"
+            order = np.argsort(values, kind="stable")
+            if repeated := values[order][1:][np.diff(values[order]) == 0].tolist():
+                message = (
+                    f"axis {name} of sweep {self.name} has {repeated[0]:.6g} twice, out of order"
+                )
                 raise HodoError(message)
-            data = data.isel({name: place})
+            data = data.isel({name: order})
         return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:

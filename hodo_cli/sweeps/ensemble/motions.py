@@ -1,0 +1,180 @@
+"""An ensemble of motions, and what became of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...models.base import Event, Model
+from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
+from ...models.rigid_body import Separatrix
+
+ERROR_BOUND, PER_TOLERANCE = 1e-9, 1e3
+"""The error of a state is taken to stay below this part of it, or so many tolerances: where that
+could turn the sign of an event's function, the sign is uncertain. It is no measured error, as
+single cases have, but ERROR_BOUND is a hundred times what the rounding of all steps adds up to, and
+no ensemble was off by more than three tolerances. It leaves one random motion in some 1e8 to the
+single cases, so that a finer bound would gain nothing."""
+
+
+class Passages(NamedTuple):
+    """Zeros (k,) of an event's function, in order of motion and time: the error that the time may
+    have, how long about it the function's sign is uncertain, the direction, +1 where the function
+    rises through 0, and the state (m, k) there in units of 2**exponent."""
+
+    motion: np.ndarray
+    time: np.ndarray
+    error: np.ndarray
+    uncertainty: np.ndarray
+    direction: np.ndarray
+    state: np.ndarray
+    exponent: np.ndarray
+
+    def chosen(self, index: np.ndarray) -> "Passages":
+        """Some of them, by position or by a mask."""
+        return Passages(*(column[..., index] for column in self))
+
+    @property
+    def is_first(self) -> np.ndarray:
+        """Whether (k,) each is the first of its motion."""
+        return np.asarray(np.diff(self.motion, prepend=-1) != 0)
+
+
+class TerminalHits(NamedTuple):
+    """Motions (k,) that go on through an event: the times, and their states (m, k) then."""
+
+    motion: np.ndarray
+    time: np.ndarray
+    state: np.ndarray
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
+    the start (m, n), the times at which they begin, one or (n,), and end, the event that is looked
+    for, and the tolerance, of which each step takes `looser`."""
+
+    model: type[Model]
+    structure: Structure
+    constants: np.ndarray
+    start: np.ndarray
+    span: tuple[float | np.ndarray, float]
+    event: Event | None
+    tol: float
+    times: np.ndarray = field(default_factory=lambda: np.empty(0))
+    looser: float = 1.0
+
+    @property
+    def error_bound(self) -> float:
+        """The part of a state that its error is taken to stay below."""
+        return max(ERROR_BOUND, PER_TOLERANCE * self.tol)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """How long each motion takes, as the sum of two rows (2, n)."""
+        begin = np.broadcast_to(self.span[0], self.start.shape[1])
+        return np.array(exact_difference(self.span[1], begin))
+
+    def named(self, motions: Any = slice(None)) -> SimpleNamespace:
+        """The constants of some motions by name."""
+        return namespace(self.structure, list(self.constants[:, motions]))
+
+    @cached_property
+    def inertia(self) -> np.ndarray:
+        """A1, A2, A3 (3, n)."""
+        k = self.named()
+        return np.array([k.A1, k.A2, k.A3])
+
+    def is_one_sided(self, event: Event) -> np.ndarray:
+        """Whether (n,) an event is that of the separatrix of a body with two equal moments: D is
+        then a single square, which touches 0 but changes no sign."""
+        if not isinstance(event.function, Separatrix):
+            return np.zeros(self.start.shape[1], dtype=bool)
+        smallest, middle, largest = np.sort(self.inertia, axis=0)
+        return np.asarray((smallest == middle) | (middle == largest))
+
+    @cached_property
+    def scaled_rows(self) -> dict[str, slice]:
+        """The rows of those constants that change with the units."""
+        rows, first = {}, 0
+        for name, size in self.structure:
+            length = max(size, 1) if isinstance(size, int) else 0
+            rows[name] = slice(first, first + length)
+            first += length
+        return {name: rows[name] for name in (*self.model.degree, UNIT, VELOCITY) if name in rows}
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the motions have units of their own, and equations that contain the time."""
+        return UNIT in self.scaled_rows
+
+    def uncertainty(self, event: Event, t: Any, y: np.ndarray, k: SimpleNamespace) -> np.ndarray:
+        """How far an event's function (n,) may be off in states y (m, n) at the time t: its slope
+        along each component, by a complex step, times the error that the largest one may have.
+
+        The slopes are those where all components are as large as the largest: what D has lost while
+        its terms were large is still lost when they have become small, near the middle axis.
+        """
+        size = np.abs(y[moving(self.model)]).max(axis=0)
+        tilts = [size + 1e-100j * np.eye(len(y))[:, [i]] for i in range(len(y))]
+        slopes = [np.abs(np.imag(event.function(t, [*tilt], k))) / 1e-100 for tilt in tilts]
+        return np.asarray(self.error_bound * size * sum(slopes))
+
+    def side(self, event: Event, t: Any, y: np.ndarray) -> np.ndarray:
+        """The sign (n,) of an event's function in states y (m, n) at the time t, 0 where it is
+        uncertain."""
+        k = self.named()
+        value = event.function(t, [*y], k)
+        return np.where(np.abs(value) > self.uncertainty(event, t, y, k), np.sign(value), 0)
+
+
+@dataclass
+class Outcome:
+    """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), samples (m,
+    n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with its
+    sign at both ends.
+
+    A terminal event ends a motion; one with a passage is left to `advance_through`. Nothing here
+    counts where `accepted` is False.
+    """
+
+    state: np.ndarray
+    exponent: np.ndarray
+    steps: np.ndarray
+    accepted: np.ndarray
+    passages: Passages
+    first: np.ndarray
+    last: np.ndarray
+    samples: np.ndarray
+    sample_exponent: np.ndarray
+    departures: Sequence[TerminalHits] = ()
+
+    @classmethod
+    def blank(cls, m: int, n: int, s: int) -> "Outcome":
+        """Nothing known of n motions."""
+        exponent, steps, first, last = np.zeros((4, n), dtype=np.int64)
+        none, empty = np.empty(0, dtype=np.int64), np.empty(0)
+        passages = Passages(none, empty, empty, empty, none, np.empty((m, 0)), none)
+        state, samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
+        accepted, sample_exponent = np.zeros(n, dtype=bool), np.zeros((n, s), dtype=np.int64)
+        return cls(
+            state, exponent, steps, accepted, passages, first, last, samples, sample_exponent
+        )
+
+    @property
+    def accepted_passages(self) -> Passages:
+        """The passages of accepted motions."""
+        return self.passages.chosen(self.accepted[self.passages.motion])
+
+
+def exact_difference(a: Any, b: Any) -> tuple[Any, Any]:
+    """a - b (...) as its rounded value and the rest.
+
+    Source: D. E. Knuth, The Art of Computer Programming 2, section 4.2.2.
+    """
+    high = a - b
+    minus_b = high - a
+    return high, (a - (high - minus_b)) - (b + minus_b)

@@ -1,0 +1,65 @@
+"""Single cases of one kind, integrated side by side."""
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..cases.case import Case
+from ..integration.crossings import Crossing
+from ..integration.solve import sample_times
+from ..integration.trajectory import Trajectory
+from .chunk import crossing_columns, ensemble_of, goes_beside
+from .ensemble.advance import advance_through
+from .ensemble.motions import Ensemble
+from .members import Prepared, alike, of_system
+
+FEWEST = 32
+"""Single cases of one kind, below which each by itself takes less time than compiling the step."""
+
+CrossedMotion = tuple[Trajectory, tuple[Crossing, ...]]
+"""A motion and its separatrix crossings."""
+
+
+def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
+    """The motions of single cases, integrated side by side where there are enough of one kind; None
+    for a case that is left to `classify`."""
+    motions: list[CrossedMotion | None] = [None] * len(cases)
+    for positions, e in ensembles_of(cases):
+        times = sample_times(cases[positions[0]])
+        outcome, _ = advance_through(replace(e, times=times))
+        crossings: list[list[Crossing]] = [[] for _ in positions]
+        columns = crossing_columns(e, outcome.accepted_passages).values()
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        for n, (time, error, start, end, momentum) in zip(
+            outcome.accepted_passages.motion, rows, strict=True
+        ):
+            crossings[n].append(Crossing(time, start, end, momentum, error))
+        for n in np.flatnonzero(outcome.accepted):
+            case, state = cases[positions[n]], outcome.samples[:, n].T
+            motion = Trajectory(
+                case, case.system, "taylor", e.tol, times, state, outcome.sample_exponent[n]
+            )
+            motions[positions[n]] = motion, tuple(crossings[n])
+    return motions
+
+
+def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
+    """The ensembles that single cases make, where there are enough of one kind, with the
+    positions (n,) of their motions among the cases."""
+    kinds: dict[Hashable, list[Prepared]] = {}
+    for i, case in enumerate(cases):
+        if watches_separatrix(case):
+            inputs = of_system(case.data, case.system)
+            single = Prepared.of(inputs, np.array([i]), inputs.start or ())
+            kinds.setdefault((type(case.system), case.time, case.tol), []).append(single)
+    for group in (group for singles in kinds.values() for group in alike(singles)):
+        if len(group.positions) >= FEWEST:
+            yield group.positions, ensemble_of(cases[group.positions[0]], group)
+
+
+def watches_separatrix(case: Case) -> bool:
+    """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
+    system = case.system
+    is_small = bool(system.degree) and not system.no_axis_reason
+    return is_small and goes_beside(case) and not system.run_events
