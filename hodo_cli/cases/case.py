@@ -102,14 +102,18 @@ class Case:
         """
         return system_of(models.find(self.model, self.form), self.data)
 
+    @property
+    def entries(self) -> dict[str, Any]:
+        """The keys of a case file that describe it, complete, but for its name."""
+        common = {key: getattr(self, key) for key in COMMON} | {"time": asdict(self.time)}
+        present = {k: value for k, value in common.items() if value is not None and value != {}}
+        return {"model": self.model, "form": self.form, **_without_none(self.data), **present}
+
     @cached_property
     def lines(self) -> Mapping[str, str]:
         """The case as YAML, complete: its lines by their keys. They are its text and, but for the
         remarks, its digest."""
-        entries = {"name": self.name, "model": self.model, "form": self.form}
-        entries |= _without_none(self.data)
-        common = {key: getattr(self, key) for key in COMMON} | {"time": asdict(self.time)}
-        entries |= {k: value for k, value in common.items() if value is not None and value != {}}
+        entries = {"name": self.name, **self.entries}
         return {key: f"{key}: {write(value)}\n" for key, value in entries.items()}
 
 
@@ -217,6 +221,21 @@ def smooth(system: Model, span: float) -> int:
     rate = math.hypot(*parts) * math.sqrt(fastest)
     turned = span * rate / SAMPLE_TURN
     return max(FEWEST, min(MOST, math.ceil(turned) + 1 if turned < MOST else MOST))
+
+
+KEY_BY_KEY = ("time", "assumes")
+"""The keys of which a case changes single entries, and takes the others over."""
+
+
+def variation(case: Case, changes: Mapping[str, Any]) -> Case:
+    """A case with other values at some keys, under its own name. Raises Wrong with all that is
+    wrong with these."""
+    block, entries = Block(), case.entries
+    for key, value in {**entries, **changes}.items():
+        common = entries.get(key) if key in KEY_BY_KEY else None
+        merged = {**common, **value} if common and isinstance(value, Mapping) else value
+        block.put(key, merged, Place(1, 1), Place(1, 1), inherited=key not in changes)
+    return checked_case(case.name, block)
 
 
 def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:

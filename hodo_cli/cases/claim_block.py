@@ -9,15 +9,18 @@ from ..schema.kinds import (
     NAMES,
     Choice,
     Each,
+    Either,
     Integer,
     Key,
     KeyPath,
     ListOf,
+    Mapped,
     Mistake,
     Number,
     Table,
     Text,
     Variant,
+    Wrong,
     WrongKey,
     check_keys,
     unknown,
@@ -177,7 +180,18 @@ THEOREM_KEY = Key(
     "one that does not comply contradicts it",
     default="",
 )
-CASES = Key(NAMES, "cases that it concerns", default=())
+CASES = Key(
+    ListOf(
+        Either(Text(), Mapped()),
+        least=0,
+        alone=True,
+        title="a name, a mapping of `case` to a name and of keys to other values, "
+        "or a list of these",
+    ),
+    "cases that it concerns; one with other values is integrated for this statement, and is no "
+    "case of the result",
+    default=(),
+)
 OVER = Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None)
 
 READING = {
@@ -243,39 +257,42 @@ ERRATUM_KEYS = {
 SweepCheck = Callable[[Mapping[str, Any]], Iterable[Mistake]]
 """The mistakes of a sweep of a case."""
 
+CaseCheck = Callable[[Any], SweepCheck | None]
+"""The check of sweeps of a case, by an entry of `cases:`; None for a case that has mistakes of its
+own. Raises Wrong for an entry that describes no case."""
+
 
 def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claim under each of its readings, by name; under none, the claim itself."""
     merged: dict[str, Mapping[str, Any]] = {}
-    for name, reading in claim["readings"].items():
+    for name, reading in claim.get("readings", {}).items():
         changes = {key: value for key, value in reading.items() if value not in (None, "")}
         merged[name] = {**claim, **changes, "readings": {}}
     return merged or {"": claim}
 
 
-def cases_of(claim: Mapping[str, Any]) -> list[str]:
-    """The cases of a claim under all its readings, each once."""
-    return list(
-        dict.fromkeys(name for reading in readings(claim).values() for name in reading["cases"])
-    )
+def cases_of(entry: Mapping[str, Any]) -> list[str]:
+    """The names of the cases of a claim, under all its readings, or of an erratum, each once."""
+    named = (case_name(case) for reading in readings(entry).values() for case in reading["cases"])
+    return list(dict.fromkeys(named))
 
 
-def cross_check(
-    claims: Any, errata: Any, cases: Mapping[str, SweepCheck | None]
-) -> Iterator[Mistake]:
+def case_name(case: Any) -> str:
+    """The name in an entry of `cases:`, of a case as it is or with other values."""
+    return str(case["case"] if isinstance(case, Mapping) else case)
+
+
+def cross_check(claims: Any, errata: Any, case_check: CaseCheck) -> Iterator[Mistake]:
     """The mistakes that only several keys of the claims and errata show together: ids given twice,
-    cases that are not there, quantities and their numbers, sweeps that a case cannot make.
-
-    A case with mistakes of its own is None.
-    """
+    cases that are not there, quantities and their numbers, sweeps that a case cannot make."""
     known: list[str] = []
     for i, erratum in _entries(errata, ERRATUM_KEYS):
         yield from _within(("errata", i), _check_id(erratum, known))
-        yield from _within(("errata", i), _check_cases(erratum.get("cases", ()), cases))
+        yield from _within(("errata", i), _check_cases(erratum.get("cases", ()), case_check)[0])
     seen: list[str] = []
     for i, claim in _entries(claims, CLAIM):
         yield from _within(("claims", i), _check_id(claim, seen))
-        yield from _within(("claims", i), _check_claim(claim, cases))
+        yield from _within(("claims", i), _check_claim(claim, case_check))
         if (name := claim.get("erratum")) and name not in known:
             yield ("claims", i, "erratum"), unknown(f"erratum {name!r}", name, known)
 
@@ -300,9 +317,7 @@ def _check_id(entry: Mapping[str, Any], seen: list[str]) -> Iterator[Mistake]:
     seen.append(name)
 
 
-def _check_claim(
-    claim: Mapping[str, Any], cases: Mapping[str, SweepCheck | None]
-) -> Iterator[Mistake]:
+def _check_claim(claim: Mapping[str, Any], case_check: CaseCheck) -> Iterator[Mistake]:
     """The mistakes of one claim, under each of its readings."""
     # A key that is wrong by itself has been noted; nothing follows from its absence here.
     if not {"readings", "cases", "check"} <= claim.keys():
@@ -317,7 +332,8 @@ def _check_claim(
         named = (reading if name else claim)["cases"]
         if not named:
             yield (*prefix, "cases"), "names no case"
-        yield from _within(prefix, _check_cases(named, cases))
+        mistakes, sweep_checks = _check_cases(named, case_check)
+        yield from _within(prefix, mistakes)
         check = reading.get("check") or claim["check"] or {}
         if not check:
             yield prefix, "has no check"
@@ -326,14 +342,22 @@ def _check_claim(
         yield from _within((*check_path, "values"), values)
         yield from _within(check_path, _check_bounds(check))
         ranges = reading.get("over") or claim.get("over") or {}
-        over = _check_over(ranges, [cases.get(case) for case in named])
+        over = _check_over(ranges, sweep_checks)
         yield from _within((*(prefix if reading.get("over") else ()), "over"), over)
 
 
-def _check_cases(named: Iterable[str], cases: Mapping[str, Any]) -> Iterator[Mistake]:
-    for i, name in enumerate(named):
-        if name not in cases:
-            yield ("cases", i), unknown(f"case {name!r}", name, cases)
+def _check_cases(
+    entries: Iterable[Any], case_check: CaseCheck
+) -> tuple[list[Mistake], list[SweepCheck]]:
+    """The mistakes of the entries of `cases:`, and the checks of sweeps of those without any."""
+    mistakes: list[Mistake] = []
+    sweep_checks = []
+    for i, entry in enumerate(entries):
+        try:
+            sweep_checks.append(case_check(entry))
+        except Wrong as error:
+            mistakes += [(("cases", i, *path), message) for path, message in error.mistakes]
+    return mistakes, [*filter(None, sweep_checks)]
 
 
 def _check_bounds(check: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -358,11 +382,11 @@ MOST_MEMBERS = 100_000
 """Members that a claim may have: some milliseconds each make minutes of them."""
 
 
-def _check_over(ranges: Mapping[str, Any], checks: list[SweepCheck | None]) -> Iterator[Mistake]:
+def _check_over(ranges: Mapping[str, Any], checks: Iterable[SweepCheck]) -> Iterator[Mistake]:
     """The sweep of a claim against each of its cases; a mistake in several is noted once."""
     if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
-        by_path = dict(mistake for check in checks if check for mistake in check(ranges))
+        by_path = dict(mistake for check in checks for mistake in check(ranges))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
         yield from ((path[1:], message) for path, message in by_path.items())

@@ -13,7 +13,17 @@ from ..schema.kinds import Mistake, Wrong, WrongKey, check_keys, nearest, shown,
 from ..schema.mistakes import Mistakes, Place
 from ..text import file_name_fault
 from . import claim_block
-from .case import NAME, NAME_RULE, Case, check_sweep, checked_case, note, read_mapping
+from .case import (
+    KEY_BY_KEY,
+    NAME,
+    NAME_RULE,
+    Case,
+    check_sweep,
+    checked_case,
+    note,
+    read_mapping,
+    variation,
+)
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
@@ -165,8 +175,8 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     cases = _checked(blocks, named.value_places, mistakes)
     figures, figure_faults = _figures(sections.get("figures") or {}, named)
     figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
-    checks = {case: partial(check_sweep, cases[case]) if case in cases else None for case in named}
-    claim_faults = claim_block.cross_check(present.get("claims"), present.get("errata"), checks)
+    case_check = partial(_case_check, cases, named)
+    claim_faults = claim_block.cross_check(present.get("claims"), present.get("errata"), case_check)
     faults += [
         *case_faults,
         *_default_mistakes(defaults, blocks.values()),
@@ -186,6 +196,25 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
         errata=sections["errata"],
         bench=sections["bench"],
     )
+
+
+def _case_check(
+    cases: Mapping[str, Case], names: Iterable[str], entry: Any
+) -> claim_block.SweepCheck | None:
+    """The check of sweeps of a case that a statement names, as it is or with other values; None if
+    the case has mistakes. Raises Wrong for an entry that describes no case."""
+    changes = dict(entry) if isinstance(entry, Mapping) else {}
+    name = changes.pop("case", None) if changes else entry
+    if not isinstance(name, str):
+        raise Wrong(((), "missing 'case', the name of the case that has other values here"))
+    if name not in names:
+        raise Wrong((("case",) if changes else (), unknown(f"case {name!r}", name, names)))
+    if name not in cases:
+        return None
+    case = variation(cases[name], changes) if changes else cases[name]
+    if changes and case.sweep:
+        raise Wrong(((), "a sweep, where a statement needs a single motion: use `over`"))
+    return partial(check_sweep, case)
 
 
 def _checked(
@@ -224,10 +253,9 @@ def _merge(defaults: Block, block: Block) -> Block:
             merged.put(
                 key, value, defaults.key_places[key], defaults.value_places[key], inherited=True
             )
-    for key in ("time", "assumes"):
+    for key in KEY_BY_KEY:
         case_values, common = block.get(key), defaults.get(key)
         if isinstance(case_values, Block) and isinstance(common, Block):
-            # Key by key: a case that changes `end` keeps the common `samples`.
             merged[key] = _merge(common, case_values)
     return merged
 

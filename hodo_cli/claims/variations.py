@@ -1,18 +1,20 @@
-"""The members of a claim's `over:`, each as a motion."""
+"""The motions of a claim that no result stores: the members of its `over:`, and its cases with
+other values."""
 
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .. import HodoError
-from ..cases.case import Case, Time, dump, parse_case
-from ..cases.sweep_block import Axis, axes_of, path_of, put
+from ..cases.case import Case, variation
+from ..cases.sweep_block import Axis, axes_of
 from ..models import rigid_body
 from ..results.motion import Motion
+from ..schema.kinds import Wrong
 from ..sweeps.members import members_as_cases
 from ..sweeps.single_cases import side_by_side
 from .finding import ROUNDING
@@ -66,18 +68,12 @@ def starting_axes(cases: Sequence[Case]) -> list[str]:
     return names
 
 
-def changed(case: Case, values: Mapping[str, Any]) -> Case:
-    """A case with other values at keys such as damping.2 or time.end, which it has; checked like
-    any case.
-
-    Raises HodoError for a value that it cannot have.
-    """
-    data: Any = {**case.data, "time": asdict(case.time)}
-    for key, value in values.items():
-        data = put(data, path_of(key), value)
-    time = Time(**data.pop("time"))
-    # Through the text, so that a changed value meets every check that a case file meets.
-    return parse_case(dump(replace(case, data=data, time=time)))
+def changed(case: Case, changes: Mapping[str, Any]) -> Case:
+    """A case with other values at some keys. Raises HodoError for a value that it cannot have."""
+    try:
+        return variation(case, changes)
+    except Wrong as error:
+        raise HodoError(f"a variation of case {case.name}: {error}") from None
 
 
 MOST_VARIED_SAMPLES = 5_000_000

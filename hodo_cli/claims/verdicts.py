@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any
 
 from .. import HodoError
-from ..cases.case import parse_case
+from ..cases.case import Case, parse_case
 from ..cases.claim_block import (
     AS_PRINTED,
     BY_READING,
@@ -27,15 +27,16 @@ from ..cases.claim_block import (
     REPRODUCED,
     THEOREM,
     UNDERDETERMINED,
+    case_name,
     readings,
 )
-from ..results.motion import Array, Motion, motion_of
+from ..results.motion import Array, Motion, case_of, motion_of
 from ..schema.kinds import unknown
 from ..storage.hdf5 import ResultFile
 from ..sweeps.averages import distance_of_sweeps
 from .checks import MOTION_CHECKS, averages
 from .finding import Check, Finding, Trend, Verdict
-from .variations import Motions, members
+from .variations import Motions, changed, members
 
 
 @dataclass(frozen=True)
@@ -75,11 +76,11 @@ class Judge:
         if missing := unusable(erratum["cases"], self.run):
             return Verdict(erratum, NOT_TESTED, math.nan, missing)
         try:
-            finding = self._decide(erratum["check"], self._motions(erratum))
+            finding = self._decide(erratum["check"], self._motions(erratum["cases"]))
         except HodoError as error:
             raise _located(f"erratum {erratum['id']}", self.run, error) from error
         verdict = CONFIRMED if finding.holds else NOT_CONFIRMED
-        return Verdict(erratum, verdict, finding.number, finding.words)
+        return Verdict(erratum, verdict, finding.number, finding.words, finding.contradicted_by)
 
     def _reading(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim without readings."""
@@ -88,20 +89,35 @@ class Judge:
         try:
             if claim["check"]["kind"] == "average":
                 return by_finding(claim, of_sweep(claim, self.run))
-            return proved(self.measure(claim, self._motions(claim)))
+            return proved(self._measured(claim))
         except HodoError as error:
             raise _located(f"claim {claim['id']}", self.run, error) from error
 
-    def _motions(self, entry: Mapping[str, Any]) -> list[Motion]:
-        """The stored motions of the cases of a claim or an erratum, in order."""
-        return [stored_motion(self.run, name) for name in entry["cases"]]
+    def _case(self, entry: Any) -> Case:
+        """The case of an entry of `cases:`, as it is stored or with other values."""
+        name = case_name(entry)
+        case = case_of(self.run.row(name, {"case": str}), f"{self.run.path}: {name}")
+        if isinstance(entry, str):
+            return case
+        return changed(case, {key: value for key, value in entry.items() if key != "case"})
 
-    def measure(self, claim: Mapping[str, Any], motions: Sequence[Motion]) -> Verdict:
+    def _motions(self, entries: Sequence[Any]) -> list[Motion]:
+        """The motions of entries of `cases:`, in order: stored ones, and those of cases with other
+        values."""
+        new = [self._case(entry) for entry in entries if not isinstance(entry, str)]
+        varied = iter(next(self.varied.of([new])) if new else ())
+        return [
+            stored_motion(self.run, entry) if isinstance(entry, str) else next(varied)
+            for entry in entries
+        ]
+
+    def _measured(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim by the motions of its cases, in order, or by the members of its
         `over:`. Raises as `claim`."""
         if not claim["over"]:
-            return by_finding(claim, self._decide(claim["check"], motions))
-        varied = dict(members([m.case for m in motions], claim["over"], claim["start"]))
+            return by_finding(claim, self._decide(claim["check"], self._motions(claim["cases"])))
+        cases = [self._case(entry) for entry in claim["cases"]]
+        varied = dict(members(cases, claim["over"], claim["start"]))
         if not varied:
             raise HodoError(f"no member starts about {claim['start']}")
         by_member = self.varied.of([*varied.values()])
@@ -154,9 +170,9 @@ def proved(verdict: Verdict) -> Verdict:
     return replace(verdict, verdict=THEOREM if verdict.verdict in COMPLYING else CONTRADICTED)
 
 
-def unusable(cases: Sequence[str], run: ResultFile) -> str:
+def unusable(cases: Sequence[Any], run: ResultFile) -> str:
     """The case that has no result, and why; an empty string if every case has a result."""
-    for name in cases:
+    for name in map(case_name, cases):
         ended = {"status": "missing", "message": ""}
         if name in run:
             ended = run.row(name, {"status": str, "message": str})
@@ -173,10 +189,11 @@ def _located(entry: str, run: ResultFile, error: HodoError) -> HodoError:
 def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
     """The finding of an `average` on the one sweep that the claim names, or on the distance of two.
     Raises HodoError if there is no such sweep."""
-    if len(claim["cases"]) not in (1, 2):
+    names = [name for name in claim["cases"] if isinstance(name, str)]
+    if len(names) not in (1, 2):
         raise HodoError("a check of kind average takes one case, or two whose distance it averages")
-    groups = [run.read(name) for name in claim["cases"]]
-    for name, group in zip(claim["cases"], groups, strict=True):
+    groups = [run.read(name) for name in names]
+    for name, group in zip(names, groups, strict=True):
         if not (sweep := parse_case(str(group.attributes["case"])).sweep):
             raise HodoError(f"case {name} is no sweep")
     columns: Mapping[Any, Array] = groups[0].variables

@@ -75,7 +75,15 @@ STATEMENT_COLUMNS = (
     "measured",
     "note",
 )
-ERRATUM_COLUMNS = ("where", "printed", "should_be", "verdict", "evidence", "note")
+ERRATUM_COLUMNS = (
+    "where",
+    "printed",
+    "should_be",
+    "verdict",
+    "evidence",
+    "contradicted_by",
+    "note",
+)
 """The texts that are stored of a claim and of an erratum, besides its id."""
 
 

@@ -137,7 +137,7 @@ def statements(cases: StoredCases, config: Config) -> Iterator[Section]:
 
 def errata(cases: StoredCases, config: Config) -> Iterator[Section]:
     """The misprints that `hodo claims` has judged."""
-    about = {erratum["id"]: erratum["cases"] for erratum in config.errata}
+    about = {erratum["id"]: cases_of(erratum) for erratum in config.errata}
     columns = ("claim", "where", "printed", "should_be", "verdict", "evidence")
     for texts in stored_texts(cases, "_errata", columns):
         name, printed = texts.pop("claim"), texts.pop("printed")

@@ -12,12 +12,10 @@ from typing import Any
 import numpy as np
 
 from ..claims.finding import Check, Finding, Trend, agreement, difference, erratum, if_true, listed
-from ..claims.quantities import first, integrated_motion, number, reach, swept_angle, zeros
-from ..claims.variations import changed
+from ..claims.quantities import first, number, reach, swept_angle, zeros
 from ..engines import have_taylor
 from ..engines.protocol import EPS
 from ..integration.solve import solve
-from ..models.rigid_body import LABELS
 from ..models.theory import closed_form
 from ..models.theory.closed_form import free_motion, sn_cn_dn
 from ..results.motion import Motion
@@ -353,34 +351,6 @@ def size_changes_spacing(members: Sequence[Sequence[Motion]]) -> Finding:
     words = f"{listed(turns)} turns about x3, {'all' if character else 'not all'} x3 to x1"
     contrary = "as many turns for another size, or another order of the axes"
     return Finding(if_true(character and min(steps) > 0), min(steps), words, contrary)
-
-
-LATE_TIME = 3000.0
-"""The one time to which motions are followed for where they tend; Fig 18 crosses until 1625. By the
-asymptotic laws that `hodo classify` applies, the side of the separatrix stays after it."""
-
-
-def late(m: Motion) -> Motion:
-    """A motion to LATE_TIME, sampled as densely as it is."""
-    samples = round((len(m.time) - 1) * LATE_TIME / (m.time[-1] - m.time[0])) + 1
-    return integrated_motion(changed(m.case, {"time.end": LATE_TIME, "time.samples": samples}))
-
-
-@Check
-def late_axis_is_x1(motions: Sequence[Motion]) -> Finding:
-    """The axis enclosed at LATE_TIME is x1; decided by the number of motions for which it is."""
-    ends = [LABELS[int(late(m).labels[-1])] for m in motions]
-    right = ends.count("x1")
-    words = f"{right} of {len(ends)} about x1 at tau = {LATE_TIME:g}"
-    return Finding(if_true(right == len(ends)), float(right), words, "another axis at the end")
-
-
-@Check
-def late_direction_is_x1(motions: Sequence[Motion]) -> Finding:
-    """G points along x1 at LATE_TIME, to 1 %; decided by the smallest |G1|/|G|."""
-    along = [float(late(m)["x1_direction"][-1]) for m in motions]
-    words = f"|G1|/|G| = {listed(along, 3)} at tau = {LATE_TIME:g}"
-    return Finding(if_true(min(along) >= 0.99), min(along), words, "a ratio below 0.99")
 
 
 def longest_turn(m: Motion, axis: int, least: float) -> float:

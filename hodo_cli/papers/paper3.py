@@ -6,7 +6,6 @@ Equation numbers are the paper's. The time of every motion is tau = epsilon t.
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,7 @@ from ..claims.finding import (
     in_pairs,
     listed,
 )
-from ..claims.quantities import integrated_motion, number, quantity
-from ..claims.variations import changed
+from ..claims.quantities import number, quantity
 from ..models.theory.closed_form import sn_cn_dn
 from ..models.top.nutation import mean_cosine
 from ..results.motion import Motion
@@ -225,20 +223,14 @@ def averaged_alike(motions: Sequence[Motion]) -> Finding:
 
 @Check
 def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
-    """Gz and H of the full equations tend to those of the averaged ones as epsilon; cases in pairs,
-    averaged first.
+    """Gz and H of the full equations tend to those of the averaged ones as epsilon; cases in fours,
+    averaged first, and then epsilon a quarter of the last.
 
     Decided by the smallest power, which must be 0.9 of 1 at least.
     """
-    # Each a quarter of the last: small enough for the first order, large enough that its errors are
-    # far above rounding.
-    epsilons = (0.02, 0.005, 0.00125)
     powers, words = [], []
-    for limit, full in in_pairs(motions):
-        time = {"time": asdict(limit.case.time)}
-        near = [
-            integrated_motion(changed(full.case, time | {"epsilon": value})) for value in epsilons
-        ]
+    for limit, *near in zip(*[iter(motions)] * 4, strict=True):
+        epsilons = [m.case.data["epsilon"] for m in near]
         for name in ("Gz", "H"):
             errors = [float(np.abs(quantity(m, name) - quantity(limit, name)).max()) for m in near]
             powers.append(float((np.diff(np.log(errors)) / np.diff(np.log(epsilons))).min()))
@@ -314,17 +306,14 @@ def period(motions: Sequence[Motion]) -> Finding:
     """An erratum: the period of u = cos theta in free motion, by the full equations, beside K/alpha
     as printed and 2 K/alpha.
     """
-    (m,) = motions
-    A, mu = m.inertia[0], m.case.data["mu"]
-    theta, r = (m.case.data["initial"][name] for name in ("theta", "r"))
-    epsilon = 1e-3
-    free = {"a": 0.0, "b": 0.0, "epsilon": epsilon}
-    top = integrated_motion(changed(m.case, {**free, "time.end": 0.05, "time.samples": 20001}))
+    (top,) = motions
+    A, C, mu = top.inertia[0], top.inertia[2], top.case.data["mu"]
+    theta, r = (top.case.data["initial"][name] for name in ("theta", "r"))
     u = top.stored("gamma")[:, 2]
     # The top is released at u2, its highest point, to which it comes back after each period.
     i = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:]))[:2] + 1
-    true = float(np.diff([peak(top.time, u, j) for j in i])[0] / epsilon)
-    half = half_period(A, m.inertia[2], mu, math.cos(theta), r)
+    true = float(np.diff([peak(top.time, u, j) for j in i])[0] / top.case.data["epsilon"])
+    half = half_period(A, C, mu, math.cos(theta), r)
     return erratum((abs(multiple * half - true) / true for multiple in (1, 2)), 1e-4)
 
 
