@@ -217,7 +217,7 @@ def test_members_of_averaged_forms_are_single_cases_and_chunks_change_no_bit(
     monkeypatch.setattr(chunk, "WORTH", 0)
     case = averaged(TURNING[body], "inertia.2: {values: [0.5, 0.6]}, d: {sphere: {count: 12}}")
     together = chunk.compute(chunk.Chunk(case, 0, 24))
-    assert together.attributes["alone"] == 0
+    assert together.attributes["rejections"].sum() == 0
     values = {name: variable.data for name, variable in together.variables.items()}
     passed = np.isfinite(values["event_time"])
     assert passed.any() == (body != "one side")
@@ -395,7 +395,9 @@ def test_what_an_ensemble_cannot_settle_is_integrated_alone() -> None:
     case = one(f"model: linear-diag, {HEAD}, damping: [0.005, 0.004, 0.003], initial: "
                f"{{p: 0.8, q: 0.5, r: 0.74}}, "
                "sweep: {damping.0: {values: [0.005, 1e6]}}")  # fmt: skip
-    counts = [chunk.compute(chunk.Chunk(case, i, i + 1)).attributes["alone"] for i in range(2)]
+    counts = [
+        chunk.compute(chunk.Chunk(case, i, i + 1)).attributes["rejections"].sum() for i in range(2)
+    ]
     assert counts == [0, 1]
     values = computed(case)
     assert values["status"].tolist() == [Status.OK.code, Status.OK.code]
@@ -532,6 +534,55 @@ def test_swept_trajectories_are_stored_with_the_times_of_their_samples(tmp_path:
         assert np.array_equal(paths["time"][:], expected)
 
 
+KEPT = "time: {end: 30, samples: 31}, error: off, store: [trajectory]"
+SPIN = "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1"
+TRAJECTORIES = {
+    "side by side": f"model: tensor, inertia: [1, 0.8, 0.6], {KEPT}, {BALL}, "
+    "resistance: {diagonal: 0.005, off_diagonal: 0.005}, sweep: {d: {sphere: {count: 40}}}",
+    "by themselves, and some end early": f"{SPIN}, torque: [0, 0, -0.1], {KEPT}, "
+    "initial: {x: 1, y: 1}, sweep: {initial.y: {linspace: [0.01, 1.5, 30]}}",
+    "side by side, and some end early": f"{SPIN}, torque: [0, 0, -0.1], {KEPT}, "
+    "initial: {x: 1, y: 1}, sweep: {initial.y: {linspace: [0.01, 1.5, 1500]}}",
+}
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("kind", TRAJECTORIES)
+def test_swept_trajectories_are_those_of_single_cases(kind: str) -> None:
+    """Without a value at the samples that a motion does not reach."""
+    case = one(TRAJECTORIES[kind])
+    values, times = computed(case), np.linspace(0, 30, 31)
+    for number in np.linspace(0, len(values["status"]) - 1, 6).astype(int).tolist():
+        motion = integrate(members.member(case, number, samples=31))
+        reached = np.isin(times, motion.time)
+        for name, known in motion.variables.items():
+            rows = values[name][number]
+            expected = known[: reached.sum()]
+            assert rows[reached] == pytest.approx(expected, rel=1e-11, abs=1e-11), name
+            assert np.isnan(rows[~reached]).all(), name
+    if "early" in kind:
+        assert np.isnan(values["x"][:, -1]).any()
+
+
+@pytest.mark.heyoka
+def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> None:
+    fast = f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}"
+    few = f"{SPIN}, torque: [0, 0, -0.1], initial: {{x: 1, y: 1}}, time: {{end: 1}}, error: off"
+    expected = {
+        f"{fast}, sweep: {{initial.p: {{values: [0, 1e-12, 0.8]}}}}":
+        "side by side, 1 of 3 members by themselves "
+        "(1: starts with a component that is small beside another)",
+        f"{fast}, sweep: {{initial.p: {{values: [0.7, 0.8]}}}}":
+        "side by side, 0 of 2 members by themselves",
+        f"{few}, sweep: {{initial.y: {{values: [1, 2]}}}}":
+        "each by itself: fewer than 1000 members are not worth compiling their step",
+        f"{fast}, max_steps: 900, sweep: {{initial.p: {{values: [0.7, 0.8]}}}}":
+        "each by itself: limits of each member",
+    }  # fmt: skip
+    for text, reason in expected.items():
+        assert sweep_of(one(text), tmp_path).attributes["method_reason"] == reason
+
+
 @pytest.mark.heyoka
 def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
     with h5py.File(results(tmp_path, SMALL, pool(1))) as file:
@@ -553,7 +604,8 @@ def test_a_sweep_is_stored_with_its_axes(tmp_path: Path) -> None:
         paths = file["paths"]
         assert paths["omega"].shape == (2, 7, 3)
         second = members.member(parse_case(paths.attrs["case"]), 1, samples=7)
-        assert np.array_equal(paths["omega"][1], integrate(second).variables["omega"])
+        expected = integrate(second).variables["omega"]
+        assert paths["omega"][1] == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.heyoka
@@ -1030,7 +1082,7 @@ def test_a_body_with_two_equal_moments_is_not_searched_for_crossings(inertia: st
         "sweep: {initial.p: {linspace: [0.5, 1.5, 200]}}"
     )
     group = chunk.compute(chunk.Chunk(case, 0, 200))
-    assert group.attributes["alone"] <= 2
+    assert group.attributes["rejections"].sum() <= 2
     alone = computed(replace(case, max_steps=10**6), 0, 5)
     for name in ("status", "start_axis", "end_axis", "crossings"):
         beside = group.variables[name].data[:5]
@@ -1047,7 +1099,10 @@ def test_the_error_of_the_top_is_measured(tmp_path: Path) -> None:
     )
     rough, fine = (one(f"{text}, {more}") for more in ("method: RK45, tol: 1e-4", "tol: 1e-15"))
     attributes = sweep_of(rough, tmp_path).attributes
-    assert (attributes["method"], attributes["method_reason"]) == ("RK45", "each by itself")
+    assert (attributes["method"], attributes["method_reason"]) == (
+        "RK45",
+        "each by itself: method RK45",
+    )
     assert attributes["error_sample"] == 2
     errors = []
     for number in range(2):
@@ -1122,7 +1177,7 @@ def test_a_crossing_that_other_steps_do_not_find_is_left_to_the_single_case() ->
     """Its time differs by 1.7e-5 between the two, where D's sign counts from 8e-7 on."""
     case, number = random_starts(SKEW, 1e-12), 4363
     group = chunk.compute(chunk.Chunk(case, number, number + 1))
-    assert group.attributes["alone"] == 1
+    assert group.attributes["rejections"].sum() == 1
     true = cross(members.member(case, number), "taylor", "quadruple", None)[1][0]
     off = abs(group.variables["crossing_time"].data[0] - true.time)
     # Its error is then the measured one.

@@ -15,28 +15,38 @@ from ..engines import have_taylor
 from ..engines.protocol import EPS, Status
 from ..integration.classify import classify
 from ..integration.integrate import integrate
+from ..integration.solve import sample_times
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.constants import UNIT, contains_time, flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage.group import Attribute, Group, Variable
-from .columns import columns, event_columns, label_columns, shape
+from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance_through, measure_crossings
-from .ensemble.motions import Ensemble, Outcome, Passages
+from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
 from .members import Prepared, member, prepare
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
 spends on each call, and HDF5 on each file, does not count."""
 
+ALONE = 64
+"""Members of a chunk that go each by itself, at milliseconds each."""
+
+MOST_SAMPLED = 1 << 21
+"""Numbers of the samples of a chunk that stores trajectories, of which some five copies are in
+memory at once."""
+
 WORTH = 250
 """Members for each number among the constants, from which on it is worth seconds to compile the
 step of averaged equations, at about a millisecond for each member by itself. The nodes of a
 quadrature count among the constants."""
 
-
 TURNING = 20
 """By what factor a body averaged over its turns takes longer by itself than a top does."""
+
+
+NONE_ALONE = np.zeros(len(Rejection), dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -53,8 +63,10 @@ def chunks(case: Case) -> Iterator[Chunk]:
     """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
     sizes = shape(case)
     most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, -(-math.prod(sizes) // 16)))
-    if not fits_ensemble(case) or "trajectory" in case.store:
-        most = min(most, 64)
+    if not fits_ensemble(case):
+        most = min(most, ALONE)
+    if "trajectory" in case.store:
+        most = min(most, max(1, MOST_SAMPLED // (case.time.samples * len(case.system.state))))
     for first, last in boxes(sizes, most):
         yield Chunk(case, first, last)
 
@@ -72,50 +84,67 @@ def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
 
 
 def fits_ensemble(case: Case) -> bool:
-    """Whether the members of a sweep go side by side: they may, and they are worth the compilation
-    of their step."""
-    worth = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
-    if any(event.passage for event in case.system.run_events):
-        worth //= TURNING
-    return goes_beside(case) and math.prod(shape(case)) >= worth
+    """Whether the members of a sweep go side by side."""
+    return not reason_alone(case)
 
 
-def goes_beside(case: Case) -> bool:
-    """Whether the method of a case is that of `ensemble`."""
-    fit = case.method in ("auto", "taylor") and case.precision == "double" and have_taylor()
-    # Single cases heed these.
-    return fit and case.system.batchable and case.max_steps is None and case.max_seconds is None
+def reason_alone(case: Case) -> str:
+    """Why the members of a sweep go each by itself; an empty string where they go side by side:
+    they may, and they are worth the compilation of their step."""
+    if other := other_method(case):
+        return other
+    passes = any(event.passage for event in case.system.run_events)
+    if passes and "trajectory" in case.store:
+        return "samples of motions that go on through an event"
+    fewest = 0 if case.system.degree else WORTH * len(flatten(case.system.constants))
+    fewest //= TURNING if passes else 1
+    too_few = math.prod(shape(case)) < fewest
+    return f"fewer than {fewest} members are not worth compiling their step" if too_few else ""
+
+
+def other_method(case: Case) -> str:
+    """Why the method of a case is another than that of `ensemble`; an empty string where it is
+    not."""
+    reasons = {
+        f"method {case.method}": case.method not in ("auto", "taylor"),
+        f"{case.precision} precision": case.precision != "double",
+        "heyoka is not installed": not have_taylor(),
+        "limits of each member": case.max_steps is not None or case.max_seconds is not None,
+        "the model is not made for arrays": not case.system.batchable,
+    }
+    return next((reason for reason, applies in reasons.items() if applies), "")
 
 
 def compute(chunk: Chunk) -> Group:
     """The members of a chunk, reduced to a few numbers each: the task of a pool."""
     began = thread_time()
     case, n = chunk.case, chunk.last - chunk.first
-    values = {
-        name: np.full(
-            (n, *column.shape),
-            0 if column.dtype[0] == "i" else np.nan,
-            dtype=column.dtype,
-        )
-        for name, column in columns(case).items()
-    }
-    unsettled = integrated_together(chunk, values) if fits_ensemble(case) else np.arange(n)
-    methods = {"taylor"} if len(unsettled) < n else set()
-    for i in unsettled.tolist():
-        if values["status"][i] != Status.INVALID.code:
-            status, method, reduced = integrated_alone(case, chunk.first + i)
-            values["status"][i] = status.code
-            methods.add(method)
-            enter(values, [i], reduced)
+    values = blank_columns(case, n)
+    rejection = np.full(n, Rejection.EVENTS.code)
+    if fits_ensemble(case):
+        rejection = integrated_together(chunk, values)
+    alone = np.flatnonzero((rejection > 0) & (values["status"] != Status.INVALID.code))
+    methods = {"taylor"} if (rejection == 0).any() else set()
+    for i in alone.tolist():
+        status, method, reduced = integrated_alone(case, chunk.first + i)
+        values["status"][i] = status.code
+        methods.add(method)
+        enter(values, [i], reduced)
+    rejections = np.bincount(rejection[alone], minlength=len(Rejection))
+    names = " ".join(sorted(methods - {""}))
+    return group_of_members(case, values, thread_time() - began, rejections, names)
+
+
+def group_of_members(
+    case: Case, values: Mapping[str, np.ndarray], run_time: float, rejections: np.ndarray,
+    methods: str,
+) -> Group:  # fmt: skip
+    """The columns of some members as they are stored, with the number of those that each
+    `Rejection` has left to be integrated alone."""
     dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
-    if "trajectory" in case.store:
-        values |= (paths := trajectories(chunk, values["status"]))
-        dims |= {name: ("member", "time", *dims[name][1:]) for name in paths}
     attributes: dict[str, Attribute] = {
-        "run_time": thread_time() - began,
-        "alone": len(unsettled),
-        "methods": " ".join(sorted(methods - {""})),
-    }
+        "run_time": run_time, "rejections": rejections, "methods": methods,
+    }  # fmt: skip
     return Group(attributes, {name: Variable(dims[name], data) for name, data in values.items()})
 
 
@@ -125,23 +154,25 @@ def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.
         values[name][rows] = reduced[name]
 
 
-def integrated_together(chunk: Chunk, values: dict[str, np.ndarray]) -> np.ndarray:
-    """Fill in the members whose motions an ensemble accepts; returns the rows of the others."""
+def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Fill in the members whose motions an ensemble accepts; returns the codes (n,) of why it
+    rejects the others."""
     case, status = chunk.case, values["status"]
     status[:] = Status.INVALID.code
-    is_unsettled = np.zeros(len(status), dtype=bool)
+    rejection = np.full(len(status), Rejection.EVENTS.code)
+    times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, np.arange(chunk.first, chunk.last)):
-        status[group.positions], is_unsettled[group.positions] = Status.OK.code, True
+        status[group.positions] = Status.OK.code
         # One compiled step watches one event; of two or more, single cases keep the order.
         if len(group.events) <= 1:
-            e = ensemble_of(case, group)
+            e = replace(ensemble_of(case, group), times=times)
             outcome, events = advance_through(e)
             if e.event and not (e.model.no_axis_reason or e.model.always_absorbing):
                 measure_crossings(e, e.event, outcome)
-            accepted = group.positions[outcome.accepted]
-            enter(values, accepted, reduced_ensemble(e, outcome, events, case.time))
-            is_unsettled[accepted] = False
-    return np.flatnonzero(is_unsettled)
+            reduced = reduced_ensemble(e, outcome, events, case.time)
+            enter(values, group.positions[outcome.accepted], reduced)
+            rejection[group.positions] = outcome.rejection
+    return rejection
 
 
 def ensemble_of(case: Case, group: Prepared) -> Ensemble:
@@ -160,16 +191,18 @@ def reduced_ensemble(
     """The columns of the accepted motions of an ensemble, with the `events` of those that
     went on through one."""
     accepted = np.flatnonzero(outcome.accepted)
-    state = outcome.state[:, accepted].T
-    if e.model.degree:
-        state = rescaled(e.model, state, outcome.exponent[accepted])
-    final = e.model.output(np.array([e.span[1]]), state, e.named(accepted))
+    end, times = outcome.state[:, accepted, None], np.array([e.span[1]])
+    ends = output_of(e, accepted, times, end, outcome.exponent[accepted, None])
+    final = {name: values[:, 0] for name, values in ends.items()}
     final["steps"] = outcome.steps[accepted]
     if "enclosed_axis" in final:
         begin = np.array([e.span[0]])
         start = e.model.output(begin, e.start[:, accepted].T, e.named(accepted))
         axes = start["enclosed_axis"], final["enclosed_axis"]
         return final | event_columns([events.get(i, []) for i in accepted.tolist()], axes)
+    if e.times.size:
+        samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
+        final |= output_of(e, accepted, e.times, samples, exponent)
     passed = outcome.accepted_passages
     row = np.searchsorted(accepted, passed.motion)
     if not e.model.no_axis_reason:
@@ -179,6 +212,20 @@ def reduced_ensemble(
     event_time = np.full(len(accepted), np.nan)
     event_time[row] = passed.time  # of several, the last one counts
     return final | {"event_time": event_time}
+
+
+def output_of(
+    e: Ensemble, motions: np.ndarray, times: np.ndarray, states: np.ndarray, exponent: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The variables (n, s, ...) of some motions (n,) at times (s,) from their states (m, n, s) in
+    units of 2**exponent (n, s)."""
+    y = np.moveaxis(states, 0, -1)
+    if e.model.degree:
+        y = rescaled(e.model, y, exponent)
+    n, s = len(motions), len(times)
+    k = e.named(np.repeat(motions, s))
+    flat = e.model.output(np.tile(times, n), y.reshape(n * s, y.shape[-1]), k)
+    return {name: values.reshape(n, s, *values.shape[1:]) for name, values in flat.items()}
 
 
 def enclosed(e: Ensemble, side: np.ndarray) -> np.ndarray:
@@ -210,7 +257,8 @@ def crossing_columns(e: Ensemble, passed: Passages) -> dict[str, np.ndarray]:
 def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np.ndarray]]:
     """The status of one member that is integrated as a single case, its method, and its columns
     (1,): none where it comes to nothing."""
-    model, single = type(case.system), member(case, number)
+    samples = case.time.samples if "trajectory" in case.store else 2
+    model, single = type(case.system), member(case, number, samples)
     if any(model.check(single.data)):
         return Status.INVALID, "", {}
     if not model.no_axis_reason:
@@ -221,16 +269,32 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
         motion = integrate(single)
         if motion.status is not Status.OK:
             return motion.status, "", {}
-        final = {name: values[-1:] for name, values in motion.variables.items()}
+        variables = motion.variables
+        final = {name: values[-1:] for name, values in variables.items()}
         final["steps"] = np.array([motion.steps])
+        axis = variables.get("enclosed_axis")
+        if "trajectory" in case.store:
+            final |= sampled(motion)
         if not model.no_axis_reason:
             status, labels = classified_alone(motion)
             return status, motion.method, final | labels
     except HodoError:
         return Status.FAILED, "", {}
-    axis = motion.variables.get("enclosed_axis")
     axes = None if axis is None else (axis[:1], axis[-1:])
     return Status.OK, motion.method, final | event_columns([motion.events], axes)
+
+
+def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
+    """The variables (1, s, ...) of a motion at the samples of its case; without a value from where
+    an event has ended it."""
+    times = sample_times(motion.case)
+    reached, asked = np.isin(times, motion.time), np.isin(motion.time, times)
+    filled = {}
+    for name, values in motion.variables.items():
+        missing = 0 if values.dtype.kind == "i" else np.nan
+        filled[name] = np.full((1, len(times), *values.shape[1:]), missing, values.dtype)
+        filled[name][0, reached] = values[asked]
+    return filled
 
 
 def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
@@ -248,18 +312,3 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     )
     status = Status.UNDECIDED if classification.hidden else Status.OK
     return status, labels | {"separation": np.array([nearest])}
-
-
-def trajectories(chunk: Chunk, status: np.ndarray) -> dict[str, np.ndarray]:
-    """The stored variables at every sample (n, samples, ...); nan from where a motion ended."""
-    case = chunk.case
-    paths: dict[str, np.ndarray] = {}
-    for i in np.flatnonzero(status == Status.OK.code):
-        number = chunk.first + int(i)
-        motion = integrate(member(case, number, case.time.samples))
-        for name, values in motion.variables.items():
-            size = (len(status), case.time.samples, *values.shape[1:])
-            paths.setdefault(name, np.full(size, np.nan))[i, : len(values)] = values[
-                : case.time.samples
-            ]
-    return paths

@@ -9,6 +9,7 @@ from ..cases.case import Case, Time
 from ..cases.sweep_block import axes_of
 from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence
+from ..models.base import LENGTHS
 from ..results.layout import (
     CROSSING_COLUMNS,
     MEMBER_CLASSIFIED,
@@ -23,18 +24,22 @@ from ..results.layout import (
 
 
 def columns(case: Case) -> dict[str, Stored]:
-    """All columns to which the members of a sweep are reduced."""
+    """All columns to which the members of a sweep are reduced: the variables at the end or, where
+    trajectories are stored, at every sample."""
     model = case.system
-    final = {
-        name: Stored(
-            f"{variable.long_name}, at the end",
-            variable.dims[1:],
-            units=variable.units,
-        )
-        for name, variable in model.variables.items()
-        # As a label at the end it is `end_axis`.
-        if name != "enclosed_axis" or "trajectory" in case.store
-    }
+    if "trajectory" in case.store:
+        final = {
+            name: Stored(variable.long_name, variable.dims, units=variable.units)
+            for name, variable in model.variables.items()
+        }
+    else:
+        final = {
+            name: Stored(
+                f"{variable.long_name}, at the end", variable.dims[1:], units=variable.units
+            )
+            for name, variable in model.variables.items()
+            if name != "enclosed_axis"  # as a label at the end it is `end_axis`
+        }
     reduced = MEMBER_CLASSIFIED
     if model.no_axis_reason:
         reduced = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
@@ -53,6 +58,21 @@ def stored_columns(case: Case) -> dict[str, Stored]:
     }
 
 
+def lengths(case: Case, column: Stored) -> tuple[int, ...]:
+    """The lengths of a column's dimensions, for one member."""
+    return tuple(case.time.samples if dim == "time" else LENGTHS[dim] for dim in column.dims)
+
+
+def blank_columns(case: Case, n: int) -> dict[str, np.ndarray]:
+    """All columns of n members of which nothing is known."""
+    return {
+        name: np.full(
+            (n, *lengths(case, column)), 0 if column.dtype[0] == "i" else np.nan, column.dtype
+        )
+        for name, column in columns(case).items()
+    }
+
+
 def shape(case: Case) -> tuple[int, ...]:
     """The length of each axis."""
     assert case.sweep is not None
@@ -61,14 +81,10 @@ def shape(case: Case) -> tuple[int, ...]:
 
 def stored_bytes(case: Case) -> int:
     """The bytes that a sweep takes in its result."""
-    samples = case.time.samples
-    size = sum(
-        np.dtype(column.dtype).itemsize * math.prod(column.shape)
+    return math.prod(shape(case)) * sum(
+        np.dtype(column.dtype).itemsize * math.prod(lengths(case, column))
         for column in stored_columns(case).values()
     )
-    if "trajectory" in case.store:
-        size += 8 * samples * sum(label.width for label in case.system.variables.values())
-    return math.prod(shape(case)) * int(size)
 
 
 def event_columns(

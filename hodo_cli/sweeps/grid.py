@@ -13,8 +13,9 @@ from ..engines.protocol import EPS, Status
 from ..integration.solve import sample_times
 from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
 from ..storage.group import Attribute, Group, StreamedVariables, Variable
-from .chunk import Chunk, fits_ensemble
-from .columns import shape, stored_columns
+from .chunk import Chunk, reason_alone
+from .columns import lengths, shape, stored_columns
+from .ensemble.motions import Rejection
 from .summary import Read, Summary
 
 
@@ -28,12 +29,10 @@ def group_of_columns(
     names = [axis.name for axis in axes_of(case.sweep or {})]
     variables = coordinates(case)
     for name, column in stored_columns(case).items():
-        inner, dims = column.shape, column.dims
-        if "trajectory" in case.store and name in case.system.variables:
-            inner, dims = (case.time.samples, *inner), ("time", *dims)
         # The shape and type of an array without its memory: a zero that stands everywhere.
-        outline = np.broadcast_to(np.zeros((), dtype=column.dtype), (*sizes, *inner))
-        variables[name] = Variable((*names, *dims), outline, column.attrs)
+        zero, inner = np.zeros((), dtype=column.dtype), lengths(case, column)
+        outline = np.broadcast_to(zero, (*sizes, *inner))
+        variables[name] = Variable((*names, *column.dims), outline, column.attrs)
     variables |= inner_coordinates(variables.values())
 
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
@@ -68,14 +67,16 @@ def sweep_attributes(
         for n, outcome in ((failed, "failed"), (timeout, "ran out of time"))
         if n
     ]
-    together = fits_ensemble(case)
+    alone = summary.alone[1:].sum()
+    named = zip(summary.alone.tolist(), Rejection, strict=True)
+    why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
     return case_attributes(
         case,
         case_digest,
         method=", ".join(sorted(summary.methods)) or case.method,
-        method_reason=f"side by side, {summary.alone} of {total} members by themselves"
-        if together
-        else "each by itself",
+        method_reason=f"each by itself: {reason}"
+        if (reason := reason_alone(case))
+        else f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why),
         members=total,
         tol=case.tol or EPS,
         steps=summary.steps,

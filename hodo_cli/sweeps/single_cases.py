@@ -9,7 +9,7 @@ from ..cases.case import Case
 from ..integration.crossings import Crossing
 from ..integration.solve import sample_times
 from ..integration.trajectory import Trajectory
-from .chunk import crossing_columns, ensemble_of, goes_beside
+from .chunk import crossing_columns, ensemble_of, other_method
 from .ensemble.advance import advance_through
 from .ensemble.motions import Ensemble
 from .members import Prepared, alike, of_system
@@ -62,4 +62,4 @@ def watches_separatrix(case: Case) -> bool:
     """Whether an ensemble finds the crossings of a case, with a step that is soon compiled."""
     system = case.system
     is_small = bool(system.degree) and not system.no_axis_reason
-    return is_small and goes_beside(case) and not system.run_events
+    return is_small and not other_method(case) and not system.run_events

@@ -20,9 +20,9 @@ from ..integration.units import Units
 from ..models import rigid_body
 from ..models.attitude import angle_apart
 from ..models.constants import rescaled
-from ..storage.group import Group, Variable
-from .chunk import Chunk, fits_ensemble
-from .columns import columns
+from ..storage.group import Group
+from .chunk import NONE_ALONE, Chunk, fits_ensemble, group_of_members
+from .columns import blank_columns
 from .members import member
 
 SAMPLE, NEAREST = 256, 64
@@ -139,13 +139,9 @@ Read = Callable[[Chunk], AbstractContextManager[FinishedChunk]]
 
 def lost_chunk(chunk: Chunk) -> Group:
     """The columns of a chunk whose worker failed."""
-    variables = {}
-    for name, column in columns(chunk.case).items():
-        missing = 0 if column.dtype[0] == "i" else np.nan
-        fill = Status.FAILED.code if name == "status" else missing
-        data = np.full((chunk.last - chunk.first, *column.shape), fill, dtype=column.dtype)
-        variables[name] = Variable(("member", *column.dims), data)
-    return Group({"run_time": 0.0, "alone": 0, "methods": ""}, variables)
+    values = blank_columns(chunk.case, chunk.last - chunk.first)
+    values["status"][:] = Status.FAILED.code
+    return group_of_members(chunk.case, values, 0.0, NONE_ALONE, "")
 
 
 @dataclass
@@ -155,7 +151,7 @@ class Summary:
     status: np.ndarray
     steps: int
     run_time: float
-    alone: int
+    alone: np.ndarray
     methods: set[str]
     ends: list[MemberEnd]
 
@@ -163,7 +159,7 @@ class Summary:
 def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
     """Counts, shares and messages over all members of a sweep."""
     total = tasks[-1].last
-    summary = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, 0, set(), [])
+    summary = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, NONE_ALONE.copy(), set(), [])
     # Seeded by the number of members: the same sweep has the same sample wherever it runs.
     drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
     near: list[tuple[float, MemberEnd]] = []
@@ -173,7 +169,7 @@ def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
             summary.status += np.bincount(status, minlength=len(Status))
             summary.steps += int(chunk.variable("steps").sum())
             summary.run_time += chunk.attributes["run_time"]
-            summary.alone += chunk.attributes["alone"]
+            summary.alone += chunk.attributes["rejections"]
             summary.methods.update(str(chunk.attributes["methods"]).split())
             if case.error == "off":
                 continue

@@ -10,7 +10,7 @@ from ...integration.trajectory import Occurrence
 from ...models.base import Event
 from ...models.constants import namespace
 from .batch import PAUSE, BatchState
-from .motions import Ensemble, Outcome, TerminalHits
+from .motions import Ensemble, Outcome, Rejection, TerminalHits
 from .passages import decide_passages
 
 LOOSER, GROWN = 16, 32
@@ -42,9 +42,9 @@ def advance(e: Ensemble) -> Outcome:
             decide_passages(e, e.event, batch.candidates, step, outcome)
     if e.model.degree and e.model.oriented:
         stop_at_rest(outcome)
-    outcome.accepted &= np.isfinite(outcome.state).all(axis=0)
+    outcome.reject(~np.isfinite(outcome.state).all(axis=0), Rejection.OUTGROWN)
     for state in (e.start, outcome.state):  # single cases refine what approximates the equations
-        outcome.accepted &= e.model.is_accurate(state, e.named(), e.tol)
+        outcome.reject(~e.model.is_accurate(state, e.named(), e.tol), Rejection.COARSE)
     return outcome
 
 
@@ -74,11 +74,11 @@ def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
         start = np.array([state for _, _, state in onward], dtype=float).T
         constants, span = e.constants[:, numbers], (begin, e.span[1])
         stretch = advance(replace(e, constants=constants, start=start, span=span))
-        outcome.state[:, numbers], outcome.accepted[numbers] = stretch.state, stretch.accepted
+        outcome.state[:, numbers], outcome.rejection[numbers] = stretch.state, stretch.rejection
         outcome.exponent[numbers] = stretch.exponent
         outcome.steps[numbers] += stretch.steps
         hits = [hit._replace(motion=numbers[hit.motion]) for hit in stretch.departures]
-    outcome.accepted &= np.isfinite(outcome.state).all(axis=0)
+    outcome.reject(~np.isfinite(outcome.state).all(axis=0), Rejection.OUTGROWN)
     return outcome, events
 
 
@@ -95,7 +95,7 @@ def restarts(
         try:
             passage = e.event.passage(float(time), state.tolist(), k)
         except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
-            outcome.accepted[i] = False
+            outcome.reject(np.array([i]), Rejection.PASSAGE)
             continue
         if passage.details is not None:
             occurrence = Occurrence(e.event.kind, passage.time, passage.details)
@@ -123,4 +123,5 @@ def measure_crossings(e: Ensemble, event: Event, outcome: Outcome) -> None:
     time[again.passages.motion] = again.passages.time
     distance = np.abs(time - passed.time[first])
     passed.error[first] = np.maximum(passed.error[first], GROWN * distance)
-    outcome.accepted[motion] = again.accepted & (distance <= passed.uncertainty[first])
+    is_sure = again.accepted & (distance <= passed.uncertainty[first])
+    outcome.reject(motion[~is_sure], Rejection.UNCERTAIN)

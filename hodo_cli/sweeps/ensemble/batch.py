@@ -10,7 +10,7 @@ from ...engines.protocol import uneven
 from ...integration.choice import MANY_STEPS
 from ...integration.units import TimeWindow, Units
 from ...models.constants import moving, namespace, rescaled
-from .motions import Ensemble, Outcome, TerminalHits, exact_difference
+from .motions import Ensemble, Outcome, Rejection, TerminalHits, exact_difference
 
 if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
@@ -80,7 +80,9 @@ class BatchState:
         e, m = self.ensemble, self.m
         # Those of uneven starts are left to single cases, whose steps can be limited.
         omega = e.start[moving(e.model)]
-        begun = np.flatnonzero((omega != 0).any(axis=0) & ~uneven(omega))
+        turning = (omega != 0).any(axis=0)
+        self.outcome.rejection[turning] = Rejection.UNEVEN.code
+        begun = np.flatnonzero(turning & ~uneven(omega))
         number = padded(begun)
         self.now, self.next = np.zeros((2, self.step.rows, len(number)))
         self.now[:m], self.now[m : m + 2] = e.start[:, number], e.lengths[:, number]
@@ -202,7 +204,7 @@ class BatchState:
         outcome = self.outcome
         outcome.state[:, number], outcome.exponent[number] = self.now[: self.m, ended], size
         remaining, _, outcome.steps[number] = self.now[self.m : self.m + TIME_ROWS, ended]
-        outcome.accepted[number] = remaining == 0
+        outcome.rejection[number] = np.where(remaining == 0, 0, Rejection.SLOW.code)
         going = np.flatnonzero(~done)
         columns = padded(going)
         self.now, self.params = (a.take(columns, axis=1) for a in (self.now, self.params))

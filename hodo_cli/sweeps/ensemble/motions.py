@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -18,6 +19,25 @@ could turn the sign of an event's function, the sign is uncertain. It is no meas
 single cases have, but ERROR_BOUND is a hundred times what the rounding of all steps adds up to, and
 no ensemble was off by more than three tolerances. It leaves one random motion in some 1e8 to the
 single cases, so that a finer bound would gain nothing."""
+
+
+class Rejection(StrEnum):
+    """Why a motion is not accepted, in the words of a result."""
+
+    NONE = ""
+    EVENTS = "more than one event"
+    AT_REST = "starts at rest"
+    UNEVEN = "starts with a component that is small beside another"
+    SLOW = "too many steps"
+    OUTGROWN = "numbers beyond the largest double"
+    COARSE = "equations that need finer data"
+    UNCERTAIN = "the sign of an event's function is uncertain"
+    PASSAGE = "a step beyond the passage of an event"
+
+    @property
+    def code(self) -> int:
+        """Its position in the order above."""
+        return list(Rejection).index(self)
 
 
 class Passages(NamedTuple):
@@ -138,13 +158,13 @@ class Outcome:
     sign at both ends.
 
     A terminal event ends a motion; one with a passage is left to `advance_through`. Nothing here
-    counts where `accepted` is False.
+    counts where the code of a `rejection` (n,) is not 0.
     """
 
     state: np.ndarray
     exponent: np.ndarray
     steps: np.ndarray
-    accepted: np.ndarray
+    rejection: np.ndarray
     passages: Passages
     first: np.ndarray
     last: np.ndarray
@@ -159,10 +179,22 @@ class Outcome:
         none, empty = np.empty(0, dtype=np.int64), np.empty(0)
         passages = Passages(none, empty, empty, empty, none, np.empty((m, 0)), none)
         state, samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
-        accepted, sample_exponent = np.zeros(n, dtype=bool), np.zeros((n, s), dtype=np.int64)
+        rejection = np.full(n, Rejection.AT_REST.code, dtype=np.int8)
+        sample_exponent = np.zeros((n, s), dtype=np.int64)
         return cls(
-            state, exponent, steps, accepted, passages, first, last, samples, sample_exponent
+            state, exponent, steps, rejection, passages, first, last, samples, sample_exponent
         )
+
+    @property
+    def accepted(self) -> np.ndarray:
+        """Whether (n,) each motion is accepted."""
+        return np.asarray(self.rejection == 0)
+
+    def reject(self, motions: np.ndarray, why: Rejection) -> None:
+        """Reject motions, by number or by a mask (n,), unless they are rejected already."""
+        rejected = np.zeros(len(self.rejection), dtype=bool)
+        rejected[motions] = True
+        self.rejection[rejected & self.accepted] = why.code
 
     @property
     def accepted_passages(self) -> Passages:

@@ -22,7 +22,7 @@ from .batch import (
     times_of,
     units_of,
 )
-from .motions import Ensemble, Outcome, Passages
+from .motions import Ensemble, Outcome, Passages, Rejection
 
 if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
@@ -56,16 +56,18 @@ def decide_passages(
             zeros = zeros.chosen(zeros.is_first)
             outcome.state[:, zeros.motion] = zeros.state
             outcome.exponent[zeros.motion] = zeros.exponent
+            for motion, time in zip(zeros.motion, zeros.time, strict=True):
+                outcome.samples[:, motion, e.times > time] = np.nan
         outcome.passages = zeros
-        outcome.accepted[undecided] = False
+        outcome.reject(undecided, Rejection.UNCERTAIN)
     passed = outcome.passages
     if event.terminal:
         outcome.last[passed.motion] = passed.direction
     before = np.where(passed.is_first, outcome.first[passed.motion], np.roll(passed.direction, 1))
-    outcome.accepted[passed.motion[passed.direction != -before]] = False
+    outcome.reject(passed.motion[passed.direction != -before], Rejection.UNCERTAIN)
     sign = outcome.first.copy()
     sign[passed.motion] = passed.direction  # of several, the last one counts
-    outcome.accepted &= (sign == outcome.last) & (outcome.first != 0)
+    outcome.reject((sign != outcome.last) | (outcome.first == 0), Rejection.UNCERTAIN)
 
 
 def steps_of(candidates: list[CandidateSteps], certain: np.ndarray) -> CandidateSteps | None:
