@@ -7,6 +7,7 @@ import pty
 import signal
 import subprocess
 import sys
+import sysconfig
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -160,6 +161,34 @@ def test_workers_import_nothing_from_the_current_folder(
     done = hodo("run", "case.yaml", *START_METHODS[method])
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.glob("*.imported")] == []
+
+
+def test_workers_of_a_python_that_ignores_the_environment_import_nothing_either(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "case.yaml").write_text(CONFIG)
+    plant(tmp_path)
+    script = Path(sysconfig.get_path("scripts")) / "hodo"
+    for method, status in (("processes", 0), ("dask", 2)):
+        if method == "dask":
+            pytest.importorskip("distributed")
+        done = subprocess.run(
+            [sys.executable, "-E", script, "run", "case.yaml", *START_METHODS[method]],
+            cwd=tmp_path, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == status, done.stderr
+    assert "start it with -P too" in done.stderr
+    assert [path.name for path in tmp_path.glob("*.imported")] == []
+
+
+def tell(text: str) -> str:
+    print(text)
+    return sys.stdin.read()
+
+
+def test_what_a_task_prints_is_no_answer() -> None:
+    with pool(2) as workers:
+        assert dict(workers.map(tell, ["said", "ready"])) == {"said": "", "ready": ""}
 
 
 @pytest.fixture
@@ -369,7 +398,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(config: Path) -> None:
     ) as parent:
         while not (
             workers := [
-                pid for pid in stress.members(parent.pid) if b"spawn_main" in command_line(pid)
+                pid for pid in stress.members(parent.pid) if b"serve()" in command_line(pid)
             ]
         ):
             assert parent.poll() is None

@@ -1,19 +1,25 @@
 """Workers of a dask scheduler that do tasks, here or on other machines."""
 
 import logging
+import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from functools import partial
+from multiprocessing import resource_tracker
 from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
 from .. import BatchError
 from . import WorkerLost
-from .processes import SAFE_PATH, start_tracker
 
 MOST_WAIT = 60.0
 """Seconds in which a scheduler must answer, or one of this machine start its workers."""
+
+
+SAFE_PATH = "PYTHONSAFEPATH"
+"""The variable that keeps Python from importing what lies in the current folder."""
 
 
 class Dask(Executor):
@@ -52,13 +58,13 @@ class Dask(Executor):
         to, or waits for ever."""
         answer: Future[Any] = Future()
 
-        def try_to() -> None:
+        def connect_now() -> None:
             try:
                 answer.set_result(connect())
             except Exception as error:
                 answer.set_exception(error)
 
-        Thread(target=try_to, daemon=True).start()
+        Thread(target=connect_now, daemon=True).start()
         try:
             return answer.result(timeout=MOST_WAIT)
         except Exception as error:
@@ -114,8 +120,10 @@ def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
     closed: dict[str, Any] = {
         f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")
     }
-    start_tracker()  # before dask does, without the safe path
-    # As in `processes.spawning`; a worker that has died is started again in the same way.
+    if sys.flags.ignore_environment and not sys.flags.safe_path:
+        raise BatchError(f"under python -E workers would ignore {SAFE_PATH}: start it with -P too")
+    _start_tracker()
+    # A worker that has died is started again in the same way.
     dask.config.set({**closed, f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"})
     return {
         "n_workers": workers,
@@ -125,3 +133,15 @@ def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
         "security": True,  # made anew, and kept in memory
         "local_directory": scratch,
     }
+
+
+def _start_tracker() -> None:
+    """Start the process in which the standard library notes what others share, before dask does so
+    without the safe path."""
+    if os.name == "posix":  # Windows has none
+        before = os.environ.get(SAFE_PATH)
+        os.environ[SAFE_PATH] = "1"
+        resource_tracker.ensure_running()
+        del os.environ[SAFE_PATH]
+        if before is not None:
+            os.environ[SAFE_PATH] = before

@@ -1,20 +1,18 @@
-"""Processes of this machine that do tasks, each through a pipe of its own."""
+"""Processes of this machine that do tasks, each with a pipe to it and one from it."""
 
+import json
 import os
 import pickle
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager, suppress
-from multiprocessing import get_context, parent_process, resource_tracker
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from contextlib import suppress
 from queue import SimpleQueue
+from subprocess import PIPE, Popen
 from threading import Lock, Thread
-from types import ModuleType
-from typing import Any
+from typing import IO, Any
 
 from .. import BatchError, HodoError
 from . import WorkerLost
@@ -24,13 +22,13 @@ STARTS = 3
 
 
 class Processes(Executor):
-    """Spawned processes that end when this executor is shut down, whatever they do, or when this
+    """Python processes that end when this executor is shut down, whatever they do, or when this
     process ends.
 
-    Each has a pipe of its own, of which this process holds one end only: when a worker dies, even
-    half way through a result, the pipe ends and the task comes back with `WorkerLost`. (A queue
-    that workers share, as that of the standard library, is read for ever then; and its semaphores
-    outlive a process that is killed.)
+    Each has pipes of its own: when a worker dies, even half way through a result, they end and the
+    task comes back with `WorkerLost`. (The standard library's workers share a queue, which is read
+    for ever then. They also run the main module's file again, and a `pickle.py` of the current
+    folder; no task needs the one, and nobody wants the other.)
     """
 
     def __init__(self, workers: int) -> None:
@@ -55,39 +53,19 @@ class Processes(Executor):
             worker.end()
 
 
-SPAWNING = Lock()
-"""Held while the main module and the environment are changed; workers start side by side."""
-
-SAFE_PATH = "PYTHONSAFEPATH"
-"""The variable that keeps Python from importing what lies in the current folder."""
-
-
-@contextmanager
-def spawning() -> Iterator[None]:
-    """The time in which a process may be spawned that runs no file of the user's.
-
-    The standard library lets it run the main module's file again: then a script without
-    `if __name__ == "__main__":` would run as many times as there are workers, and a script from
-    stdin not at all. No task needs it, because none is a function of the main module. And it starts
-    Python with `-c`, which takes a `pickle.py` of the current folder for the library's own.
-    """
-    with SPAWNING:
-        main, before = sys.modules["__main__"], os.environ.get(SAFE_PATH)
-        sys.modules["__main__"], os.environ[SAFE_PATH] = ModuleType("__main__"), "1"
-        try:
-            yield
-        finally:
-            sys.modules["__main__"] = main
-            del os.environ[SAFE_PATH]
-            if before is not None:
-                os.environ[SAFE_PATH] = before
+SERVE = """\
+import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from hodo_cli.batch.processes import serve
+serve()
+"""
 
 
-def start_tracker() -> None:
-    """Start the process in which the standard library notes what others share."""
-    if os.name == "posix":  # Windows has none
-        with spawning():
-            resource_tracker.ensure_running()
+def _command() -> list[str]:
+    """What starts a worker: `-P`, since an environment that is ignored (`-E`) cannot tell it to
+    import nothing from the current folder."""
+    inherited = ["-E"] if sys.flags.ignore_environment else []
+    return [sys.executable, "-P", *inherited, "-c", SERVE, json.dumps(sys.path)]
 
 
 class _Worker(Thread):
@@ -98,12 +76,9 @@ class _Worker(Thread):
         self._calls = calls
         self._lock = Lock()
         self._ended = False
-        self._process: BaseProcess | None = None
-        self._pipe: Connection | None = None
+        self._process: Popen[bytes] | None = None
 
     def run(self) -> None:
-        # Starting it unblocks the signal, so it comes first.
-        start_tracker()
         if hasattr(signal, "pthread_sigmask"):
             # Processes inherit it: Ctrl-C, which a terminal sends to all of them, is this process's
             # affair.
@@ -113,32 +88,34 @@ class _Worker(Thread):
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                done, value = self._reply(call)
+                has_returned, value = self._reply(call)
             except (EOFError, OSError):
                 self._discard()
                 future.set_exception(WorkerLost())
             except Exception as error:  # a result that cannot be unpickled here
                 future.set_exception(error)
             else:
-                (future.set_result if done else future.set_exception)(value)
+                (future.set_result if has_returned else future.set_exception)(value)
         self._discard()
 
     def _reply(self, call: bytes) -> tuple[bool, Any]:
         """Whether a call returned, and what it returned or raised."""
-        if self._pipe is None:
-            self._start()
-        assert self._pipe is not None
-        self._pipe.send_bytes(call)
-        done, value = pickle.loads(self._pipe.recv_bytes())
-        return done, value
+        process = self._process or self._ready()
+        _send(process.stdin, call)
+        has_returned, value = pickle.loads(_received(process.stdout))
+        return has_returned, value
 
-    def _start(self) -> None:
-        """Raises BatchError if no process can be started, EOFError if this executor has ended."""
+    def _ready(self) -> Popen[bytes]:
+        """A process that is ready. Raises BatchError if none can be started, EOFError if this
+        executor has ended."""
         for _ in range(STARTS):
             try:
-                self._pipe = self._spawned()
-                self._pipe.recv_bytes()
-                return
+                with self._lock:
+                    if self._ended:
+                        raise EOFError
+                    self._process = process = Popen(_command(), stdin=PIPE, stdout=PIPE)
+                _received(process.stdout)
+                return process
             except EOFError:
                 self._discard()
                 if self._ended:
@@ -147,50 +124,62 @@ class _Worker(Thread):
                 raise BatchError(f"cannot start a process: {error.strerror}") from None
         raise BatchError("a worker process ends before it has begun (no memory left?)")
 
-    def _spawned(self) -> Connection:
-        """This end of the pipe to a new process, which says at its other end when it is ready."""
-        context = get_context("spawn")
-        ours, theirs = context.Pipe()
-        with theirs, self._lock:
-            if self._ended:
-                raise EOFError
-            self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
-            with spawning():
-                self._process.start()
-        return ours
-
     def _discard(self) -> None:
         """Give up the process, dead or alive; the next call has a new one."""
-        if self._pipe is not None:
-            self._pipe.close()
         with self._lock:
-            process, self._process, self._pipe = self._process, None, None
-        if process is not None and process.pid is not None:
-            process.kill()
-            process.join()
+            process, self._process = self._process, None
+        if process is not None:
+            with suppress(OSError), process:  # what it has not read is lost
+                process.kill()
 
     def end(self) -> None:
         """Kill the process, in the middle of a call or not."""
         with self._lock:
             self._ended = True
-            if self._process is not None and self._process.pid is not None:
+            if self._process is not None:
                 self._process.kill()
 
 
-def _serve(pipe: Connection) -> None:
-    """Answer calls, one after the other, until the pipe or the process at its other end is gone."""
+LENGTH = 8
+"""The bytes that say how long a message is."""
 
-    def end_with_parent() -> None:
-        if (parent := parent_process()) is not None:
-            parent.join()
-            os._exit(1)
 
-    Thread(target=end_with_parent, daemon=True).start()
+def _send(stream: IO[bytes] | None, message: bytes) -> None:
+    assert stream is not None
+    stream.write(len(message).to_bytes(LENGTH, "little") + message)
+    stream.flush()
+
+
+def _received(stream: IO[bytes] | None) -> bytes:
+    """The next message. Raises EOFError if the process at the other end has died before its end."""
+    assert stream is not None
+    length = int.from_bytes(stream.read(LENGTH), "little")
+    message = stream.read(length)
+    if not length or len(message) < length:
+        raise EOFError
+    return message
+
+
+def serve() -> None:
+    """Answer the calls that come through stdin, until the process at its other end is gone."""
+    incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    # What a model prints is no answer, and it has nothing to read.
+    os.dup2(2, 1)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    calls: SimpleQueue[bytes] = SimpleQueue()
+
+    def read_to_the_end() -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                calls.put(_received(incoming))
+        os._exit(1)  # in the middle of a call too
+
+    Thread(target=read_to_the_end, daemon=True).start()
     end_by_system()
-    with suppress(EOFError, OSError):
-        pipe.send_bytes(b"ready")
+    with suppress(OSError):
+        _send(outgoing, b"ready")
         while True:
-            pipe.send_bytes(_answer(pipe.recv_bytes()))
+            _send(outgoing, _answer(calls.get()))
 
 
 PR_SET_PDEATHSIG = 1
@@ -212,10 +201,8 @@ def _answer(call: bytes) -> bytes:
         function, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, function(*args, **kwargs)))
     except Exception as error:
-        if not isinstance(
-            error, HodoError | BatchError
-        ):  # a bug, which is looked for where it arose
-            error.add_note(traceback.format_exc())
+        if not isinstance(error, HodoError | BatchError):
+            error.add_note(traceback.format_exc())  # a bug is looked for where it arose
         try:
             return pickle.dumps((False, error))
         except Exception:
