@@ -5,7 +5,6 @@ lost, nothing slow.
 counted.
 """
 
-import json
 import os
 import random
 import re
@@ -268,21 +267,12 @@ def fail_calls(folder: Path, most: int) -> Counter[str]:
 def fail_c_calls(folder: Path, most: int) -> Counter[str]:
     """As `fail_calls`, of a run, a classification and figures, in whatever library the call is
     made."""
-    if library := faults.compiled(folder):
-        return Counter(json.loads(faults.preloaded(library, folder, most)))
-    return Counter({"tried: there is no gcc": 0})
+    return Counter(faults.preloaded(faults.compiled(folder), "calls", folder, most))
 
 
 def lose_power(folder: Path, tries: int) -> Counter[str]:
-    """End runs at each of their syncs in turn, and damage what was not synced."""
-    right, count = faults.prepared(folder / "right"), Counter[str]()
-    last = 0
-    for seed in range(tries):
-        last += 1
-        if not faults.power_is_lost(folder / "run", right, last, random.Random(seed)):
-            last = 0
-        count["syncs" if last else "whole runs"] += 1
-    return count
+    """Lose the power at so many moments of a first run, of another and of a classification."""
+    return Counter(faults.preloaded(faults.compiled(folder), "power", folder, tries))
 
 
 def pairs(folder: Path, tries: int) -> Counter[str]:
