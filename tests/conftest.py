@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -34,6 +35,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    state = tempfile.TemporaryDirectory()  # where the user's secret is made
+    config.add_cleanup(state.cleanup)
+    os.environ["XDG_STATE_HOME"] = state.name
     if config.getoption("--no-heyoka"):
         sys.modules["heyoka"] = None  # type: ignore[assignment]
         hidden = str(ROOT / "tests" / "without_heyoka")

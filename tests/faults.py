@@ -11,9 +11,10 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import chdir, contextmanager, suppress
+from contextlib import chdir, contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -139,6 +140,16 @@ def truncated(path: Path, chance: random.Random) -> None:
     os.truncate(path, chance.randrange(path.stat().st_size))
 
 
+def sealed_by_a_stranger(path: Path) -> None:
+    """Give a file a checksum that fits all its bytes, under another user's secret."""
+    with (
+        patch.object(disk, "secret", lambda: bytes(32)),
+        open(path, "r+b", buffering=0) as file,
+    ):
+        disk.append_checksum(file)  # type: ignore[arg-type]
+    disk._fits.cache_clear()
+
+
 # The N-th call of the operating system fails.
 
 CALLS = ("replace", "link", "mkdir", "open", "fsync", "unlink")
@@ -210,51 +221,6 @@ def equal(found: Motions, right: Motions) -> None:
         assert np.array_equal(found[name], omega), name
 
 
-# Power is lost: what was not synced is not what was written.
-
-
-def power_is_lost(folder: Path, right: Motions, last: int, chance: random.Random) -> bool:
-    """One `hodo run` that ends at its `last` sync, whatever was not synced by then damaged, and the
-    next start. False if the run did not sync so often."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir()
-    (folder / "x.yaml").write_text(CONFIG)
-    log = folder.parent / "synced"
-    log.write_text("")
-    child = os.fork()
-    if child == 0:
-        _run_until(folder, last, log)
-    ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 77
-    safe = set(log.read_text().split())
-    for path in [*folder.glob(".*/*"), *folder.glob("*.h5")]:
-        if str(path.stat().st_ino) not in safe:
-            chance.choice((flipped, zeroed, lambda path, _: os.truncate(path, 0)))(path, chance)
-    disk._fits.cache_clear()
-    again = hodo("run", folder / "x.yaml", "--out", folder, "--quiet")
-    assert again.exit_code == 0, (last, again.output)
-    equal(motions(folder / "x.h5"), right)
-    return ended
-
-
-def _run_until(folder: Path, last: int, log: Path) -> None:
-    """A run in a process of its own that ends like one without power, at its `last` sync."""
-    count = 0
-    sync = os.fsync
-
-    def note(descriptor: int) -> None:
-        nonlocal count
-        count += 1
-        if count == last:
-            os._exit(77)
-        sync(descriptor)
-        with log.open("a") as file:
-            file.write(f"{os.fstat(descriptor).st_ino}\n")
-
-    with suppress(BaseException), patch.object(os, "fsync", note):
-        hodo("run", folder / "x.yaml", "--out", folder, "--quiet")
-    os._exit(0)
-
-
 # The N-th call of the operating system fails, in whatever library it is made.
 
 COMMANDS = {
@@ -264,10 +230,8 @@ COMMANDS = {
 }
 
 
-def compiled(folder: Path) -> Path | None:
-    """The library of `faults.c`, in a folder; None where there is no gcc."""
-    if not shutil.which("gcc"):
-        return None
+def compiled(folder: Path) -> Path:
+    """The library of `faults.c`, in a folder."""
     library, source = folder / "faults.so", Path(__file__).with_suffix(".c")
     subprocess.run(
         ["gcc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", "-o", library, source, "-ldl"],
@@ -276,18 +240,19 @@ def compiled(folder: Path) -> Path | None:
     return library
 
 
-def preloaded(library: Path, folder: Path, most: int, step: int = 1) -> str:
-    """`c_calls_fail` in a process that has the library; what it prints."""
-    return subprocess.run(
-        [sys.executable, __file__, library, folder, str(most), str(step)],
+def preloaded(library: Path, trial: str, folder: Path, *numbers: int) -> dict[str, int]:
+    """A trial (`TRIALS`) in a process that has the library; what it counts."""
+    done = subprocess.run(
+        [sys.executable, __file__, trial, library, folder, *map(str, numbers)],
         env={**os.environ, "LD_PRELOAD": str(library)},
         check=True,
         stdout=subprocess.PIPE,
         text=True,
-    ).stdout
+    )
+    return dict(json.loads(done.stdout))
 
 
-def c_calls_fail(library: Path, folder: Path, most: int, step: int) -> Counter[str]:
+def calls_fail(library: Path, folder: Path, most: int, step: int = 1) -> Counter[str]:
     """Each command with its N-th call failing that reads or writes, once and for ever, for every N
     up to so many, or each `step`-th."""
     arm = ctypes.CDLL(str(library)).faults_arm
@@ -352,6 +317,158 @@ def files_of(folder: Path) -> dict[Path, bytes]:
     }
 
 
+# Power is lost: of what was not synced, anything may be on the disk.
+
+
+class Call(NamedTuple):
+    """A call that changed a file or folder, as `faults.c` logs it."""
+
+    what: str
+    inode: int
+    offset: int
+    path: str
+    target: str
+    data: bytes
+
+
+def calls_in(log: bytes) -> Iterator[Call]:
+    while log:
+        line, _, log = log.partition(b"\n")
+        what, inode, offset, size, path, target = line.decode().split("\t")
+        data, log = (log[: int(size)], log[int(size) :]) if what == "write" else (b"", log)
+        yield Call(what, int(inode), int(offset), *map(os.path.normpath, (path, target)), data)
+
+
+Choice = Callable[[list[Any]], list[Any]]
+"""Which of some changes that were not synced are on the disk."""
+
+
+class PowerlessDisk:
+    """A folder as calls change it, with what each file and folder was at its last sync, and the
+    changes since. What stands there at first is synced."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = str(folder)
+        self.names: dict[str, tuple[dict[str, int], list[tuple[str, int | None]]]] = {}
+        self.bytes: dict[int, tuple[bytes, list[Call]]] = {}
+        self.folders = {folder.stat().st_ino: self.folder}
+        files = {path.name: path.stat().st_ino for path in folder.iterdir()}
+        self.names[self.folder] = files, []
+        for name, inode in files.items():
+            self.bytes[inode] = (folder / name).read_bytes(), []
+
+    def apply(self, call: Call) -> None:
+        if call.what in ("write", "cut"):
+            self.bytes[call.inode][1].append(call)
+        elif call.what == "sync" and call.inode in self.folders:
+            path = self.folders[call.inode]
+            self.names[path] = named(*self.names[path]), []
+        elif call.what == "sync":
+            self.bytes[call.inode] = written(*self.bytes[call.inode]), []
+        else:
+            if call.what == "mkdir":
+                self.folders[call.inode], self.names[call.path] = call.path, ({}, [])
+            elif call.what == "make":
+                self.bytes[call.inode] = b"", []
+            if call.what in ("rename", "unlink"):
+                self._change(call.path, None)
+            if call.what != "unlink":
+                new = call.target if call.what in ("rename", "link") else call.path
+                self._change(new, call.inode)
+
+    def _change(self, path: str, inode: int | None) -> None:
+        folder, name = os.path.split(path)
+        self.names[folder][1].append((name, inode))
+
+    def start_again(self, target: Path, of_names: Choice, of_bytes: Choice, at: str = "") -> None:
+        """Make the folder as it may be found when the power is back."""
+        target.mkdir()
+        synced, changes = self.names[at or self.folder]
+        for name, inode in named(synced, of_names(changes)).items():
+            if inode in self.folders:
+                self.start_again(target / name, of_names, of_bytes, self.folders[inode])
+            else:
+                synced_bytes, writes = self.bytes[inode]
+                (target / name).write_bytes(written(synced_bytes, of_bytes(writes)))
+
+
+def named(names: dict[str, int], changes: list[tuple[str, int | None]]) -> dict[str, int]:
+    """The names in a folder after some changes."""
+    new: dict[str, int | None] = {**names, **dict(changes)}
+    return {name: inode for name, inode in new.items() if inode is not None}
+
+
+def written(content: bytes, writes: list[Call]) -> bytes:
+    """What is in a file after some writes."""
+    data = bytearray(content)
+    for call in writes:
+        end = call.offset + len(call.data)
+        data.extend(bytes(max(end - len(data), 0)))
+        if call.what == "cut":
+            del data[call.offset :]
+        data[call.offset : end] = call.data
+    return bytes(data)
+
+
+def power_fails(library: Path, folder: Path, tries: int) -> Counter[str]:
+    """Lose the power after so many random calls of a command and, each time, all that was not
+    synced, all but names, nothing, or what chance takes: the next run gives the right result, and a
+    result that was there is never gone. At the end of a command its result is on the disk."""
+    right, count, chance = prepared(folder / "x"), Counter[str](), random.Random(7)
+    shutil.copytree(folder / "x", folder / "plain")
+    with chdir(folder / "plain"):
+        assert hodo(*COMMANDS["run"]).exit_code == 0
+    (folder / "new").mkdir()
+    shutil.copy(folder / "x" / "x.yaml", folder / "new")
+    for start, command in (("new", "run"), ("x", "run"), ("plain", "classify")):
+        work, log, after = folder / "work", folder / "log", folder / "after"
+        shutil.rmtree(work, ignore_errors=True)
+        shutil.copytree(folder / start, work)
+        log.write_bytes(b"")
+        disk, begin = PowerlessDisk(work), ctypes.CDLL(str(library)).faults_log
+        with chdir(work):
+            before = partial(begin, bytes(work), bytes(log))
+            assert (
+                ended(forked(folder / "told", COMMANDS[command], before), folder / "told")[0] == 0
+            )
+        calls = [*calls_in(log.read_bytes())]
+        last = set(chance.sample(range(len(calls)), min(tries, len(calls)))) | {len(calls)}
+        for number in range(len(calls) + 1):
+            for state, choices in states(chance).items() if number in last else ():
+                shutil.rmtree(after, ignore_errors=True)
+                disk.start_again(after, *choices)
+                case = f"{command} on {start}, {state} after {number} of {len(calls)} calls"
+                if start != "new" or number == len(calls):
+                    equal(motions(after / "x.h5"), right)
+                if command == "classify" and number == len(calls):
+                    with open_run(after / "x.h5") as run:
+                        assert "enclosed_axis" in run.read("a").variables, case
+                with chdir(after):
+                    again = hodo("run", "x.yaml", "--out", ".", "--quiet")
+                assert again.exit_code == 0, (case, again.output)
+                equal(motions(after / "x.h5"), right)
+                assert sorted(os.listdir(after)) == ["x.h5", "x.yaml"], case
+                count[f"{command} on {start}: {state}"] += 1
+            for call in calls[number : number + 1]:
+                disk.apply(call)
+    return count
+
+
+def states(chance: random.Random) -> dict[str, tuple[Choice, Choice]]:
+    """What may be on a disk of changes that were not synced: those of names, and of bytes."""
+    return {
+        "nothing unsynced": (lambda changes: [], lambda writes: []),
+        "names alone": (list, lambda writes: []),
+        "everything": (list, list),
+        "by chance": (
+            lambda changes: changes[: chance.randrange(len(changes) + 1)],
+            lambda writes: [call for call in writes if chance.random() < 0.5],
+        ),
+    }
+
+
+TRIALS = {"calls": calls_fail, "power": power_fails}
+
 if __name__ == "__main__":
-    library, folder, *numbers = sys.argv[1:]
-    print(json.dumps(c_calls_fail(Path(library), Path(folder), *map(int, numbers))))
+    trial, library, folder, *numbers = sys.argv[1:]
+    print(json.dumps(TRIALS[trial](Path(library), Path(folder), *map(int, numbers))))

@@ -2,13 +2,14 @@
 is never lost. `make stress` tries each class hundreds of times."""
 
 import fcntl
-import json
 import os
 import random
 import re
+import resource
 import shutil
 import signal
 import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from threading import Timer
@@ -23,7 +24,7 @@ from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
 from hodo_cli.storage import disk, hdf5, writer
 from hodo_cli.storage.disk import BufferedFile
-from hodo_cli.storage.finished import finished
+from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.staging import replacing, staging_folders
@@ -165,7 +166,7 @@ def test_a_reader_that_hangs_or_dies_costs_its_case_and_a_limited_time() -> None
             os.kill(os.getpid(), signal.SIGKILL)
         return "wrong" if name == "bad\n" else ""
 
-    found = disk.look(lambda: ["good", "hangs", "bad\n", "dies", "fine"], look_at, 0.3)
+    found = disk.look(lambda: ["good", "hangs", "bad\n", "dies", "fine"], look_at, 0.3, 1 << 30)
     assert found == {
         "hangs": disk.SILENT, "bad\n": "wrong", "dies": disk.SILENT,
     }  # fmt: skip
@@ -180,7 +181,7 @@ def test_a_damaged_piece_is_run_anew(tmp_path: Path) -> None:
         raise KeyboardInterrupt
     (folder,) = staging_folders(path)
     faults.zeroed(sorted(folder.iterdir())[1], random.Random(1), 4096)
-    assert list(finished(path)) == ["a"]
+    assert list(finished_cases(path)) == ["a"]
 
 
 # What the operating system refuses.
@@ -196,18 +197,15 @@ def test_nothing_is_lost_when_a_call_fails(
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="gcc compiles what makes calls fail")
 def test_nothing_is_lost_when_a_call_of_a_library_fails(tmp_path: Path) -> None:
-    library = faults.compiled(tmp_path)
-    assert library
-    tried = json.loads(faults.preloaded(library, tmp_path, 60, 29))
-    assert len(tried) == 12  # three commands, reading and writing, once and for ever
-    assert all(count in (1, 2, 3) for count in tried.values())
+    counts = faults.preloaded(faults.compiled(tmp_path), "calls", tmp_path, 60, 29)
+    assert len(counts) == 12  # three commands, reading and writing, once and for ever
+    assert all(count in (1, 2, 3) for count in counts.values())
 
 
-def test_nothing_that_was_synced_is_lost_with_the_power(
-    tmp_path: Path, sound: tuple[Path, Motions]
-) -> None:
-    for last in (2, 7):
-        faults.power_is_lost(tmp_path / "run", sound[1], last, random.Random(last))
+@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc compiles what logs calls")
+def test_nothing_that_was_synced_is_lost_with_the_power(tmp_path: Path) -> None:
+    counts = faults.preloaded(faults.compiled(tmp_path), "power", tmp_path, 2)
+    assert [*counts.values()] == 12 * [3]  # three commands, of which four things are left
 
 
 def test_a_piece_that_cannot_be_linked_is_copied(
@@ -224,7 +222,7 @@ def test_a_piece_that_cannot_be_linked_is_copied(
         raise KeyboardInterrupt
     monkeypatch.setattr(os, "link", refuse)
     with Writer(path, {}) as second:
-        assert second.keep(second.finished["a"][0])
+        assert second.keep(second.finished_cases["a"][0])
         assert second.chunks("stamp") == {0}
     with open_run(path) as run:
         assert run.cases() == ["a"]
@@ -364,17 +362,15 @@ def test_a_case_that_is_more_than_plain_datasets_is_refused(
     with h5py.File(result, "r+") as file:
         how(file, result.parent)
     for checked in (False, True):
-        if checked:  # a checksum is no signature: a stranger can put one there too
-            with open(result, "r+b", buffering=0) as raw:
-                disk.append_checksum(raw)  # type: ignore[arg-type]
+        if checked:
+            faults.sealed_by_a_stranger(result)
         done = hodo("plot", result, "--format", "csv", "--out", result.parent / "figures")
         assert done.exit_code in (1, 2)
         assert "a is damaged (" in done.stderr
         assert not (result.parent / "figures" / "x" / "both.csv").exists()
         labelled = hodo("classify", result)
-        # Under a checksum that fits, it repeats its stored line, and reads nothing of the case.
-        assert checked or labelled.exit_code == 1
-        assert checked or "a is damaged (" in labelled.stderr
+        assert labelled.exit_code == 1
+        assert "a is damaged (" in labelled.stderr
 
 
 def test_a_group_whose_name_is_no_word_is_refused(result: Path) -> None:
@@ -429,6 +425,120 @@ def test_a_line_on_a_damaged_case_names_its_file_once(result: Path) -> None:
     for line in (unchecked, checked):
         assert "a is damaged (" in line
         assert line.count(str(result)) == 1
+
+
+# Results that a stranger has made, or that come from another machine.
+
+
+def test_a_case_at_which_hdf5_hangs_is_named_under_a_strangers_checksum(
+    result: Path, sound: tuple[Path, Motions], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hdf5, "PATIENCE_OF_READER", 0.5)
+    whole = result.read_bytes()
+    for start in range(0, 8 * 512, 512):  # the first blocks hold what HDF5 follows
+        result.write_bytes(whole[:start] + bytes(512) + whole[start + 512 : -disk.TRAILER])
+        faults.sealed_by_a_stranger(result)
+        faults.right_or_named(result, sound[1])
+
+
+def test_a_signal_ends_a_reading_that_hangs(tmp_path: Path) -> None:
+    """And the process that reads is gone too."""
+
+    def end(*_: object) -> None:
+        raise InterruptedError
+
+    def hang(name: str) -> str:
+        (tmp_path / name).write_text(str(os.getpid()))
+        os.kill(os.getppid(), signal.SIGUSR1)
+        time.sleep(1000)
+        return ""
+
+    before = signal.signal(signal.SIGUSR1, end)
+    with pytest.raises(InterruptedError):
+        disk.look(lambda: ["a"], hang, 100, 1 << 30)
+    signal.signal(signal.SIGUSR1, before)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "a").read_text()), 0)
+
+
+def inflated(file: h5py.File, name: str, megabytes: int) -> None:
+    """A dataset of zeros that takes some kB of the file."""
+    shape, chunk = (megabytes, 1 << 20), (16, 1 << 20)
+    data = file[name.partition("/")[0]].create_dataset(
+        name.partition("/")[2], shape, "i1", chunks=chunk, compression="gzip"
+    )
+    zeros = zlib.compress(bytes(16 << 20))
+    for start in range(0, megabytes, 16):
+        data.id.write_direct_chunk((start, 0), zeros)
+
+
+@pytest.mark.parametrize("sizes", [[512], [96, 96, 96, 96]])
+def test_a_small_file_that_fills_the_memory_is_refused(result: Path, sizes: list[int]) -> None:
+    """By one dataset, or by many of which each alone would be taken."""
+    with h5py.File(result, "r+") as file:
+        for name in "ab":
+            for i, size in enumerate(sizes):
+                inflated(file, f"{name}/z{i}", size)
+    faults.sealed_by_a_stranger(result)
+    assert result.stat().st_size < 2_000_000
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    done = hodo("show", result)
+    assert done.exit_code == 1
+    assert "does not fit" in done.stderr
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB
+
+
+def test_a_forged_line_of_the_table_is_computed_anew(result: Path) -> None:
+    """Also after another command has written the file again."""
+    right = hodo("classify", result).stdout
+    with h5py.File(result, "r+") as file:
+        for name in "ab":
+            forged = file[name].attrs["told"].replace('"crossings": [', '"crossings": [[1.5], ')
+            file[name].attrs["told"] = forged.replace("x1", "x3")
+    faults.sealed_by_a_stranger(result)
+    assert hodo("classify", result).stdout == right
+    assert hodo("claims", result).exit_code == 0
+    with open_run(result) as run:
+        assert run.intact
+    assert hodo("classify", result).stdout == right
+
+
+@pytest.mark.parametrize("value", [np.void(b"ab"), 1 + 1j, np.zeros(2, [("x", "f8")])])
+def test_an_attribute_that_is_neither_number_nor_text_is_named(result: Path, value: object) -> None:
+    with h5py.File(result, "r+") as file:
+        file.attrs["odd"] = value
+    for command in ("show", "classify", "claims"):
+        done = hodo(command, result)
+        assert done.exit_code == 2
+        (line,) = done.stderr.splitlines()
+        assert line == f"{result} is damaged (its attribute 'odd' is neither a number nor a text)"
+
+
+def test_truths_of_another_program_outlive_a_command(result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        file.attrs["seen"], file["a"].attrs["masks"] = True, np.array([True, False])
+    hodo("run", result.with_suffix(".yaml"), "--out", result.parent, "--force")
+    with h5py.File(result, "r+") as file:
+        file["b"].attrs["seen"] = True
+    assert hodo("classify", result).exit_code == 0
+    with open_run(result) as run:
+        assert run.summary("b", ["seen"]) == {"seen": 1}
+
+
+def test_a_result_is_used_on_a_machine_with_another_secret(result: Path, tmp_path: Path) -> None:
+    """Without a word, the same table, and nothing runs again."""
+    config = result.with_suffix(".yaml")
+    here = [hodo(command, result) for command in ("show", "classify")]
+    before = result.read_bytes()
+    result.write_bytes(before[: -disk.TRAILER])
+    faults.sealed_by_a_stranger(result)
+    moved = result.read_bytes()
+    there = [hodo(command, result) for command in ("show", "classify")]
+    assert [(d.exit_code, d.stdout, d.stderr) for d in there] == [
+        (d.exit_code, d.stdout, d.stderr) for d in here
+    ]
+    assert hodo("run", config, "--out", result.parent).stderr.count("is kept") == 3
+    assert result.read_bytes() == moved
 
 
 def test_a_pipe_is_no_result(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from conftest import call
 
 from hodo_cli import BatchError, HodoError
 from hodo_cli.storage import writer as writing
-from hodo_cli.storage.finished import finished
+from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import ResultFile, open_run
 from hodo_cli.storage.update import update
@@ -241,7 +241,7 @@ def test_other_readers(path: Path, reader: str) -> None:
     """A file whose groups were written, copied from pieces, copied from a file, and changed."""
     write(path, {"kept": group(message="", error=float("nan"))})
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        writer.keep(writer.finished["kept"][0])
+        writer.keep(writer.finished_cases["kept"][0])
         writer.add("new", group(3, 1))
     with update(path) as changes:
         changes.write("new", labels(3, 0))
@@ -395,7 +395,7 @@ def test_bad_files_give_one_line_and_stay_as_they_are(path: Path, name: str) -> 
         lambda: update(path).__enter__(),
     ]
     if name != "missing":
-        actions += [lambda: finished(path), lambda: Writer(path, {}).__enter__()]
+        actions += [lambda: finished_cases(path), lambda: Writer(path, {}).__enter__()]
     for action in actions:
         with pytest.raises(HodoError, match=message) as caught:
             action()
@@ -471,11 +471,11 @@ def test_after_an_exception_the_old_file_stays_and_finished_cases_are_found(path
         raise KeyboardInterrupt
     assert path.read_bytes() == before
     assert {name: [item.attributes["hash"] for item in items] for name,
-            items in finished(path).items()} == {
+            items in finished_cases(path).items()} == {
         "a": ["hash 0"], "b": ["hash 1"],
     }  # fmt: skip
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        assert all(writer.keep(items[0]) for items in writer.finished.values())
+        assert all(writer.keep(items[0]) for items in writer.finished_cases.values())
         writer.add("c", group(seed=2))
     with open_run(path) as run:
         assert run.cases() == ["a", "b", "c"]
@@ -489,13 +489,13 @@ def test_nothing_new_leaves_the_file_alone(path: Path) -> None:
     before = path.stat()[:7], path.stat().st_mtime_ns  # reading may change the time of access
     for _ in range(2):
         with Writer(path, {**ROOT_ATTRIBUTES, "history": "again"}, ["a", "b"]) as writer:
-            for items in writer.finished.values():
+            for items in writer.finished_cases.values():
                 writer.keep(items[0])
     assert (path.stat()[:7], path.stat().st_mtime_ns) == before
     with Writer(
         path, {**ROOT_ATTRIBUTES, "config": "other", "history": "again"}, ["a", "b"]
     ) as writer:
-        writer.keep(writer.finished["b"][0])
+        writer.keep(writer.finished_cases["b"][0])
     with open_run(path) as run:
         assert (run.cases(), run.text, run.attributes["history"]) == (
             ["b"],
@@ -512,7 +512,7 @@ def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
         changes.write("a", labels())
         changes.write("_claims", labels())
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        writer.keep(writer.finished["a"][0])
+        writer.keep(writer.finished_cases["a"][0])
         writer.add("b", group())
     with open_run(path) as run:
         assert run.groups() == ["a", "b"]
@@ -522,12 +522,12 @@ def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
 def test_what_another_process_wrote_meanwhile_is_kept(path: Path) -> None:
     write(path, {"a": group(), "b": group(seed=1), "gone": group()})
     with Writer(path, ROOT_ATTRIBUTES, ["a", "b", "c"]) as writer:
-        writer.keep(writer.finished["a"][0])
+        writer.keep(writer.finished_cases["a"][0])
         writer.add("b", group(seed=1, steps=5))
         writer.add("c", group(seed=2))
         with Writer(path, ROOT_ATTRIBUTES) as other:
             for name in ("a", "b", "gone"):
-                other.keep(other.finished[name][0])
+                other.keep(other.finished_cases[name][0])
             other.add("c", group(seed=3))
             other.add("d", group(seed=4))
         with update(path) as changes:
@@ -547,11 +547,11 @@ def test_a_shard_that_vanished_is_not_kept(path: Path) -> None:
         writer.add("b", group())
         raise KeyboardInterrupt
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        (lost,) = writer.finished["b"]
+        (lost,) = writer.finished_cases["b"]
         lost.file.unlink()
         assert not writer.keep(lost)
         assert not writer.keep(replace(lost, file=path))
-        assert writer.keep(writer.finished["a"][0])
+        assert writer.keep(writer.finished_cases["a"][0])
 
 
 def in_child(action: Callable[[], object]) -> int:
@@ -592,7 +592,7 @@ def test_two_runs_at_once(path: Path) -> None:
 def test_short_cases_share_pieces(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A death costs those that are in no piece yet, which nobody was told are finished."""
     monkeypatch.setattr(writing, "HOLD", 1000)
-    many, told = 2 * writing.MOST_HELD + 3, path.parent / "told"
+    many, told = 2 * writing.MOST_WAITING + 3, path.parent / "told"
 
     def run() -> None:
         with Writer(path, ROOT_ATTRIBUTES) as writer, told.open("a") as report:
@@ -603,9 +603,9 @@ def test_short_cases_share_pieces(path: Path, monkeypatch: pytest.MonkeyPatch) -
 
     path.parent.mkdir()
     assert exit_status(in_child(run)) == 3
-    stored = [f"c{i}" for i in range(2 * writing.MOST_HELD)]
+    stored = [f"c{i}" for i in range(2 * writing.MOST_WAITING)]
     assert told.read_text().split() == stored
-    assert sorted(finished(path)) == sorted(stored)
+    assert sorted(finished_cases(path)) == sorted(stored)
 
 
 def test_a_case_does_not_wait_if_it_or_the_first_that_waits_was_long(
@@ -623,7 +623,7 @@ def test_a_case_does_not_wait_if_it_or_the_first_that_waits_was_long(
         time.sleep(0.02)
         assert told == ["short", "long"]
         writer.add("second", group(), lambda: told.append("second"))
-        assert sorted(finished(path)) == sorted(told) == ["first", "long", "second", "short"]
+        assert sorted(finished_cases(path)) == sorted(told) == ["first", "long", "second", "short"]
 
 
 def test_parts_are_written_while_cases_are_stored(
@@ -649,7 +649,7 @@ def test_a_case_that_cannot_be_stored_takes_no_other_along(path: Path) -> None:
         with Writer(path, ROOT_ATTRIBUTES) as writer:
             for name, item in {"a": group(), "wrong": wrong, "b": group(seed=1)}.items():
                 writer.add(name, item)
-    assert sorted(finished(path)) == ["a", "b"]
+    assert sorted(finished_cases(path)) == ["a", "b"]
 
 
 def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
@@ -664,7 +664,9 @@ def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
 
         with log.open("a") as report, Writer(path, ROOT_ATTRIBUTES, names) as writer:
             for i, name in enumerate(names):
-                if name not in writer.finished or not writer.keep(writer.finished[name][0]):
+                if name not in writer.finished_cases or not writer.keep(
+                    writer.finished_cases[name][0]
+                ):
                     writer.add(name, group(200, i), partial(say, name))
                     if i % 4 == 3:
                         writer.store()
@@ -682,8 +684,8 @@ def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
             os.kill(child, signal.SIGKILL)
             exit_status(child)
             for name in log.read_text().split():
-                assert name in finished(path)
-            survived += len(finished(path))
+                assert name in finished_cases(path)
+            survived += len(finished_cases(path))
         run()
         with open_run(path) as result:
             assert result.cases() == names
@@ -724,7 +726,7 @@ def test_the_folder_of_a_living_run_is_left_alone(path: Path) -> None:
         first.add("a", group())
         first.store()
         with Writer(path, ROOT_ATTRIBUTES) as second:
-            assert second.keep(second.finished["a"][0])
+            assert second.keep(second.finished_cases["a"][0])
         first.add("b", group())
     with open_run(path) as run:
         assert run.cases() == ["a", "b"]
@@ -753,7 +755,9 @@ except BatchError as error:
         alone(code, path, size) == f"cannot write {path}: file too large; finished cases are kept"
     )
     assert path.read_bytes() == before
-    assert set(finished(path)) == ({"a"} if size == 1000 else {"a"} | {f"c{i}" for i in range(30)})
+    assert set(finished_cases(path)) == (
+        {"a"} if size == 1000 else {"a"} | {f"c{i}" for i in range(30)}
+    )
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
@@ -761,9 +765,60 @@ def test_read_only_folder(path: Path) -> None:
     write(path, {"a": group()})
     path.parent.chmod(0o555)
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        writer.keep(writer.finished["a"][0])
+        writer.keep(writer.finished_cases["a"][0])
         with pytest.raises(BatchError, match="permission denied"):
             writer.add("b", group())
+
+
+# The secret that a checksum is keyed with
+
+SECRET = "from hodo_cli.machine import secret; print(secret().hex())"
+
+
+def secrets(state: Path, count: int) -> list[tuple[str, str]]:
+    """What so many processes that begin together take for the secret, and what they say."""
+    environment = {**os.environ, "XDG_STATE_HOME": str(state)}
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", SECRET], env=environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )
+        for _ in range(count)
+    ]  # fmt: skip
+    return [process.communicate() for process in processes]
+
+
+def test_the_secret_is_made_once_and_is_the_users_own(tmp_path: Path) -> None:
+    """By processes that begin together, too."""
+    ((secret, warning),) = set(secrets(tmp_path / "state", 12))
+    assert (len(secret), warning) == (2 * 32 + 1, "")
+    folder = tmp_path / "state" / "hodo"
+    assert os.listdir(folder) == ["secret"]
+    assert [path.stat().st_mode & 0o777 for path in (folder, folder / "secret")] == [0o700, 0o600]
+
+
+def test_a_secret_that_others_can_read_is_refused(tmp_path: Path) -> None:
+    ((secret, _),) = secrets(tmp_path, 1)
+    file = tmp_path / "hodo" / "secret"
+    for path, mode, name in (
+        (file, 0o644, "bytes with mode 0600"),
+        (file.parent, 0o755, "mode 0700"),
+    ):
+        sound = path.stat().st_mode
+        path.chmod(mode)
+        ((other, warning),) = secrets(tmp_path, 1)
+        assert other != secret
+        assert name in warning
+        path.chmod(sound)
+    file.write_bytes(b"")
+    ((other, warning),) = secrets(tmp_path, 1)
+    assert (other != secret, "no 32 bytes" in warning) == (True, True)
+
+
+def test_without_a_home_each_process_has_a_secret_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "state").touch()
+    (first, warning), (second, _) = secrets(tmp_path / "state", 2)
+    assert (first != second, warning) == (True, "")
 
 
 # Changing a result

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from conftest import call
 
-from hodo_cli.storage.finished import finished, open_batch
+from hodo_cli.storage.finished_cases import finished_cases, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.staging import replacing, staging_folders
@@ -85,7 +85,7 @@ def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
     other = path.with_name("b.h5")
     interrupted(other, {"first": stored(1)})
     with Writer(other, {"config": text}) as writer:
-        assert writer.keep(writer.finished["first"][0])
+        assert writer.keep(writer.finished_cases["first"][0])
         texts = set()
         for file in path.parent.glob(".b.h5.*/head.h5"):
             with open_run(file) as run:
@@ -141,7 +141,10 @@ def test_a_changed_case_is_shown_and_stays_apart(path: Path) -> None:
     publish_finished(path)
     with open_run(path) as run:
         assert run.summary("first")["hash"] == "hash 1"
-    assert [item.attributes["hash"] for item in finished(path)["first"]] == ["hash 1", "hash 2"]
+    assert [item.attributes["hash"] for item in finished_cases(path)["first"]] == [
+        "hash 1",
+        "hash 2",
+    ]
 
 
 def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
@@ -163,7 +166,7 @@ def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
         assert run.cases() == ["first"]
     with Writer(path, {}) as writer:
         assert writer.chunks("stamp") == {0}
-        writer.keep(writer.finished["first"][0])
+        writer.keep(writer.finished_cases["first"][0])
         assert [*path.parent.glob(".*/part-*.h5")]
 
 

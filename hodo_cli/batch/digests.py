@@ -25,16 +25,11 @@ COMPUTING_LIBRARIES = ("heyoka", "numpy", "scipy")
 def _sources() -> dict[str, str]:
     """The digest of each source file that decides numbers, by its path within the package."""
     files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
-    names = sorted(str(file.relative_to(PACKAGE)) for file in files if file.suffix == ".py")
-    return {name: _source_hash(name) for name in names}
-
-
-def _source_hash(name: str) -> str:
-    """The digest of one source file; empty if it is gone."""
-    try:
-        return hashlib.sha256((PACKAGE / name).read_bytes()).hexdigest()
-    except FileNotFoundError:
-        return ""
+    return {
+        str(file.relative_to(PACKAGE)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(files)
+        if file.suffix == ".py"
+    }
 
 
 # Read while the modules themselves are being imported: a source that is edited later, during a run,

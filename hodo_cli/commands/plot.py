@@ -24,7 +24,7 @@ from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
 from ..schema.kinds import unknown
-from ..storage.finished import open_batch
+from ..storage.finished_cases import open_batch
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import replacing
 from .resume import content_digest, result_named, warn_of_changes

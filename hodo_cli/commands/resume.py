@@ -14,7 +14,7 @@ from ..batch.digests import PACKAGE, code_digest, digest, library_digest
 from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse, text_of
 from ..schema.document import YAML_SUFFIXES
-from ..storage.finished import Finished
+from ..storage.finished_cases import FinishedCase
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import staging_folders
 
@@ -47,7 +47,7 @@ def _bare_digest(case: Case) -> str:
     return digest(dump(case, remarks=False))
 
 
-def why(case: Case, done: Finished | None, force: bool) -> str:
+def why(case: Case, done: FinishedCase | None, force: bool) -> str:
     """Why a case is to be run in spite of its stored result; an empty string if it need not be."""
     if done is None:
         return "it has no result yet"

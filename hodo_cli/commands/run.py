@@ -21,7 +21,7 @@ from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress
 from ..results.layout import SUMMARY, case_group
-from ..storage.finished import Finished, finished
+from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.group import Group
 from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes
@@ -52,8 +52,8 @@ class Plan:
     path: Path
     asked: tuple[str, ...]
     reasons: dict[str, str]
-    reused: dict[str, Finished]
-    old: dict[str, Finished]
+    reused: dict[str, FinishedCase]
+    old: dict[str, FinishedCase]
     obsolete: dict[str, bool]
 
     def lines(self) -> list[str]:
@@ -138,7 +138,7 @@ class Plan:
                 if name in result
             ]
 
-    def _keep(self, writer: Writer, done: Finished) -> bool:
+    def _keep(self, writer: Writer, done: FinishedCase) -> bool:
         """Take over a result, with the remarks that the case has now."""
         if done.name in self.obsolete:
             return writer.keep(done)
@@ -247,14 +247,16 @@ def plan_of(
 ) -> Plan:
     """Which cases of a config run, and why; those that `globs` leave out stay as they are stored.
 
-    Raises HodoError as `finished` does, or, without `force`, as `check_origin` does.
+    Raises HodoError as `finished_cases` does, or, without `force`, as `check_origin` does.
     """
     done = (
-        finished(path) if force else finished(path, partial(check_origin, config, remedy=ELSEWHERE))
+        finished_cases(path)
+        if force
+        else finished_cases(path, partial(check_origin, config, remedy=ELSEWHERE))
     )
     asked = dict.fromkeys(config.matching(globs))
     reasons: dict[str, str] = {}
-    reused: dict[str, Finished] = {}
+    reused: dict[str, FinishedCase] = {}
     for name, case in config.cases.items():
         stored = [(item, why(case, item, force)) for item in done.get(name, [])]
         if name not in asked and stored:

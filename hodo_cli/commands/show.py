@@ -7,7 +7,7 @@ from typing import Any
 from .. import HodoError
 from ..cases.case import parse_case
 from ..results.layout import SUMMARY, typed_as
-from ..storage.finished import open_batch
+from ..storage.finished_cases import open_batch
 from .resume import result_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")

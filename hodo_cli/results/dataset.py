@@ -20,7 +20,7 @@ from ..cases.case import Case
 from ..cases.figure_block import BODY_AXES
 from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.kinds import unknown
-from ..storage.finished import open_batch
+from ..storage.finished_cases import open_batch
 from ..storage.group import Group
 from ..storage.hdf5 import ResultFile
 from ..storage.provenance import typed

@@ -1,12 +1,11 @@
 """Groups of labelled arrays, and the checksum that a group is stored with."""
 
+import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-
-from .disk import GroupChecksum, ValuesChecksum, checksum_of_values
 
 Attribute = str | int | float | np.ndarray
 
@@ -70,11 +69,45 @@ def is_number(dtype: np.dtype) -> bool:
     return dtype.kind in "iuf" and dtype.itemsize <= 8 and dtype != np.float16
 
 
-def checksum_of(group: Group, checksums: Mapping[str, ValuesChecksum]) -> str:
-    """The checksum that a group is stored with; `checksums` are those of variables that were
-    written block by block."""
-    checksum = GroupChecksum(as_stored(group.attributes))
-    for key, variable in group.variables.items():
-        values = str(checksums[key]) if key in checksums else checksum_of_values(variable.data)
-        checksum.add(key, variable.dims, values, as_stored(variable.attrs))
-    return str(checksum)
+class ValuesChecksum:
+    """The checksum of an array's values, which may come block by block, in their order."""
+
+    def __init__(self, *blocks: np.ndarray) -> None:
+        self._hash = hashlib.sha256()
+        self._kind = ""
+        for block in blocks:
+            self.add(block)
+
+    def add(self, values: np.ndarray) -> None:
+        """Some values; text by its characters, numbers by their bits."""
+        if values.dtype.kind in "OU":
+            self._hash.update("\0".join([*map(str, values.ravel()), ""]).encode("utf-8", "replace"))
+        else:
+            self._kind = values.dtype.str
+            self._hash.update(np.ascontiguousarray(values).data.cast("B") if values.size else b"")
+
+    def __str__(self) -> str:
+        return f"{self._kind}{self._hash.hexdigest()}"
+
+
+NO_CHECKSUMS: Mapping[str, ValuesChecksum] = {}
+
+
+def checksum_of(group: Group, streamed: Mapping[str, ValuesChecksum] = NO_CHECKSUMS) -> str:
+    """The checksum that a group is stored with: of its attributes and variables, in their order.
+    What is added to the group later is not covered, and does not disturb it.
+
+    `streamed` are the checksums of variables that were written block by block.
+    """
+    lines = [_described(group.attributes)]
+    for name, variable in group.variables.items():
+        values = streamed.get(name) or ValuesChecksum(variable.data)
+        lines.append(f"{name} {variable.dims} {values} {_described(variable.attrs)}")
+    hashed = hashlib.sha256("\n".join(lines).encode("utf-8", "replace"))
+    return f"sha256:{len(group.variables)}:{hashed.hexdigest()[:32]}"
+
+
+def _described(attributes: Mapping[str, Attribute]) -> str:
+    """Attributes in a form that is the same before they are written and after they are read."""
+    stored = as_stored(attributes)
+    return "\n".join(f"{name}={np.asarray(value).tolist()!r}" for name, value in stored.items())

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -21,14 +22,12 @@ from ..text import in_bytes
 from .disk import (
     PATIENCE_OF_READER,
     SLOW_DISK,
-    GroupChecksum,
     checksum_fits,
-    checksum_of_values,
     look,
     refusal,
     refusal_number,
 )
-from .group import Group, Report, Variable, is_number
+from .group import Group, Report, Variable, checksum_of, is_number
 from .provenance import FORMAT_VERSION, typed
 
 STRING = h5py.string_dtype()
@@ -54,12 +53,13 @@ HIDDEN = (
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError)
 """What h5py raises when the bytes of a file make no sense."""
 
-INFLATION = 1000
-"""A dataset may claim so many times the bytes that are stored of it, as compression may save; one
-that claims more was never written, and would fill the memory."""
+INFLATION = 10
+"""A file that this user's hodo has not written may hold so many times its own bytes, as compression
+may save; hodo itself compresses nothing."""
 
-FEW_BYTES = 1 << 20
-"""What a dataset may claim in any case."""
+FEW_BYTES = 256 << 20
+"""What such a file may hold in any case: ten datasets of a sweep of a million members that are all
+nan, which other programs compress to nothing."""
 
 MOST_ITEMS = 1000
 """Datasets or attributes in a group: ten times those of any case, and far fewer than would keep
@@ -73,17 +73,21 @@ Dimensions: TypeAlias = Mapping[str, tuple[str, ...]]
 
 
 class ResultFile:
-    """A result file that is open for reading; made by `open_run`."""
+    """A result file that is open for reading; made by `open_run`.
 
-    _intact = False
-    """Whether all bytes are as hodo has written them."""
+    `damaged` says what is wrong with its groups; `intact` is whether all bytes are as this user's
+    hodo has written them.
+    """
+
+    intact = False
 
     def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str]) -> None:
         self.path = path
         self.damaged = damaged
-        self._intact = damaged is INTACT
+        self.intact = damaged is INTACT
         self.attributes: dict[str, Any] = _attributes(file)
         self._file = file
+        self._room = memory_limit() if self.intact else bytes_allowed(file.id.get_filesize())
 
     @property
     def text(self) -> str:
@@ -102,12 +106,6 @@ class ResultFile:
     def __contains__(self, name: str) -> bool:
         return name in self._file
 
-    def check_root(self) -> str:
-        """What is wrong with the root attributes; an empty string if nothing is."""
-        stored, covered = _covered(self._file)
-        known = {key: self.attributes[key] for key in covered}
-        return "" if stored in ("", _checksum(known, {}, stored)) else "its head has changed"
-
     def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
         """The attributes of a group (all, or those named), without reading an array.
 
@@ -125,26 +123,30 @@ class ResultFile:
         large."""
         with self.open_group(name) as group:
             items = _datasets(group)
-            named, variables, taken = _by_address(items), {}, 0
+            names, variables, size = _by_address(items), {}, 0
             for key, item in items.items():
                 if _is_placeholder(item):
                     continue
-                # Asked for before reading: HDF5 promises any size that a damaged header names.
-                taken += item.nbytes
-                if taken > memory_limit():
-                    size = in_bytes(taken)
-                    raise HodoError(f"{self.path}: {name}/{key} does not fit into memory: {size}")
+                # Before it is read: HDF5 promises any size that a damaged header names.
+                size += item.nbytes
+                if size > self._room:
+                    claimed = f"{in_bytes(size)}, with {in_bytes(self._room)} for it"
+                    raise HodoError(f"{self.path}: {name}/{key} does not fit: {claimed}")
                 data = _texts(item) if h5py.check_string_dtype(item.dtype) else item[()]
                 variables[key] = Variable(
-                    _dims(item, named) or (key,) * data.ndim, data, _attributes(item)
+                    _dims(item, names) or (key,) * data.ndim, data, _attributes(item)
                 )
-            return Group(_attributes(group), variables, report=_report(group))
+            # Whoever may write the file may have written any report.
+            report = _report(group) if self.intact else None
+            return Group(_attributes(group), variables, report=report)
 
     def report(self, name: str, digest: str) -> Any:
         """What a command has found from a group at this digest; None if it has found nothing yet,
         or the file is not as hodo has written it. Raises HodoError as `summary` does."""
+        if not self.intact:
+            return None
         with self.open_group(name) as group:
-            report = _report(group) if self._intact else None
+            report = _report(group)
             return json.loads(report.json) if report and report.digest == digest else None
 
     def array(self, name: str, key: str) -> np.ndarray:
@@ -171,13 +173,16 @@ class ResultFile:
         raise HodoError(f"{self.path}: there is no case {name!r}")
 
     def check(self, name: str) -> str:
-        """What is wrong with a group, all of it read; an empty string if nothing is."""
+        """What is wrong with a group (`ROOT`: the attributes of the file), all of it read; an empty
+        string if nothing is."""
         try:
+            if name == ROOT:
+                fits = _fits(self._file, Group(self.attributes, {}))
+                return "" if fits else "its head has changed"
+            content = self.read(name)
+            self._room -= size_of(content)  # what is read of one group leaves less to the others
             with self.open_group(name) as group:
-                stored, covered = _covered(group)
-            group_read = self.read(name)
-            known = {key: group_read.attributes[key] for key in covered}
-            return "" if stored in ("", _checksum(known, group_read.variables, stored)) else MISFIT
+                return "" if _fits(group, content) else "its checksum does not fit"
         except (HodoError, BatchError) as error:  # a bad sector costs the case that lies there
             reason = str(error).removeprefix(f"{self.path}: ")
             return reason.removeprefix(f"{name} is damaged (").removesuffix(")")
@@ -190,37 +195,35 @@ class ResultFile:
         that no checksum covers. Raises HodoError as `summary` does.
         """
         with self.open_group(name) as group:
-            known = self._intact and h5a.exists(group.id, b"checksum")
-            return str(_attribute(group, "checksum")) if known else ""
-
-    def lacks_checksum(self, name: str) -> bool:
-        """Whether damage to a group would not be noticed."""
-        if name in self.damaged:
-            return False
-        with self.open_group(name) as group:
-            return "checksum" not in group.attrs
+            is_known = self.intact and h5a.exists(group.id, b"checksum")
+            return str(_attribute(group, "checksum")) if is_known else ""
 
 
-MISFIT = "its checksum does not fit"
+def bytes_allowed(size: int) -> int:
+    """The bytes that a file of so many may hold, which another user may have made."""
+    return min(memory_limit(), FEW_BYTES + INFLATION * size)
 
 
-def _covered(item: h5py.HLObject) -> tuple[str, list[str]]:
-    """The checksum of a group and the attributes that it covers, which are those before it; an
-    empty text if there is none."""
-    names = list(item.attrs)
+def size_of(group: Group) -> int:
+    """About how many bytes a group takes in memory."""
+    texts = [text for text in group.attributes.values() if isinstance(text, str)]
+    arrays = [variable.data for variable in group.variables.values()]
+    texts += [text for data in arrays if data.dtype == object for text in data.flat]
+    return sum(data.nbytes for data in arrays) + sum(map(len, texts))
+
+
+def _fits(item: h5py.HLObject, content: Group) -> bool:
+    """Whether the checksum of an item fits what was read of it: the attributes before the checksum,
+    and so many variables as it covers. One that is not there fits."""
+    names = [*item.attrs]
     if "checksum" not in names:
-        return "", []
-    before = names[: names.index("checksum")]
-    return str(item.attrs["checksum"]), [name for name in before if name not in HIDDEN]
-
-
-def _checksum(attributes: Mapping[str, Any], variables: Mapping[str, Variable], stored: str) -> str:
-    """The checksum of attributes and of so many variables as a stored checksum covers."""
+        return True
+    stored = str(item.attrs["checksum"])
     count = stored.split(":")[1] if stored.count(":") == 2 else ""
-    checksum = GroupChecksum(attributes)
-    for name, variable in [*variables.items()][: int(count) if count.isdecimal() else 0]:
-        checksum.add(name, variable.dims, checksum_of_values(variable.data), variable.attrs)
-    return str(checksum)
+    covered = [name for name in names[: names.index("checksum")] if name not in HIDDEN]
+    variables = islice(content.variables.items(), int(count) if count.isdecimal() else 0)
+    attributes = {name: content.attributes[name] for name in covered}
+    return stored == checksum_of(Group(attributes, dict(variables)))
 
 
 def _is_placeholder(item: h5py.Dataset) -> bool:
@@ -239,9 +242,8 @@ def _datasets(group: h5py.Group) -> dict[str, h5py.Dataset]:
 
 def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     """An item of a group. Raises ValueError if that is anything but a plain dataset: a link, a
-    group, values in other files or made from other datasets, elements that are addresses, and a
-    size that was never written would let a file from a stranger read this machine's files or fill
-    its memory."""
+    group, values in other files or made from other datasets, and elements that are addresses would
+    let a file from a stranger read this machine's files or fill its memory."""
     if not _is_hard(group, name):
         raise ValueError(f"{name} is a link")
     opened = h5o.open(group.id, encoded(name))
@@ -250,16 +252,12 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     # A small file would fill the memory with one dataset under a thousand names.
     if h5o.get_info(opened).rc > 1:
         raise ValueError(f"{name} has other names too")
-    made, item = opened.get_create_plist(), h5py.Dataset(opened)
-    if made.get_external_count() or made.get_layout() == h5d.VIRTUAL:
+    creation, item = opened.get_create_plist(), h5py.Dataset(opened)
+    if creation.get_external_count() or creation.get_layout() == h5d.VIRTUAL:
         raise ValueError(f"the values of {name} are in other files")
     is_plain = is_number(item.dtype) or h5py.check_string_dtype(item.dtype)
     if not is_plain or item.shape is None:
         raise ValueError(f"{name} holds neither numbers nor texts")
-    stored = item.id.get_storage_size()
-    if item.nbytes > FEW_BYTES + INFLATION * stored and not _is_placeholder(item):
-        claimed, there = in_bytes(item.nbytes), in_bytes(stored)
-        raise ValueError(f"{name} claims {claimed}, of which {there} are stored")
     return item
 
 
@@ -274,11 +272,11 @@ def _texts(item: h5py.Dataset) -> np.ndarray:
     file. Raises ValueError if they are longer than the file."""
     if item.ndim != 1:
         raise ValueError(f"{item.name} is no list of texts")
-    texts, left = np.empty(len(item), dtype=object), item.file.id.get_filesize()
+    texts, room = np.empty(len(item), dtype=object), item.file.id.get_filesize()
     for few in (slice(start, start + FEW_TEXTS) for start in range(0, len(item), FEW_TEXTS)):
         texts[few] = item.asstr()[few]
-        left -= sum(map(len, texts[few]))
-        if left < 0:
+        room -= sum(map(len, texts[few]))
+        if room < 0:
             raise ValueError(f"the texts of {item.name} are longer than the file")
     return texts
 
@@ -311,7 +309,8 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
             raise HodoError(f"{path} is damaged (a group is named {strange[0]!r})")
         if reason := damaged.get(ROOT):
             raise HodoError(f"{path} is damaged ({reason}): move it away and run again")
-        if damaged is not INTACT and any(run.lacks_checksum(name) for name in run.groups()):
+        groups = [] if run.intact else [file[name] for name in run.groups() if name not in damaged]
+        if any("checksum" not in group.attrs for group in groups):
             warnings.warn(f"{path} has no checksums: damage to it would not show", stacklevel=3)
         try:
             yield run
@@ -356,15 +355,18 @@ def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, 
     """What is wrong with the groups of a file that has no checksum, or one that does not fit."""
     files: list[ResultFile] = []
 
-    def names() -> list[str]:
+    def list_groups() -> list[str]:
         files.append(ResultFile(path, _opened(path), {}))
         return [ROOT, *files[0].groups()]
 
-    def problem(name: str) -> str:
-        return files[0].check(name) if name != ROOT else files[0].check_root()
+    patience = PATIENCE_OF_READER + size / SLOW_DISK
+    return look(
+        list_groups, lambda name: files[0].check(name), patience, COPIES * bytes_allowed(size)
+    )
 
-    return look(names, problem, PATIENCE_OF_READER + size / SLOW_DISK)
 
+COPIES = 4
+"""How often the bytes of a group stand in memory while its checksum is made."""
 
 ROOT = "/"
 """The name under which the root attributes are looked at; no group has it."""
@@ -431,8 +433,13 @@ def _attribute(item: h5py.HLObject, name: str) -> Any:
     # Other programs store an empty text so.
     value = "" if isinstance(value, h5py.Empty) else value
     value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    array = np.asarray(value, dtype=object if isinstance(value, str) else None)
+    if array.dtype == bool:  # which netCDF has not
+        value = array = array.astype(np.int8)
+    if not is_number(array.dtype) and not all(isinstance(text, str) for text in array.flat):
+        raise ValueError(f"its attribute {name!r} is neither a number nor a text")
     # Plain Python numbers: they compare, print and go into JSON as expected.
-    return value.item() if isinstance(value, np.generic) else value
+    return array.item() if array.shape == () else value
 
 
 def _report(group: h5py.Group) -> Report | None:

@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5ds, h5f, h5g, h5o, h5p, h5s, h5t
 
-from .disk import BufferedFile, GroupChecksum, ValuesChecksum, append_checksum
-from .group import Attribute, Group, as_stored, checksum_of, is_number
+from .disk import BufferedFile, append_checksum
+from .group import Attribute, Group, ValuesChecksum, as_stored, checksum_of, is_number
 from .hdf5 import (
     NO_VARIABLE,
     REPORT,
@@ -47,7 +47,7 @@ class Output:
         _set_attributes(target, group.attributes)
         sizes: dict[str, int] = {}
         items: dict[str, h5d.DatasetID] = {}
-        late_ones = group.late.names if group.late else ()
+        streamed = {key: ValuesChecksum() for key in (group.late.names if group.late else ())}
         for key, variable in group.variables.items():
             for dim, size in zip(variable.dims, variable.data.shape, strict=True):
                 if sizes.setdefault(dim, size) != size:
@@ -56,7 +56,7 @@ class Output:
                     )
             dtype = _file_type(key, variable.data)
             items[key] = _new_dataset(target, key, dtype, variable.data.shape)
-            if key not in late_ones:
+            if key not in streamed:
                 data = np.require(variable.data, dtype, "C")
                 items[key].write(h5s.ALL, h5s.ALL, data, _types(dtype)[1])
             _set_attributes(items[key], variable.attrs)
@@ -73,12 +73,11 @@ class Output:
             if key not in sizes:
                 _attach(items, key, variable.dims)
         # Last, so that memory holds one block at a time.
-        late = {key: ValuesChecksum() for key in late_ones}
         for key, where, block in group.late.blocks() if group.late else ():
             item = h5py.Dataset(items[key])
             item[where] = block
-            late[key].add(np.asarray(block, dtype=item.dtype))
-        _set_attributes(target, {"checksum": checksum_of(group, late)})
+            streamed[key].add(np.asarray(block, dtype=item.dtype))
+        _set_attributes(target, {"checksum": checksum_of(group, streamed)})
         if group.report:
             report = {REPORT_DIGEST: group.report.digest, REPORT: group.report.json}
             _set_attributes(target, report)
@@ -87,7 +86,8 @@ class Output:
         """Copy a group as it is stored; `known` are the dimensions of its variables, where this
         process has written it. Raises HodoError if it is damaged.
 
-        HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew.
+        HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew. A
+        report that another program may have written is left out: the new file would vouch for it.
         """
         self._disk.check()
         with run.open_group(name) as old:
@@ -97,12 +97,19 @@ class Output:
             scales = dict.fromkeys(dim for names in dims.values() for dim in names)
             items = {key: h5d.open(target, encoded(key)) for key in {**dims, **scales}}
             for item in items.values():
-                for link in (b"REFERENCE_LIST", b"DIMENSION_LIST"):
-                    if h5a.exists(item, link):
-                        h5a.delete(item, link)
-            for key, of in dims.items():
+                _delete_attributes(item, "REFERENCE_LIST", "DIMENSION_LIST")
+            if not run.intact:
+                _delete_attributes(target, REPORT_DIGEST, REPORT)
+            for key, names in dims.items():
                 if key not in scales:  # a scale is attached to others, never to itself
-                    _attach(items, key, of)
+                    _attach(items, key, names)
+
+
+def _delete_attributes(item: H5Object, *names: str) -> None:
+    """Remove attributes that may be there."""
+    for name in names:
+        if h5a.exists(item, name.encode()):
+            h5a.delete(item, name.encode())
 
 
 def _attach(items: Mapping[str, h5d.DatasetID], name: str, dims: tuple[str, ...]) -> None:
@@ -155,8 +162,8 @@ def _written(path: Path) -> Iterator[BufferedFile]:
 
 
 def _set_root(file: h5py.File, attributes: Mapping[str, Attribute]) -> None:
-    root = as_stored({"format_version": FORMAT_VERSION, **attributes})
-    _set_attributes(file.id, {**root, "checksum": str(GroupChecksum(root))})
+    root = {"format_version": FORMAT_VERSION, **attributes}
+    _set_attributes(file.id, {**root, "checksum": checksum_of(Group(root, {}))})
 
 
 def _file_type(name: str, data: np.ndarray) -> Any:

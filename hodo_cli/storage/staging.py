@@ -71,14 +71,10 @@ class Staging:
             if lock is not None:
                 lock()
 
-    def publish(self, draft: Path) -> None:
-        """Give a complete file the name `path`, and see it on the disk."""
-        _publish(draft, self.path)
-
-    def remove(self, stay: Collection[str] = ()) -> None:
-        """Delete the folder with what is in it; if anything stays, only the rest of it."""
-        if self.folder is not None and stay:
-            for name in set(os.listdir(self.folder)).difference(stay):
+    def remove(self, besides: Collection[str] = ()) -> None:
+        """Delete the folder with what is in it; if files of some names stay, only the rest."""
+        if self.folder is not None and besides:
+            for name in set(os.listdir(self.folder)).difference(besides):
                 (self.folder / name).unlink()
         elif self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -114,7 +110,7 @@ def replacing(path: Path) -> Iterator[Path]:
                 failed.callback(lock)
         failed.callback(draft.unlink, missing_ok=True)
         yield draft
-        _publish(draft, path)
+        publish(draft, path)
 
 
 @contextmanager
@@ -185,14 +181,15 @@ def _beside(path: Path) -> Path:
     return path.parent / f".{path.name}.{os.urandom(4).hex()}.partial"
 
 
-def _publish(draft: Path, path: Path) -> None:
-    """Replace a file by its draft, which takes over owner and mode."""
+def publish(draft: Path, path: Path) -> None:
+    """Replace a file by its complete draft, which takes over owner and mode, and see it on the
+    disk."""
     with suppress(FileNotFoundError):
-        before = path.stat()
+        status = path.stat()
         # Only the superuser gives files away, and Windows has no such call.
         with suppress(PermissionError, AttributeError):
-            os.chown(draft, before.st_uid, before.st_gid)
-        draft.chmod(stat.S_IMODE(before.st_mode))
+            os.chown(draft, status.st_uid, status.st_gid)
+        draft.chmod(stat.S_IMODE(status.st_mode))
     synced(draft)
     os.replace(draft, path)
     synced(path.parent)
@@ -217,8 +214,8 @@ def _lock_beside(path: Path, wait: bool) -> Release | None:
     import filelock
 
     os.stat(path)  # as opening it would, if another process has removed it
-    own = path.suffix == ".partial"
-    file = path.with_name(f"{path.name}.lock") if own else path / ".hodo.lock"
+    is_draft = path.suffix == ".partial"
+    file = path.with_name(f"{path.name}.lock") if is_draft else path / ".hodo.lock"
     lock = filelock.FileLock(file)
     try:
         lock.acquire(timeout=-1 if wait else 0)
@@ -228,7 +225,7 @@ def _lock_beside(path: Path, wait: bool) -> Release | None:
     def release() -> None:
         lock.release()
         # The name of a draft is never used again; that of the folder's lock is, and must stay.
-        if own:
+        if is_draft:
             with suppress(OSError):
                 file.unlink()
 

@@ -4,16 +4,17 @@ import shutil
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .finished import chunks_in, resume_attributes, shards
+from .finished_cases import chunks_in, resume_attributes, shards
 from .group import Attribute, Group
 from .hdf5 import ResultFile, open_run
 from .output import Output, amend, create
-from .staging import Staging, check_writable, identity, os_errors_as
+from .staging import Staging, check_writable, identity, os_errors_as, publish
 from .writer import KEPT, longer, publish_finished
 
 
@@ -27,7 +28,7 @@ class Draft:
         self._run = run
         self._staging = staging
         self._attributes = attributes
-        self._left = deque(run.groups())
+        self._names = deque(run.groups())
         self._opened = ExitStack()
         self._output: Output | None = None
 
@@ -44,7 +45,7 @@ class Draft:
             self._copy_up_to(name)
             self._output.write(name, group)
 
-    def finished(self) -> Path:
+    def completed(self) -> Path:
         """The new file with all groups, in which at least one has been written."""
         self._copy_up_to("")
         self._opened.close()
@@ -52,8 +53,8 @@ class Draft:
 
     def _copy_up_to(self, name: str) -> None:
         assert self._output is not None
-        while self._left and (before := self._left.popleft()) != name:
-            self._output.copy(self._run, before)
+        while self._names and (earlier := self._names.popleft()) != name:
+            self._output.copy(self._run, earlier)
 
     def close(self) -> None:
         """Give up what is not finished."""
@@ -75,6 +76,8 @@ class Update:
 
         Raises BatchError if it cannot be written.
         """
+        if not self.run.intact:  # its reports are not believed, so that they are no change
+            addition = replace(addition, report=None)
         if old is None and name in self.run and name not in self.run.damaged:
             old = self.run.read(name)
         if old is None or not _holds(old, addition, is_complete=name.startswith("_")):
@@ -93,7 +96,7 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
     """
     path = Path(path)
     publish_finished(path)
-    seen = identity(path)
+    identity_read = identity(path)
     with open_run(path) as run, ExitStack() as stack:
         staging = Staging(path)
         stack.callback(staging.close)
@@ -111,13 +114,13 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
                     shutil.rmtree(folder, ignore_errors=True)
             if changes.additions:
                 check_writable(path)
-                file = draft.finished() if draft else staging / "whole.h5"
+                file = draft.completed() if draft else staging / "whole.h5"
                 with staging.publishing():
-                    if draft is None or identity(path) != seen:
+                    if draft is None or identity(path) != identity_read:
                         # Opened again: another process has replaced the result since.
-                        with open_run(path) as now:
-                            _rewrite(file, now, changes, history)
-                    staging.publish(file)
+                        with open_run(path) as latest_result:
+                            _rewrite(file, latest_result, changes, history)
+                    publish(file, staging.path)
 
 
 def _with_history(run: ResultFile, history: str) -> dict[str, Attribute]:
@@ -130,36 +133,38 @@ def _changed(name: str, old: Group | None, addition: Group) -> Group:
     return addition if old is None or name.startswith("_") else old.with_addition(addition)
 
 
-def _rewrite(file: Path, now: ResultFile, changes: Update, history: str) -> None:
+def _rewrite(file: Path, result: ResultFile, changes: Update, history: str) -> None:
     """Write a result with changes that were made to it, or to a file that had its name before."""
 
     # Bytes of a case that cannot be read are kept: they may be all that is left of it.
-    is_amended = any(name in now.damaged for name in now.cases())
+    is_amended = any(name in result.damaged for name in result.cases())
 
     def is_the_same(name: str) -> bool:
-        return name in now and resume_attributes(now, name) == resume_attributes(changes.run, name)
+        return name in result and resume_attributes(result, name) == resume_attributes(
+            changes.run, name
+        )
 
     def applies(name: str) -> bool:
         if not name.startswith("_"):
             return is_the_same(name)
         # HDF5 removes no group that it cannot read: these wait for a file without damaged cases.
-        if is_amended and name in now.damaged:
+        if is_amended and name in result.damaged:
             return False
         # Verdicts are about all cases: none of them may have been run anew meanwhile.
-        return now.cases() == changes.run.cases() and all(
-            is_the_same(case) for case in now.cases() if case not in now.damaged
+        return result.cases() == changes.run.cases() and all(
+            is_the_same(case) for case in result.cases() if case not in result.damaged
         )
 
     additions = {name: addition for name, addition in changes.additions.items() if applies(name)}
-    attributes = _with_history(now, history)
-    with amend(file, now, attributes) if is_amended else create(file, attributes) as output:
-        for name in dict.fromkeys([*now.groups(), *additions]):
+    attributes = _with_history(result, history)
+    with amend(file, result, attributes) if is_amended else create(file, attributes) as output:
+        for name in dict.fromkeys([*result.groups(), *additions]):
             if name not in additions:
                 # Damaged verdicts are left out: `hodo claims` gives them again.
-                if not is_amended and name not in now.damaged:
-                    output.copy(now, name)
+                if not is_amended and name not in result.damaged:
+                    output.copy(result, name)
             else:
-                old = None if name.startswith("_") else now.read(name)
+                old = None if name.startswith("_") else result.read(name)
                 output.write(name, _changed(name, old, additions[name]))
 
 

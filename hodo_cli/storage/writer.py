@@ -21,20 +21,20 @@ from time import monotonic
 from typing import Self
 
 from .. import HodoError
-from .finished import (
+from .finished_cases import (
     ATTRIBUTES_FILE,
-    Finished,
+    FinishedCase,
     chunks_in,
-    finished,
+    finished_cases,
     in_order,
     latest,
     resume_attributes,
     unpublished,
 )
 from .group import Attribute, Group
-from .hdf5 import Dimensions, ResultFile, open_run
-from .output import Output, create
-from .staging import Staging, identity, os_errors_as, synced
+from .hdf5 import ResultFile, open_run
+from .output import create
+from .staging import Staging, identity, os_errors_as, publish, synced
 
 KEPT = "; finished cases are kept"
 
@@ -42,7 +42,7 @@ HOLD = 0.5
 """Seconds within which finished cases share a shard, unless one of them took as long itself: so
 much work a kill may cost."""
 
-MOST_HELD = 64
+MOST_WAITING = 64
 """Cases in a shard: its own cost is then a hundredth of theirs."""
 
 MOST_BYTES = 4 << 20
@@ -55,20 +55,20 @@ def publish_finished(path: Path) -> None:
     Those that it holds from before a change stay: they may be wanted again. So do the chunks of
     sweeps, for the next run. Raises HodoError as `Writer` does.
     """
-    if not (left := unpublished(path)):
+    if not (shards := unpublished(path)):
         return
     if os.path.lexists(path):
         with open_run(path) as run:
             # A damaged case could not be copied into the new file, and would be gone.
-            left = {} if run.damaged else {n: f for n, f in left.items() if n not in run}
-    if left:
-        attributes = latest(left)
-        order = in_order([*finished(path)], str(attributes.get("config")))
+            shards = {} if run.damaged else {n: f for n, f in shards.items() if n not in run}
+    if shards:
+        attributes = latest(shards)
+        order = in_order([*finished_cases(path)], str(attributes.get("config")))
         with Writer(path, attributes, order) as writer:
             writer.keep_all_chunks()
-            for name, items in writer.finished.items():
-                file = left.get(name, path)
-                writer.keep(next(item for item in items if item.file == file))
+            for name, cases in writer.finished_cases.items():
+                file = shards.get(name, path)
+                writer.keep(next(case for case in cases if case.file == file))
 
 
 class Writer:
@@ -87,14 +87,14 @@ class Writer:
         self.path = Path(path)
         self._attributes = attributes
         self._order = order
-        self._new: dict[str, Finished] = {}
-        self._kept: dict[str, ResultFile] = {}
+        self._new: dict[str, FinishedCase] = {}
+        self._kept: set[str] = set()
         self._texts: dict[str, str] = {}
-        self._taken: dict[Path, Path | None] = {}
+        self._shards: dict[Path, Path | None] = {}
         self._count = 0
-        self._held: dict[str, tuple[Group, Callable[[], object]]] = {}
-        self._held_bytes = 0
-        self._held_since = 0.0
+        self._waiting: dict[str, tuple[Group, Callable[[], object]]] = {}
+        self._waiting_bytes = 0
+        self._waiting_since = 0.0
         self._old: ResultFile | None = None
         self._staging = Staging(self.path)
         self._open = ExitStack()
@@ -106,8 +106,8 @@ class Writer:
         self._open.callback(self._staging.close)
         with self._open:
             self._dead_folders = self._staging.take_over_dead()
-            self._seen = identity(self.path)
-            if self._seen:
+            self._identity = identity(self.path)
+            if self._identity:
                 self._old = self._open.enter_context(open_run(self.path))
             else:
                 # A folder that cannot be written should show before hours of integration, not
@@ -117,9 +117,9 @@ class Writer:
         return self
 
     @cached_property
-    def finished(self) -> dict[str, list[Finished]]:
+    def finished_cases(self) -> dict[str, list[FinishedCase]]:
         """What the function of this name finds, once dead runs' shards are this Writer's own."""
-        return finished(self.path)
+        return finished_cases(self.path)
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
@@ -141,38 +141,38 @@ class Writer:
 
         Raises HodoError if it, or one that was added before, cannot be written.
         """
-        if not self._held:
-            self._held_since = monotonic()
-        self._held[name] = group, then
-        self._held_bytes += sum(variable.data.nbytes for variable in group.variables.values())
-        took = group.attributes.get("run_time", 0.0)
-        is_long = group.late is not None or (isinstance(took, float) and took > HOLD)
-        is_full = len(self._held) >= MOST_HELD or self._held_bytes > MOST_BYTES
-        if is_long or is_full or monotonic() > self._held_since + HOLD:
+        if not self._waiting:
+            self._waiting_since = monotonic()
+        self._waiting[name] = group, then
+        self._waiting_bytes += sum(variable.data.nbytes for variable in group.variables.values())
+        run_time = group.attributes.get("run_time", 0.0)
+        is_long = group.late is not None or (isinstance(run_time, float) and run_time > HOLD)
+        is_full = len(self._waiting) >= MOST_WAITING or self._waiting_bytes > MOST_BYTES
+        if is_long or is_full or monotonic() > self._waiting_since + HOLD:
             self.store()
 
     def store(self) -> None:
         """Write the cases that wait as one shard. Raises HodoError if it cannot be written."""
         try:
-            self._store(self._held)
+            self._store([*self._waiting])
         except Exception:
             # As much as the disk takes, and a case that cannot be stored takes no other along.
-            for name in [*self._held] if len(self._held) > 1 else []:
+            for name in [*self._waiting] if len(self._waiting) > 1 else []:
                 with suppress(Exception):
-                    self._store({name: self._held[name]})
+                    self._store([name])
             raise
         finally:
-            self._held_bytes = 0
+            self._waiting_bytes = 0
 
-    def _store(self, held: Mapping[str, tuple[Group, Callable[[], object]]]) -> None:
-        if not held:
+    def _store(self, names: Sequence[str]) -> None:
+        if not names:
             return
         shard = self._next_shard()
-        self._put(shard, {name: group for name, (group, _) in held.items()})
-        for name, (group, then) in [*held.items()]:
+        self._put(shard, {name: self._waiting[name][0] for name in names})
+        for name in names:
+            group, then = self._waiting.pop(name)
             dims = {key: variable.dims for key, variable in group.variables.items()}
-            self._new[name] = Finished(name, shard, group.attributes, dims=dims)
-            del self._held[name]
+            self._new[name] = FinishedCase(name, shard, group.attributes, dims=dims)
             then()
 
     def _put(self, file: Path, groups: Mapping[str, Group]) -> None:
@@ -196,9 +196,9 @@ class Writer:
                 for chunk in chunks_in(folder, sweep_id):
                     # Not moved: should this process die too, the next one finds both.
                     _take(chunk, self._staging / chunk.name)
-            own = self._staging.folder
-            found = chunks_in(own, sweep_id) if own else []
-        return {int(chunk.stem.rpartition("-")[2]) for chunk in found}
+            folder_of_ours = self._staging.folder
+            chunks = chunks_in(folder_of_ours, sweep_id) if folder_of_ours else []
+        return {int(chunk.stem.rpartition("-")[2]) for chunk in chunks}
 
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises
@@ -218,7 +218,7 @@ class Writer:
         with open_run(self._staging / f"part-{sweep_id}-{number}.h5") as run:
             yield run
 
-    def keep(self, case: Finished, text: str = "") -> bool:
+    def keep(self, case: FinishedCase, text: str = "") -> bool:
         """Take over a finished case; False if another process has just removed it.
 
         `text` replaces the text of the case that is stored, whose remarks may be older.
@@ -228,16 +228,16 @@ class Writer:
         if case.damage:
             return False
         if case.file == self.path:
-            if self._old and case.name in self._old:
-                self._kept[case.name] = self._old
-            return case.name in self._kept
-        if case.file not in self._taken:
+            is_there = self._old is not None and case.name in self._old
+            self._kept |= {case.name} if is_there else set()
+            return is_there
+        if case.file not in self._shards:
             shard = self._next_shard()
             with os_errors_as(self.path, KEPT):
-                self._taken[case.file] = shard if _take(case.file, shard) else None
-        if (taken := self._taken[case.file]) is None:
+                self._shards[case.file] = shard if _take(case.file, shard) else None
+        if (shard_of_ours := self._shards[case.file]) is None:
             return False
-        self._new[case.name] = Finished(case.name, taken, case.attributes)
+        self._new[case.name] = FinishedCase(case.name, shard_of_ours, case.attributes)
         return True
 
     def _next_shard(self) -> Path:
@@ -253,52 +253,50 @@ class Writer:
 
     def _finish(self) -> None:
         with self._staging.publishing(), ExitStack() as stack:
-            now = self._old
-            if (seen := identity(self.path)) != self._seen:
+            latest_result = self._old
+            if identity(self.path) != self._identity:
                 # Another process has replaced the result since this one began; what it has added is
                 # not lost.
-                now = stack.enter_context(open_run(self.path)) if seen else None
-            sources = self._sources(now)
+                is_there = identity(self.path) is not None
+                latest_result = stack.enter_context(open_run(self.path)) if is_there else None
+            sources = self._sources(latest_result)
             if (
                 self._new
                 or self._texts
-                or not now
-                or list(sources) != now.cases()
-                or now.text != self._attributes.get("config")
+                or not latest_result
+                or list(sources) != latest_result.cases()
+                or latest_result.text != self._attributes.get("config")
             ):
                 draft = self._staging / "whole.h5"
-                self._join(draft, sources, longer(now, self._attributes.get("history")))
-                self._staging.publish(draft)
-        stay = {name for sweep_id in self.unfinished for name in self._chunk_names(sweep_id)}
+                self._join(draft, sources, longer(latest_result, self._attributes.get("history")))
+                publish(draft, self._staging.path)
+        unfinished = {
+            f"part-{sweep_id}-{number}.h5"
+            for sweep_id in self.unfinished
+            for number in self.chunks(sweep_id)
+        }
         for folder in self._dead_folders:
             shutil.rmtree(folder, ignore_errors=True)
-        self._staging.remove(stay)
+        self._staging.remove(unfinished)
 
-    def _chunk_names(self, sweep_id: str) -> list[str]:
-        return [f"part-{sweep_id}-{number}.h5" for number in self.chunks(sweep_id)]
-
-    def _sources(self, now: ResultFile | None) -> dict[str, ResultFile | Path]:
-        """Where each case comes from, in the order of the new file; `now` is the result as it
-        stands."""
-        sources: dict[str, ResultFile | Path] = {
-            **self._kept,
-            **{name: case.file for name, case in self._new.items()},
-        }
-        if now and now is not self._old:
-            known = set(self._old.cases()) if self._old else set()
-            for name in now.cases():
-                ours = self._new.get(name)
-                if name in now.damaged:
+    def _sources(self, latest_result: ResultFile | None) -> dict[str, ResultFile | Path]:
+        """Where each case comes from, in the order of the new file."""
+        old = self._old
+        sources: dict[str, ResultFile | Path] = {name: old for name in self._kept if old}
+        sources |= {name: case.file for name, case in self._new.items()}
+        if latest_result and latest_result is not old:
+            for name in latest_result.cases():
+                if name in latest_result.damaged:
                     continue
-                theirs = resume_attributes(now, name).get("hash")
-                equal = ours and theirs == ours.attributes.get("hash")
-                if equal or (not ours and (name in self._kept or name not in known)):
-                    sources[name] = now
-        return {
-            name: sources[name]
-            for name in dict.fromkeys([*self._order, *sources])
-            if name in sources
-        }
+                ours = self._new.get(name)
+                theirs = resume_attributes(latest_result, name).get("hash")
+                is_equal = ours is not None and theirs == ours.attributes.get("hash")
+                # A case that was left out of this run is left out of theirs too.
+                is_theirs = not ours and (name in self._kept or old is None or name not in old)
+                if is_equal or is_theirs:
+                    sources[name] = latest_result
+        order = dict.fromkeys([*self._order, *sources])
+        return {name: sources[name] for name in order if name in sources}
 
     def _join(self, draft: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
         with create(draft, {**self._attributes, "history": history}) as output:
@@ -307,15 +305,14 @@ class Writer:
                 opened = nullcontext(source) if isinstance(source, ResultFile) else open_run(source)
                 with opened as run:
                     for name in names:
-                        dims = None if isinstance(source, ResultFile) else self._new[name].dims
-                        self._copy(output, run, name, dims)
-
-    def _copy(self, output: Output, run: ResultFile, name: str, dims: Dimensions | None) -> None:
-        if name not in self._texts:
-            output.copy(run, name, dims)
-            return
-        group = run.read(name)
-        output.write(name, Group({**group.attributes, "case": self._texts[name]}, group.variables))
+                        if name in self._texts:
+                            text = Group({"case": self._texts[name]}, {})
+                            output.write(name, run.read(name).with_addition(text))
+                        else:
+                            case = self._new.get(name)
+                            output.copy(
+                                run, name, case.dims if case and run is not source else None
+                            )
 
 
 def _take(source: Path, target: Path) -> bool:
@@ -348,7 +345,7 @@ def longer(run: ResultFile | None, line: Attribute | None) -> str:
     """The history of a result with a line more."""
     lines = str(run.attributes.get("history", "")).splitlines() if run else []
     lines += [str(line)] if line else []
-    left_out = len(lines) - MOST_LINES
-    if left_out > 0:
-        lines[1 : 2 + left_out] = ["..."]
+    surplus = len(lines) - MOST_LINES
+    if surplus > 0:
+        lines[1 : 2 + surplus] = ["..."]
     return "\n".join(lines)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
+from ..machine import memory_limit
 from ..schema.document import read
 from ..schema.mistakes import Mistakes
 from .hdf5 import Dimensions, ResultFile, open_run
@@ -21,7 +22,7 @@ RESUME = ("hash", "status", "message", "case")
 
 
 @dataclass(frozen=True)
-class Finished:
+class FinishedCase:
     """A finished case: its name, the file that holds it, the attributes that tell whether it is
     still right, what is wrong with what is stored of it, and its dimensions, if this process has
     stored it."""
@@ -33,9 +34,9 @@ class Finished:
     dims: Dimensions | None = None
 
 
-def finished(
+def finished_cases(
     path: Path | str, check: Callable[[ResultFile], None] = lambda run: None
-) -> dict[str, list[Finished]]:
+) -> dict[str, list[FinishedCase]]:
     """The finished cases of a result, and of runs that have not ended, by name; those of the result
     itself first.
 
@@ -43,7 +44,7 @@ def finished(
     refuses it.
     """
     path = Path(path)
-    cases: dict[str, list[Finished]] = {}
+    cases: dict[str, list[FinishedCase]] = {}
     if os.path.lexists(path):
         with open_run(path) as run:
             check(run)
@@ -69,15 +70,16 @@ class Batch(ResultFile):
         self.attributes = latest(newer)
         self._result = result
         self._newer = newer
-        known = result.groups() if result else []
-        self._names = in_order([*known, *newer], self.text)
-        self._held = frozenset(self._names)
+        self._room = memory_limit()
+        published = result.groups() if result else []
+        self._names = in_order([*published, *newer], self.text)
+        self._set_of_names = frozenset(self._names)
 
     def groups(self) -> list[str]:
         return self._names
 
     def __contains__(self, name: str) -> bool:
-        return name in self._held
+        return name in self._set_of_names
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[Any]:
@@ -112,8 +114,8 @@ def open_batch(path: Path | str) -> Iterator[ResultFile]:
         result = stack.enter_context(open_run(path)) if os.path.lexists(path) else None
         batch = Batch(path, result, newer)
         names = [name for name in batch.cases() if name in newer]
-        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        message = f"{path}: {len(names)} finished in a run that has not ended: {some}"
+        first = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        message = f"{path}: {len(names)} finished in a run that has not ended: {first}"
         warnings.warn(message, stacklevel=3)
         yield batch
 
@@ -124,7 +126,7 @@ def unpublished(path: Path) -> dict[str, Path]:
     cases: dict[str, Path] = {}
     if not any(map(shards, staging_folders(path))):
         return cases
-    for name, items in finished(path).items():
+    for name, items in finished_cases(path).items():
         stored = items[0] if items[0].file == path else None
         others = [item for item in items if item is not stored]
         if others:
@@ -139,7 +141,7 @@ def _changed(file: Path) -> int:
     return (identity(file) or (0, 0))[1]
 
 
-def _replaces(newer: Finished, stored: Finished) -> bool:
+def _replaces(newer: FinishedCase, stored: FinishedCase) -> bool:
     """Whether a case is another one than is stored, and not one that has failed instead."""
     hashes, states = ([case.attributes.get(key) for case in (newer, stored)] for key in SAME)
     return hashes[0] != hashes[1] and (states[0] == "ok" or states[1] != "ok")
@@ -165,20 +167,20 @@ def latest(shards: Mapping[str, Path]) -> dict[str, Any]:
 
 def in_order(names: Iterable[str], text: str) -> list[str]:
     """Names of cases in the order in which a case file has them, then the others."""
-    given = dict.fromkeys(names)
+    ordered = dict.fromkeys(names)
     # Read and not checked, which would take twice as long, and fail where a model of the user's own
     # is missing. Another program may have written anything there.
     with suppress(HodoError, LookupError, TypeError):
-        known = read(text, Mistakes("config"))["cases"]
-        given = dict.fromkeys([*(name for name in known if name in given), *given])
-    return list(given)
+        in_file = read(text, Mistakes("config"))["cases"]
+        ordered = dict.fromkeys([*(name for name in in_file if name in ordered), *ordered])
+    return list(ordered)
 
 
-def _collect(run: ResultFile, cases: dict[str, list[Finished]]) -> None:
+def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]]) -> None:
     for name in run.cases():
         damage = run.damaged.get(name, "")
         attributes = {} if damage else resume_attributes(run, name)
-        cases.setdefault(name, []).append(Finished(name, run.path, attributes, damage))
+        cases.setdefault(name, []).append(FinishedCase(name, run.path, attributes, damage))
 
 
 def resume_attributes(run: ResultFile, name: str) -> dict[str, str]:
