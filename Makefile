@@ -84,7 +84,7 @@ test: lint  ## The checks of `lint`, then the whole test suite, without heyoka a
 lowest: $(LOWEST)  ## The tests that meet the libraries most, with the lowest versions that pyproject.toml allows
 	$(dir $(LOWEST))bin/pytest -q -n logical --maxprocesses 4 --dist loadfile -p no:cacheprovider $(MEETING)
 
-stress: $(TOOLS)  ## Kill runs at random moments, run 10,000 cases, let calls fail, feed the loader 20,000 bad inputs (some 15 minutes)
+stress: $(TOOLS)  ## Kill runs, lose the power, let calls fail, let twenty commands meet, feed the loader bad inputs (some 30 minutes)
 	$(BIN)/python tests/stress.py
 	HODO_FUZZ=5000 $(PYTEST) tests/test_fuzz.py
 

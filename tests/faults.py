@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import chdir, contextmanager
+from contextlib import chdir
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -148,71 +148,6 @@ def sealed_by_a_stranger(path: Path) -> None:
     ):
         disk.append_checksum(file)  # type: ignore[arg-type]
     disk._fits.cache_clear()
-
-
-# The N-th call of the operating system fails.
-
-CALLS = ("replace", "link", "mkdir", "open", "fsync", "unlink")
-
-
-class Faults:
-    """Counts calls that touch files, and lets those from `first` on fail, or only that one."""
-
-    def __init__(self, first: int, forever: bool, number: int = errno.EIO) -> None:
-        self.first, self.forever, self.number = first, forever, number
-        self.count = 0
-
-    def __call__(self, *_: object) -> None:
-        self.count += 1
-        if self.count == self.first or (self.forever and self.count > self.first):
-            raise OSError(self.number, os.strerror(self.number))
-
-
-@contextmanager
-def failing(faults: Faults) -> Iterator[None]:
-    """Let calls fail that staging, writer and HDF5's file make."""
-
-    def before(function: Callable[..., object]) -> Callable[..., object]:
-        def call(*arguments: object, **options: object) -> object:
-            faults()
-            return function(*arguments, **options)
-
-        return call
-
-    write = disk.BufferedFile.write
-
-    def fragile(file: disk.BufferedFile, data: bytes) -> int:
-        try:
-            faults()
-        except OSError as error:  # as `BufferedFile` takes it, when the call within it fails
-            file.error = file.error or error
-        return write(file, data)
-
-    calls = {name: before(getattr(os, name)) for name in CALLS}
-    with patch.multiple(os, **calls), patch.object(disk.BufferedFile, "write", fragile):
-        yield
-
-
-def nth_call_fails(folder: Path, right: Motions, first: int, forever: bool) -> bool:
-    """One `hodo run` whose `first` call fails, on an old result, and one that follows it: nothing
-    is lost. False if the run did not make so many calls."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir()
-    (folder / "x.yaml").write_text(CONFIG)
-    faults = Faults(first, forever, (errno.EIO, errno.ENOSPC)[first % 2])
-    with failing(faults):
-        done = hodo("run", folder / "x.yaml", "--out", folder, "--quiet")
-    assert done.exit_code in (0, 2), (first, done.output, done.exception)
-    assert "Traceback" not in done.output
-    if done.exit_code == 2:
-        assert len(done.stderr.splitlines()) == 1, done.stderr
-    if (folder / "x.h5").exists():
-        assert motions(folder / "x.h5").keys() == right.keys()
-    again = hodo("run", folder / "x.yaml", "--out", folder, "--quiet")
-    assert again.exit_code == 0, (first, again.output)
-    equal(motions(folder / "x.h5"), right)
-    assert sorted(os.listdir(folder)) == ["x.h5", "x.yaml"], (first, os.listdir(folder))
-    return faults.count >= first
 
 
 def equal(found: Motions, right: Motions) -> None:

@@ -1,8 +1,8 @@
 """Kills `hodo run` and `hodo classify` at random moments, and runs many cases: nothing finished is
 lost, nothing slow.
 
-`python tests/stress.py [KILLS]` does so many kills of each command (default 150) and prints what it
-counted.
+`python tests/stress.py [KILLS [CLASS...]]` does so many kills of each command (default 150), and as
+many trials of the other classes of faults, and prints a table of what it counted.
 """
 
 import os
@@ -14,15 +14,19 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import cycle, islice
 from pathlib import Path
+from unittest.mock import patch
 
 import faults
 import h5py
 import numpy as np
+
+from hodo_cli.storage import hdf5
 
 HODO = [sys.executable, "-m", "hodo_cli.cli"]
 CASES = 16
@@ -167,7 +171,10 @@ def kill_runs(folder: Path, kills: int) -> Counter[str]:
         found = whole(out, motions)
         assert finished <= set(found), f"{finished - set(found)} had finished"
         count.update(
-            {kill.name: 1, "ended by the signal": ended, "finished cases found again": len(found)}
+            {
+                **{"tried": 1, kill.name: 1, "ended by the signal": ended},
+                "finished cases found again": len(found),
+            }
         )
         if i % 3 == 2 or i == kills - 1:
             said = hodo(folder, "run", "many.yaml", "--out", out.name).stderr
@@ -190,7 +197,7 @@ def kill_classifications(folder: Path, kills: int) -> Counter[str]:
         shutil.copytree(folder / "right", out)
         ended, _ = killed(folder, kill, after, "classify", f"{out.name}/many.h5")
         assert list(whole(out, motions)) == list(motions)
-        count.update({kill.name: 1, "ended by the signal": ended, "files whole": 1})
+        count.update({"tried": 1, kill.name: 1, "ended by the signal": ended, "files whole": 1})
         shutil.copy(out / "many.h5", folder / f"after{i}.h5")
         files.append(folder / f"after{i}.h5")
         if i % 3 == 2:
@@ -227,7 +234,7 @@ def many_cases(folder: Path, many: int = 10000) -> Counter[str]:
     assert show < 0.002 * many, show
     figures = {"us a case of 100": few * 1e6, f"us a case of {many}": all_of_them * 1e6}
     figures |= {"ms to show them": show * 1e3, "ms to find nothing to do": again * 1e3}
-    return Counter({name: round(figure) for name, figure in figures.items()})
+    return Counter({"tried": many} | {name: round(figure) for name, figure in figures.items()})
 
 
 def processor_time(folder: Path, *arguments: str) -> float:
@@ -241,64 +248,76 @@ def processor_time(folder: Path, *arguments: str) -> float:
     )
 
 
-def change_bytes(folder: Path, tries: int) -> Counter[str]:
-    """Flip a bit of a result, clear a block of 512 bytes or cut the end off, so often each."""
+def change_bytes(folder: Path, tries: int, sealed: bool = False) -> Counter[str]:
+    """Flip a bit of a result, clear a block of 512 bytes or cut the end off, so often each; a
+    `sealed` file has a stranger's checksum, which fits."""
     right, count = faults.prepared(folder), Counter[str]()
     sound, chance = (folder / "x.h5").read_bytes(), random.Random(3)
-    for spoil in (faults.flipped, faults.zeroed, faults.truncated):
-        for _ in range(tries):
-            (folder / "x.h5").write_bytes(sound)
-            spoil(folder / "x.h5", chance)
-            count[f"{spoil.__name__}: {faults.right_or_named(folder / 'x.h5', right)}"] += 1
+    with patch.object(hdf5, "PATIENCE_OF_READER", 1.0):  # some hang the reader
+        for spoil in (faults.flipped, faults.zeroed, faults.truncated):
+            for _ in range(tries):
+                (folder / "x.h5").write_bytes(sound)
+                spoil(folder / "x.h5", chance)
+                if sealed:
+                    faults.sealed_by_a_stranger(folder / "x.h5")
+                kind = f"{spoil.__name__}: {faults.right_or_named(folder / 'x.h5', right)}"
+                count.update({"tried": 1, kind: 1})
     return count
+
+
+def strangers_files(folder: Path, tries: int) -> Counter[str]:
+    """As `change_bytes`, under a checksum that a stranger has made."""
+    return change_bytes(folder, tries, sealed=True)
 
 
 def fail_calls(folder: Path, most: int) -> Counter[str]:
-    """Let the N-th call of a run fail, once and for ever, for every N up to so many."""
-    right, count = faults.prepared(folder / "right"), Counter[str]()
-    for forever in (False, True):
-        for first in range(1, most + 1):
-            if not faults.nth_call_fails(folder / "run", right, first, forever):
-                break
-            count["for ever" if forever else "once"] += 1
-    return count
-
-
-def fail_c_calls(folder: Path, most: int) -> Counter[str]:
-    """As `fail_calls`, of a run, a classification and figures, in whatever library the call is
-    made."""
-    return Counter(faults.preloaded(faults.compiled(folder), "calls", folder, most))
+    """Let the N-th call of a run, a classification or figures fail, once and for ever, for every N
+    up to so many, in whatever library it is made."""
+    return tried(faults.preloaded(faults.compiled(folder), "calls", folder, most))
 
 
 def lose_power(folder: Path, tries: int) -> Counter[str]:
     """Lose the power at so many moments of a first run, of another and of a classification."""
-    return Counter(faults.preloaded(faults.compiled(folder), "power", folder, tries))
+    return tried(faults.preloaded(faults.compiled(folder), "power", folder, tries))
 
 
-def pairs(folder: Path, tries: int) -> Counter[str]:
-    """Two commands at once, the second some time after the first: a run that replaces the cases,
-    and a run, a classification or claims."""
+def tried(counts: dict[str, int]) -> Counter[str]:
+    """Counts of trials by their kinds, with their sum."""
+    return Counter({"tried": sum(counts.values()), **counts})
+
+
+def crowds(folder: Path, tries: int) -> Counter[str]:
+    """Two to twenty commands on one result at once: a run that replaces the cases, and runs,
+    classifications and claims, each some time after the first."""
     count, chance = Counter[str](), random.Random(5)
     right = faults.prepared(folder / "right")
-    for i, name in zip(range(tries), cycle(("run", "run --force", "classify", "claims"))):
-        shutil.copytree(folder / "right", out := folder / f"pair{i}")
+    for i in range(tries):
+        shutil.copytree(folder / "right", out := folder / f"crowd{i}")
         run = ["run", out / "x.yaml", "--out", out, "--quiet"]
-        second = [*run, *name.split()[1:]] if name.startswith("run") else [name, out / "x.h5"]
-        delay = partial(time.sleep, chance.uniform(0, 0.3))
-        told = [folder / "first", folder / "second"]
+        kinds = {
+            "run --force": [*run, "--force"],
+            "run": run,
+            "classify": ["classify", out / "x.h5"],
+            "claims": ["claims", out / "x.h5"],
+        }
+        names = ["run --force", *chance.choices([*kinds], k=1 + i % 19)]
+        reports = [folder / f"said{j}" for j in range(len(names))]
+        delays = [0.0, *(chance.uniform(0, 0.3) for _ in names[1:])]
         children = [
-            faults.forked(told[0], [*run, "--force"]),
-            faults.forked(told[1], second, delay),
+            faults.forked(report, kinds[name], partial(time.sleep, delay))
+            for report, name, delay in zip(reports, names, delays, strict=True)
         ]
-        for child, file in zip(children, told, strict=True):
-            status, said, _ = faults.ended(child, file)
-            # The run may end before claims are judged; the labels have gone with the old cases.
+        for child, name, report in zip(children, names, reports, strict=True):
+            status, said, _ = faults.ended(child, report)
+            # A run may end before claims are judged; the labels have gone with the old cases.
             is_late = name == "claims" and "has no labels" in str(said)
             assert status == 0 or is_late, said
         faults.equal(faults.motions(out / "x.h5"), right)
         assert sorted(os.listdir(out)) == ["x.h5", "x.yaml"]
         shutil.rmtree(out)
-        count[f"with {name}"] += 1
+        count.update(
+            ["tried", "2 to 9 processes" if len(names) < 10 else "10 to 20 processes", *names]
+        )
     return count
 
 
@@ -344,6 +363,7 @@ def edit_code(folder: Path, tries: int) -> Counter[str]:
         stored = by_hash(folder / f"run{i}")
         for mark, omega in stored.items():
             assert np.array_equal(omega, motions[mark]), f"run{i}: stale"
+        count["tried"] += 1
         which = "none" if not stored else "new" if stored.keys() & newest.keys() else "old"
         count[f"{'refused' if status else 'ended'}, {which} stored"] += 1
         if i % 4 == 3:
@@ -361,18 +381,38 @@ def by_hash(folder: Path) -> dict[str, np.ndarray]:
     return found
 
 
-def report(what: str, count: Counter[str], began: float) -> None:
-    figures = ", ".join(f"{number} {name}" for name, number in count.items())
-    print(f"{what}: {figures} ({time.monotonic() - began:.0f} s)", flush=True)
+CLASSES: dict[Callable[[Path, int], Counter[str]], int] = {
+    **{kill_runs: 1, kill_classifications: 1, change_bytes: 1, strangers_files: 1},
+    **{fail_calls: 10, lose_power: 1, crowds: 1, edit_code: 1, many_cases: 67},
+}
+"""What goes wrong, and how many trials there are of it for one kill."""
+
+
+def row(name: str, kills: int) -> tuple[bool, str]:
+    """Whether a class of faults cost nothing, and its line of the table."""
+    function = next(function for function in CLASSES if function.__name__ == name)
+    began, problem, count = time.monotonic(), "", Counter[str]()
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            count = function(Path(folder), CLASSES[function] * kills)
+        except (AssertionError, subprocess.CalledProcessError) as error:
+            traceback.print_exc()
+            problem = str(error).partition("\n")[0]
+    trials, seconds = count.pop("tried", 0), time.monotonic() - began
+    kinds = ", ".join(f"{number} {kind}" for kind, number in count.items())
+    return not problem, (
+        f"| {name.replace('_', ' ')} | {trials} | {problem or 0} | {kinds} | {seconds:.0f} |"
+    )
 
 
 if __name__ == "__main__":
     kills = int(sys.argv[1]) if len(sys.argv) > 1 else 150
-    for what, number in (
-        *((kill_runs, kills), (kill_classifications, kills), (many_cases, 10000)),
-        *((change_bytes, 2 * kills), (fail_calls, 10 * kills), (fail_c_calls, 10 * kills)),
-        *((lose_power, kills), (pairs, kills), (edit_code, kills)),
-    ):
-        with tempfile.TemporaryDirectory() as folder:
-            began = time.monotonic()
-            report(what.__name__.replace("_", " "), what(Path(folder), number), began)
+    print("| class | tried | lost or wrong | of which | s |\n|---|---|---|---|---|")
+    names = sys.argv[2:] or [function.__name__ for function in CLASSES]
+    with tempfile.TemporaryDirectory() as state:
+        os.environ["XDG_STATE_HOME"] = state  # where the secret is
+        rows = []
+        for name in names:
+            rows.append(row(name, kills))
+            print(rows[-1][1], flush=True)
+    sys.exit(not all(is_sound for is_sound, _ in rows))

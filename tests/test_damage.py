@@ -187,14 +187,6 @@ def test_a_damaged_piece_is_run_anew(tmp_path: Path) -> None:
 # What the operating system refuses.
 
 
-@pytest.mark.parametrize("forever", [False, True])
-def test_nothing_is_lost_when_a_call_fails(
-    tmp_path: Path, sound: tuple[Path, Motions], forever: bool
-) -> None:
-    for first in (1, 3, 8, 21):
-        faults.nth_call_fails(tmp_path / "run", sound[1], first, forever)
-
-
 @pytest.mark.skipif(not shutil.which("gcc"), reason="gcc compiles what makes calls fail")
 def test_nothing_is_lost_when_a_call_of_a_library_fails(tmp_path: Path) -> None:
     counts = faults.preloaded(faults.compiled(tmp_path), "calls", tmp_path, 60, 29)
