@@ -76,7 +76,7 @@ class Hodo(click.Group):
                 signal.signal(number, handler)
 
 
-EXTRAS = {"dask": "'.[dask]'", "distributed": "'.[dask]'", "plotly": "'.[html]'"}
+EXTRAS = {"dask": "'.[dask]'", "distributed": "'.[dask]'"}
 """How the libraries are installed that only some users need, from a clone."""
 
 

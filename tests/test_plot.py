@@ -697,25 +697,6 @@ figures:
 """
 
 
-def test_a_kind_that_cannot_be_turned_is_kept_without_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    text = KEPT.format(caption="old", r=1, end=1).partition("figures:")[0]
-    sketch = "figures:\n  sketch: {kind: quadrant-sketch, bodies: [[3, 2, 1.5]]}\n"
-    sketch += "  of-a: {kind: phase, cases: a, x: p, y: q}\n"
-    (tmp_path / "c.yaml").write_text(text + sketch)
-    main(["run", "c.yaml", "--quiet"], standalone_mode=False)
-    page_file, written = tmp_path / "runs" / "figures" / "index.html", set()
-    for _ in range(2):
-        main(["plot", "c.yaml", "--format", "png", "--format", "html"], standalone_mode=False)
-        written.add(page_file.stat().st_mtime_ns)
-    assert "sketch.png" in page_file.read_text(encoding="utf-8")
-    assert not (page_file.parent / "c" / "sketch.html").exists()
-    # It shows the same files, so it is kept too.
-    assert len(written) == 1
-
-
 def test_only_what_has_changed_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By content: a figure's entry, the cases that it reads, and its files as they are."""
     monkeypatch.chdir(tmp_path)

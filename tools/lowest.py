@@ -5,7 +5,7 @@ import tomllib
 from itertools import chain
 from pathlib import Path
 
-EXTRAS = ("html", "build", "test")
+EXTRAS = ("build", "test")
 """Those that the tests need; where two name a library, the higher floor counts."""
 
 

@@ -309,9 +309,11 @@ def drawable(case: Case) -> Drawable:
     sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
     lengths = {axis.name: len(axis) for axis in axes}
     times = case.time.start, case.time.end
+    attitude = "attitude" in (case.store or variables)
     return Drawable(
-        case.name, stored, vectors, times, case.time.unit, lengths, sphere, case.inertia_unit
-    )
+        case.name, stored, vectors, times, case.time.unit, lengths, sphere, case.inertia_unit,
+        attitude,
+    )  # fmt: skip
 
 
 def _figures(

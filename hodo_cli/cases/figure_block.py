@@ -121,6 +121,14 @@ SPHERE = {
     "view": VIEW,
 }
 
+HERPOLHODE = {"colour": Key(Choice("axis", "time", "case"), COLOUR, default="case")}
+
+AXIS_TRACE = SPHERE | {
+    "axes": Key(
+        ListOf(Choice("x1", "x2", "x3")), "axes of the body, a curve each", default=("x3",)
+    ),
+}
+
 QUADRANTS = {
     "scale_with": Key(NAMES, "figures of this file that share one scale with this one", default=()),
     "zoom": Key(Number(above=0), ZOOM, "1/time^2", None),
@@ -214,6 +222,8 @@ ERROR_ORDER = GROUPS | {"against": Key(NAMES, "the case that each of the cases i
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "hodograph": TIMED | HODOGRAPH,
     "sphere": TIMED | SPHERE,
+    "herpolhode": TIMED | HERPOLHODE,
+    "axis-trace": TIMED | AXIS_TRACE,
     "quadrants": OF_CASES | {"time": TIME_SYMBOL} | QUADRANTS,
     "quadrant-sketch": SKETCH,
     "series": TIMED | SERIES,
@@ -282,6 +292,7 @@ class Drawable:
     axes: Mapping[str, int]
     sphere: str = ""
     inertia_unit: str = "1"
+    attitude: bool = False
 
 
 SWEPT_KINDS = ("map", "curve", "share")
@@ -289,6 +300,9 @@ SWEPT_KINDS = ("map", "curve", "share")
 
 KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
 """The kinds that draw what follows from the angular velocity in body axes."""
+
+KINDS_IN_SPACE = ("herpolhode", "axis-trace")
+"""The kinds that draw where the body points."""
 
 
 def check_drawn(
@@ -335,6 +349,9 @@ def _unfit(kind: str | None, case: Drawable) -> str:
         return f"case {case.name} is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw"
     if kind in KINDS_OF_BODIES and "omega" not in {*case.stored} & {*case.vectors}:
         return f"case {case.name} stores no angular velocity in body axes, which a {kind} needs"
+    if kind in KINDS_IN_SPACE and not case.attitude:
+        why = f"case {case.name} stores no attitude, which {kind} needs"
+        return f"{why}: write `attitude: yes` in it"
     return ""
 
 

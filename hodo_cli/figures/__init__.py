@@ -25,7 +25,7 @@ from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
 from .sheet import STYLE, Drawing, Sheet, check_tex, lighten, save, title_lines
-from .space import hodograph, sphere
+from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +36,8 @@ NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
     "hodograph": hodograph,
     "sphere": sphere,
+    "herpolhode": herpolhode,
+    "axis-trace": axis_trace,
     "quadrants": quadrants,
     "quadrant-sketch": quadrant_sketch,
     "series": time_series,
@@ -145,7 +147,10 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
         if values.size and values.dtype.kind in "fiu":
             times = float(values.min()), float(values.max())
     sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
-    return Drawable(name, list(stored), vectors, times, unit, axes, sphere, case.inertia_unit)
+    attitude = not axes and "attitude" in data.variables
+    return Drawable(
+        name, list(stored), vectors, times, unit, axes, sphere, case.inertia_unit, attitude
+    )
 
 
 def render(
@@ -176,10 +181,8 @@ def _files(
     for path in files:
         if path.suffix == ".html":
             # Late, because plotly need not be installed where no figure is to be turned.
-            from .interactive import STILL, write_interactive
+            from .interactive import write_interactive
 
-            if spec["kind"] in STILL:
-                continue
             write_interactive(sheet, spec, cases, path, name)
         else:
             save(sheet, path, about=" ".join(filter(None, [spec["caption"], *sheet.remarks])))

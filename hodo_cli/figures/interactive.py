@@ -1,59 +1,130 @@
-"""Figures that a reader can turn and zoom, drawn by plotly in a page of their own. The only
-importer of plotly, which is optional.
+"""Figures that a reader can turn and zoom, in a page of their own. The only importer of plotly,
+whose script shows them.
 
-Every curve has the values that its printed figure shows (`Sheet.shown`): that figure is drawn
-first, and nothing is computed twice.
+Nothing is drawn twice: what the panels of the printed figure hold, its curves, marks, areas, texts
+and scales, becomes the traces of plotly, at the places where it is printed. Panels that show space
+have kept their points in three dimensions (`sheet.Scene`).
 """
 
-from collections.abc import Mapping, Sequence
+import json
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from string import Template
 from typing import Any
 from urllib.parse import quote
 
+import matplotlib.style
 import numpy as np
-import plotly.graph_objects as go
 from matplotlib.axes import Axes
+from matplotlib.collections import Collection, QuadMesh
+from matplotlib.colors import to_hex, to_rgb, to_rgba, to_rgba_array
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.text import Annotation, Text
+from matplotlib.ticker import FixedFormatter
 from plotly.offline import get_plotlyjs
-from plotly.subplots import make_subplots
 
 from .. import HodoError
-from ..cases.figure_block import SCRIPT
+from ..cases.figure_block import SCRIPT, SWEPT_KINDS
 from ..models.rigid_body import LABELS
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
 from ..storage.staging import replacing
-from .artists import AREA_END, AXIS_COLOUR, CURVE_END, CYCLE, YELLOW, hues, styles
-from .geometry import graticule, stretches
-from .maps import GAP, STORED_ERRORS
-from .sheet import DrawnCurve, Sheet, without_tex
-from .space import common_circles
+from .artists import CROSSING
+from .geometry import View, stretches
+from .sheet import STYLE, DrawnCurve, Look, Scene, Sheet, every_panel, without_tex
+
+Trace = dict[str, Any]
 
 HOVER = ("G", "T", "D")
 """The quantities of the point under the pointer, besides its coordinates, time and axis."""
 
-MARGIN = {"l": 60, "r": 20, "t": 90, "b": 50}
+LAYOUT = {
+    # Above, because beside the panels it would leave a telephone half of its width.
+    "legend": {
+        "itemsizing": "constant", "orientation": "h", "x": 0, "y": 1.04, "yanchor": "bottom",
+    },
+    "hovermode": "closest",
+}  # fmt: skip
 
-LEGEND_PLACE = {
-    "itemsizing": "constant",
-    "orientation": "h",
-    "x": 0,
-    "y": 1.04,
-    "yanchor": "bottom",
-}
-"""Where the legend stands: above, because beside it would leave a telephone half of its width."""
+SYMBOLS = {"o": "circle", ".": "circle", "s": "square", "D": "diamond", "x": "x", "+": "cross"}
 
-DASHES = dict(
-    zip([line for _, line in CYCLE[:4]], ("solid", "dash", "dashdot", "dot"), strict=True)
-)
-"""The lines of printed curves, by plotly's names."""
+PIXELS = 1.6
+"""Pixels of a screen for a point of print, so that lines are as heavy beside letters."""
 
-OF_SWEEPS = ("curve", "share")
-"""Kinds that show sweeps, which have no samples for the pointer to tell of."""
 
-STILL = ("quadrant-sketch",)
-"""Kinds that show nothing to turn or to zoom, and have no page of their own."""
+@dataclass(frozen=True)
+class Curve:
+    """A curve of a panel: points (n, k), the place (n,) of each one's colour among colours (m, 3),
+    and its look by the names of `Line2D`."""
+
+    points: np.ndarray
+    code: np.ndarray
+    colours: np.ndarray
+    look: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The motions of a figure by their labels, the values that it shows, and its symbol of time:
+    what the pointer tells of a point is found by its values."""
+
+    motions: Mapping[str, Motion]
+    records: Sequence[DrawnCurve]
+    time: str
+
+    def record(self, points: np.ndarray) -> DrawnCurve | None:
+        """The record that has each column of points (n, k) among its values; None without any."""
+        for record in self.records:
+            values = [v for v in record.values.values() if v.shape == points[:, 0].shape]
+            if all(
+                any(np.array_equal(column, v, equal_nan=True) for v in values)
+                for column in points.T
+            ):
+                return record
+        return None
+
+    def pointer(self, record: DrawnCurve | None, sample: np.ndarray) -> Trace:
+        """What the pointer shows at samples (n,) of a record: time, |G|, T, D and the enclosed
+        axis of a motion, else its coordinates. A gap is sample -1."""
+        if record is None:
+            return {"hoverinfo": "skip"}
+        name = {"name": without_tex(record.curve)}
+        motion = self.motions.get(record.curve)
+        if motion is None or "time" not in record.values:
+            return name
+        at = np.searchsorted(motion.time, record.values["time"][sample])
+        columns = {"time": motion.time[at]}
+        for quantity in HOVER:
+            with suppress(HodoError):
+                columns[quantity] = motion[quantity][at]
+        lines = [f"{key} = %{{customdata[{i}]:.6g}}" for i, key in enumerate(columns)]
+        shown: Trace = {"customdata": np.stack([*columns.values()], axis=-1)}
+        if motion.classified:
+            lines.append("encloses %{text}")
+            shown["text"] = [LABELS[int(label)] for label in motion.labels[at]]
+        return {**name, **shown, "hovertemplate": "<br>".join(lines)}
+
+    def crossing_texts(self, marks: np.ndarray, curves: Sequence[Curve]) -> list[str]:
+        """The times of the crossings that marks (m, k) in a panel of curves stand for."""
+        times: list[tuple[np.ndarray, str]] = []
+        for curve in curves:
+            record = self.record(curve.points)
+            motion = self.motions.get(record.curve) if record else None
+            if motion and len(motion.time) == len(curve.points):
+                unit = motion.units("time")
+                of = "" if unit == "1" else f" {unit}"
+                at = motion.at_crossings(curve.points)
+                moments = (f"{when:.12g}{of}" for when in motion.crossing_time)
+                times += zip(at, moments, strict=True)
+        letter = without_tex(f"${self.time}$")
+        nearest = [min(times, key=lambda item: np.abs(item[0] - mark).max()) for mark in marks]
+        return [f"crossing of D = 0 at {letter} = {moment}" for _, moment in nearest]
 
 
 def write_interactive(
@@ -63,7 +134,6 @@ def write_interactive(
 
     Raises HodoError if a file cannot be written.
     """
-    figure = interactive(sheet, spec, cases)
     script = path.parent.parent / SCRIPT
     # Once for all figures: it has 5 MB, and nothing is fetched from elsewhere when a page opens.
     if not script.exists():
@@ -72,316 +142,398 @@ def write_interactive(
     shell = Template((Path(__file__).parent / "figure.html").read_text(encoding="utf-8"))
     page = shell.substitute(
         title=escape(name),
-        caption=escape(spec["caption"]),
+        caption=escape(" ".join(filter(None, [spec["caption"], *sheet.remarks]))),
+        how_to=how_to(sheet),
         script=f"../{SCRIPT}",
         back=f"../index.html#{quote(path.parent.name)}-{quote(name)}",
         # A caption or label may hold what ends a script.
-        figure=str(figure.to_json()).replace("</", "<\\/"),
+        figure=json.dumps(interactive(sheet, spec, cases), default=packed).replace("</", "<\\/"),
     )
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
 
 
-def interactive(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> go.Figure:
-    """The figure of plotly for an entry of a `figures:` block, with the values of its printed
-    form."""
-    if spec["kind"] in ("hodograph", "sphere"):
-        return turnable(sheet, spec, cases)
-    if spec["kind"] == "map":
-        return turnable_map(sheet, spec) if spec["x"] is None else images(sheet, spec)
-    if spec["kind"] in OF_SWEEPS:
-        figure = panels(sheet, spec, {})
-        if spec["kind"] == "curve":
-            mark_gaps(figure, sheet.shown, spec["variable"])
-        return figure
-    motions = {motion.label: motion for motion in motions_of(cases, spec["cases"], spec["labels"])}
-    return panels(sheet, spec, motions)
+def how_to(sheet: Sheet) -> str:
+    """What a reader can do with the panels of a figure here, and what differs from print."""
+    maps = [axes for axes in sheet.figure.axes if axes.name == "hammer"]
+    if maps:
+        return "Here the map is on the sphere itself, a dot a start: drag to turn it."
+    if sheet.scenes:
+        return "Drag to turn, scroll to come nearer; a click on a name in the legend hides it."
+    return "Drag to enlarge, double-click to see all; a click on a name in the legend hides it."
 
 
-def turnable(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> go.Figure:
-    """Hodographs, or curves on the unit sphere, in three dimensions of one scale."""
-    figure = go.Figure()
-    motions = motions_of(cases, spec["cases"], spec["labels"])
-    ball = spec["kind"] == "sphere"
-    if ball:
-        for line in graticule():
-            figure.add_trace(_space(line, "", line={"color": "#C8C8C8", "width": 1}))
-        for i, circle in enumerate(common_circles(motions)):
-            name = "" if i else "D = 0"
-            figure.add_trace(_space(circle, name, line={"color": "#777777", "width": 3}))
-    for place, (shown, motion) in enumerate(zip(sheet.shown, motions, strict=True)):
-        points = np.stack([v for key, v in shown.values.items() if key != "time"], axis=-1)
-        colour = spec["colour"] if motion.classified or spec["colour"] != "axis" else "case"
-        own = styles(len(motions), spec["styles"])[place]["color"]
-        for name, where, look in _parts(motion, colour, own, place, len(motions)):
-            # A gap and no shorter curve, so that a point keeps the number under which its hover
-            # text is found.
-            part = np.where(where[:, None], points, np.nan)
-            figure.add_trace(_space(part, name, line=look, **hover(motion)))
-        if not ball and motion.crossing_time.size:
-            crossings = motion.at_crossings(points)
-            figure.add_trace(_marks(crossings, motion, sheet.time))
-        ends = {"size": 4, "color": "#FFFFFF", "line": {"color": "#444444", "width": 2}}
-        start = "" if place else "start"
-        figure.add_trace(_space(points[:1], start, mode="markers", marker=ends))
-    figure.update_layout(scene=_scene(ball), margin=MARGIN, legend=LEGEND_PLACE)
-    return figure
-
-
-def turnable_map(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
-    """The directions of a sweep on the unit sphere, coloured by a variable, a sphere a panel."""
-    columns = min(3, len(sheet.shown))
-    rows = -(-len(sheet.shown) // columns)
-    kind = [[{"type": "scene"}] * columns] * rows
-    titles = [without_tex(shown.curve) for shown in sheet.shown]
-    figure = make_subplots(rows, columns, specs=kind, subplot_titles=titles)
-    every = np.concatenate([shown.values[spec["variable"]] for shown in sheet.shown])
-    low, high = spec["range"] or (float(np.nanmin(every)), float(np.nanmax(every)))
-    for i, shown in enumerate(sheet.shown):
-        values = shown.values[spec["variable"]]
-        points = np.stack([shown.values[f"G.x{axis}/|G|"] for axis in (1, 2, 3)], axis=-1)
-        scale = {"colorscale": _scale(), "cmin": low, "cmax": high, "showscale": i == 0}
-        there = np.isfinite(values)
-        text = np.array([f"{spec['variable']} = {v:.6g}" for v in values])
-        text[~there] = "none"
-        # Apart, because plotly has no colour for what is not a number.
-        for part, look in ((there, {"color": values[there], **scale}), (~there, {"color": GAP})):
-            cloud = {"mode": "markers", "marker": {"size": 4, **look}, "text": text[part]}
-            trace = _space(points[part], "", hoverinfo="text", **cloud)
-            figure.add_trace(trace, row=i // columns + 1, col=i % columns + 1)
-    figure.update_scenes(**_scene(ball=True))
-    figure.update_layout(margin=MARGIN, showlegend=False)
-    return figure
-
-
-def images(sheet: Sheet, spec: Mapping[str, Any]) -> go.Figure:
-    """A variable of a sweep over two axes, an image a panel, all of one scale."""
-    shown = sheet.shown
-    columns = min(2, len(shown))
-    rows = -(-len(shown) // columns)
-    figure = make_subplots(
-        rows, columns, subplot_titles=[without_tex(curve.curve) for curve in shown]
-    )
-    for i, curve in enumerate(shown):
-        (across, x), (up, y), (_, z) = curve.values.items()
-        place = {"row": i // columns + 1, "col": i % columns + 1}
-        figure.add_trace(go.Heatmap(x=x, y=y, z=z, coloraxis="coloraxis"), **place)
-        label_axes(figure, place, (across, up), sheet.figure.axes[i])
-    limits = dict(zip(("cmin", "cmax"), spec["range"] or (None, None), strict=True))
-    figure.update_layout(margin=MARGIN, coloraxis={"colorscale": _scale(), **limits})
-    return figure
-
-
-def label_axes(
-    figure: go.Figure, place: Mapping[str, int], names: tuple[str, str], printed: Axes | None
-) -> None:
-    """Give a panel the scales of the printed one and its labels; names where it has none."""
-    axes = (printed.xaxis, printed.yaxis) if printed else (None, None)
-    updates = (figure.update_xaxes, figure.update_yaxes)
-    for update, name, axis in zip(updates, names, axes, strict=True):
-        label = without_tex((axis and axis.get_label_text()) or name).replace("\n", "<br>")
-        scale = axis.get_scale() if axis else "linear"
-        # Powers of ten, where plotly would write 10µ for 1e-5.
-        update(title_text=label, type=scale, exponentformat="power", **place)
-
-
-def panels(sheet: Sheet, spec: Mapping[str, Any], motions: Mapping[str, Motion]) -> go.Figure:
-    """Plane panels, one for each of the printed figure, or for each variable over time."""
-    curves = [curve for shown in sheet.shown for curve in _curves(shown, spec)]
-    names = list(dict.fromkeys(panel for panel, *_ in curves))
-    columns = 1 if len(names) == 1 else 2
-    rows = -(-len(names) // columns)
-    figure = make_subplots(rows, columns, subplot_titles=[without_tex(name) for name in names])
-    labels = list(dict.fromkeys(label for _, label, *_ in curves))
-    # In panels of cases, colours tell variables apart.
-    given = () if spec.get("panels") == "case" else spec.get("styles", ())
-    looks = [
-        {"color": look["color"], "dash": DASHES[look["ls"]]} for look in styles(len(labels), given)
-    ]
-    # The panels of a series are others: an inset is one of its own.
-    printed = {} if spec["kind"] == "series" else dict(zip(names, sheet.figure.axes, strict=False))
-    for panel, label, x, y, values in curves:
-        row, column = divmod(names.index(panel), columns)
-        look = {**looks[labels.index(label)], "width": 2}
-        motion = motions.get(label)
-        pointer = hover(motion) if motion and len(motion.time) == len(values[x]) else {}
-        if (error := STORED_ERRORS.get(y, "")) in values:
-            pointer["error_y"] = {"array": values[error]}
-        trace = go.Scatter(
-            x=values[x],
-            y=values[y],
-            name=without_tex(label),
-            mode="lines+markers" if spec["kind"] == "curve" else "lines",
-            line=look,
-            legendgroup=label,
-            showlegend=panel == next(p for p, other, *_ in curves if other == label),
-            **pointer,
-        )
-        place = {"row": row + 1, "col": column + 1}
-        figure.add_trace(trace, **place)
-        label_axes(figure, place, (x, y), printed.get(panel))
-        _mark_crossings(figure, motion, x, values, y, (row + 1, column + 1))
-    figure.update_layout(margin=MARGIN, legend=LEGEND_PLACE)
-    return figure
-
-
-def mark_gaps(figure: go.Figure, shown: Sequence[DrawnCurve], variable: str) -> None:
-    """Crosses below the curves of sweeps at the members that have no value."""
-    every = np.concatenate([curve.values[variable] for curve in shown])
-    low, high = float(np.nanmin(every)), float(np.nanmax(every))
-    below = low - 0.05 * ((high - low) or abs(low) or 1.0)
-    marked = False
-    for i, curve in enumerate(shown):
-        (across, places), *_ = curve.values.items()
-        x = places[np.isnan(curve.values[variable])]
-        if not x.size:
-            continue
-        trace = go.Scatter(
-            x=x,
-            y=np.full(len(x), below),
-            mode="markers",
-            marker={"symbol": "x", "size": 7, "color": styles(i + 1)[i]["color"]},
-            text=[f"{across} = {value:.6g}: none" for value in x],
-            hoverinfo="text",
-            name="none",
-            legendgroup="none",
-            showlegend=not marked,
-        )
-        figure.add_trace(trace)
-        marked = True
-
-
-def _curves(
-    shown: DrawnCurve, spec: Mapping[str, Any]
-) -> list[tuple[str, str, str, str, Mapping[str, np.ndarray]]]:
-    """Panel, curve, and the names on both axes of what one record shows."""
-    names = list(shown.values)
-    if spec["kind"] == "phase":
-        return [(shown.panel, shown.curve, spec["x"], spec["y"], shown.values)]
-    if spec["kind"] in ("quadrants", "curve"):
-        x, y = [name for name in names if name != "time"][:2]
-        return [(shown.panel, shown.curve, x, y, shown.values)]
-    across = "time" if "time" in names else names[0]
-    by_case = spec.get("panels") == "case"
-    return [
-        (
-            shown.curve if by_case else name,
-            name if by_case else shown.curve,
-            across,
-            name,
-            shown.values,
-        )
-        # Time itself may be the variable that is drawn.
-        for name in [name for name in names if name != across] or [across]
-    ]
-
-
-def hover(motion: Motion) -> dict[str, Any]:
-    """What the pointer shows of each sample: time, |G|, T, D and the enclosed axis."""
-    quantities: dict[str, np.ndarray] = {"time": motion.time}
-    for name in HOVER:
-        try:
-            quantities[name] = motion[name]
-        except HodoError:
-            continue
-    lines = [f"{name} = %{{customdata[{i}]:.6g}}" for i, name in enumerate(quantities)]
-    columns: list[Any] = list(quantities.values())
-    if motion.classified:
-        lines.append(f"encloses %{{customdata[{len(columns)}]}}")
-        columns.append(np.array([LABELS[int(label)] for label in motion.labels], dtype=object))
-    data = np.stack([np.asarray(column, dtype=object) for column in columns], axis=-1)
-    return {"customdata": data, "hovertemplate": "<br>".join(lines)}
-
-
-def _parts(
-    motion: Motion, colour: str, own: str, place: int, several: int
-) -> list[tuple[str, np.ndarray, dict[str, Any]]]:
-    """A curve in the parts that differ in colour: name, samples (n,), and look of each."""
-    n = len(motion.time)
-    if colour == "time":
-        scale = {
-            "color": motion.time,
-            "colorscale": _scale(CURVE_END),
-            "showscale": place == 0,
-            "width": 4,
-        }
-        return [(motion.label, np.ones(n, dtype=bool), scale)]
-    if colour == "case":
-        look = {"color": own, "width": 4}
-        return [(motion.label, np.ones(n, dtype=bool), look)]
-    parts = []
-    for label in np.unique(motion.labels):
-        where = np.zeros(n, dtype=bool)
-        for piece in stretches(motion.labels):
-            if motion.labels[piece.start] == label:
-                where[piece] = True
-        axis = LABELS[int(label)]
-        name = f"{motion.label}: {axis}" if several > 1 else f"about {axis}"
-        parts.append((without_tex(name), where, {"color": AXIS_COLOUR[int(label)], "width": 4}))
-    return parts
-
-
-def _space(points: np.ndarray, name: str, mode: str = "lines", **look: Any) -> go.Scatter3d:
-    """A curve or points (n, 3) in body axes; without a name it is no entry of the legend."""
-    x, y, z = points.T
-    quiet = {} if "hovertemplate" in look or "hoverinfo" in look else {"hoverinfo": "skip"}
-    return go.Scatter3d(
-        x=x, y=y, z=z, mode=mode, name=without_tex(name), showlegend=bool(name), **quiet, **look
-    )
-
-
-def _marks(points: np.ndarray, motion: Motion, symbol: str) -> go.Scatter3d:
-    """The crossings (m, 3) with their times."""
-    look = {"size": 5, "symbol": "diamond", "color": YELLOW, "line": {"color": "#000000"}}
-    letter = without_tex(f"${symbol}$")
-    text = [f"crossing of D = 0 at {letter} = {when}" for when in _times(motion)]
-    return _space(points, "D = 0", mode="markers", marker=look, text=text, hoverinfo="text")
-
-
-def _times(motion: Motion) -> list[str]:
-    """The times of the crossings with their unit."""
-    unit = motion.units("time")
-    return [f"{time:.12g}{'' if unit == '1' else f' {unit}'}" for time in motion.crossing_time]
-
-
-def _mark_crossings(
-    figure: go.Figure,
-    motion: Motion | None,
-    x: str,
-    values: Mapping[str, np.ndarray],
-    y: str,
-    place: tuple[int, int],
-) -> None:
-    """The crossings of a plane curve, interpolated between its samples."""
-    if motion is None or not motion.crossing_time.size or len(motion.time) != len(values[x]):
-        return
-    at = motion.at_crossings(np.stack([values[x], values[y]], axis=-1))
-    text = [f"crossing of D = 0 at {when}" for when in _times(motion)]
-    marker = {"symbol": "diamond", "size": 9, "color": YELLOW, "line": {"width": 1}}
-    trace = go.Scatter(
-        x=at[:, 0],
-        y=at[:, 1],
-        mode="markers",
-        marker=marker,
-        text=text,
-        hoverinfo="text",
-        name="D = 0",
-        showlegend=False,
-    )
-    figure.add_trace(trace, row=place[0], col=place[1])
-
-
-def _scene(ball: bool) -> dict[str, Any]:
-    """Axes of one scale, named after the body axes."""
-    names = [f"G{i}/|G|" if ball else f"G{i}" for i in (1, 2, 3)]
-    axes = {
-        f"{letter}axis": {"title": {"text": name}}
-        for letter, name in zip("xyz", names, strict=True)
+def packed(values: np.ndarray) -> dict[str, str]:
+    """An array as plotly reads it: the bytes of its numbers, which are shorter than digits."""
+    shape = {"shape": ",".join(map(str, values.shape))} if values.ndim > 1 else {}
+    kind = {"f": "f8", "i": "i4"}[values.dtype.kind]
+    return {
+        "dtype": kind,
+        "bdata": b64encode(values.astype(f"<{kind}").tobytes()).decode(),
+        **shape,
     }
-    return {"aspectmode": "data", **axes}
 
 
-def _scale(end: float = AREA_END) -> list[list[Any]]:
-    """The scale of colours of the printed figures, for plotly."""
-    colours = (255 * np.asarray(hues(16, end).colors)[:, :3]).astype(int)
-    return [[i / 15, f"rgb({r},{g},{b})"] for i, (r, g, b) in enumerate(colours.tolist())]
+def interactive(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> dict[str, Any]:
+    """The data and layout of plotly for a printed figure; `packed` turns its arrays into JSON."""
+    names = () if spec["kind"] in SWEPT_KINDS else spec.get("cases", ())
+    motions = motions_of(cases, names, spec.get("labels", ()) if names else ())
+    samples = Samples({motion.label: motion for motion in motions}, sheet.shown, sheet.time)
+    with matplotlib.style.context(["default", STYLE]):
+        sheet.figure.draw_without_rendering()  # which gives every panel its place
+    bars = [axes for axes in sheet.figure.axes if hasattr(axes, "_colorbar")]
+    panels = [axes for axes in every_panel(sheet.figure.axes) if axes not in bars]
+    # Below the panels is room for their scale of colours.
+    margin = {"l": 60, "r": 20, "t": 90, "b": 120 if bars else 50}
+    layout = {**LAYOUT, "margin": margin, "title": {"text": without_tex(spec["title"])}}
+    traces: list[Trace] = []
+    notes: list[Trace] = []
+    for i, (axes, domain) in enumerate(zip(panels, domains(panels), strict=True)):
+        scene = sheet.scenes.get(axes)
+        if axes.name == "hammer":
+            drawn, scene = [*globe_traces(axes, sheet.shown[i])], Scene(MIDDLE_OF_MAPS)
+        elif scene:
+            drawn = [*space_traces(scene, samples)]
+        else:
+            drawn = [*plane_traces(axes, samples)]
+            notes += annotations(axes, numbered("x", i), numbered("y", i))
+        layout |= scene_layout(scene, i, domain) if scene else axis_layouts(axes, i, domain)
+        place = {"scene": "scene"} if scene else {"xaxis": "x", "yaxis": "y"}
+        place = {key: numbered(name, i) for key, name in place.items()}
+        notes.append(panel_title(axes, domain))
+        traces += [{"showlegend": False, **trace, **place} for trace in drawn]
+    blank = blank_like(traces[0])
+    for i, bar in enumerate(bars):
+        axis = numbered("coloraxis", i)
+        layout[axis] = colour_scale(bar)
+        marker = {"color": np.zeros(1), "coloraxis": axis}
+        traces.append({**blank, "mode": "markers", "marker": marker, "showlegend": False})
+    traces += [{**blank, **entry} for entry in legend_entries(sheet)]
+    return {"data": traces, "layout": {**layout, "annotations": notes}}
+
+
+def numbered(name: str, i: int) -> str:
+    """plotly's name of the axes, scene or scale in place i; the first has no number."""
+    return f"{name}{i + 1}" if i else name
+
+
+def blank_like(trace: Trace) -> Trace:
+    """A trace without a point in the panel of another one, for entries of the legend."""
+    place: Trace = {key: trace[key] for key in ("scene", "xaxis", "yaxis") if key in trace}
+    return {**coordinates(np.full((1, 3 if "scene" in place else 2), np.nan)), **place}
+
+
+MIDDLE_OF_MAPS = View.toward((0, 0))
+"""A sphere turned as its printed map has it: x1 in the middle, x3 on top."""
+
+
+def domains(panels: Sequence[Axes]) -> Iterator[dict[str, list[float]]]:
+    """The place of each panel, as parts of the width and height of all."""
+    boxes = np.array([axes.get_window_extent().extents for axes in panels]).reshape(-1, 2, 2)
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    for x, y in ((boxes - low) / (high - low)).transpose(0, 2, 1).tolist():
+        yield {"x": x, "y": y}
+
+
+def coordinates(points: np.ndarray) -> Trace:
+    """A trace of points (n, 2) or (n, 3)."""
+    kind = "scatter" if points.shape[1] == 2 else "scatter3d"
+    return {"type": kind, **dict(zip("xyz", points.T, strict=False))}
+
+
+# What is drawn
+
+
+def curve_traces(curve: Curve, samples: Samples) -> Iterator[Trace]:
+    """The traces of a curve, one a colour, with gaps where it has others."""
+    record = samples.record(curve.points)
+    pieces = stretches(curve.code)
+    for code in np.unique(curve.code):
+        own = [piece for piece in pieces if curve.code[piece.start] == code]
+        index = np.concatenate([[*range(len(curve.code))[piece], -1] for piece in own])[:-1]
+        points = np.where(index[:, np.newaxis] < 0, np.nan, curve.points[index])
+        look = line_look({**curve.look, "color": curve.colours[code]})
+        yield {**coordinates(points), **look, **samples.pointer(record, index)}
+
+
+def line_look(look: Mapping[str, Any]) -> Trace:
+    """The line and marks of a trace, and the group of its legend, by the names of `Line2D`."""
+    colour = colour_name(look.get("color", "black"))
+    dash, width = dash_of(look.get("ls", "-")), PIXELS * look.get("lw", 1.0)
+    trace: Trace = {"mode": "lines", "line": {"color": colour, "dash": dash, "width": width}}
+    symbol = SYMBOLS.get(look.get("marker", ""), "")
+    if symbol:
+        only = look.get("ls") in ("", "None")
+        fill, edge = (look.get(key, colour) for key in ("mfc", "mec"))
+        edge_line = {"color": colour_name(edge), "width": 1}
+        size = PIXELS * look.get("ms", 3)
+        trace["mode"] = "markers" if only else "lines+markers"
+        trace["marker"] = {
+            "symbol": symbol,
+            "size": size,
+            "color": colour_name(fill),
+            "line": edge_line,
+        }
+        colour = colour_name(fill)
+    return {**trace, "legendgroup": f"{colour} {dash} {symbol}"}
+
+
+def dash_of(line: str | tuple[float, Sequence[float] | None]) -> str:
+    """plotly's name of a line of matplotlib's."""
+    pattern = line[1] if isinstance(line, tuple) else ()
+    if not pattern:
+        return "solid"
+    return "dashdot" if len(pattern) > 2 else "dash" if pattern[0] > pattern[1] else "dot"
+
+
+def colour_name(colour: Any) -> str:
+    """A colour of matplotlib's by the name that plotly knows."""
+    return to_hex(colour)
+
+
+def space_traces(scene: Scene, samples: Samples) -> Iterator[Trace]:
+    """The traces of a panel that shows space."""
+    curves = [Curve(item.points, item.code, item.colours, item.look) for item in scene.items]
+    for item, curve in zip(scene.items, curves, strict=True):
+        if item.look.get("ls", "-") == "":
+            yield mark_trace(item.points, item.look, curves, samples)
+        elif item.texts:
+            texts = {"text": [*map(without_tex, item.texts)], "hoverinfo": "skip"}
+            look = line_look(item.look)
+            yield {**coordinates(item.points), **look, "mode": "lines+text", **texts}
+        else:
+            yield from curve_traces(curve, samples)
+
+
+def mark_trace(
+    points: np.ndarray, look: Mapping[str, Any], curves: Sequence[Curve], samples: Samples
+) -> Trace:
+    """Marks without a line; those of crossings tell their times."""
+    trace: Trace = {**coordinates(points), **line_look(look), "hoverinfo": "skip"}
+    is_crossing = look.get("mfc") == CROSSING["mfc"] and len(points)
+    if is_crossing:
+        trace |= {"text": samples.crossing_texts(points, curves), "hoverinfo": "text"}
+    return trace
+
+
+def plane_traces(axes: Axes, samples: Samples) -> Iterator[Trace]:
+    """The traces of a plane panel: areas, cells, then curves and marks."""
+    for patch in axes.patches:
+        yield area_trace(axes, patch)
+    curves = []
+    for collection in axes.collections:
+        if isinstance(collection, QuadMesh):
+            yield from cell_traces(collection)
+        elif len(collection.get_paths()):
+            curves.append(collection_curve(collection))
+            yield from curve_traces(curves[-1], samples)
+    for line in axes.lines:
+        points = np.asarray(line.get_xydata(), dtype=float)
+        if line.get_transform() != axes.transData:
+            pixels = line.get_transform().transform(points)
+            points = axes.transData.inverted().transform(pixels)
+        look = look_of(line)
+        if look["ls"] in ("", "None"):
+            yield mark_trace(points, look, curves, samples)
+        elif len(points):
+            code, colours = np.zeros(len(points), dtype=int), np.array([to_rgb(look["color"])])
+            curves.append(Curve(points, code, colours, look))
+            yield from curve_traces(curves[-1], samples)
+
+
+def look_of(line: Line2D) -> Look:
+    """The look of a line by the names that it was drawn with."""
+    # matplotlib keeps the dashes, and tells no more than that there are some.
+    dashes = getattr(line, "_unscaled_dash_pattern", "-")
+    without_line = line.get_linestyle() in ("", "None")
+    return {
+        "color": line.get_color(), "lw": line.get_linewidth(), "marker": line.get_marker(),
+        "ls": "" if without_line else dashes, "ms": line.get_markersize(),
+        "mfc": line.get_markerfacecolor(), "mec": line.get_markeredgecolor(),
+    }  # fmt: skip
+
+
+def collection_curve(collection: Collection) -> Curve:
+    """A curve that is drawn in pieces, each of a colour and beginning where the last one ends; with
+    gaps if they do not."""
+    pieces = [path_points(path) for path in collection.get_paths()]
+    joined = all(np.array_equal(a[-1], b[0]) for a, b in pairwise(pieces))
+    first, *rest = pieces
+    gap = np.full((1, 2), np.nan)
+    parts = [first, *(part[1:] if joined else np.concatenate([gap, part]) for part in rest)]
+    shades = np.resize(to_rgba_array(collection.get_edgecolor())[:, :3], (len(pieces), 3))
+    colours, codes = np.unique(shades, axis=0, return_inverse=True)
+    # A piece reaches to the first point of the next, whose colour begins there.
+    sizes = [len(part) for part in parts]
+    code = np.repeat(codes.ravel(), sizes)
+    if joined:
+        code = np.append(code[1:], code[-1:])
+    look = {"lw": float(np.atleast_1d(collection.get_linewidth())[0])}
+    return Curve(np.concatenate(parts), code, colours, look)
+
+
+def path_points(path: Any) -> np.ndarray:
+    """The points (n, 2) of a path, with a gap where it begins anew."""
+    codes = path.codes if path.codes is not None else np.zeros(len(path.vertices))
+    breaks = np.flatnonzero(codes == path.MOVETO)
+    return np.insert(np.asarray(path.vertices, dtype=float), breaks[breaks > 0], np.nan, axis=0)
+
+
+def area_trace(axes: Axes, patch: Patch) -> Trace:
+    """A shaded area."""
+    outline = patch.get_transform().transform_path(patch.get_path()).vertices
+    points = axes.transData.inverted().transform(outline)
+    *colour, alpha = to_rgba(patch.get_facecolor())
+    shades = ",".join(str(round(255 * part)) for part in colour)
+    look = {"fill": "toself", "fillcolor": f"rgba({shades},{alpha:g})", "line": {"width": 0}}
+    return {**coordinates(points), **look, "mode": "lines", "hoverinfo": "skip"}
+
+
+def cell_traces(mesh: QuadMesh) -> Iterator[Trace]:
+    """The cells of a map between their edges, those without a value in their own colour."""
+    corners = np.asarray(mesh.get_coordinates())
+    values: np.ndarray = np.ma.filled(np.ma.asarray(mesh.get_array()), np.nan)
+    cells = {"type": "heatmap", "x": corners[0, :, 0], "y": corners[:, 0, 1], "showscale": False}
+    gap = colour_name(mesh.cmap.get_bad())
+    missing = np.where(np.isnan(values), 0.0, np.nan)
+    yield {**cells, "z": missing, "colorscale": [[0, gap], [1, gap]], "hoverinfo": "skip"}
+    yield {**cells, "z": values, **scale_of(mesh, "z")}
+
+
+def scale_of(mappable: Any, letter: str) -> Trace:
+    """The colours of values, with the values at both ends of their scale."""
+    shades = mappable.cmap(np.linspace(0, 1, 16))
+    low, high = mappable.norm.vmin, mappable.norm.vmax
+    stops = [[i / 15, colour_name(shade)] for i, shade in enumerate(shades)]
+    return {"colorscale": stops, f"{letter}min": float(low), f"{letter}max": float(high)}
+
+
+def globe_traces(axes: Axes, record: DrawnCurve) -> Iterator[Trace]:
+    """A map of directions on the sphere itself: each start as a dot, and the separatrix."""
+    *directions, (variable, values) = record.values.items()
+    points = np.stack([column for _, column in directions], axis=-1)
+    (mesh,) = [item for item in axes.collections if isinstance(item, QuadMesh)]
+    known = np.isfinite(values)
+    # Apart, because plotly has no colour for what is not a number.
+    looks = ((known, {"color": values[known], **scale_of(mesh, "c")}),
+             (~known, {"color": colour_name(axes.get_facecolor())}))  # fmt: skip
+    for part, look in looks:
+        text = [f"{variable} = {v:.6g}" if np.isfinite(v) else "none" for v in values[part]]
+        dots = {"mode": "markers", "marker": {"size": 4, **look}, "text": text}
+        yield {**coordinates(points[part]), **dots, "hoverinfo": "text"}
+    for line in axes.lines:
+        circle = on_globe(np.asarray(line.get_xydata(), dtype=float))
+        yield {**coordinates(circle), **line_look(look_of(line)), "hoverinfo": "skip"}
+    for note in axes.texts:
+        if isinstance(note, Annotation):
+            words = {"mode": "text", "text": [words_of(note)], "hoverinfo": "skip"}
+            yield {**coordinates(1.1 * on_globe(np.array([note.xy]))), **words}
+
+
+def on_globe(angles: np.ndarray) -> np.ndarray:
+    """The directions (n, 3) of longitudes and latitudes (n, 2)."""
+    longitude, latitude = angles.T
+    flat = np.cos(latitude)
+    return np.stack([flat * np.cos(longitude), flat * np.sin(longitude), np.sin(latitude)], axis=-1)
+
+
+# Scales, texts and the legend
+
+
+def scene_layout(scene: Scene, i: int, domain: Mapping[str, Any]) -> Trace:
+    """The axes of space, of one scale, seen as they are printed."""
+    # Without numbers at its axes it needs less room.
+    away = (2.2 if scene.names else 1.5) * scene.view.matrix[2]
+    eye = dict(zip("xyz", away.tolist(), strict=True))
+    axes: Trace = {f"{letter}axis": {"visible": False} for letter in "xyz"}
+    for letter, name in zip("xyz", scene.names, strict=False):
+        axes[f"{letter}axis"] = {"title": {"text": without_tex(name)}}
+        if scene.reach is not None:
+            axes[f"{letter}axis"]["range"] = [-scene.reach, scene.reach]
+    look = {"aspectmode": "data", "domain": domain, "camera": {"eye": eye}}
+    return {numbered("scene", i): {**look, **axes}}
+
+
+def axis_layouts(axes: Axes, i: int, domain: Mapping[str, list[float]]) -> Trace:
+    """Both axes of a plane panel: their scales, ends, labels and place."""
+    layouts: Trace = {}
+    for letter, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+        log = axis.get_scale() == "log"
+        ends = np.log10(axis.get_view_interval()) if log else axis.get_view_interval()
+        other = "y" if letter == "x" else "x"
+        shown = axis.get_tick_params().get("label" + ("bottom" if letter == "x" else "left"), True)
+        layouts[numbered(f"{letter}axis", i)] = {
+            "title": {"text": words_of(axis.get_label()), "standoff": 6},
+            "type": "log" if log else "linear",
+            "range": [*map(float, ends)],
+            "domain": domain[letter],
+            "anchor": numbered(other, i),
+            "showticklabels": bool(shown and len(axis.get_majorticklocs())),
+            # Powers of ten, where plotly would write 10µ for 1e-5.
+            "exponentformat": "power",
+            "showline": True, "mirror": True, "linecolor": "#000000", "zeroline": False,
+        }  # fmt: skip
+    if axes.get_aspect() != "auto":
+        layouts[numbered("yaxis", i)]["scaleanchor"] = numbered("x", i)
+        for layout in layouts.values():
+            layout["constrain"] = "domain"
+    return layouts
+
+
+def annotations(axes: Axes, across: str, up: str) -> list[Trace]:
+    """The texts in a plane panel, at its values where they are printed; its axes are given."""
+    texts = [text for text in axes.texts if text.get_text()]
+    notes = []
+    for text in texts:
+        box = text.get_window_extent()
+        x, y = axes.transData.inverted().transform(((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2))
+        x, y = (np.log10(v) if scale == "log" else v
+                for v, scale in ((x, axes.get_xscale()), (y, axes.get_yscale())))  # fmt: skip
+        words = words_of(text)
+        font = {"size": PIXELS * float(text.get_fontsize()), "color": colour_name(text.get_color())}
+        place = {"xref": across, "yref": up, "x": float(x), "y": float(y)}
+        notes.append({**place, "text": words, "font": font, "showarrow": False})
+    return notes
+
+
+def panel_title(axes: Axes, domain: Mapping[str, list[float]]) -> Trace:
+    """The title above a panel."""
+    place = {"xref": "paper", "yref": "paper", "x": sum(domain["x"]) / 2, "y": domain["y"][1]}
+    words = words_of(axes.title)
+    return {**place, "yanchor": "bottom", "text": words, "showarrow": False}
+
+
+def colour_scale(axes: Axes) -> Trace:
+    """A printed bar of colours with its label, and its words if it has any."""
+    bar = axes._colorbar  # type: ignore[attr-defined]
+    scale: Trace = {
+        "title": {"text": without_tex(axes.get_xlabel()), "side": "bottom"},
+        "orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom", "len": 0.6,
+        "thickness": 12,
+    }  # fmt: skip
+    if isinstance(bar.formatter, FixedFormatter):
+        words = [label.get_text() for label in axes.get_xticklabels()]
+        scale |= {"tickvals": [*map(float, bar.get_ticks())], "ticktext": words}
+    return {"colorbar": scale, **scale_of(bar, "c")}
+
+
+def legend_entries(sheet: Sheet) -> Iterator[Trace]:
+    """The entries of the printed legends; each stands for the traces of its look."""
+    for legend in sheet.figure.legends:
+        texts = legend.get_texts()
+        # matplotlib fills column after column; they are read row after row.
+        columns = getattr(legend, "_ncols", 1)
+        rowwise = [i for column in range(columns) for i in range(column, len(texts), columns)]
+        for i in np.argsort(rowwise):
+            handle = legend.legend_handles[i]
+            if isinstance(handle, Line2D):
+                look = line_look(look_of(handle))
+            elif isinstance(handle, Patch):
+                fill = handle.get_facecolor()
+                look = line_look({"ls": "", "marker": "s", "ms": 6, "mfc": fill, "mec": fill})
+            yield {**look, "name": words_of(texts[i]), "showlegend": True}
+
+
+def words_of(text: Text) -> str:
+    """A text without TeX, in lines as plotly breaks them."""
+    return without_tex(text.get_text()).replace("\n", "<br>")

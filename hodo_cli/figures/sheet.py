@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import is_math_text
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
@@ -23,6 +24,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from .. import HodoError
 from ..storage.staging import replacing
+from .geometry import View
 
 Look = dict[str, Any]
 
@@ -58,6 +60,44 @@ class DrawnCurve:
     values: Mapping[str, np.ndarray]
 
 
+@dataclass(frozen=True)
+class SpaceItem:
+    """A curve or marks in space: points (n, 3), the position (n,) of each one's colour among
+    colours (m, 3), the look by the names of `Line2D`, and the texts beside the points, if any."""
+
+    points: np.ndarray
+    colours: np.ndarray
+    code: np.ndarray
+    look: Look
+    texts: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a panel shows of space, from a direction: it is printed in this view, and turned where a
+    reader can turn it. Without names its coordinates are not told."""
+
+    view: View
+    names: Sequence[str] = ()
+    reach: float | None = None
+    """Where the panel ends on each axis; None shows all."""
+    items: list[SpaceItem] = field(default_factory=list)
+
+    def curve(
+        self, points: np.ndarray, colours: np.ndarray, code: np.ndarray, **look: Any
+    ) -> np.ndarray:
+        """Add a curve (n, 3) in colours[code]; returns it as it is seen."""
+        self.items.append(SpaceItem(points, colours, code, look))
+        return self.view(points)
+
+    def add(self, points: np.ndarray, texts: Sequence[str] = (), **look: Any) -> np.ndarray:
+        """Add points (n, 3) of one look, a line, marks or texts; returns them as they are seen."""
+        colour = look.get("mfc", look.get("color", "black"))
+        code = np.zeros(len(points), dtype=int)
+        self.items.append(SpaceItem(points, np.array([to_rgb(colour)]), code, look, texts))
+        return self.view(points)
+
+
 class Drawing(Figure):
     """A figure that a notebook shows as an image by itself, whatever backend it has."""
 
@@ -75,6 +115,8 @@ class Sheet:
 
     figure: Figure
     shown: list[DrawnCurve] = field(default_factory=list)
+    scenes: dict[Axes, Scene] = field(default_factory=dict)
+    """The panels that show space."""
     units: Callable[[str], str] = field(default=lambda column: "1")
     """The units of a column of values, by its name."""
     time: str = "t"
@@ -87,6 +129,10 @@ class Sheet:
         self.shown.append(
             DrawnCurve(panel, curve, {name: np.asarray(value) for name, value in values.items()})
         )
+
+    def scene(self, axes: Axes, view: View, *names: str, reach: float | None = None) -> Scene:
+        """A panel that shows space in a view, with the names of its coordinates."""
+        return self.scenes.setdefault(axes, Scene(view, names, reach))
 
     def csv(self) -> str:
         """What the figure shows: a row for each sample of each curve, a column for each quantity,
@@ -126,7 +172,13 @@ class Sheet:
         return merged
 
 
-TEX_LETTERS = {r"\tau": "τ", r"\lambda": "λ", r"\gamma": "γ", r"\varepsilon": "ε"}
+TEX_LETTERS = {
+    **{rf"\var{name}": letter for name, letter in (("epsilon", "ε"), ("theta", "ϑ"), ("phi", "φ"))},
+    **{rf"\{name}": letter for name, letter in zip(
+        ("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda",
+         "mu", "nu", "xi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
+        "αβγδεζηθκλμνξρστφχψω", strict=True)},
+}  # fmt: skip
 """The letters of the literature in texts that are not set."""
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from ..results.dataset import Cases, motions_of
+from ..results.in_space import SPACE_AXES
 from ..results.motion import Motion
 from .artists import (
+    BLACK,
     COLUMN,
+    CROSSING,
+    END,
     GREY,
     HALO,
     PAGE,
@@ -34,6 +39,7 @@ from .artists import (
     palette,
     plane_curve,
     time_bar,
+    unit,
 )
 from .geometry import (
     View,
@@ -45,7 +51,7 @@ from .geometry import (
     stretches,
     windings,
 )
-from .sheet import Sheet
+from .sheet import Look, Scene, Sheet
 
 
 def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -67,12 +73,14 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     reach[0] = clear_lengths(view, reach[0], seen, float(np.ptp(seen, axis=0).max()))
     frame = extent(np.concatenate([seen, *(view(arms)[:, :2] for arms in tips(reach))]))
     main, *others = hodograph_panels(sheet, frame, 1 + (zoom is not None) + len(planes))
-    space(main, motions, spec, view, reach, frame)
+    names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
+    space(main, sheet.scene(main, view, *names), motions, spec, reach, frame)
     if zoom is not None:
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
         near = np.full((2, 3), zoom)
         near[0] = clear_lengths(view, near[0], seen, 2.5 * zoom)
-        space(others[0], motions, spec, view, near, window, cut=True)
+        scene = sheet.scene(others[0], view, *names, reach=zoom)
+        space(others[0], scene, motions, spec, near, window)
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
@@ -135,28 +143,26 @@ def hodograph_panels(sheet: Sheet, frame: np.ndarray, n: int) -> list[Axes]:
 
 def space(
     axes: Axes,
+    scene: Scene,
     motions: Sequence[Motion],
     spec: Mapping[str, Any],
-    view: View,
     reach: np.ndarray,
     frame: np.ndarray,
-    cut: bool = False,
 ) -> None:
     """Hodographs in a view, with body axes of lengths `reach` (2, 3), within a frame (2, 2) of the
     page."""
-    body_axes(axes, view, reach)
+    cut = scene.reach is not None
+    body_axes(axes, scene, reach)
     near = float(np.ptp(frame)) / 2
     # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
-        seen = view(motion.G)
+        seen = scene.curve(motion.G, colours, code, lw=line_width(motion))
         space_curve(axes, seen, colours, code, line_width(motion), near)
-        mark_points(
-            axes,
-            seen[[0, -1], :2],
-            view(motion.at_crossings(motion.G))[:, :2],
-            lambda points: within(points, frame),
-        )
+        marks = zip((START, END), (motion.G[:1], motion.G[-1:]), strict=True)
+        ends = np.concatenate([scene.add(points, **look) for look, points in marks])
+        crossings = scene.add(motion.at_crossings(motion.G), **CROSSING)
+        mark_points(axes, ends[:, :2], crossings[:, :2], lambda points: within(points, frame))
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
@@ -193,15 +199,15 @@ def space_curve(
     axes.add_collection(lines, autolim=False)
 
 
-def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
+def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
     """The axes of G1, G2, G3 through the origin, of lengths `reach` (2, 3), named, with round
     values marked."""
     # Some are longer only for their names.
     step = round_step(float(reach.max()) / STRETCHES[-1])
-    for i, (tip, tail) in enumerate(zip(*(view(arms)[:, :2] for arms in tips(reach)), strict=True)):
-        arm(axes, tail, tip, f"G_{i + 1}")
+    for i, (tip, tail) in enumerate(zip(*tips(reach), strict=True)):
+        arm(axes, scene, tail, tip, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
-        at = view(counts[counts != 0, None] * step * np.eye(3)[i])
+        at = scene.view(counts[counts != 0, None] * step * np.eye(3)[i])
         axes.plot(at[:, 0], at[:, 1], ls="", marker=".", ms=2, color=GREY, zorder=1)
         if counts[-1] > 0:
             # The upright axis has its value to the right, the others below.
@@ -218,13 +224,16 @@ def body_axes(axes: Axes, view: View, reach: np.ndarray) -> None:
             )
 
 
-def arm(axes: Axes, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1) -> None:
-    """An arrow along a body axis from tail to tip (2,), with its name."""
-    arrow(axes, tail, tip, GREY, zorder)
-    beyond = 6 * tip / max(float(np.hypot(*tip)), math.ulp(0))
+def arm(
+    axes: Axes, scene: Scene, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1
+) -> None:
+    """An arrow along an axis from tail to tip (3,), with its name."""
+    begin, end = scene.add(np.stack([tail, tip]), ["", f"${name}$"], color=GREY, lw=0.5)[:, :2]
+    arrow(axes, begin, end, GREY, zorder)
+    beyond = 6 * end / max(float(np.hypot(*end)), math.ulp(0))
     axes.annotate(
         f"${name}$",
-        pair(tip),
+        pair(end),
         pair(beyond),
         textcoords="offset points",
         ha="center",
@@ -255,49 +264,138 @@ def common_circles(motions: Sequence[Motion]) -> list[np.ndarray]:
     return [] if of_other_body(motions) else separatrix_circles(motions[0].inertia)
 
 
+@dataclass(frozen=True)
+class SphereCurve:
+    """A curve of directions (n, 3) on the unit sphere: its motion, its name in the panel, what its
+    components are called, and the place of its style."""
+
+    motion: Motion
+    directions: np.ndarray
+    label: str
+    columns: Sequence[str]
+    style: int
+
+
 def sphere(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The curves of G/|G| on the unit sphere, with the two separatrix circles."""
-    motions, view = motions_of(cases, spec["cases"], spec["labels"]), View.toward(spec["view"])
+    motions = motions_of(cases, spec["cases"], spec["labels"])
+    columns = [f"G.x{i}/|G|" for i in (1, 2, 3)]
+    curves = [
+        SphereCurve(motion, unit_vectors(motion), motion.label, columns, place)
+        for place, motion in enumerate(motions)
+    ]
+    draw_sphere(sheet, spec, curves, ("x_1", "x_2", "x_3"), common_circles(motions))
+
+
+def axis_trace(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+    """Where axes of the body point in space, on the unit sphere of directions."""
+    motions = motions_of(cases, spec["cases"], spec["labels"])
+    pairs = [(motion, axis) for motion in motions for axis in spec["axes"]]
+    curves = []
+    for place, (motion, axis) in enumerate(pairs):
+        columns = [f"{axis}_space.{letter}" for letter in SPACE_AXES]
+        # Without a case's name where there is one case only.
+        words = [f"${axis[0]}_{axis[1]}$", *[motion.label] * (len(motions) > 1)]
+        directions = np.stack([motion[column] for column in columns], axis=-1)
+        curves.append(SphereCurve(motion, directions, ", ".join(words), columns, place))
+    draw_sphere(sheet, spec, curves, SPACE_AXES, [])
+
+
+def draw_sphere(
+    sheet: Sheet,
+    spec: Mapping[str, Any],
+    curves: Sequence[SphereCurve],
+    arms: Sequence[str],
+    circles: Sequence[np.ndarray],
+) -> None:
+    """Curves on the unit sphere, with the names of its three arms, and the separatrix (n, 3)."""
     sheet.figure.set_size_inches(COLUMN, 1.08 * COLUMN)
-    axes = sheet.figure.subplots()
+    axes, view = sheet.figure.subplots(), View.toward(spec["view"])
+    scene = sheet.scene(axes, view)
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
     for line in graticule():
-        on_sphere(axes, view(line), color="#C8C8C8", lw=0.35)
-    directions = [unit_vectors(motion) for motion in motions]
-    seen = np.concatenate([view(direction)[:, :2] for direction in directions])
+        on_sphere(axes, scene.add(line, **GRATICULE), **GRATICULE)
+    drawn = [view(curve.directions) for curve in curves]
+    seen = np.concatenate([curve[:, :2] for curve in drawn])
     lengths = clear_lengths(view, np.full(3, 1.2), seen[np.isfinite(seen).all(axis=-1)], 2.2)
-    for i, (tip, foot) in enumerate(zip(view(np.diag(lengths)), view(np.eye(3)), strict=True)):
-        arm(axes, foot[:2], tip[:2], f"x_{i + 1}", zorder=5 if foot[2] > 0 else 1)
-    for place, (motion, direction) in enumerate(zip(motions, directions, strict=True)):
-        g1, g2, g3 = direction.T
-        sheet.record(
-            "sphere",
-            motion.label,
-            {"time": motion.time, "G.x1/|G|": g1, "G.x2/|G|": g2, "G.x3/|G|": g3},
-        )
-        seen = view(direction)
-        colours, code = palette(motion, spec["colour"], place, spec["styles"])
+    for foot, length, name in zip(np.eye(3), lengths, arms, strict=True):
+        arm(axes, scene, foot, length * foot, name, zorder=5 if view(foot)[2] > 0 else 1)
+    for curve in curves:
+        times = {"time": curve.motion.time}
+        components = zip(curve.columns, curve.directions.T, strict=True)
+        sheet.record(spec["kind"], curve.label, times | dict(components))
+        colours, code = palette(curve.motion, spec["colour"], curve.style, spec["styles"])
+        points = scene.curve(curve.directions, colours, code, lw=1.1)
         for piece in stretches(code):
-            on_sphere(axes, seen[piece], color=colours[code[piece.start]], lw=1.1)
-        heading(axes, seen[:, :2], colours[code[0]], 0.15)
-        axes.plot(*seen[0, :2], **START, alpha=1 if seen[0, 2] > 0 else 0.4, zorder=6)
+            on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
+        heading(axes, points[:, :2], colours[code[0]], 0.15)
+        start = scene.add(curve.directions[:1], **START)[0]
+        # In space its name stands beside its start, where it is on no side of the page.
+        scene.add(1.08 * curve.directions[:1], [curve.label], color="black", lw=0)
+        axes.plot(*start[:2], **START, alpha=1 if start[2] > 0 else 0.4, zorder=6)
     # Over the curves, which run close beside it.
-    circles = [view(circle) for circle in common_circles(motions)]
-    for circle in circles:
-        on_sphere(axes, circle, **SEPARATRIX)
-    places = beside([view(direction) for direction in directions], circles)
-    for motion, free in zip(motions, places, strict=True):
-        axes.text(*pair(free), motion.label, ha="center", va="center", zorder=8, path_effects=HALO)
+    lines = [scene.add(circle, **SEPARATRIX) for circle in circles]
+    for line in lines:
+        on_sphere(axes, line, **SEPARATRIX)
+    for curve, free in zip(curves, beside(drawn, lines), strict=True):
+        axes.text(*pair(free), curve.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
+    motions = [curve.motion for curve in curves]
     handles = axis_handles(motions) if spec["colour"] == "axis" else []
-    handles += [
-        Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"),
-        Line2D([], [], **START, label="start"),
-    ]
+    if spec["kind"] == "sphere":
+        handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
+    handles.append(Line2D([], [], **START, label="start"))
     if spec["colour"] == "time":
         time_bar(sheet, [axes], motions[0], spec)
     legend(sheet, handles, 2)
+
+
+GRATICULE: Look = {"color": "#C8C8C8", "lw": 0.35}
+
+
+def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+    """omega in space, projected along the G of the start: while G and T stay, it lies in a plane
+    across G."""
+    motions = motions_of(cases, spec["cases"], spec["labels"])
+    sheet.figure.set_size_inches(COLUMN, 1.05 * COLUMN)
+    axes = sheet.figure.subplots()
+    for place, motion in enumerate(motions):
+        omega = np.stack([motion[f"omega_space.{axis}"] for axis in SPACE_AXES], axis=-1)
+        G = np.array([motion[f"G_space.{axis}"][0] for axis in SPACE_AXES])
+        points = omega @ across(G).T
+        sheet.record(
+            "herpolhode",
+            motion.label,
+            {"time": motion.time, **dict(zip(PLANE, points.T, strict=True))},
+        )
+        colours, code = palette(motion, spec["colour"], place, spec["styles"])
+        plane_curve(axes, points, colours, code, line_width(motion))
+        mark_points(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
+    axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
+    axes.autoscale_view()
+    labels = [f"$\\omega_{{{letter}}}$ {unit(motions[0], 'omega')}" for letter in "12"]
+    axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    if spec["colour"] == "time":
+        time_bar(sheet, [axes], motions[0], spec)
+    handles = colour_handles(motions, spec["colour"], spec["styles"])
+    handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label="$G$ at the start"))
+    legend(sheet, handles + mark_handles(motions, spec["time"]), 2)
+
+
+PLANE = ("omega across G, 1", "omega across G, 2")
+"""What the coordinates of a herpolhode are called in tables."""
+
+
+def across(vector: np.ndarray) -> np.ndarray:
+    """Two unit vectors (2, 3) that make a right-handed frame with a vector (3,); x and y for z."""
+    axis = vector / max(float(np.hypot.reduce(vector)), math.ulp(0))
+    # The shortest turn from z to the vector carries x and y with it.
+    c = 1 + axis[2]
+    if c < 1e-8:
+        return np.array([[1.0, 0, 0], [0, -1.0, 0]])
+    x, y = axis[:2]
+    return np.array([[1 - x * x / c, -x * y / c, -x], [-x * y / c, 1 - y * y / c, -y]])
 
 
 def unit_vectors(motion: Motion) -> np.ndarray:

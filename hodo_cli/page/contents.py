@@ -83,6 +83,8 @@ def picture_size(picture: Path) -> tuple[int, int]:
 KINDS_IN_WORDS = {
     "hodograph": "Hodograph of the angular momentum in body axes",
     "sphere": "Curves of the direction of angular momentum on the unit sphere",
+    "herpolhode": "Curve of the angular velocity in space, across the angular momentum",
+    "axis-trace": "Curves of the directions of body axes in space, on the unit sphere",
     "quadrants": "Squares of two angular velocities, with the regions of both enclosed axes",
     "quadrant-sketch": "Sketch of the regions of both enclosed axes",
     "series": "Curves over time",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..cases.figure_block import KINDS_IN_SPACE
 from .motion import Motion
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
@@ -43,12 +44,22 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     return np.where(speed > 0, np.nan_to_num(curl), 0) * wide, speed * wide * size
 
 
-def coarse(motion: Motion, drawn: slice, limit: float = LARGEST_TURN) -> str:
-    """The warning that the samples of a motion which are drawn are too few for a curve of G; an
+def turns_in_space(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """As `turns`, of what the body carries along: it turns by |omega| times the time."""
+    steps = np.diff(motion.time)
+    wide = np.maximum(np.append(steps, 0), np.append(0, steps))
+    angle = np.linalg.norm(motion.omega, axis=-1) * wide
+    return angle, angle * np.abs(motion.G).max(initial=0)
+
+
+def coarse(
+    motion: Motion, drawn: slice, limit: float = LARGEST_TURN, in_space: bool = False
+) -> str:
+    """The remark on a motion whose samples are too few for a curve of G, or for one in space; an
     empty text if they are enough."""
     if len(motion.time[drawn]) < 3:
         return ""
-    angle, distance = (values[drawn] for values in turns(motion))
+    angle, distance = (values[drawn] for values in (turns_in_space if in_space else turns)(motion))
     size = np.abs(motion.G[drawn]).max(initial=0)
     seen = angle[distance > VISIBLE * size]
     worst = float(seen.max(initial=0))
@@ -61,7 +72,7 @@ def coarse(motion: Motion, drawn: slice, limit: float = LARGEST_TURN) -> str:
     )
 
 
-CURVES = ("hodograph", "sphere", "quadrants")
+CURVES = ("hodograph", "sphere", "quadrants", *KINDS_IN_SPACE)
 """The kinds of figures that draw curves of G or omega, whatever they name."""
 
 OF_SAMPLES = (*CURVES, "phase", "series")
@@ -84,7 +95,7 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
         return []
     limit = OSCILLATION if kind == "series" else LARGEST_TURN
     remarks = [
-        coarse(motion, samples_within(motion, spec.get("span")), limit)
+        coarse(motion, samples_within(motion, spec.get("span")), limit, kind in KINDS_IN_SPACE)
         for motion in motions
         if "omega" in motion.vectors and len(motion.axes) == 3
     ]
