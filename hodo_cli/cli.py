@@ -284,7 +284,10 @@ def _init(name: Path) -> None:
 )
 @click.option("--dry-run", is_flag=True, help="Print what would run, and why; run nothing.")
 @click.option("--fail-fast", is_flag=True, help="Start no case after the first that fails.")
-@click.option("--quiet", is_flag=True, help="No progress on stderr, only failures.")
+@click.option("--quiet", is_flag=True, help="No progress and no warnings on stderr, only failures.")
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Print why each case runs or is kept, and its end."
+)
 @JSON
 def _run(
     configs: tuple[Path, ...],
@@ -298,6 +301,7 @@ def _run(
     dry_run: bool,
     fail_fast: bool,
     quiet: bool,
+    verbose: bool,
     as_json: bool,
 ) -> None:
     """Integrate the cases of CONFIGS into runs/NAME.h5.
@@ -315,11 +319,11 @@ def _run(
     if dry_run:
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
         return
-    rows = run.execute(plans, jobs, scheduler, quiet, fail_fast)
+    rows = run.execute(plans, jobs, scheduler, quiet, verbose, fail_fast)
     click.echo(text.as_json(rows) if as_json else tables.case_table(rows))
     if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
         count = f"{len(failed)} of {len(rows)} cases did not end well"
-        click.echo(f"{count}: {', '.join(failed)}", err=True)
+        _say(f"{count}: {', '.join(failed)}")
         sys.exit(1)
 
 
@@ -330,7 +334,7 @@ def _report(
     from . import text
 
     for problem in problems:
-        click.echo(problem, err=True)
+        _say(problem)
     click.echo(text.as_json(rows) if as_json else table(rows))
     if problems:
         sys.exit(1)
@@ -415,7 +419,7 @@ def _plot(
     files, names = plot.split(runs)
     failed = False
     for line, is_problem in plot.draw_results(files, names, formats, out, jobs, force, alone):
-        click.echo(line, err=is_problem)
+        (_say if is_problem else click.echo)(line)
         failed |= is_problem
     if failed:
         sys.exit(1)

@@ -1,10 +1,11 @@
-"""How far a command is: a line on a terminal that is written over, or a line for each task."""
+"""How far a command is: a line on a terminal that is written over; problems, wherever they go."""
 
 import os
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from typing import Any, Self, TypeVar
 
 import click
@@ -33,16 +34,16 @@ class Progress:
     """Counts tasks and says how far they are. A context manager.
 
     On a terminal it is a line that is written over, with the names of the tasks that run, how far
-    they are, and how long all will take; elsewhere, if `logs`, a line for each task that is done.
-    Problems are said in any case; the rest unless `quiet`. NO_COLOR=1 takes the colour from a
-    terminal.
+    they are, and how long all will take. Problems are printed in any case, warnings unless `quiet`,
+    and details, such as a line for each task that is done, if `verbose`. A stream that takes no
+    messages stops nothing. NO_COLOR=1 takes the colour from a terminal.
     """
 
-    def __init__(self, total: int, quiet: bool = False, logs: bool = True) -> None:
+    def __init__(self, total: int, quiet: bool = False, verbose: bool = False) -> None:
         self._total = total
         self._done = 0
         self._quiet = quiet
-        self._logs = logs
+        self._verbose = verbose
         # A log file gets whole lines: what is written over on a terminal is unreadable there.
         self._live = sys.stderr.isatty() and not quiet
         self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
@@ -71,19 +72,24 @@ class Progress:
         if not self._quiet:
             self._echo(line)
 
+    def detail(self, line: str) -> None:
+        """A line, if verbose."""
+        if self._verbose:
+            self._echo(line)
+
     def report(self, name: str, share: float) -> None:
         """Note how much of a task that runs is done, from 0 to 1."""
         self._running[name] = share
 
     def done(self, name: str, problem: str = "") -> None:
-        """Count a task that is finished, well or with a problem, and say so."""
+        """Count a task that is finished, and print its problem if it has one."""
         self._done += 1
         self._running.pop(name, None)
         count = f"[{self._done}/{self._total}] {name}"
         if problem:
             self._echo(f"{count}: {click.style(problem, fg='red') if self._colour else problem}")
-        elif self._logs and not self._live:
-            self.say(f"{count}: ok")
+        else:
+            self.detail(f"{count}: ok")
 
     def starting(self, items: Iterable[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
         """Items that stand for tasks of these names, each of which runs from when it is taken."""
@@ -100,7 +106,8 @@ class Progress:
     def _echo(self, line: str) -> None:
         with self._lock:
             self._clear()
-            click.echo(line, err=True)
+            with suppress(OSError, ValueError):  # the log is full, or closed
+                click.echo(line, err=True)
 
     def _warn(self, *warning: Any, **rest: Any) -> None:
         with self._lock:

@@ -4,12 +4,22 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .cases.claim_block import MISPRINTS, VERDICTS
-from .text import abridged, magnitude, seconds, table
+from .text import NAMES_LISTED, abridged, magnitude, seconds, table
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Cases with their method, cost, error, warnings, and what they assume where that is known."""
-    header = ["case", "model", "form", "method", "steps", "run time", "error", "warnings"]
+    header = (
+        "case",
+        "model",
+        "form",
+        "method",
+        "steps",
+        "run time",
+        "error",
+        "warnings",
+        "assumes",
+    )
     lines = [
         [
             row["case"],
@@ -20,13 +30,11 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
             seconds(row["run_time"]),
             magnitude(row["error"]),
             remark(row),
+            row.get("assumes", ""),
         ]
         for row in rows
     ]
-    if any(row.get("assumes") for row in rows):
-        header.append("assumes")
-        lines = [[*line, row["assumes"]] for line, row in zip(lines, rows, strict=True)]
-    return table(header, lines, right=("steps", "run time", "error"))
+    return table(header, lines, right=("steps", "run time", "error"), optional=("assumes",))
 
 
 def remark(row: Mapping[str, Any]) -> str:
@@ -39,21 +47,27 @@ def remark(row: Mapping[str, Any]) -> str:
 
 def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
     """Cases with the axes enclosed at start and end, the growth rates of a small tilt away from an
-    axis, the axis that theory predicts in the end, and the crossings."""
-    return table(
-        ("case", "start", "end", "growth of a tilt", "predicted", "crossings"),
-        [
-            (
-                row["case"],
-                row["start"],
-                row["end"],
-                ", ".join(f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()),
-                "; ".join(filter(None, [row.get("final", ""), *row.get("predictions", ())])),
-                "; ".join([*few_passages(row), *events(row), *row["warnings"]]),
-            )
-            for row in rows
-        ],
-    )
+    axis, the axis that theory predicts in the end, and the crossings; below them, once for each
+    reason, the cases without labels."""
+    header = ("case", "start", "end", "growth of a tilt", "predicted", "crossings")
+    lines = [crossings_line(row) for row in rows if row["warnings"] != [row.get("unlabelled")]]
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        if "unlabelled" in row:
+            names.setdefault(row["unlabelled"], []).append(row["case"])
+    paragraphs = [table(header, lines, optional=header[3:])] if lines else []
+    for reason, cases in names.items():
+        paragraphs.append(f"no labels: {reason}: {', '.join(abridged(cases, NAMES_LISTED))}")
+    return "\n".join(paragraphs)
+
+
+def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """The line of a case in the table of crossings."""
+    growth = [f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()]
+    predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
+    remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
+    ends = row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)
+    return (*ends, "; ".join([*few_passages(row), *events(row), *remarks]))
 
 
 CROSSINGS_SHOWN = 5

@@ -7,21 +7,29 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> str:
-    """Columns under a header, aligned; those named in `right` to the right. Lines carry no trailing
-    space.
+def table(
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    right: Sequence[str] = (),
+    optional: Sequence[str] = (),
+) -> str:
+    """Columns under a header, aligned; those named in `right` to the right. Columns named in
+    `optional` are left out where all of their cells are empty. Lines carry no trailing space.
 
     A character that a terminal would obey and not show is shown as a question mark.
     """
-    lines = [list(header), *([_printable(cell) for cell in row] for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    flush = [str.rjust if name in right else str.ljust for name in header]
-    return "\n".join(
-        "  ".join(
-            align(cell, width) for align, cell, width in zip(flush, line, widths, strict=True)
-        ).rstrip()
-        for line in lines
-    )
+    lines = [header, *([_printable(cell) for cell in row] for row in rows)]
+    columns = [
+        _aligned((name, *cells), to_right=name in right)
+        for name, *cells in zip(*lines, strict=True)
+        if any(cells) or name not in optional
+    ]
+    return "\n".join("  ".join(line).rstrip() for line in zip(*columns, strict=True))
+
+
+def _aligned(column: Sequence[str], to_right: bool) -> list[str]:
+    width = max(map(len, column))
+    return [cell.rjust(width) if to_right else cell.ljust(width) for cell in column]
 
 
 def _printable(text: str) -> str:
@@ -50,6 +58,10 @@ def magnitude(value: float) -> str:
     if math.isnan(value):
         return "-"
     return "0" if value == 0 else f"{value:.1e}"
+
+
+NAMES_LISTED = 5
+"""The most names of cases in a line about all of them."""
 
 
 def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:

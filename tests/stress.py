@@ -165,6 +165,7 @@ def kill_runs(folder: Path, kills: int) -> Counter[str]:
             "many.yaml",
             "--out",
             out.name,
+            "-v",
             *(("-j", "2") if i % 2 else ()),
         )
         finished |= set(re.findall(r"^\[\d+/\d+\] (\w+): ok$", said, re.MULTILINE))
@@ -177,7 +178,7 @@ def kill_runs(folder: Path, kills: int) -> Counter[str]:
             }
         )
         if i % 3 == 2 or i == kills - 1:
-            said = hodo(folder, "run", "many.yaml", "--out", out.name).stderr
+            said = hodo(folder, "run", "many.yaml", "--out", out.name, "-v").stderr
             assert all(f"{name}: is kept" in said for name in found), said
             assert os.listdir(out) == ["many.h5"], "something is left over"
             assert list(content(out / "many.h5")) == list(motions)

@@ -234,7 +234,7 @@ def test_processes_give_what_one_gives(config: Path, hodo: Hodo) -> None:
 
 def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     config.write_text(FAILING)
-    done = run(config)
+    done = run(config, "-v")
     assert done.exit_code == 1
     lines = done.stderr.splitlines()
     assert lines[:4] == [f"{name}: will run: it has no result yet" for name in "abcd"]
@@ -243,12 +243,12 @@ def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     assert lines[6].startswith("[3/4] c: timeout: max_steps: stopped after 2 steps")
     assert lines[7] == "[4/4] d: ok"
     assert lines[8] == "2 of 4 cases did not end well: b (failed), c (timeout)"
-    again = run(config)
+    again = run(config, "-v")
     assert [line for line in again.stderr.splitlines()[:4] if "kept" not in line] == [
         "b: will run: its status is failed",
         "c: will run: its status is timeout",
     ]
-    assert [line[:8] for line in run(config, "--quiet").stderr.splitlines()] == [
+    assert [line[:8] for line in run(config).stderr.splitlines()] == [
         "[1/2] b:",
         "[2/2] c:",
         "2 of 4 c",
@@ -314,7 +314,7 @@ def test_a_case_that_has_left_the_config_stays_until_it_is_pruned(config: Path) 
         before = file["d/omega"][()]
     config.write_text("".join(CONFIG.splitlines(keepends=True)[:-1]))
     for options in ([], ["--force"], ["--case", "a"]):
-        assert f"d: {run_command.LEFT_AND_KEPT}" in run(config, *options).stderr
+        assert f"d: {run_command.LEFT_AND_KEPT}" in run(config, *options, "-v").stderr
         with h5py.File(result) as file:
             assert set(file) == {*"abcd"}
             np.testing.assert_array_equal(file["d/omega"], before)
@@ -331,7 +331,7 @@ def test_what_an_interrupted_batch_has_finished_is_taken_in_at_once(config: Path
             writer.add(name, run_command.finish(cases[name]))
         raise KeyboardInterrupt
     assert not result.exists()
-    done = run(config, "--case", "a")
+    done = run(config, "--case", "a", "-v")
     assert f"a: {IS_KEPT}" in done.stderr.splitlines()
     with h5py.File(result) as file:
         assert list(file) == ["a", "b"]

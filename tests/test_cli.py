@@ -99,7 +99,7 @@ def test_finished_cases_are_kept(hodo: Hodo, config: Path, tmp_path: Path) -> No
     hodo("run", config)
     hodo("classify", "runs/two.h5")
     before = (tmp_path / "runs" / "two.h5").read_bytes()
-    again = hodo("run", config)
+    again = hodo("run", config, "-v")
     assert again.returncode == 0
     assert "turns: is kept" in again.stderr
     assert (tmp_path / "runs" / "two.h5").read_bytes() == before

@@ -78,7 +78,7 @@ def test_a_damaged_case_is_named_by_every_command_and_run_anew(
         done = hodo(*command)
         assert done.exit_code in (1, 2), command
         assert said in done.stderr, command
-    again = hodo("run", result.with_suffix(".yaml"), "--out", result.parent)
+    again = hodo("run", result.with_suffix(".yaml"), "--out", result.parent, "-v")
     assert "a: will run: its stored result is damaged (its checksum does not fit)" in again.stderr
     assert "b: is kept" in again.stderr
     faults.equal(faults.motions(result), sound[1])
@@ -120,7 +120,7 @@ def test_the_labels_of_other_cases_are_stored_beside_a_damaged_one(
         assert "enclosed_axis" in run.read("b").variables
         with pytest.raises(HodoError, match=r"a is damaged \("):
             run.read("a")
-    again = hodo("run", config, "--out", result.parent)
+    again = hodo("run", config, "--out", result.parent, "-v")
     assert again.exit_code == 0
     assert "b: is kept" in again.stderr
     faults.equal(faults.motions(result), right)
@@ -251,7 +251,7 @@ def test_the_parts_of_a_sweep_that_has_not_ended_stay(
     assert "no space left" in done.stderr
     monkeypatch.undo()
     assert hodo("run", config, "--out", tmp_path, "--case", "a").exit_code == 0
-    again = hodo("run", config, "--out", tmp_path)
+    again = hodo("run", config, "--out", tmp_path, "-v")
     assert again.exit_code == 0
     assert re.search(r"^s: 1 of \d+ chunks are kept$", again.stderr, re.MULTILINE)
     assert sorted(os.listdir(tmp_path)) == ["x.h5", "x.yaml"]

@@ -3,6 +3,7 @@
 import os
 import pty
 import select
+import subprocess
 import sys
 import termios
 import time
@@ -113,9 +114,26 @@ def test_a_sweep_says_how_far_it_is_chunk_by_chunk(monkeypatch: pytest.MonkeyPat
 
 
 def test_pipes_stay_clean(hodo: Hodo, tmp_path: Path) -> None:
-    """A log has a line for each case that is run, and no other command says anything."""
+    """Nothing but the table, of any command; a log of what ran is there for the asking."""
     assert hodo("init", "a").returncode == 0
-    assert hodo("run", "a.yaml").stderr.splitlines()[-1].endswith(": ok")
+    done = hodo("run", "a.yaml")
+    assert (done.stderr, len(done.stdout.splitlines())) == ("", 2)
+    why, end = hodo("run", "a.yaml", "--force", "-v").stderr.splitlines()
+    assert why.endswith("will run: --force")
+    assert end.endswith(": ok")
     for command in ("classify", "claims", "plot", "show"):
         done = hodo(command, "runs/a.h5")
         assert not done.stderr.replace("runs/a.h5 has no claims: or errata:\n", ""), command
+
+
+def test_a_log_that_takes_nothing_stops_nothing(hodo: Hodo, tmp_path: Path) -> None:
+    """Messages are lost with it, results and exit status are not."""
+    assert hodo("init", "a").returncode == 0
+    broken = ("--set", "staying.method=taylor", "--set", "staying.max_steps=1", "--out", ".")
+    with open("/dev/full", "w") as full:
+        streams = {"capture_output": False, "stdout": subprocess.PIPE, "stderr": full}
+        done = hodo("run", "-v", "a.yaml", *broken, **streams)
+        assert (done.returncode, len(done.stdout.splitlines())) == (1, 3)
+        (result,) = tmp_path.glob("a,*.h5")
+        done = hodo("classify", result, **streams)
+        assert (done.returncode, len(done.stdout.splitlines())) == (0, 3)

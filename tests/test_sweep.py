@@ -648,7 +648,7 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
     done = len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5")))
     assert 3 <= done < 18
     assert not (tmp_path / "runs" / "a.h5").exists()
-    again = hodo("run", "a.yaml", "--case", "ball")
+    again = hodo("run", "a.yaml", "--case", "ball", "-v")
     assert again.returncode == 0, again.stderr
     assert f"ball: {done} of 18 chunks are kept" in again.stderr
     assert not list(tmp_path.glob("runs/.a.h5.*"))

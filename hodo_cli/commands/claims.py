@@ -91,7 +91,7 @@ def judged(config: Config, run: ResultFile) -> tuple[list[Verdict], list[Verdict
     """The verdicts on the claims and on the errata of one result. Raises HodoError as `Judge.claim`
     does."""
     judge, by_id = Judge(run, catalogue_of_checks()), itemgetter("id")
-    with Progress(len(config.claims) + len(config.errata), logs=False) as progress:
+    with Progress(len(config.claims) + len(config.errata)) as progress:
         return (
             [judge.claim(claim) for claim in progress.through(config.claims, by_id)],
             [judge.erratum(erratum) for erratum in progress.through(config.errata, by_id)],

@@ -34,7 +34,7 @@ def classify_results(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[
     for path, config in map(result_named, paths):
         with (
             update(path, history_line(f"hodo classify {path}")) as changes,
-            Progress(len(changes.run.cases()), logs=False) as progress,
+            Progress(len(changes.run.cases())) as progress,
         ):
             warn_of_changes(changes.run, config)
             for name in progress.through(changes.run.cases()):
@@ -70,7 +70,8 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
         return None, row_of(name, labelled, case)
     if remark := inapplicable(case, group):
         remarks = [remark, *end_before_time(group)]
-        return None, {"case": name, "start": "-", "end": "-", "crossings": [], "warnings": remarks}
+        unlabelled = {"start": "-", "end": "-", "unlabelled": remark}
+        return None, {"case": name, **unlabelled, "crossings": [], "warnings": remarks}
     if (method := recorded["method"]) not in METHODS:
         raise HodoError(f"{name}: this hodo has no method {method!r}: run it again")
     # Classifying may take five times the memory of integrating: labels and crossings are found in

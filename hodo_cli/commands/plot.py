@@ -131,7 +131,7 @@ def draw_results(
     with pool(jobs if any(folder.tasks for folder in folders) else 1) as workers:
         pending = sum(len(folder.tasks) for folder in folders)
         unchanged = sum(len(folder.figures) for folder in folders)
-        with Progress(pending, logs=False) as progress:
+        with Progress(pending) as progress:
             if unchanged:
                 total = unchanged + pending
                 progress.say(f"{unchanged} of {total} figures are kept; --force draws them anew")

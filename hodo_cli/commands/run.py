@@ -27,7 +27,7 @@ from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import check_writable
 from ..storage.writer import Writer
-from ..text import file_name_fault
+from ..text import NAMES_LISTED, abridged, file_name_fault
 from .resume import CONFIG_PATH, FORCED, case_digest, check_origin, path_from, why
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
@@ -109,19 +109,22 @@ class Plan:
                     writer.keep(self.old[name])
         still = labelled(self.path, before)
         if gone := [name for name in before if name not in still]:
-            message = f"the labels of {', '.join(gone)} are gone with the old results"
+            names = ", ".join(abridged(gone, NAMES_LISTED))
+            message = f"the labels of {names} are gone with the old results"
             progress.say(f"{message}: hodo classify {self.path}")
         return self._rows(rows)
 
     def _announce(self, progress: Progress) -> None:
-        """Say what will run, and what the data say against it."""
+        """Print which results go and, if asked, what runs; and the warnings that the data give."""
         for line in self.lines():
-            progress.say(line)
+            (progress.say if line.endswith(LEFT) else progress.detail)(line)
         # Before the run: a motion that the data feed energy into may take until its last step.
-        for name, case in self.config.cases.items():
-            if name in self.reasons:
-                for warning in foreseen(case):
-                    progress.say(f"{name}: warning: {warning}")
+        warned: dict[str, list[str]] = {}
+        for name in self.reasons:
+            for warning in foreseen(self.config.cases[name]):
+                warned.setdefault(warning, []).append(name)
+        for warning, names in warned.items():
+            progress.say(f"{', '.join(abridged(names, NAMES_LISTED))}: warning: {warning}")
 
     def _root_attributes(self) -> dict[str, str | int]:
         config = self.config
@@ -157,7 +160,12 @@ class Plan:
 
 
 def execute(
-    plans: Sequence[Plan], jobs: int, scheduler: str | None, quiet: bool, fail_fast: bool
+    plans: Sequence[Plan],
+    jobs: int,
+    scheduler: str | None = None,
+    quiet: bool = False,
+    verbose: bool = False,
+    fail_fast: bool = False,
 ) -> list[dict[str, Any]]:
     """Carry out the plans, in so many processes or on a dask scheduler; the attributes of each case
     that was asked for and reached.
@@ -166,7 +174,7 @@ def execute(
     """
     rows: list[dict[str, Any]] = []
     total = sum(len(plan.reasons) for plan in plans)
-    with pool(jobs, scheduler) as workers, Progress(total, quiet) as progress:
+    with pool(jobs, scheduler) as workers, Progress(total, quiet, verbose) as progress:
         for plan in plans:
             rows += plan.execute(workers, progress, fail_fast)
             if fail_fast and any(row["status"] != "ok" for row in rows):

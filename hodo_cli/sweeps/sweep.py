@@ -31,7 +31,7 @@ def run_sweep(
     tasks = list(chunks(case))
     problems: dict[str, int] = {}
     if stored:
-        progress.say(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
+        progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
     missing = [task for task in tasks if task.first not in stored]
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
