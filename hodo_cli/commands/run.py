@@ -5,7 +5,8 @@ import os
 import re
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -26,6 +27,7 @@ from ..storage.group import Group
 from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import check_writable
+from ..storage.update import holds
 from ..storage.writer import Writer
 from ..text import NAMES_LISTED, abridged, file_name_fault
 from .resume import CONFIG_PATH, FORCED, case_digest, check_origin, path_from, why
@@ -73,8 +75,9 @@ class Plan:
         of the config.
 
         A case that fails, for whatever reason, is stored as failed unless it has ended well before;
-        `fail_fast` leaves out what would come after it. Raises HodoError if the result cannot be
-        written.
+        `fail_fast` leaves out the cases after it. A case with the numbers that are stored already
+        keeps its labels, and no statement or figure has to be made again. Raises HodoError if the
+        result cannot be written.
         """
         self._announce(progress)
         before = labelled(self.path, self.old)
@@ -92,8 +95,11 @@ class Plan:
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
                 is_ok = group.attributes["status"] == "ok"
                 rows[case.name] = {key: group.attributes[key] for key in SUMMARY}
-                if is_ok or not self._had_ended_well(case.name):
-                    done = partial(progress.done, case.name, problem(group, outcome))
+                done = partial(progress.done, case.name, problem(group, outcome))
+                if self._holds(case.name, group) and self._keep(writer, self.old[case.name]):
+                    del pending[case.name]
+                    done()
+                elif is_ok or not self._had_ended_well(case.name):
                     writer.add(case.name, group, done)
                     del pending[case.name]
                 else:
@@ -153,6 +159,19 @@ class Plan:
         """The digests by which the stored chunks of the sweeps among these cases are known."""
         cases = [self.config.cases[name] for name in names]
         return {digest(case_digest(case)) for case in cases if case.sweep}
+
+    def _holds(self, name: str, group: Group) -> bool:
+        """Whether the earlier result of a case has the numbers of a new one, and the same hash."""
+        old = self.old.get(name)
+        if not old or old.damage or group.late:
+            return False
+        if old.attributes.get("hash") != group.attributes["hash"]:
+            return False
+        attributes = {k: v for k, v in group.attributes.items() if k not in ("run_time", "case")}
+        with suppress(HodoError), open_run(old.file) as run:
+            stored = run.read(name)
+            return holds(stored, replace(group, attributes=attributes, report=stored.report))
+        return False
 
     def _had_ended_well(self, name: str) -> bool:
         """Whether there is a result that a failure must not replace."""

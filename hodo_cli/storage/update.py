@@ -80,7 +80,7 @@ class Update:
             addition = replace(addition, report=None)
         if old is None and name in self.run and name not in self.run.damaged:
             old = self.run.read(name)
-        if old is None or not _holds(old, addition, is_complete=name.startswith("_")):
+        if old is None or not holds(old, addition, is_complete=name.startswith("_")):
             if self._draft:
                 self._draft.write(name, _changed(name, old, addition))
             self.additions[name] = addition
@@ -168,7 +168,7 @@ def _rewrite(file: Path, result: ResultFile, changes: Update, history: str) -> N
                 output.write(name, _changed(name, old, additions[name]))
 
 
-def _holds(old: Group, addition: Group, is_complete: bool) -> bool:
+def holds(old: Group, addition: Group, is_complete: bool = False) -> bool:
     """Whether a group has all of an addition already and, if that `is_complete`, nothing else."""
     if is_complete and (
         set(old.attributes) != set(addition.attributes)
