@@ -57,6 +57,19 @@ def test_a_case_gives_what_the_command_stores(hodo: Hodo, tmp_path: Path) -> Non
         opened["fig5"]
 
 
+def test_listed_times_are_the_samples_of_a_case_and_of_members() -> None:
+    every, times = api.run(FIG4), [0, 10, 300, 310, 1000]
+    listed = api.run(FIG4 | {"time": {"values": times}})
+    assert listed.time.values.tolist() == times
+    np.testing.assert_allclose(listed.omega, every.omega.sel(time=times), rtol=0, atol=1e-15)
+    assert listed.crossing_time == every.crossing_time
+    sweep = {"damping.2": {"values": [0.003, 0.004]}}
+    swept = api.sweep(FIG4 | {"time": {"values": times}, "store": "trajectory", "sweep": sweep})
+    assert swept.time.values.tolist() == times
+    np.testing.assert_allclose(swept.omega[0], listed.omega, rtol=0, atol=1e-12)
+    assert "values: [0.0, 10.0, " in swept.attrs["case"]
+
+
 def test_numbers_of_numpy_are_numbers() -> None:
     made = api.run({**FIG4, "damping": np.array([0.005, 0.004, 0.003])}, classify=False)
     assert made.identical(made)

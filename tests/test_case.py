@@ -94,6 +94,19 @@ def test_dump_is_complete_and_readable() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("common", "own", "time"),
+    [("end: 10, samples: 3", "values: [1, 2]", Time(end=2, samples=2, values=(1, 2))),
+     ("start: -1, values: [1, 2]", "end: 3, samples: 5", Time(start=-1, end=3, samples=5))],
+)  # fmt: skip
+def test_listed_times_and_even_ones_replace_each_other(common: str, own: str, time: Time) -> None:
+    body = "model: linear-diag, inertia: [1, 2, 2], damping: 0, initial: {p: 1, q: 0, r: 0}"
+    text = f"defaults: {{time: {{{common}}}}}\ncases: {{a: {{{body}, time: {{{own}}}}}}}"
+    case = parse(text, "x").cases["a"]
+    assert case.time == time
+    assert parse_case(dump(case)) == case
+
+
 def test_defaults_are_merged_key_by_key_and_time_within_itself() -> None:
     config = parse(
         "defaults: {inertia: [3, 2, 1.5], damping: 0.2, resistance: {diagonal: 1, off_diagonal: "
@@ -209,6 +222,14 @@ LINES = [
         ("time: {end: 1, samples: 1.5}", 29,
          ".time.samples: expected an integer >= 1, <= 1e+15, got 1.5"),
         ("time: {start: 2}", 11, ".time: missing 'end'"),
+        ("time: {values: 3}", 20, ".time.values: expected a list of one or more: a finite number, "
+         "got 3"),
+        ("time: {values: [1, x]}", 24, ".time.values.1: expected a finite number, got 'x'"),
+        ("time: {values: [1, 2, 2]}", 27, ".time.values.2: expected a time after 2, got 2"),
+        ("time: {start: 2, values: [1, 3]}", 31,
+         ".time.values.0: expected no time before start, 2, got 1"),
+        ("time: {values: [1], samples: 3}", 34,
+         ".time.samples: leave it out where values: gives the times"),
         ("time: {end: -1}", 17, ".time.end: the span from 0 to -1 is not possible"),
         ("time: {start: -1e308, end: 1e308}", 32,
          ".time.end: the span from -1e+308 to 1e+308 is not possible"),

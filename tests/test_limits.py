@@ -51,12 +51,10 @@ cases:
         ("0", []),
     ):
         (tmp_path / "a.yaml").write_text(text.replace("LOW", low))
-        ran = hodo("run", "a.yaml", "--force")
+        ran = hodo("run", "a.yaml", "--force", "-v")
         assert ran.returncode == 0
         said = [line for line in ran.stderr.splitlines() if ": warning: " in line]
         assert [line.split("warning: ")[1] for line in said] == expected
-        if said:
-            assert ran.stderr.index(said[0]) < ran.stderr.index("[1/1]")
 
 
 DRIVEN = ("taylor", "collocation", *protocol.IVP)

@@ -117,8 +117,8 @@ def test_pipes_stay_clean(hodo: Hodo, tmp_path: Path) -> None:
     """Nothing but the table, of any command; a log of what ran is there for the asking."""
     assert hodo("init", "a").returncode == 0
     done = hodo("run", "a.yaml")
-    assert (done.stderr, len(done.stdout.splitlines())) == ("", 2)
-    why, end = hodo("run", "a.yaml", "--force", "-v").stderr.splitlines()
+    assert (done.stderr, len(done.stdout.splitlines())) == ("", 3)
+    why, *_, end = hodo("run", "a.yaml", "--force", "-v").stderr.splitlines()
     assert why.endswith("will run: --force")
     assert end.endswith(": ok")
     for command in ("classify", "claims", "plot", "show"):

@@ -9,8 +9,9 @@ are raised together, as one HodoError with a line for each.
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 from .. import HodoError, models
@@ -35,12 +36,24 @@ NAME_RULE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """Span and number of samples of a case; a single sample is that at the end."""
+    """Span and number of samples of a case; a single sample is taken at the end. `values` are the
+    times of the samples where they are not evenly spaced."""
 
     start: float = 0.0
     end: float
     samples: int = 1001
     unit: str = "1"
+    values: tuple[float, ...] | None = None
+
+    @property
+    def entries(self) -> dict[str, Any]:
+        """The keys of a case file that state it."""
+        span = ("values",) if self.values else ("end", "samples")
+        return {key: getattr(self, key) for key in ("start", *span, "unit")}
+
+    def resampled(self, samples: int) -> "Time":
+        """The same span with so many samples."""
+        return self if samples == self.samples else replace(self, samples=samples, values=None)
 
 
 @dataclass(frozen=True)
@@ -105,7 +118,7 @@ class Case:
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that describe it, complete, but for its name."""
-        common = {key: getattr(self, key) for key in COMMON} | {"time": asdict(self.time)}
+        common = {key: getattr(self, key) for key in COMMON} | {"time": self.time.entries}
         present = {k: value for k, value in common.items() if value is not None and value != {}}
         return {"model": self.model, "form": self.form, **_without_none(self.data), **present}
 
@@ -171,7 +184,7 @@ def checked_case(name: str, block: Block) -> Case:
     model, keys = keys_in(block)
     entries, mistakes = _entries_taken(block, model, keys)
     values, more = check_keys(keys, entries)
-    mistakes += [*more, *_time_mistakes(values)]
+    mistakes += [*more, *_time_mistakes(values.get("time"))]
     if model is None:
         raise Wrong(*mistakes)
     # A case without an attitude is the same whether it says so or not.
@@ -243,13 +256,25 @@ def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:
     return check_axes(sweep, type(case.system), case.data)
 
 
-def _time_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """A mistake where the end lies before the start, or so far behind it that the span is no
-    double."""
-    if time := values.get("time"):
-        start, end = time["start"], time["end"]
-        if not 0 <= end - start < math.inf:
-            yield ("time", "end"), f"the span from {start:g} to {end:g} is not possible"
+def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
+    """Mistakes: an end that is missing, lies before the start, or so far behind it that the span is
+    no double; stored times that do not rise, or stand beside an end. Values set end and samples."""
+    if time is None:
+        return
+    values, start = time["values"], time["start"]
+    if values and (others := [key for key in ("end", "samples") if time[key] is not None]):
+        yield ("time", others[0]), "leave it out where values: gives the times"
+    for i, (before, after) in enumerate(pairwise(values or ())):
+        if not before < after:
+            yield ("time", "values", i + 1), f"expected a time after {before:g}, got {after:g}"
+    if values and values[0] < start:
+        yield ("time", "values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
+    if values:
+        time |= {"end": values[-1], "samples": len(values)}
+    elif time["end"] is None:
+        yield ("time",), "missing 'end'"
+    elif not 0 <= time["end"] - start < math.inf:
+        yield ("time", "end"), f"the span from {start:g} to {time['end']:g} is not possible"
 
 
 def _store_mistakes(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -257,7 +257,19 @@ def _merge(defaults: Block, block: Block) -> Block:
         case_values, common = block.get(key), defaults.get(key)
         if isinstance(case_values, Block) and isinstance(common, Block):
             merged[key] = _merge(common, case_values)
+            for name in _replaced_times(case_values) if key == "time" else ():
+                merged[key].pop(name, None)
     return merged
+
+
+def _replaced_times(time: Block) -> set[str]:
+    """The inherited keys that a case's own `time:` replaces: samples are either listed or evenly
+    spaced."""
+    listed, spaced = {"values"}, {"end", "samples"}
+    replaced = (spaced if listed & time.keys() else set()) | (
+        listed if spaced & time.keys() else set()
+    )
+    return replaced - time.keys()
 
 
 def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:

@@ -36,7 +36,6 @@ def schema() -> dict[str, Any]:
     catalogue = models.catalogue()
     head = {"model": {"enum": list(catalogue), "description": "equations of motion"}}
     common = {name: key.schema() for name, key in COMMON.items()}
-    common["time"].pop("required")
     rules = []
     for model, forms in catalogue.items():
         named = {"properties": {"model": {"const": model}}, "required": ["model"]}

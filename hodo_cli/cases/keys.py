@@ -29,12 +29,23 @@ METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", 
 SPAN = Table(
     {
         "start": Key(Number(), "time of the initial data", "time", 0.0),
-        "end": Key(Number(), "time at which the integration ends, not before start", "time"),
+        "end": Key(
+            Number(),
+            "time at which the integration ends, not before start (required without values)",
+            "time",
+            None,
+        ),
         "samples": Key(
             Integer(least=1, most=10**15),
             "number of stored times, evenly spaced from start to end; 1 stores the end alone "
             "(default: so many that a figure of the motion is smooth, 1001 to 50001)",
             default=None,
+        ),
+        "values": Key(
+            ListOf(Number()),
+            "instead of end and samples: the stored times, rising, none before start",
+            "time",
+            None,
         ),
         "unit": Key(Text(), "unit of time, where the data have one", default="1"),
     }

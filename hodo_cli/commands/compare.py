@@ -7,7 +7,7 @@ and `atol`.
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -182,7 +182,7 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[VariableCompar
     for key in ours | theirs:
         if (
             key not in COMPUTED
-            and not key.startswith("assumes")
+            and not key.startswith(("assumes", "time.values"))
             and ours.get(key) != theirs.get(key)
         ):
             yield VariableComparison(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
@@ -209,7 +209,7 @@ def settings(case: Case) -> dict[str, Any]:
             yield path, value
 
     common = {of.name: getattr(case, of.name) for of in fields(case) if of.name != "data"}
-    return dict(flat("", {**case.data, **common, "time": asdict(case.time)}))
+    return dict(flat("", {**case.data, **common, "time": case.time.entries}))
 
 
 LABELS_STORED = ("enclosed_axis", *CROSSING_COLUMNS, "growth_rate", "final_axis")

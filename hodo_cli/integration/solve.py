@@ -33,11 +33,10 @@ already by methods whose steps are taken in Python."""
 def sample_times(case: Case) -> np.ndarray:
     """The times (n,) at which a case is stored; a single sample is the end."""
     time = case.time
-    return (
-        np.array([time.end])
-        if time.samples == 1
-        else np.linspace(time.start, time.end, time.samples)
-    )
+    if time.values:
+        return np.array(time.values)
+    few = time.samples == 1
+    return np.array([time.end]) if few else np.linspace(time.start, time.end, time.samples)
 
 
 @dataclass

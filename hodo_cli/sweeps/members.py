@@ -200,7 +200,7 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
 def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[Case]:
     """Members as cases of their own."""
     sets, combination, direction = member_inputs(case, numbers)
-    time = replace(case.time, samples=samples)
+    time = case.time.resampled(samples)
     common = replace(case, time=time, sweep=None, store=(), error="off")
     omega = None if direction is None else velocities(sets, combination, direction)
     for i, number in enumerate(numbers):
