@@ -202,6 +202,22 @@ LINES = [
          f".dampng: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
         ("DAMPING: 1", 5,
          f".DAMPING: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
+        ("lambda: 1", 5,
+         f".lambda: unknown key; did you mean 'damping'? (valid: {', '.join(LINEAR)})"),
+        ("torque: [0, 0, 1]", 5,
+         ".torque: is a key of model cavity+constant or torques, and this is model linear-diag"),
+        ("resistance: 1", 5, ".resistance: is a key of model tensor or torques, and this is model "
+                             "linear-diag; did you mean 'damping'?"),
+        ("initial: {p:0.8, q: 1, r: 1}", 15, ".initial.p:0.8: unknown key; put a space after the "
+                                             "colon: p: 0.8 (valid: p, q, r, G)"),
+        ("initial: {p: 60 deg, q: 1, r: 1}", 18,
+         ".initial.p: expected a finite number, got '60 deg'; write 1.0471975511965976, "
+         "in radians"),
+        ("inertia: [1 kg, 1, 1]", 15,
+         ".inertia.0: expected a finite positive number, got '1 kg'; write 1"),
+        ("damping: 0,005", 14, ".damping: expected a finite number, got '0,005'; write 0.005"),
+        ("damping: [0,005, 0,004, 0,003]", 14, ".damping: expected 3 numbers or one for all, got "
+         "a list of 6; decimals are written with a point, as 1.5"),
         ("damping: abc", 14, ".damping: expected a finite number, got 'abc'"),
         ("damping: '0.1'", 14, ".damping: expected a finite number, got '0.1'"),
         ("damping: true", 14, ".damping: expected a finite number, got true"),
@@ -222,8 +238,7 @@ LINES = [
         ("time: {end: 1, samples: 1.5}", 29,
          ".time.samples: expected an integer >= 1, <= 1e+15, got 1.5"),
         ("time: {start: 2}", 11, ".time: missing 'end'"),
-        ("time: {values: 3}", 20, ".time.values: expected a list of one or more: a finite number, "
-         "got 3"),
+        ("time: {values: 3}", 20, ".time.values: expected a list of one or more: number, got 3"),
         ("time: {values: [1, x]}", 24, ".time.values.1: expected a finite number, got 'x'"),
         ("time: {values: [1, 2, 2]}", 27, ".time.values.2: expected a time after 2, got 2"),
         ("time: {start: 2, values: [1, 3]}", 31,
@@ -333,7 +348,7 @@ MESSAGES: list[tuple[str, list[str]]] = [
      ["2:99: cases.a.time.end: expected a finite number, got '1,5'; write 1.5"]),
     (f"cases:\n  a: {{{BODY}, time: {{end: 1,5}}}}\n",
      ["2:101: cases.a.time.5: unknown key; decimals are written with a point, as 1.5 (valid: "
-      "start, end, samples, unit)"]),
+      "start, end, samples, values, unit)"]),
     # What follows from a mistake is not a second one.
     ("cases: {a: {model: linear-diag\n",
      ["2:1: not YAML: the { of line 1 is not closed, or lacks a comma"]),

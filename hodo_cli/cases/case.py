@@ -20,7 +20,17 @@ from ..models.base import Model
 from ..models.rigid_body import BodyFrame
 from ..schema.document import Block, locate, read
 from ..schema.frozen import frozen
-from ..schema.kinds import Key, KeyPath, Mistake, Wrong, WrongKey, check_keys, shown, unknown
+from ..schema.kinds import (
+    Key,
+    KeyPath,
+    Mistake,
+    Wrong,
+    WrongKey,
+    check_keys,
+    other_word,
+    shown,
+    unknown,
+)
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
 from .keys import COMMON, REMARKS, all_keys, keys_in
@@ -298,20 +308,27 @@ def _entries_taken(
     entries: dict[str, Any] = {}
     mistakes: list[Mistake] = []
     for key, value in block.items():
-        others = _forms_with(model, key) if model and key not in keys else ""
+        takers = _takers(model, key) if model and key not in keys else ""
         if key in keys:
             entries[key] = value
         elif key in block.inherited or (model is None and ("model" in block or key in all_keys())):
             continue
-        elif model and others:
-            message = f"is a key of form {others}, and this is form {model.form}"
-            mistakes.append(((WrongKey(key),), message))
+        elif takers:
+            word = other_word(key, keys)
+            hint = f"; did you mean {word!r}?" if word else ""
+            mistakes.append(((WrongKey(key),), f"is a key of {takers}{hint}"))
         else:
             entries[key] = value
     return entries, mistakes
 
 
-def _forms_with(model: type[Model], key: str) -> str:
-    """The forms of a model that take a key."""
-    forms = models.catalogue()[model.name].items()
-    return " or ".join(name for name, form in forms if key in keys_of_form(form))
+def _takers(model: type[Model], key: str) -> str:
+    """The forms of a model that take a key or, if there is none, the models."""
+    takers = {
+        name: [form for form, form_class in forms.items() if key in keys_of_form(form_class)]
+        for name, forms in models.catalogue().items()
+    }
+    if forms := takers[model.name]:
+        return f"form {' or '.join(forms)}, and this is form {model.form}"
+    names = [name for name, forms in takers.items() if forms]
+    return f"model {' or '.join(names)}, and this is model {model.name}" if names else ""

@@ -142,8 +142,30 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     names = list(valid)
     # A line of a terminal or two; beyond that a list hides the mistake.
     listed = f" (valid: {', '.join(names)})" if 0 < len(names) <= 40 else ""
-    comma = "; decimals are written with a point, as 1.5" if name.isdecimal() else ""
-    return f"unknown {what}{nearest(name, names)}{comma}{listed}"
+    hint = DECIMALS if name.isdecimal() else nearest(name, names)
+    if colon := re.fullmatch(r"(\w+):(\S+)", name):  # YAML reads {p:0.8} as one word
+        hint = f"; put a space after the colon: {colon[1]}: {colon[2]}"
+    return f"unknown {what}{hint}{listed}"
+
+
+DECIMALS = "; decimals are written with a point, as 1.5"
+
+OTHER_WORDS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("lambda", "lambda1", "lambdas", "friction"), ("damping", "resistance")),
+    "damping": ("resistance",),
+    "resistance": ("damping",),
+    **dict.fromkeys(("i", "j", "a", "a1", "moments"), ("inertia",)),
+    **dict.fromkeys(("omega1", "omega_1", "omega_x", "w1", "wx"), ("p",)),
+    **dict.fromkeys(("omega2", "omega_2", "omega_y", "w2", "wy"), ("q",)),
+    **dict.fromkeys(("omega3", "omega_3", "omega_z", "w3", "wz"), ("r",)),
+    **dict.fromkeys(("t", "t_end", "tmax", "t_max", "tspan", "t_span"), ("time", "end")),
+    **dict.fromkeys(("stop", "t1", "final"), ("end",)),
+    **dict.fromkeys(("n", "dt", "step", "points"), ("samples",)),
+    **dict.fromkeys(("tolerance", "rtol", "atol"), ("tol",)),
+    **dict.fromkeys(("solver", "integrator"), ("method",)),
+    **{"rho": ("density",), "nu": ("viscosity",), "eps": ("epsilon",), "m": ("torque",)},
+}
+"""Words, in lower case, that texts and other programs have for some keys."""
 
 
 LONGEST_SEARCHED = 40
@@ -161,12 +183,19 @@ def near(name: str, valid: Iterable[str]) -> str | None:
     """The name that is nearest, or None if none is near: in a long list, one letter off."""
     folded = {option.casefold(): option for option in valid}
     name = name[:200].casefold()
+    if word := other_word(name, valid):
+        return word
     if len(folded) <= LONGEST_SEARCHED:
         close = get_close_matches(name, folded, n=1)
     else:
         names = _one_letter_less(tuple(folded))
         close = [names[spelling] for spelling in _shortened(name) if spelling in names]
     return folded[close[0]] if close else None
+
+
+def other_word(name: str, valid: Iterable[str]) -> str:
+    """The valid name that a text or another program would call by this one, or ""."""
+    return next((word for word in OTHER_WORDS.get(name.lower(), ()) if word in valid), "")
 
 
 @lru_cache(maxsize=8)
@@ -201,10 +230,6 @@ def shown(value: Any) -> str:
 def expected(what: object, value: Any, hint: str = "") -> Wrong:
     """The mistake of a value that is something else than it should be."""
     return Wrong(((), f"expected {what}, got {shown(value)}{hint}"))
-
-
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
-"""1,5 for 1.5: YAML reads a text, and within braces two entries."""
 
 
 def as_finite(value: Any) -> float | None:
@@ -269,11 +294,20 @@ class Number(Bounded):
     def check(self, value: Any) -> float:
         number = as_finite(value)
         if number is None:
-            comma = isinstance(value, str) and _DECIMAL_COMMA.fullmatch(value)
-            advice = f"; write {value.replace(',', '.')}" if comma else ""
-            raise expected(f"a finite {self}", value, advice)
+            raise expected(f"a finite {self}", value, _advice(value))
         self.bounded(value, "a")
         return number
+
+
+def _advice(value: Any) -> str:
+    """How to write a number that was given with a decimal comma or a unit; or an empty string."""
+    number = re.fullmatch(r"([-+]?\d+([.,]\d+)?([eE][-+]?\d+)?) ?([^\W\d]\S*|°)?", str(value))
+    if not number or not isinstance(value, str):
+        return ""
+    digits, unit = number[1].replace(",", "."), number[4]
+    if unit in ("deg", "°"):
+        return f"; write {math.radians(float(digits)):.17g}, in radians"
+    return f"; write {digits}" if unit or "," in value else ""
 
 
 @dataclass(frozen=True)
@@ -369,7 +403,10 @@ class ListOf(Kind):
         if self.alone and self.kind.takes(value):
             return (self.kind.check(value),) * (self.length or 1)
         if not is_list(value) or not self.least <= len(value) == (self.length or len(value)):
-            raise expected(self, value)
+            # YAML takes [0,005, 0,004, 0,003] for six numbers.
+            is_numbers = isinstance(self.kind, Number) and is_list(value)
+            is_split = is_numbers and len(value) == 2 * (self.length or -1)
+            raise expected(self, value, DECIMALS if is_split else "")
         parts = ((i, self.kind, item) for i, item in enumerate(value))
         return tuple(all_right(*check_parts(parts)).values())
 
