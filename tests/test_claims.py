@@ -411,7 +411,7 @@ VARIED = [
     ("[slow, {case: slow, damping: [1, 2]}]", f"{CASE}1.damping: expected 3 "),
     ("[{case: slow, dampin: 1}]", f"{CASE}0.dampin: unknown key; did you mean 'damping'?"),
     ("[{case: slow, time: {end: -1}}]", f"{CASE}0.time.end: the span from 0 to -1 is not possible"),
-    ("[{case: slow, resistance: 1}]", f"{CASE}0.resistance: unknown key"),
+    ("[{case: slow, resistance: 1}]", f"{CASE}0.resistance: is a key of model tensor"),
     ("[{case: passing, form: ful}]", f"{CASE}0.form: "),
     ("[{case: ball, damping: 0}]", f"{CASE}0: a sweep, where a statement needs a single motion"),
     ("[{case: slow, sweep: {damping.0: {values: [1]}}}]", f"{CASE}0: a sweep, where a statement"),

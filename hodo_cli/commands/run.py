@@ -161,7 +161,8 @@ class Plan:
         return {digest(case_digest(case)) for case in cases if case.sweep}
 
     def _holds(self, name: str, group: Group) -> bool:
-        """Whether the earlier result of a case has the numbers of a new one, and the same hash."""
+        """Whether the earlier result of a case has the numbers, the hash and the config of a new
+        one."""
         old = self.old.get(name)
         if not old or old.damage or group.late:
             return False
@@ -170,6 +171,8 @@ class Plan:
         attributes = {k: v for k, v in group.attributes.items() if k not in ("run_time", "case")}
         with suppress(HodoError), open_run(old.file) as run:
             stored = run.read(name)
+            if run.attributes.get(CONFIG_PATH) != path_from(self.config, self.path):
+                return False
             return holds(stored, replace(group, attributes=attributes, report=stored.report))
         return False
 
