@@ -3,7 +3,7 @@ other values."""
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -93,18 +93,12 @@ class Motions:
         for i in range(0, len(members), size):
             if sum(len(m.time) for m in self._known.values()) > MOST_VARIED_SAMPLES:
                 self._known.clear()
-            block = [[(unnamed(case), case) for case in cases] for cases in members[i : i + size]]
-            self._integrate(dict(itertools.chain(*block)))
-            yield from ([self._known[key] for key, _ in cases] for cases in block)
+            block = members[i : i + size]
+            self._integrate(dict.fromkeys(itertools.chain(*block)))
+            yield from ([self._known[case] for case in cases] for cases in block)
 
-    def _integrate(self, cases: Mapping[Case, Case]) -> None:
+    def _integrate(self, cases: Iterable[Case]) -> None:
         """Integrate the cases that are not known, side by side where that is possible."""
-        new = {key: case for key, case in cases.items() if key not in self._known}
-        for (key, case), beside in zip(new.items(), side_by_side([*new.values()]), strict=True):
-            self._known[key] = sampled_motion(*beside) if beside else integrated_motion(case)
-
-
-def unnamed(case: Case) -> Case:
-    """A case without its name, which is its number in one sweep: the same motion may have another
-    number elsewhere."""
-    return replace(case, name="variation")
+        new = [case for case in cases if case not in self._known]
+        for case, followed in zip(new, side_by_side(new), strict=True):
+            self._known[case] = sampled_motion(*followed) if followed else integrated_motion(case)

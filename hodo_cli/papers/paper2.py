@@ -79,7 +79,7 @@ def transverse_torque_vanishes(motions: Sequence[Motion]) -> Finding:
 def with_torque(m: Motion, factor: float, angle: float) -> Motion:
     """A motion of the full equations with M1 and M2 of length 0.3, kappa and epsilon smaller."""
     # The motion is slower as the factor falls, but its frequency is not.
-    slower = weaker(m, factor, m.case.time.end / factor, int(6000 / math.sqrt(factor)))
+    slower = weaker(m, factor, m.case.time.end / factor, int(1500 / math.sqrt(factor)))
     torque = (0.3 * math.cos(angle), 0.3 * math.sin(angle), m.case.data["torque"][2])
     return integrated_motion(changed(slower, {"torque": torque}))
 

@@ -160,8 +160,8 @@ def signs_change(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(holds), min(times), words, contrary)
 
 
-RUNGE_KUTTA_STEPS = 1000
-"""Runge-Kutta steps of a motion: their error in r is 1e-9, far below what is allowed."""
+RUNGE_KUTTA_STEPS = 250
+"""Runge-Kutta steps of a motion: their error in r, 3e-8, is far below HALF_THE_DIGITS."""
 
 
 @Check
