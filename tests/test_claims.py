@@ -150,8 +150,8 @@ MEMBERS = [
     (f"cases: turning, {TURNS}, {HALF_TURN}", "under-determined",
      "holds on 1 of 2 members, 0 to 1; largest violation at damping.0 = 0.03 (no crossing)"),
     (f"cases: returning, {Y_FALLS}, over: {{torque.2: {{values: [-0.1, -0.09]}}}}", "plotting",
-     "holds on 2 of 2 members, 0 to 0.005625; largest violation 0.0056 of the range at "
-     "torque.2 = -0.1 (y goes back by 0.0056 of its range at 43)"),
+     "holds on 2 of 2 members, 0 to 0.00562; largest violation 0.562 % of the range at "
+     "torque.2 = -0.1 (y goes back by 0.562 % of its range at 43)"),
     # The members change every case alike.
     (f"cases: [slow, fast], {EQUAL}, over: {{damping.2: {{values: [0.1, 0.3]}}}}", "reproduced",
      "holds on 2 of 2 members"),
@@ -675,7 +675,7 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
     )
     assert one["fig10-area"]["number"] == pytest.approx(0.064, abs=0.0005)
     # Over lambda1 and lambda2, which are not printed.
-    assert "21 of 42 members, 0 to 0.4771;" in one["fig11-area"]["evidence"]
+    assert "21 of 42 members, 0 to 0.477;" in one["fig11-area"]["evidence"]
     # The other two do not cross before tau = 1000.
     assert one["figs-10-11-order"]["evidence"].startswith("40 of 40 pairs")
     assert one["larger-difference-sooner"]["evidence"].startswith("40 of 40 pairs")
@@ -699,7 +699,7 @@ def test_the_numbers_that_decide_are_those_found_by_other_means(
     assert growth == pytest.approx([0.0058333333, 0.0027083333], rel=1e-7)
     trend = one["larger-difference-trend"]
     assert trend["number"] == pytest.approx(-0.90, abs=0.02)
-    assert "12.1% of 405 pairs reversed" in trend["evidence"]
+    assert "12.1 % of 405 pairs reversed" in trend["evidence"]
     misprints = judged["paper1 errata"]
     assert "0.0022 for 8 starts, and 0.0638" in misprints["unit-of-angular-velocity"]["evidence"]
     # q1(0) is -0.774 where q0 is 0.

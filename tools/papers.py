@@ -70,9 +70,27 @@ def spoken(text: str) -> str:
     for printed, sign in SIGNS.items():
         text = text.replace(printed, sign)
     text = re.sub(r"sqrt\((\w+)\)", r"√\1", text).replace("sqrt(", "√(")
-    text = re.sub(r"(?<=\d)%", " %", text)
-    index = str.maketrans("0123", "₀₁₂₃")
-    return re.sub(r"(?<!\w)([A-Za-zλω])([0-3])(?!\w)", lambda m: m[0].translate(index), text)
+    text = re.sub(r"(?<![\w.])(\d[\d.]*)e([+-]\d+)", power_of_ten, text)
+    # Indices: x1, 2TA2, r_0, I_ij; ui and λi stand so in quotations.
+    text = re.sub(r"(?<![A-Za-z])(T?[A-Za-zλω])([0-3])(?![A-Za-z0-9]|\.\d)", lowered, text)
+    text = re.sub(r"([A-Za-zλω])_([ij]+)", lowered, text)
+    return re.sub(r"(?<![A-Za-z])([λu])(i)(?!\w)", lowered, text)
+
+
+LOWERED = str.maketrans("0123ij", "₀₁₂₃ᵢⱼ")
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+"""Indices and exponents as they are set."""
+
+
+def lowered(match: re.Match[str]) -> str:
+    """A letter with its index."""
+    return match[1] + match[2].translate(LOWERED)
+
+
+def power_of_ten(match: re.Match[str]) -> str:
+    """A number such as 1.2e-15 with a power of ten."""
+    factor = "" if match[1] == "1" else f"{match[1]}·"
+    return f"{factor}10{str(int(match[2])).translate(RAISED)}"
 
 
 def plain(text: str) -> str:
@@ -94,7 +112,8 @@ def sentence(text: str) -> str:
     text = spoken(text.rstrip("."))
     if not text:
         return ""
-    return f"{text[:1].upper() + text[1:] if text[1:2].isalpha() else text}."
+    is_word = text[1:2].isalpha() or text.startswith("a ")
+    return f"{text[:1].upper() + text[1:] if is_word else text}."
 
 
 def item(parts: Iterable[str]) -> str:
@@ -160,8 +179,10 @@ def misprint(row: Mapping[str, Any]) -> str:
     parts = [place(row), f"Printed: {plain(row['printed'])}."]
     parts.append(f"Should be: {plain(row['should_be'])}.")
     shown = f": {plain(row['evidence'])}" if row["evidence"] else ""
-    parts += [f"**{row['verdict'].capitalize()}**{shown}.", plain(sentence(row["note"]))]
-    return item(parts)
+    parts.append(f"**{row['verdict'].capitalize()}**{shown}.")
+    if row["contradicted_by"]:
+        parts.append(f"Refuted by {plain(row['contradicted_by'])}.")
+    return item([*parts, plain(sentence(row["note"]))])
 
 
 def shown(config: Config) -> list[str]:
@@ -182,14 +203,17 @@ def numbered(names: Iterable[str]) -> str:
 
 
 def assumptions(config: Config) -> Iterator[str]:
-    """What the cases of the figures take that the paper does not print."""
-    taken: dict[str, list[str]] = {}
+    """What the cases of the figures take that the paper does not print, by what it is."""
+    cases: dict[str, dict[str, list[str]]] = {}
     for name in shown(config):
         for key, text in config.cases[name].assumes.items():
-            taken.setdefault(f"{key}: {text}", []).append(name)
-    for text, names in taken.items():
-        if figures := numbered(names):
-            yield item([f"{plain(text)} ({figures})"])
+            cases.setdefault(key, {}).setdefault(text, []).append(name)
+    for key, names_by_text in cases.items():
+        figures = {text: numbered(names) for text, names in names_by_text.items()}
+        words = [f"{plain(text)} ({numbers})" for text, numbers in figures.items() if numbers]
+        if words:
+            choices = (textwrap.indent(item([choice]), "  ") for choice in words)
+            yield "\n".join([f"- **{plain(sentence(key)).rstrip('.')}**", *choices])
 
 
 def section(heading: str, items: Iterable[str]) -> str:
@@ -203,8 +227,9 @@ def summary(run: ResultFile, config: Config, claims: Sequence[Any], errata: Sequ
     names = shown(config)
     errors = [run.row(name, {"error": float})["error"] for name in names]
     largest = max((error for error in errors if error == error), default=float("nan"))
+    counts = re.sub(r"(?<!\b1) holds by", " hold by", totals("statement", claims, VERDICTS))
     words = (
-        f"{totals('statement', claims, VERDICTS)}. {totals('erratum', errata, MISPRINTS)}. "
+        f"{counts}. {totals('erratum', errata, MISPRINTS)}. "
         f"{len(config.figures)} figures are drawn from {len(names)} motions, whose measured errors "
         f"are at most {largest:.1g}."
     )

@@ -13,7 +13,7 @@ import numpy as np
 from ..models import rigid_body
 from ..results.motion import Array, Motion
 from ..sweeps.averages import average
-from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed
+from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
 from .quantities import number, quantity
 
 Keys = Mapping[str, Any]
@@ -25,9 +25,10 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     wanted = {moment: check[moment] for moment in ("start", "end") if check[moment]}
     complying = sum(wanted.items() <= {"start": a, "end": b}.items() for a, b in axes)
     words = ", ".join(f"{start} to {end}" if start != end else start for start, end in axes)
-    contrary = " or ".join(f"at the {moment} not {label}" for moment, label in wanted.items())
-    holds = complying == len(motions)
-    return Finding(if_true(holds), float(complying), words, f"an axis {contrary}")
+    contrary = " or ".join(
+        f"an axis other than {x} at the {moment}" for moment, x in wanted.items()
+    )
+    return Finding(if_true(complying == len(motions)), float(complying), words, contrary)
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
@@ -51,8 +52,10 @@ def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
 
 def contrary_crossings(check: Keys) -> str:
     """The crossings that a check of crossings does not allow, in words."""
-    words = [f"fewer crossings than {check['least']}"] if check["least"] else []
-    words += [f"more crossings than {check['most']}"] if check["most"] is not None else []
+    least, most = check["least"], check["most"]
+    words = ["no crossing" if least == 1 else f"fewer crossings than {least}"] if least else []
+    if most is not None:
+        words.append(f"more crossings than {most}" if most else "a crossing")
     ends = [f"{side} {check[side]}" for side in ("from", "to") if check[side]]
     words += [f"a crossing that is not {' '.join(ends)}"] if ends else []
     return " or ".join(words)
@@ -125,7 +128,7 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
             if violation := beyond(float(climb.max()) / range_of(m, name), ROUNDING):
                 worst = max(worst, violation)
                 time = f"{m.time[climb.argmax()]:.4g}"
-                words.append(f"{name} goes back by {violation:.2g} of its range at {time}")
+                words.append(f"{name} goes back by {part_of(violation)} of its range at {time}")
     contrary = f"a step back above {PLOTTING_ACCURACY:.0%} of the range"
     return Finding(
         worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back", contrary

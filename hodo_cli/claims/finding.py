@@ -80,6 +80,11 @@ def listed(values: Iterable[float], digits: int = 4) -> str:
     return ", ".join(f"{0 if abs(x) <= least else x:.{digits}g}" for x in numbers)
 
 
+def part_of(ratio: float) -> str:
+    """A part of some whole in words, in percent."""
+    return f"{100 * ratio:.3g} %"
+
+
 ValuePair = tuple[np.ndarray, np.ndarray]
 """Values of a motion and of a formula for them, of one shape."""
 
@@ -116,7 +121,8 @@ def erratum(errors: Iterable[float], within: float, quantity: str = "off by") ->
     printed, corrected = errors
     words = f"{quantity} {printed:.3g} as printed, {corrected:.2g} corrected"
     shown = if_true(corrected <= within < printed)
-    return Finding(shown, printed, words, f"a corrected form that is off by more than {within:g}")
+    contrary = f"a corrected form that is off by more than {within:g}, or a printed one that is not"
+    return Finding(shown, printed, words, contrary)
 
 
 @dataclass(frozen=True)

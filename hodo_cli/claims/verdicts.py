@@ -35,7 +35,7 @@ from ..schema.kinds import unknown
 from ..storage.hdf5 import ResultFile
 from ..sweeps.averages import distance_of_sweeps
 from .checks import MOTION_CHECKS, averages
-from .finding import Check, Finding, Trend, Verdict
+from .finding import Check, Finding, Trend, Verdict, part_of
 from .variations import Motions, changed, members
 
 
@@ -216,7 +216,7 @@ def gridded(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdic
     worst = max(findings, key=lambda member: findings[member].deviation)
     deviation, holds = findings[worst].deviation, sum(f.holds for f in findings.values())
     disagree = 0 < holds < len(findings)
-    size = f"{deviation:.2g} of the range " if deviation < math.inf else ""
+    size = f"{part_of(deviation)} of the range " if deviation < math.inf else ""
     violation = (
         f"; largest violation {size}at {worst} ({findings[worst].words})" if deviation else ""
     )
@@ -231,9 +231,9 @@ def sampled(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdic
     """The verdict over a sample of the motions that the statement is about."""
     holds = sum(f.holds for f in findings.values())
     share = holds / len(findings)
-    percent = f"{100 * share:.3g} %"
     words = (
-        f"holds for {holds} of {len(findings)} members of a sample ({percent}){spread(findings)}"
+        f"holds for {holds} of {len(findings)} members of a sample ({100 * share:.3g} %)"
+        f"{spread(findings)}"
     )
     of_member = next(iter(findings.values())).contradicted_by
     failing = 1 - claim["share"]
@@ -245,4 +245,4 @@ def sampled(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdic
 def spread(findings: Mapping[str, Finding]) -> str:
     """The range of the deciding number over the members, where there is one."""
     numbers = [finding.number for finding in findings.values()]
-    return f", {min(numbers):.4g} to {max(numbers):.4g}" if min(numbers) < max(numbers) else ""
+    return f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""

@@ -11,7 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from ..claims.finding import Check, Finding, Trend, agreement, difference, erratum, if_true, listed
+from ..claims.finding import (
+    Check,
+    Finding,
+    Trend,
+    agreement,
+    difference,
+    erratum,
+    if_true,
+    listed,
+    part_of,
+)
 from ..claims.quantities import first, number, reach, swept_angle, zeros
 from ..engines import have_taylor
 from ..engines.protocol import EPS
@@ -255,7 +265,7 @@ def larger_difference_sooner_as_a_trend(members: Sequence[Sequence[Motion]]) -> 
     apart = [(i, j) for i, j in pairs if differences[i] != differences[j]]
     reversed_ = sum((differences[i] < differences[j]) == (times[i] < times[j]) for i, j in apart)
     share = reversed_ / len(apart)
-    words = f"rank correlation {correlation:.2f}, {share:.1%} of {len(apart)} pairs reversed"
+    words = f"rank correlation {correlation:.2f}, {part_of(share)} of {len(apart)} pairs reversed"
     # A trend, and no law: the middle coefficient matters too, so pairs may be reversed.
     return Finding(if_true(correlation < -0.8), correlation, words, "a correlation above -0.8")
 
@@ -337,7 +347,11 @@ def about_x1(motions: Sequence[Motion]) -> tuple[float, float, str]:
     """The part of the figure that one motion fills in A, its turns about x1, and both in words."""
     (m,) = motions
     filled, turns = number(m, "area_largest"), longest_turn(m, 0, EXPLICIT)
-    return filled, turns, f"p^2 reaches {filled:.2%} of the figure in A; {turns:.3g} turns about x1"
+    return (
+        filled,
+        turns,
+        f"p^2 reaches {part_of(filled)} of the figure in A; {turns:.3g} turns about x1",
+    )
 
 
 @Trend
