@@ -42,7 +42,7 @@ def test_each_verdict() -> None:
     # one is silent.
     assert trials.verdict(motion, 1e-2, 0.0) == "SILENT"
     wrong = replace(motion, state=motion.state * 1.1)
-    assert trials.verdict(wrong, 0.1, 0.0) == "inaccurate, said so"
+    assert trials.verdict(wrong, 0.1, 0.0) == "inaccurate, as stated"
 
 
 def test_one_ulp_moves_every_number_that_is_not_zero() -> None:

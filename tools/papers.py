@@ -70,6 +70,7 @@ def spoken(text: str) -> str:
     for printed, sign in SIGNS.items():
         text = text.replace(printed, sign)
     text = re.sub(r"sqrt\((\w+)\)", r"√\1", text).replace("sqrt(", "√(")
+    text = re.sub(r"(?<=\d)%", " %", text)
     text = re.sub(r"(?<![\w.])(\d[\d.]*)e([+-]\d+)", power_of_ten, text)
     # Indices: x1, 2TA2, r_0, I_ij; ui and λi stand so in quotations.
     text = re.sub(r"(?<![A-Za-z])(T?[A-Za-zλω])([0-3])(?![A-Za-z0-9]|\.\d)", lowered, text)
@@ -233,7 +234,7 @@ def summary(run: ResultFile, config: Config, claims: Sequence[Any], errata: Sequ
         f"{len(config.figures)} figures are drawn from {len(names)} motions, whose measured errors "
         f"are at most {largest:.1g}."
     )
-    return textwrap.fill(words, WIDTH, break_on_hyphens=False)
+    return textwrap.fill(plain(words), WIDTH, break_on_hyphens=False)
 
 
 def page(run: ResultFile) -> str:

@@ -118,21 +118,22 @@ def monotone(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Quantities that only fall or only rise; decided by the largest violation relative to the
     range."""
     sign = 1 if check["sense"] == "falls" else -1
-    worst, words = 0.0, []
-    for m in motions:
-        for name in check["of"]:
-            values = sign * quantity(m, name)
-            # How far each value is above the least before it: a slow climb counts, not only a
-            # single step.
-            climb = values - np.minimum.accumulate(values)
-            if violation := beyond(float(climb.max()) / range_of(m, name), ROUNDING):
-                worst = max(worst, violation)
-                time = f"{m.time[climb.argmax()]:.4g}"
-                words.append(f"{name} goes back by {part_of(violation)} of its range at {time}")
-    contrary = f"a step back above {PLOTTING_ACCURACY:.0%} of the range"
-    return Finding(
-        worst, worst, "; ".join(words) or f"{', '.join(check['of'])}: no step back", contrary
+    violations: dict[str, tuple[float, float]] = {}
+    for name, m in itertools.product(check["of"], motions):
+        values = sign * quantity(m, name)
+        # How far each value is above the least before it: a slow climb counts, not only a single
+        # step.
+        climb = values - np.minimum.accumulate(values)
+        if violation := beyond(float(climb.max()) / range_of(m, name), ROUNDING):
+            largest = violation, float(m.time[climb.argmax()])
+            violations[name] = max(violations.get(name, largest), largest)
+    words = "; ".join(
+        f"{name} goes back by {part_of(violation)} of its range at {time:.4g}"
+        for name, (violation, time) in violations.items()
     )
+    worst = max((violation for violation, _ in violations.values()), default=0.0)
+    contrary = f"a step back above {PLOTTING_ACCURACY:.0%} of the range"
+    return Finding(worst, worst, words or f"{', '.join(check['of'])}: no step back", contrary)
 
 
 def order(check: Keys, motions: Sequence[Motion]) -> Finding:

@@ -26,7 +26,7 @@ from ..models import rigid_body
 TRIAL_VERDICTS = (
     "accurate",
     "limited by the data",
-    "inaccurate, said so",
+    "inaccurate, as stated",
     "failed with a message",
     "timeout",
     "SILENT",
@@ -228,7 +228,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
     errors, _ = measured_error(motion)
-    return "inaccurate, said so" if any(remarks(compared(motion), errors)) else "SILENT"
+    return "inaccurate, as stated" if any(remarks(compared(motion), errors)) else "SILENT"
 
 
 def crossing_error(motion: Trajectory, sure: ReferenceMotion) -> float:

@@ -160,20 +160,15 @@ def ratio_to_1(members: Sequence[Sequence[Motion]]) -> Finding:
     """The limit of x falls all the way as A/C falls to 1; decided by the A/C at which it turns,
     which is 1 if it does not.
     """
-    ratios = [m.inertia[0] / m.inertia[2] for m, *_ in members]
-    turning, words = [], []
-    for i in range(len(members[0])):
-        limits = [float(quantity(motions[i], "x")[-1]) for motions in members]
-        # Where the limit falls with A/C it is smallest at the smallest ratio.
-        least = int(np.argmin(limits))
-        turning.append(float(ratios[least]))
-        words.append(
-            f"x {limits[0]:.4f} at A/C = {ratios[0]:.4g}, least {limits[least]:.4f} "
-            f"at {ratios[least]:.4g}, {limits[-1]:.4f} at {ratios[-1]:.4g}"
-        )
-    falls = all(ratio == min(ratios) for ratio in turning)
+    ratios = [m.inertia[0] / m.inertia[2] for (m,) in members]
+    limits = [number(m, "x") for (m,) in members]
+    # Where the limit falls with A/C it is smallest at the smallest ratio.
+    least = int(np.argmin(limits))
+    shown = sorted({0, least, len(limits) - 1})
+    x, ratio = (listed(values[i] for i in shown) for values in (limits, ratios))
+    falls, words = ratios[least] == min(ratios), f"x = {x} at A/C = {ratio}"
     contrary = "a least x at another A/C than the smallest"
-    return Finding(if_true(falls), min(turning), "; ".join(words), contrary)
+    return Finding(if_true(falls), float(ratios[least]), words, contrary)
 
 
 # Errata: each check shows the printed form wrong and the corrected one right.
