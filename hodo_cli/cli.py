@@ -389,7 +389,7 @@ def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
     default=("png",),
     show_default=True,
     shell_complete=_formats,
-    help="png, svg, pdf, csv or html (repeatable).",
+    help="png, svg, pdf, csv or html; gif or mp4 of what moves (repeatable).",
 )
 @_folder("runs/figures")
 @click.option("--force", is_flag=True, help="Draw unchanged figures again too.")

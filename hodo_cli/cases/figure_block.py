@@ -25,7 +25,7 @@ from ..schema.kinds import (
 )
 from .sweep_block import AXIS_LABELS
 
-FORMATS = ("png", "svg", "pdf", "csv", "html")
+FORMATS = ("png", "svg", "pdf", "csv", "html", "gif", "mp4")
 """The formats that a figure is written in."""
 
 SCRIPT = "plotly.js"
@@ -58,7 +58,11 @@ DERIVED = (
     *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H"),
     *("x1_direction", "separatrix_distance", "psi", "theta", "phi"),
     *(f"attitude.{part}" for part in "abcd"),
-    *(f"{name}_space.{axis}" for name in ("G", "omega", "x1", "x2", "x3") for axis in "xyz"),
+    *(
+        f"{name}_space.{axis}"
+        for name in ("G", "omega", "x1", "x2", "x3", "total")
+        for axis in "xyz"
+    ),
 )
 """The quantities that `results.motion` computes from the samples of a motion."""
 
@@ -128,6 +132,16 @@ AXIS_TRACE = SPHERE | {
         ListOf(Choice("x1", "x2", "x3")), "axes of the body, a curve each", default=("x3",)
     ),
 }
+
+BODY = {
+    "view": VIEW,
+    "moments": Key(
+        ListOf(Number()), "times that are printed, a panel each (default: start, middle and end)",
+        "time", (),
+    ),
+    "span": Key(vector(2), "part of the time axis to show (default: all)", "time", None),
+    "seconds": Key(Number(above=0), "how long the film lasts", "s", 20.0),
+}  # fmt: skip
 
 QUADRANTS = {
     "scale_with": Key(NAMES, "figures of this file that share one scale with this one", default=()),
@@ -224,6 +238,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "sphere": TIMED | SPHERE,
     "herpolhode": TIMED | HERPOLHODE,
     "axis-trace": TIMED | AXIS_TRACE,
+    "body": OF_CASES | {"time": TIME_SYMBOL} | BODY,
     "quadrants": OF_CASES | {"time": TIME_SYMBOL} | QUADRANTS,
     "quadrant-sketch": SKETCH,
     "series": TIMED | SERIES,
@@ -260,6 +275,8 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
             yield path, f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
     if values.get("at") and not values.get(axis := _axis_of_positions(values)):
         yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
+    if values.get("kind") == "body" and len(several) > 1:
+        yield ("cases",), f"expected one case, whose body moves, got {len(several)}"
     if values.get("kind") == "map":
         yield from _map_axis_mistakes(values.get("x"), values.get("y"), values.get("panels"))
     if several:
@@ -301,7 +318,7 @@ SWEPT_KINDS = ("map", "curve", "share")
 KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
 """The kinds that draw what follows from the angular velocity in body axes."""
 
-KINDS_IN_SPACE = ("herpolhode", "axis-trace")
+KINDS_IN_SPACE = ("herpolhode", "axis-trace", "body")
 """The kinds that draw where the body points."""
 
 

@@ -227,6 +227,9 @@ class Folder:
         self.record = read_record(path)
         self._formats = tuple(dict.fromkeys(formats))
         chosen = {name: config.figure(name) for name in names or config.figures}
+        for name in names:
+            if {*formats} <= {"gif", "mp4"} and config.figure(name)["kind"] != "body":
+                raise HodoError(f"figure {name} does not move: films are of the kind body")
         self._drawn = {name: None if force else self._kept(name) for name in chosen}
         self.tasks = [
             FigureTask(run.path, config, name, self._formats, path)

@@ -21,10 +21,11 @@ from ..results.dataset import MOTION_DIMS, Cases, case_in, is_sweep, motions_of,
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
+from .body import body
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import STYLE, Drawing, Sheet, check_tex, lighten, save, title_lines
+from .sheet import FILMS, STYLE, Drawing, Sheet, check_tex, lighten, save, title_lines
 from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
     "sphere": sphere,
     "herpolhode": herpolhode,
     "axis-trace": axis_trace,
+    "body": body,
     "quadrants": quadrants,
     "quadrant-sketch": quadrant_sketch,
     "series": time_series,
@@ -178,12 +180,17 @@ def _files(
     """The files of one figure, each when it is written."""
     spec = figures[name]
     sheet = draw(spec, cases, figures)
+    caption, film = " ".join(filter(None, [spec["caption"], *sheet.remarks])), sheet.figure.film
     for path in files:
-        if path.suffix == ".html":
-            # Late, because plotly need not be installed where no figure is to be turned.
+        if path.suffix in FILMS:
+            if film is None:
+                continue
+            film.write(path)
+        elif path.suffix != ".html":
+            save(sheet, path, about=caption)
+        else:
+            # Late, because plotly's script is long, and wanted where figures turn.
             from .interactive import write_interactive
 
             write_interactive(sheet, spec, cases, path, name)
-        else:
-            save(sheet, path, about=" ".join(filter(None, [spec["caption"], *sheet.remarks])))
         yield path

@@ -84,7 +84,7 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
 
 
-VECTORS = {"gamma": r"\gamma", "omega": r"\omega"}
+VECTORS = {"gamma": r"\gamma", "omega": r"\omega", "total": r"(G-\kappa\dot\omega)"}
 """The symbols of stored vectors whose name is not theirs."""
 
 

@@ -6,7 +6,6 @@ from typing import Any
 import matplotlib.style
 import numpy as np
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .. import HodoError
@@ -30,7 +29,7 @@ from .artists import (
     legend,
     styles,
 )
-from .sheet import STYLE, Sheet
+from .sheet import STYLE, Drawing, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
 """The look of counted shares, on the line of the calculated ones."""
@@ -129,7 +128,7 @@ def draw_bench(trials: Group, verdicts: Sequence[str]) -> Sheet:
     """The figure of trials as they are stored, over case, method and tolerance: work against
     precision where there are several tolerances, else the map of verdicts."""
     with matplotlib.style.context(["default", STYLE]):
-        sheet = Sheet(Figure(layout="constrained"))
+        sheet = Sheet(Drawing(layout="constrained"))
         if len(trials.variables["tol"].data) > 1:
             work_precision(sheet, trials)
         else:

@@ -134,6 +134,12 @@ def write_interactive(
 
     Raises HodoError if a file cannot be written.
     """
+    caption = " ".join(filter(None, [spec["caption"], *sheet.remarks]))
+    back = f"../index.html#{quote(path.parent.name)}-{quote(name)}"
+    if sheet.figure.film:
+        with replacing(path) as draft:
+            draft.write_text(sheet.figure.film.page(name, caption, back), encoding="utf-8")
+        return
     script = path.parent.parent / SCRIPT
     # Once for all figures: it has 5 MB, and nothing is fetched from elsewhere when a page opens.
     if not script.exists():
@@ -142,10 +148,10 @@ def write_interactive(
     shell = Template((Path(__file__).parent / "figure.html").read_text(encoding="utf-8"))
     page = shell.substitute(
         title=escape(name),
-        caption=escape(" ".join(filter(None, [spec["caption"], *sheet.remarks]))),
+        caption=escape(caption),
         how_to=how_to(sheet),
         script=f"../{SCRIPT}",
-        back=f"../index.html#{quote(path.parent.name)}-{quote(name)}",
+        back=back,
         # A caption or label may hold what ends a script.
         figure=json.dumps(interactive(sheet, spec, cases), default=packed).replace("</", "<\\/"),
     )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import matplotlib.style
 import numpy as np
@@ -98,8 +98,38 @@ class Scene:
         return self.view(points)
 
 
+FILMS = (".gif", ".mp4")
+"""The suffixes of files of what moves."""
+
+
+class MovingPicture(Protocol):
+    """What a figure is where it can move."""
+
+    def page(self, title: str = "", caption: str = "", back: str = "") -> str:
+        """A page that plays it."""
+
+    def frame(self) -> str:
+        """The page in a frame of a notebook."""
+
+    def write(self, path: Path) -> None:
+        """Write it as a film. Raises HodoError if that is not possible."""
+
+
 class Drawing(Figure):
-    """A figure that a notebook shows as an image by itself, whatever backend it has."""
+    """A figure that a notebook shows by itself, whatever backend it has: as an image, or moving."""
+
+    film: MovingPicture | None = None
+
+    def _repr_html_(self) -> str | None:
+        return self.film.frame() if self.film else None
+
+    def savefig(self, fname: Any, **keys: Any) -> None:
+        """As matplotlib does; to a name that ends with .gif or .mp4, what moves as a film."""
+        path = Path(fname) if isinstance(fname, str | Path) else Path()
+        if self.film and path.suffix in FILMS:
+            self.film.write(path)
+        else:
+            super().savefig(fname, **keys)
 
     def _repr_png_(self) -> bytes:
         """The figure as PNG."""
@@ -113,7 +143,7 @@ class Drawing(Figure):
 class Sheet:
     """A figure being drawn, with a record of every value that it shows."""
 
-    figure: Figure
+    figure: Drawing
     shown: list[DrawnCurve] = field(default_factory=list)
     scenes: dict[Axes, Scene] = field(default_factory=dict)
     """The panels that show space."""

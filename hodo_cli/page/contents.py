@@ -85,6 +85,7 @@ KINDS_IN_WORDS = {
     "sphere": "Curves of the direction of angular momentum on the unit sphere",
     "herpolhode": "Curve of the angular velocity in space, across the angular momentum",
     "axis-trace": "Curves of the directions of body axes in space, on the unit sphere",
+    "body": "The body in space at some moments, with its angular momentum and velocity",
     "quadrants": "Squares of two angular velocities, with the regions of both enclosed axes",
     "quadrant-sketch": "Sketch of the regions of both enclosed axes",
     "series": "Curves over time",

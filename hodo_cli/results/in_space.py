@@ -23,11 +23,20 @@ def rotations(m: "Motion") -> Any:
 
 
 def vector_in_space(m: "Motion", name: str) -> np.ndarray:
-    """G, omega or a body axis in space axes (n, 3)."""
+    """G, omega, a body axis, or the momentum of body and fluid together in space axes (n, 3)."""
     turned = rotations(m)
     if name in ("x1", "x2", "x3"):
         return np.asarray(turned.apply(np.eye(3)[int(name[1]) - 1]))
-    return np.asarray(turned.apply(m.G if name == "G" else m.omega))
+    vector = {"G": lambda: m.G, "omega": lambda: m.omega, "total": lambda: momentum_with_fluid(m)}
+    return np.asarray(turned.apply(vector[name]()))
+
+
+def momentum_with_fluid(m: "Motion") -> np.ndarray:
+    """G - kappa omega' (n, 3) in body axes, omega' that of the free body: the momentum of body and
+    fluid together, to first order in kappa. Raises KeyError for a body without a fluid."""
+    A, omega = m.inertia, m.omega
+    acceleration = np.cross(m.G, omega) / A
+    return np.asarray(m.G - m.case.system.constants["kappa"] * acceleration)
 
 
 def component_in_space(name: str, axis: str, m: "Motion") -> np.ndarray:
@@ -59,7 +68,7 @@ def quaternion_part(letter: str, m: "Motion") -> np.ndarray:
 
 IN_SPACE = {
     f"{name}_space.{axis}": partial(component_in_space, name, axis)
-    for name in ("G", "omega", "x1", "x2", "x3")
+    for name in ("G", "omega", "x1", "x2", "x3", "total")
     for axis in SPACE_AXES
 }
 ANGLES_IN_SPACE = {name: partial(euler_angle, name) for name in ("psi", "theta", "phi")}

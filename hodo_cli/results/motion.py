@@ -429,6 +429,7 @@ UNITS = {
     "Gz": "moment of inertia / time",
     "H": "moment of inertia / time^2",
     "G_space": "moment of inertia / time",
+    "total_space": "moment of inertia / time",
     "omega_space": "1/time",
     "x1_space": "1",
     "x2_space": "1",

@@ -1,0 +1,226 @@
+"""A body that moves: printed at some moments, played and turned in a page or a notebook, or written
+as a film.
+
+What is drawn stands once, as a list of parts in axes of the body or of space; the printed picture
+here and the script of the page (`film.html`) know no more than faces, trails and arrows.
+"""
+
+import json
+import math
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.animation import FFMpegWriter
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from .. import HodoError
+from ..results.dataset import Cases, motions_of
+from ..results.in_space import rotations
+from ..results.motion import Motion
+from ..storage.staging import replacing
+from .artists import AXIS_COLOUR, BLACK, GREY, PAGE, PURPLE, RED, arrow, pair
+from .geometry import View
+from .plane import within_span
+from .sheet import STYLE, Look, Sheet, without_tex
+
+MOST_SAMPLES = 3000
+"""The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
+
+FRAMES_A_SECOND = 20
+FILM_SIZE, FILM_DPI = 4.0, 120
+"""Inches of a side, and pixels an inch: even numbers of pixels, which films want."""
+
+REACH = 1.2
+"""Half the width of a picture; G is 1 where it is largest."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Part of a moving picture: a face of the body, the trail of a point or an arrow from the
+    centre to it, through points (n, 3) in axes of the body or of space; a point a sample, or one
+    that stays."""
+
+    role: str
+    of_body: bool
+    points: np.ndarray
+    colour: str
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Film:
+    """A motion as a moving picture: times (n,), attitudes (n, 4), parts, the angles of view in
+    degrees, the seconds that it lasts, and the words before and after a time."""
+
+    time: np.ndarray
+    attitude: np.ndarray
+    matrices: np.ndarray
+    parts: Sequence[Part]
+    view: tuple[float, float]
+    seconds: float
+    words: tuple[str, str]
+
+    def page(self, title: str = "", caption: str = "", back: str = "") -> str:
+        """The film in a page that plays, pauses, scrubs and turns it, and needs no other file."""
+        shell = Template((Path(__file__).parent / "film.html").read_text(encoding="utf-8"))
+        data = {
+            "time": packed32(self.time - self.time[0]),
+            "start": float(self.time[0]),
+            "attitude": packed32(self.attitude),
+            "parts": [asdict(part) | {"points": packed32(part.points)} for part in self.parts],
+            "view": self.view, "seconds": self.seconds, "words": self.words, "reach": REACH,
+        }  # fmt: skip
+        link = f'<p><a href="{escape(back)}">All figures</a> <b>{escape(title)}</b></p>'
+        return shell.substitute(
+            title=escape(title),
+            head=link if back else "",
+            caption=escape(caption),
+            # A name may hold what ends a script.
+            film=json.dumps(data).replace("</", "<\\/"),
+        )
+
+    def frame(self) -> str:
+        """The page in a frame, as a notebook shows it."""
+        source = escape(self.page())
+        size = 'width="560" height="640" style="border: 0"'
+        return f'<iframe srcdoc="{source}" {size} title="moving body"></iframe>'
+
+    def write(self, path: Path) -> None:
+        """Write the film in the format of the path's suffix, .gif or .mp4.
+
+        Raises HodoError without ffmpeg, which writes the latter, or if the file cannot be written.
+        """
+        if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+            raise HodoError("MP4 needs ffmpeg, which is not installed; GIF needs no other program")
+        with matplotlib.style.context(["default", STYLE]), replacing(path) as draft:
+            figure = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
+            canvas: Any = FigureCanvasAgg(figure)
+            if path.suffix == ".gif":
+                first, *rest = (
+                    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(64)
+                    for _ in moving(self, figure)
+                )
+                pause = 1000 // FRAMES_A_SECOND
+                first.save(draft, "gif", save_all=True, append_images=rest, duration=pause, loop=0)
+                return
+            writer = FFMpegWriter(FRAMES_A_SECOND, extra_args=["-f", "mp4", "-pix_fmt", "yuv420p"])
+            with writer.saving(figure, str(draft), FILM_DPI):
+                for _ in moving(self, figure):
+                    writer.grab_frame()
+
+
+def packed32(values: np.ndarray) -> str:
+    """Numbers as the bytes of 32-bit ones, finer than any screen."""
+    return b64encode(values.astype("<f4").tobytes()).decode()
+
+
+def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
+    """The body in space at some moments, with G, omega, the hodograph on the body and the
+    herpolhode in space; a film where it can move."""
+    (motion,) = motions_of(cases, spec["cases"], spec["labels"])
+    film = film_of(motion, spec)
+    sheet.figure.film = film
+    moments = spec["moments"] or film.time[[0, len(film.time) // 2, -1]].tolist()
+    for vector in ("omega_space", "G_space", *(f"x{i}_space" for i in (1, 2, 3))):
+        names = [f"{vector}.{axis}" for axis in "xyz"]
+        sheet.record(vector, motion.label, {"time": motion.time, **motion.columns(*names)})
+    columns = min(4, len(moments))
+    rows = -(-len(moments) // columns)
+    side = PAGE / columns
+    sheet.figure.set_size_inches(PAGE, rows * (side + 0.2))
+    panels = sheet.figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, moment in zip(panels, moments, strict=False):
+        if not film.time[0] <= moment <= film.time[-1]:
+            times = f"from {film.time[0]:g} to {film.time[-1]:g}"
+            raise HodoError(f"moments: {moment:g} is no time of case {motion.name}, shown {times}")
+        draw_moment(axes, film, int(np.abs(film.time - moment).argmin()))
+    for axes in panels[len(moments) :]:
+        axes.remove()
+
+
+def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
+    """The film of a motion, within the span of its figure."""
+    span = within_span(motion, spec["span"])
+    count = len(motion.time[span])
+    index = np.arange(len(motion.time))[span][:: -(-count // MOST_SAMPLES)]
+    turned = rotations(motion)[index]
+    # Whatever the units; of two lengths, since both often point the same way.
+    G, omega = (
+        length * values / max(float(np.hypot.reduce(values, axis=-1).max()), math.ulp(0))
+        for length, values in ((1, motion.G[index]), (0.8, motion.omega[index]))
+    )
+    parts = [
+        *faces(motion.inertia),
+        *(
+            Part("arrow", True, 0.7 * np.eye(3)[[i]], AXIS_COLOUR[i + 1], f"x{i + 1}")
+            for i in range(3)
+        ),
+        Part("trail", True, G, RED),
+        Part("trail", False, turned.apply(omega), PURPLE),
+        Part("arrow", False, turned.apply(omega), PURPLE, "ω"),
+        Part("arrow", False, turned.apply(G), RED, "G"),
+    ]
+    symbol, of = without_tex(f"${spec['time']}$"), motion.units("time")
+    words = (f"{symbol} = ", "" if of == "1" else f" {of}")
+    attitude = motion.stored("attitude")[index]
+    times = motion.time[index]
+    return Film(
+        times, attitude, turned.as_matrix(), parts, tuple(spec["view"]), spec["seconds"], words
+    )
+
+
+def faces(A: np.ndarray) -> Iterator[Part]:
+    """The faces of the homogeneous box that has these moments of inertia (3,), of half length 0.6
+    along its longest side; a plate keeps a thickness that is seen."""
+    # A1 = m (b^2 + c^2)/12, and so on: a^2 is proportional to A2 + A3 - A1.
+    sides = np.sqrt(np.maximum(A.sum() - 2 * A, 0))
+    half = 0.6 * np.maximum(sides / sides.max(), 0.03)
+    square = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
+    for axis in range(3):
+        for sign in (1, -1):
+            corners = np.insert(square, axis, sign, axis=1) * half
+            yield Part("face", True, corners, AXIS_COLOUR[axis + 1])
+
+
+def draw_moment(axes: Axes, film: Film, i: int) -> None:
+    """Draw the film's sample i into a panel."""
+    view = View.toward(film.view)
+    for part in film.parts:
+        seen = view(part.points @ film.matrices[i].T if part.of_body else part.points)
+        x, y, near = seen.T
+        if part.role == "face":
+            # The front is a veil over what is behind it.
+            front = near.mean() > 0
+            look: Look = {"fc": part.colour, "ec": GREY, "lw": 0.5, "alpha": 0.2 if front else 0.35}
+            axes.fill(x, y, **look, zorder=4 if front else 1)
+        elif part.role == "trail":
+            axes.plot(x, y, color=part.colour, lw=0.5, alpha=0.3, zorder=2)
+            axes.plot(x[: i + 1], y[: i + 1], color=part.colour, lw=0.9, zorder=3)
+        else:
+            tip = seen[min(i, len(seen) - 1), :2]
+            arrow(axes, np.zeros(2), tip, part.colour, zorder=5)
+            axes.text(*pair(1.08 * tip), part.name, color=part.colour, ha="center", va="center")
+    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal")
+    axes.set_axis_off()
+    axes.set_title(f"{film.words[0]}{film.time[i]:.4g}{film.words[1]}", color=BLACK)
+
+
+def moving(film: Film, figure: Figure) -> Iterator[None]:
+    """Draw the pictures of a film into a figure, one after another, at even steps of time."""
+    axes = figure.add_axes((0, 0, 1, 0.94))
+    count = max(2, round(film.seconds * FRAMES_A_SECOND))
+    for moment in np.linspace(film.time[0], film.time[-1], count):
+        axes.clear()
+        draw_moment(axes, film, int(np.searchsorted(film.time, moment)))
+        figure.canvas.draw()
+        yield
