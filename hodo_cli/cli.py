@@ -496,6 +496,24 @@ def _show(runs: tuple[Path, ...], as_json: bool) -> None:
     _report(*show.stored_cases(runs), tables.case_table, as_json)
 
 
+@main.command("merge")
+@RUNS
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, metavar="C.h5", help="The new result."
+)
+def _merge(runs: tuple[Path, ...], out: Path) -> None:
+    """Write the cases of RUNS into a new result.
+
+    RUNS are results (*.h5), or configs with a result in runs/. The new one has their figures and
+    statements too; cases of one name must be equal.
+    """
+    from . import tables
+    from .commands import merge, show
+
+    merge.merge_results(runs, out)
+    _report(*show.stored_cases([out]), tables.case_table, as_json=False)
+
+
 @main.command("schema")
 @click.option("--table", is_flag=True, help="Print every key in Markdown tables instead.")
 def _schema(table: bool) -> None:

@@ -373,3 +373,71 @@ def test_a_folder_whose_name_is_too_long_is_one_line(hodo: Hodo, config: Path) -
     done = hodo("run", config, "--out", "y" * 300)
     assert done.returncode == 2
     assert "file name too long" in done.stderr.splitlines()[-1]
+
+
+MERGED = {
+    "a": """
+title: The first
+cases:
+  turns: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.05, 0.04, 0.03],
+          initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 20, samples: 21}, note: the first}
+figures: {path: {kind: hodograph, cases: turns}}
+claims:
+  - {id: t, where: here, statement: It turns., cases: turns, expect: reproduced,
+     check: {kind: axis, start: x1, end: x1}}
+""",
+    "b": """
+title: The second
+defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 20, samples: 21}}
+cases:
+  turns: {damping: [0.05, 0.04, 0.03], initial: {p: 0.8, q: 0.5, r: 0.74}}
+  swept: {damping: 0, initial: {p: 1, q: 1, r: 1},
+          sweep: {damping.1: {values: [0.1, 0.2]}}}
+figures: {curve: {kind: curve, cases: swept, variable: omega.x1, x: damping.1}}
+""",
+}
+
+
+@pytest.fixture
+def two_results(tmp_path: Path) -> Path:
+    for name, text in MERGED.items():
+        (tmp_path / f"{name}.yaml").write_text(text, encoding="utf-8")
+        assert call(tmp_path, "run", f"{name}.yaml").returncode == 0
+    return tmp_path
+
+
+def test_a_merged_result_is_one_that_every_command_reads(two_results: Path) -> None:
+    assert call(two_results, "classify", "a.yaml").returncode == 0
+    done = call(two_results, "merge", "b.yaml", "runs/a.h5", "--out", "both.h5")
+    assert done.returncode == 0, done.stderr
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["case", "turns", "swept"]
+    with h5py.File(two_results / "both.h5") as file, h5py.File(two_results / "runs/a.h5") as a:
+        assert file.attrs["title"] == "The second, The first"
+        assert "hodo merge runs/b.h5 runs/a.h5" in file.attrs["history"]
+        # Of two equal results the labelled one is taken.
+        np.testing.assert_array_equal(file["turns/enclosed_axis"], a["turns/enclosed_axis"])
+    claims = call(two_results, "claims", "both.h5", "--json")
+    assert json.loads(claims.stdout)["statements"][0]["verdict"] == "reproduced"
+    assert call(two_results, "plot", "both.h5").returncode == 0
+    assert call(two_results, "compare", "both.h5", "runs/a.h5").returncode == 3  # swept is new
+    for name in ("path.png", "curve.png"):
+        assert (two_results / "runs" / "figures" / "both" / name).exists()
+
+
+def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path) -> None:
+    text = MERGED["b"].replace("0.03]", "0.02]")
+    (two_results / "c.yaml").write_text(text, encoding="utf-8")
+    (two_results / "d.yaml").write_text(MERGED["a"].replace("hodograph", "sphere"))
+    for name in "cd":
+        assert call(two_results, "run", f"{name}.yaml").returncode == 0
+    for names, words in (
+        (("a.yaml", "c.yaml"), "turns is in runs/a.h5 and runs/c.h5 with different results"),
+        (("a.yaml", "d.yaml"), "runs/d.h5: another result has another figure path"),
+        (("a.yaml", "runs/e.h5"), "runs/e.h5: no such file or directory"),
+    ):
+        done = call(two_results, "merge", *names, "--out", "new.h5")
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
+        assert words in done.stderr
+        assert not (two_results / "new.h5").exists()
+    done = call(two_results, "merge", "a.yaml", "b.yaml", "--out", "runs/b.h5")
+    assert done.stderr == "runs/b.h5 is there already: take another name\n"

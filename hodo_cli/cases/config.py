@@ -11,6 +11,7 @@ from .. import HodoError
 from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block
 from ..schema.kinds import Mistake, Wrong, WrongKey, check_keys, nearest, shown, unknown
 from ..schema.mistakes import Mistakes, Place
+from ..schema.write import write
 from ..text import file_name_fault
 from . import claim_block
 from .case import (
@@ -215,6 +216,23 @@ def _case_check(
     if changes and case.sweep:
         raise Wrong(((), "a sweep, where a statement needs a single motion: use `over`"))
     return partial(check_sweep, case)
+
+
+def composed(cases: Mapping[str, Case], **sections: Any) -> str:
+    """The text of a case file with these cases, complete, and other sections as plain values; one
+    line an entry."""
+    sections["cases"] = {name: case.entries for name, case in cases.items()}
+    lines = []
+    for section, value in sections.items():
+        match value:
+            case Mapping() if value:
+                entries = [f"  {name}: {write(entry)}" for name, entry in value.items()]
+                lines += [f"{section}:", *entries]
+            case list() if value:
+                lines += [f"{section}:", *(f"  - {write(entry)}" for entry in value)]
+            case str() if value:
+                lines.append(f"{section}: {write(value)}")
+    return "\n".join([*lines, ""])
 
 
 def _checked(
