@@ -9,7 +9,7 @@ import builtins
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import xarray as xr
@@ -19,10 +19,11 @@ from . import HodoError
 from .batch.memory import check_memory
 from .batch.pool import pool
 from .cases.case import Case
+from .cases.config import composed, parse
 from .cases.figure_block import FIGURE_KINDS, check_figure
-from .commands.classify import classified
+from .commands.classify import classified, classify_results
 from .commands.resume import case_digest
-from .commands.run import finish
+from .commands.run import execute, finish, plans
 from .figures import draw
 from .progress import Progress
 from .results.dataset import StoredCases, cases_of_file, dataset
@@ -35,7 +36,28 @@ __all__ = ["Case", "open", "plot", "run", "sweep"]
 Given = Mapping[str, Any] | Case
 
 
-def run(case: Given, *, name: str = "case", classify: bool = True) -> xr.Dataset:
+@overload
+def run(
+    case: Given, *, name: str = "case", classify: bool = True, jobs: int = 1,
+    to: Path | str | None = None,
+) -> xr.Dataset: ...  # fmt: skip
+
+
+@overload
+def run(
+    case: Iterable[Given], *, name: str = "case", classify: bool = True, jobs: int = 1,
+    to: Path | str | None = None,
+) -> list[xr.Dataset]: ...  # fmt: skip
+
+
+def run(
+    case: Given | Iterable[Given],
+    *,
+    name: str = "case",
+    classify: bool = True,
+    jobs: int = 1,
+    to: Path | str | None = None,
+) -> xr.Dataset | list[xr.Dataset]:
     """Integrate a case, measure its error, and label what its hodograph encloses.
 
     `case` has the keys of a case file, or is a `Case`; `name` is what figures call it. The dataset
@@ -43,17 +65,57 @@ def run(case: Given, *, name: str = "case", classify: bool = True) -> xr.Dataset
     applies and unless `classify` is False, `enclosed_axis` and the separatrix crossings. `attrs`
     holds the method, the measured `error`, the status and the case itself.
 
-    Raises HodoError, one line a mistake, if the case is not right, is a sweep, or needs a method
-    that is not installed. A case that fails has an `attrs["status"]` other than "ok".
+    Several cases give a list of datasets, made in `jobs` processes; those without a name of their
+    own are called case1, case2 and so on. `to` names a result file that every command reads: cases
+    that it holds already, unchanged, are not integrated again, and other cases stay in it.
+
+    Raises HodoError, one line a mistake, if a case is not right, is a sweep, or needs a method
+    that is not installed, or if the file cannot be written. A case that fails has an
+    `attrs["status"]` other than "ok".
     """
-    made = _case(case, name)
-    if made.sweep:
+    if is_one := isinstance(case, Case | Mapping) or not isinstance(case, Iterable):
+        cases = [_case(case, name)]
+    else:
+        cases = [_case(item, f"{name}{i}") for i, item in enumerate(case, 1)]
+    if any(case.sweep for case in cases):
         raise HodoError("sweep: this case is a sweep: use hodo.sweep")
+    _check_jobs(jobs)
+    if to is None and is_one:
+        return _integrated(cases[0], classify)
+    with TemporaryDirectory(prefix="hodo-") as folder:
+        datasets = _stored(
+            cases, Path(folder) / "cases.h5" if to is None else Path(to), jobs, classify
+        )
+    return datasets[0] if is_one else datasets
+
+
+def _integrated(made: Case, classify: bool) -> xr.Dataset:
+    """The dataset of a case, without a file."""
     check_memory(made)
     group = finish(made)
     if classify and (labels := classified(made.name, group)[0]) is not None:
         group = group.with_addition(labels)
     return dataset(group)
+
+
+def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> list[xr.Dataset]:
+    """The datasets of cases that are run into a result file, as `hodo run` does it."""
+    if path.suffix != ".h5":
+        raise HodoError(f"to: expected a name that ends with .h5, got {str(path)!r}")
+    named = {case.name: case for case in cases}
+    if len(named) < len(cases):
+        raise HodoError("two of the cases have one name: make each a Case with its own")
+    config = parse(composed(named), str(path))
+    execute(plans([config], path.parent, (), force=False, jobs=jobs), jobs, quiet=True)
+    if classify and (problems := classify_results([path])[1]):
+        raise HodoError("\n".join(problems))
+    results = cases_of_file(path)
+    return [results[name] for name in named]
+
+
+def _check_jobs(jobs: int) -> None:
+    if not isinstance(jobs, int) or jobs < 1:
+        raise HodoError(f"jobs: expected a whole number >= 1, got {jobs!r:.80}")
 
 
 def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
@@ -69,8 +131,7 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
     made = _case(case, name)
     if not made.sweep:
         raise HodoError("sweep: missing: use hodo.run for a single case")
-    if not isinstance(jobs, int) or jobs < 1:
-        raise HodoError(f"jobs: expected a whole number >= 1, got {jobs!r:.80}")
+    _check_jobs(jobs)
     check_memory(made, jobs)
     # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory at once.
     with TemporaryDirectory(prefix="hodo-") as folder:

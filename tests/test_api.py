@@ -4,13 +4,16 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from conftest import ROOT, Hodo
 
 import hodo_cli
 from hodo_cli import HodoError, api
+from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import load
 
 FIG4 = {
@@ -68,6 +71,45 @@ def test_listed_times_are_the_samples_of_a_case_and_of_members() -> None:
     assert swept.time.values.tolist() == times
     np.testing.assert_allclose(swept.omega[0], listed.omega, rtol=0, atol=1e-12)
     assert "values: [0.0, 10.0, " in swept.attrs["case"]
+
+
+def test_several_cases_give_a_list_and_a_file_that_commands_read(
+    tmp_path: Path, hodo: Hodo
+) -> None:
+    slow = Case.of(FIG4 | {"damping": 0.001}, "slow")
+    single = api.run(FIG4)
+    for options in ({}, {"jobs": 2}, {"to": tmp_path / "runs" / "mine.h5"}):
+        datasets = api.run([FIG4, slow], **options)
+        assert [data.attrs["case"].splitlines()[0] for data in datasets] == [
+            "name: case1", "name: slow",
+        ]  # fmt: skip
+        xr.testing.assert_equal(datasets[0], single)
+        assert datasets[1].attrs["method"] == "exact"
+    for command in ("show", "classify", "claims"):
+        assert hodo(command, "runs/mine.h5").returncode == 0
+    before = (tmp_path / "runs" / "mine.h5").read_bytes()
+    # What is there is not integrated again, and what is not named stays.
+    again = api.run(slow, to=tmp_path / "runs" / "mine.h5")
+    assert again.attrs["run_time"] == datasets[1].attrs["run_time"]
+    assert list(api.open(tmp_path / "runs" / "mine.h5")) == ["slow", "case1"]
+    assert hodo("merge", "runs/mine.h5", "--out", "other.h5").returncode == 0
+    assert before != (tmp_path / "runs" / "mine.h5").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("cases", "options", "words"),
+    [
+        ([FIG4], {"to": "mine.nc"}, "to: expected a name that ends with .h5, got 'mine.nc'"),
+        ([FIG4], {"jobs": 0}, "jobs: expected a whole number >= 1, got 0"),
+        ([FIG4, 3], {}, "expected a Case or a mapping of its keys to values, got 3"),
+        ([Case.of(FIG4), Case.of(FIG4)], {}, "two of the cases have one name"),
+        ([FIG4 | {"damping": "x"}], {}, "damping: expected a finite number, got 'x'"),
+    ],
+)
+def test_wrong_lists_of_cases_are_one_line(cases: Any, options: Any, words: str) -> None:
+    with pytest.raises(HodoError) as raised:
+        api.run(cases, **options)
+    assert str(raised.value).startswith(words)
 
 
 def test_numbers_of_numpy_are_numbers() -> None:
