@@ -12,9 +12,10 @@ import pytest
 from conftest import Hodo
 
 from hodo_cli.cases.config import parse
-from hodo_cli.commands import bench, trials
+from hodo_cli.commands import bench
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration import solve
+from hodo_cli.results import trials
 
 pytestmark = pytest.mark.engines
 

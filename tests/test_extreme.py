@@ -16,12 +16,12 @@ from numpy.polynomial.legendre import legvander
 from hodo_cli import engines
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.cases.config import load
-from hodo_cli.commands import trials
 from hodo_cli.engines import collocation
 from hodo_cli.integration import choice
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.models.base import Model
+from hodo_cli.results import trials
 
 CASES = load(Path(__file__).parents[1] / "configs" / "extreme.yaml").cases
 LONG = {

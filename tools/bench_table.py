@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import xarray
 
-from hodo_cli.commands.trials import TRIAL_VERDICTS
 from hodo_cli.figures.costs import draw_bench
 from hodo_cli.figures.sheet import save
+from hodo_cli.results.trials import TRIAL_VERDICTS
 from hodo_cli.text import magnitude, seconds
 
 STEP = 2

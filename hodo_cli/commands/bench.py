@@ -20,12 +20,12 @@ from ..figures.costs import draw_bench
 from ..figures.sheet import save
 from ..integration.integrate import ASKED
 from ..progress import Progress
+from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
 from ..storage.group import Group, Variable
 from ..storage.output import create
 from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import replacing
 from ..text import magnitude, seconds, table
-from .trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
 
 DIGITS = (3, 6, 9, 12)
 """The numbers of right digits for which the fastest method is named."""
