@@ -5,6 +5,7 @@ import importlib.util
 import json
 import math
 import re
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,6 @@ from hodo_cli import HodoError
 from hodo_cli.cases import claim_block
 from hodo_cli.cases.config import load, parse
 from hodo_cli.claims import variations
-from hodo_cli.claims.verdicts import Judge
 from hodo_cli.commands import claims
 from hodo_cli.papers import catalogue_of_checks
 from hodo_cli.storage.hdf5 import open_run
@@ -390,6 +390,20 @@ MISTAKEN = [
      "check.most: expected at least 5"),
     ("cases: slow, check: {kind: crossings, least: 3, most: 2}",
      "check.most: expected at least 3"),
+    (f"cases: slow, {FALLS}, theorem: [a]", "theorem: expected text, got a list of 1"),
+    (f"cases: slow, {FALLS}, theorm: a", "theorm: unknown key; did you mean 'theorem'?"),
+    (f"cases: slow, {FALLS}, contradicted_by: a", "contradicted_by: unknown key"),
+    (f"cases: slow, {FALLS}, over: {{damping: [1, 2]}}", "over.damping"),
+    (f"cases: slow, {FALLS}, over: {{damping.0: {{linspace: [0, 1, 200000]}}}}",
+     "over: more than 100,000 members"),
+    (f"cases: slow, {FALLS}, {HALF_TURN}, start: x4", "start: expected x1, x2 or x3, got 'x4'"),
+    (f"cases: slow, {FALLS}, {HALF_TURN}, share: 1.5",
+     "share: expected a positive number <= 1, got 1.5"),
+    (f"cases: slow, {FALLS}, erratum: sign", "readings: expected two readings"),
+    (f"readings: {{a: {{cases: slow, shar: 1}}}}, {FALLS}", "readings.a.shar: unknown key"),
+    (f"readings: {{a: {{cases: slow}}}}, cases: slow, {FALLS}",
+     "cases: each reading has its own cases, so leave these out"),
+    (f"{FALLS}", "cases: names no case"),
 ]  # fmt: skip
 """Claims as a case file may not give them, and why."""
 
@@ -402,6 +416,19 @@ def test_a_wrong_claim_is_named_with_its_place(claim: str, words: str) -> None:
     place, _, message = str(raised.value).partition(": ")
     assert re.fullmatch(rf"c\.yaml:{len(text.splitlines())}:\d+", place)
     assert message.startswith(f"claims.0.{words}")
+
+
+@pytest.mark.parametrize("command", ["run", "claims"])
+def test_a_wrong_claim_is_one_line_and_nothing_is_written(stored: Path, command: str) -> None:
+    wrong = f"cases: {{case: slow, dampin: 1}}, {FALLS}, expect: reproduced"
+    (stored / "c.yaml").write_text(MOTIONS + claims_block(wrong), encoding="utf-8")
+    result = stored / "runs" / "c.h5"
+    before = result.read_bytes()
+    done = call(stored, command, "c.yaml")
+    assert (done.returncode, done.stdout, result.read_bytes()) == (2, "", before)
+    (line,) = done.stderr.splitlines()
+    assert "c.yaml:" in line
+    assert "did you mean 'damping'?" in line
 
 
 CASE = "claims.0.cases."
@@ -621,8 +648,9 @@ def config_of(paper: str) -> Any:
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the results and the labels of the papers."""
     folder = tmp_path_factory.mktemp("papers")
+    shutil.copytree(ROOT / "configs", folder / "configs")
     for paper in PAPERS:
-        call(folder, "run", ROOT / "configs" / f"{paper}.yaml", "--quiet")
+        call(folder, "run", f"configs/{paper}.yaml", "--quiet")
         call(folder, "classify", f"runs/{paper}.h5")
     return folder
 
@@ -775,17 +803,20 @@ REFUTING = {
 @pytest.mark.heyoka
 @pytest.mark.parametrize("paper", PAPERS)
 def test_a_check_of_a_paper_fails_for_motions_that_do_otherwise(results: Path, paper: str) -> None:
-    text = (ROOT / "configs" / f"{paper}.yaml").read_text(encoding="utf-8")
+    config = results / "configs" / f"{paper}.yaml"
     claims = [
         f"cases: [{cases}], check: {{kind: paper, name: {name}}}, expect: contradicted"
         for name, cases in REFUTING[paper]
     ]
-    config = parse(f"{text.partition('claims:')[0]}{claims_block(*claims)}", paper)
-    with open_run(results / "runs" / f"{paper}.h5") as run:
-        judge = Judge(run, catalogue_of_checks())
-        verdicts = [judge.claim(claim).verdict for claim in config.claims]
-    met = [at for at, word in zip(REFUTING[paper], verdicts, strict=True) if word != "contradicted"]
-    assert not met
+    cases_and_figures = config.read_text(encoding="utf-8").partition("claims:")[0]
+    config.write_text(cases_and_figures + claims_block(*claims), encoding="utf-8")
+    done = call(results, "claims", f"configs/{paper}.yaml", "--json")
+    rows = json.loads(done.stdout)["statements"]
+    assert not [
+        refuting
+        for refuting, row in zip(REFUTING[paper], rows, strict=True)
+        if row["verdict"] != "contradicted"
+    ]
 
 
 def tool(name: str) -> Any:

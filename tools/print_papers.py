@@ -25,6 +25,8 @@ def main(out: Path, pages: list[Path]) -> None:
     """Write the PDF; links between the pages become plain text, and pictures are found beside
     them."""
     text = "\n\n".join(page.read_text(encoding="utf-8") for page in pages)
+    # A bar holds what it encloses together: a line may end before |G|, and not within it.
+    text = text.replace("|", "\u2060|\u2060")
     body = pypandoc.convert_text(text, "typst", "gfm", extra_args=["--wrap=none"])
     out.parent.mkdir(parents=True, exist_ok=True)
     # Typst reads no file outside its root, which is that of the pictures.
