@@ -476,12 +476,12 @@ def test_an_error_is_measured() -> None:
     def end(omega: np.ndarray, time: np.ndarray) -> summary.MemberEnd:
         return summary.MemberEnd(0, {"omega": omega[0]}, time[0])
 
-    ((error, off, kind),) = summary.probe(
+    ((error, off, kind, _),) = summary.probe(
         summary.SampledMembers(case, [end(values["omega"], values["crossing_time"])])
     )
     assert (error < 1e-12, off < 1e-9, kind) == (True, True, "extended")
     wrong = values["omega"] * (1 + 1e-9)
-    ((error, off, _),) = summary.probe(
+    ((error, off, _, _),) = summary.probe(
         summary.SampledMembers(case, [end(wrong, values["crossing_time"] + 1e-6)])
     )
     assert error == pytest.approx(1e-9, rel=1e-3)
@@ -742,6 +742,28 @@ def test_a_chunk_whose_worker_dies_is_marked(
         assert 0 < failed < ball["status"].size
         assert ball.attrs["status"] == "failed"
         assert f"{failed} of 300 members: its process died" in ball.attrs["message"]
+
+
+@pytest.mark.heyoka
+def test_an_error_that_cannot_be_measured_costs_its_member(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved = summary.solve
+
+    def solve(case: Case, *rest: Any) -> Any:
+        if case.name.endswith(".3"):
+            raise ZeroDivisionError("a number of it is 0")
+        return solved(case, *rest)
+
+    monkeypatch.setattr(summary, "solve", solve)
+    attributes = sweep_of(
+        one(f"{FIG4.replace('off', 'on')}, {BALL}, sweep: {{d: {{sphere: {{count: 20}}}}}}"),
+        tmp_path,
+    ).attributes
+    assert attributes["status"] == "ok"
+    assert attributes["error_sample"] == 19
+    expected = "1 of 20 members have no measured error: a number of it is 0"
+    assert attributes["warnings"] == expected
 
 
 @given(st.lists(st.integers(1, 7), min_size=1, max_size=4), st.integers(1, 60))
@@ -1173,12 +1195,13 @@ def test_an_error_that_grows_along_a_motion_is_stated(
 
 
 @pytest.mark.quadruple
-def test_a_crossing_that_other_steps_do_not_find_is_left_to_the_single_case() -> None:
-    """Its time differs by 1.7e-5 between the two, where D's sign counts from 8e-7 on."""
-    case, number = random_starts(SKEW, 1e-12), 4363
+def test_crossings_that_no_bound_decides_are_left_to_the_single_case() -> None:
+    """The first of its three is lost where D is uncertain; the result counts it."""
+    case, number = random_starts(SKEW, 1e-12), 10543
     group = chunk.compute(chunk.Chunk(case, number, number + 1))
     assert group.attributes["rejections"].sum() == 1
-    true = cross(members.member(case, number), "taylor", "quadruple", None)[1][0]
-    off = abs(group.variables["crossing_time"].data[0] - true.time)
+    true = cross(members.member(case, number), "taylor", "quadruple", None)[1]
+    assert group.variables["crossings"].data[0] == len(true) == 3
+    off = abs(group.variables["crossing_time"].data[0] - true[0].time)
     # Its error is then the measured one.
     assert group.variables["crossing_error"].data[0] == pytest.approx(off, rel=0.01)

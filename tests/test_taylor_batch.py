@@ -14,7 +14,7 @@ from hodo_cli.integration.integrate import integrate
 from hodo_cli.models import constants as flat
 from hodo_cli.models.base import Event
 from hodo_cli.sweeps import members
-from hodo_cli.sweeps.ensemble.advance import advance
+from hodo_cli.sweeps.ensemble.advance import advance, step_of
 from hodo_cli.sweeps.ensemble.motions import Ensemble
 
 TOP = (
@@ -156,7 +156,7 @@ def test_a_touch_of_a_body_with_two_equal_moments_is_no_crossing() -> None:
     e = Ensemble(
         type(case.system), some.structure, some.constants, some.start, (0.0, 60.0), event, 1e-12
     )
-    outcome = advance(e)
+    outcome = advance(e, step_of(e))
     assert outcome.accepted.all()
     assert not outcome.passages.motion.size
 

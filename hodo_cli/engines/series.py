@@ -198,6 +198,59 @@ class Series:
         return total([i / k * self[i] * factor[k - i] for i in outwards(k) if i])
 
 
+class Combination(Series):
+    """A sum of series, each with a constant factor.
+
+    Factors are multiplied with each other, once, and not with every coefficient, which all later
+    ones would wait for: a step of tensor, whose equations divide a sum by a moment of inertia, took
+    half as long again.
+    """
+
+    def __init__(self, *terms: tuple[Any, Series]) -> None:
+        super().__init__(lambda k: total([factor * series[k] for factor, series in terms]))
+        self.terms = terms
+
+    def _new(self, rule: Rule) -> "Combination":
+        return Combination((1.0, Series(rule)))
+
+    def __neg__(self) -> Series:
+        return self * -1.0
+
+    def __add__(self, other: Any) -> Series:
+        if isinstance(other, Series):
+            return Combination(*self.terms, *terms_of(other))
+        return super().__add__(other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Series:
+        difference: Series = self + -other
+        return difference
+
+    def __rsub__(self, other: Any) -> Series:
+        difference: Series = -self + other
+        return difference
+
+    def __mul__(self, other: Any) -> Series:
+        if not isinstance(other, Series):
+            return Combination(*((factor * other, series) for factor, series in self.terms))
+        if other is self or min(len(self.terms), len(terms_of(other))) > 1:
+            return super().__mul__(other)
+        # The factor of the shorter one goes to the terms of the longer one, before the product.
+        (((factor, series),), terms) = sorted((self.terms, terms_of(other)), key=len)
+        if len(terms) == 1:
+            return Combination((factor * terms[0][0], series * terms[0][1]))
+        longer = Combination(*((factor * other, term) for other, term in terms))
+        return Combination((1.0, series * Series(longer.__getitem__)))
+
+    __rmul__ = __mul__
+
+
+def terms_of(series: Series) -> tuple[tuple[Any, Series], ...]:
+    """A series as terms of a combination."""
+    return series.terms if isinstance(series, Combination) else ((1.0, series),)
+
+
 def total(terms: Sequence[Any]) -> Any:
     """The sum of one or more terms, which need not know 0."""
     return reduce(add, terms)
@@ -230,7 +283,7 @@ def motion(
     state = [Series(partial(coefficient, j)) for j in range(len(y))]
     rates += [
         rate if isinstance(rate, Series) else Series(partial(constant, rate))
-        for rate in rhs(time, state, k)
+        for rate in rhs(time, [Combination((1.0, series)) for series in state], k)
     ]
     return time, state
 

@@ -9,8 +9,10 @@ polynomial, half that of D, and lose no digits near the middle axis, where both 
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +20,8 @@ from ..engines import extended
 from ..engines.polynomial import TAYLOR, isolate, rounding, to_bernstein, weights
 from ..engines.protocol import Engine
 from ..models import rigid_body
+from ..models.base import Event, Model
+from ..models.constants import rescaled
 from .units import Clock, Units
 
 SEARCHED = 512
@@ -203,6 +207,26 @@ class CrossingSearch:
                 np.ldexp(momentum.astype(float), self.size),
             )
         )
+
+
+@np.errstate(all="ignore")
+def time_to_zero(
+    event: Event, model: type[Model], k: Mapping[str, Any], t: Any, y: np.ndarray, size: np.ndarray
+) -> np.ndarray:
+    """How far from a zero of an event's function motions are (n,) in time, at states y (m, n) in
+    units of 2**size (n,) at the time t: |D / (dD/dt)|, a step of Newton's method.
+
+    It is infinite where D is at rest beside 0. The precision of D is that of y.
+    """
+    # In units that fit: the rates of a motion at 1e-160 are below the smallest double.
+    units = Units.fit(model, k, y.astype(float), size)
+    scaled = rescaled(model, y.T, size - units.size).T
+    constants = SimpleNamespace(**units.constants(model, k))
+    rates = np.array(np.broadcast_arrays(*model.rhs(t, [*scaled.astype(float)], constants)))
+    # The derivative by a complex step, for which the rates may be of any size.
+    ahead = event.function(t, [*(scaled + 1e-100j * rates)], constants)
+    steps = np.abs(ahead.real / (ahead.imag / 1e-100)).astype(float)
+    return np.asarray(np.where(ahead.real == 0, 0.0, np.ldexp(steps, -units.rate)))
 
 
 def with_middles(

@@ -60,6 +60,7 @@ def sweep_attributes(
     remarks = (
         (invalid, "are no body or have no start"),
         (hidden, "are undecided: their error is larger than their distance from the separatrix"),
+        *((n, f"have no measured error: {why}") for why, n in summary.unmeasured.items()),
     )
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
     messages += [

@@ -1,23 +1,23 @@
 """Counts over all members of a sweep, and the measured errors of some."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
-from types import SimpleNamespace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..batch.pool import Pool
 from ..cases.case import Case
+from ..engines import extended
 from ..engines.protocol import PRECISION, Status
 from ..integration.choice import choose
+from ..integration.crossings import time_to_zero
 from ..integration.error import errors_against, references
 from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
-from ..integration.units import Units
-from ..models import rigid_body
 from ..models.attitude import angle_apart
 from ..models.constants import rescaled
 from ..storage.group import Group
@@ -48,12 +48,13 @@ class MemberEnd(NamedTuple):
 
 
 class MemberError(NamedTuple):
-    """The errors of the final state and of the first crossing of a member, and the kind of the
-    reference that they are measured against."""
+    """The errors of the final state and of the first crossing of a member, the kind of the
+    reference that they are measured against, and why there is none."""
 
-    final: float
-    crossing_time: float
-    kind: str
+    final: float = math.nan
+    crossing_time: float = math.nan
+    kind: str = "none"
+    problem: str = ""
 
 
 class SampledMembers(NamedTuple):
@@ -64,8 +65,14 @@ class SampledMembers(NamedTuple):
 
 
 def probe(task: SampledMembers) -> list[MemberError]:
-    """The errors of some members."""
-    return [member_error(task.case, end) for end in task.ends]
+    """The errors of some members; an exception costs its own member."""
+    errors = []
+    for end in task.ends:
+        try:
+            errors.append(member_error(task.case, end))
+        except Exception as error:  # of whatever kind, since the sweep itself is computed
+            errors.append(MemberError(problem=str(error) or type(error).__name__))
+    return errors
 
 
 def member_error(case: Case, end: MemberEnd) -> MemberError:
@@ -81,9 +88,9 @@ def member_error(case: Case, end: MemberEnd) -> MemberError:
     for by in references(single, method, tol):
         reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=single)
         if reference.whole:
-            shift = newton_step(reference) if crossings else math.nan
+            shift = crossing_error(reference) if crossings else math.nan
             return MemberError(final_error(end.final, reference), shift, by.kind)
-    return MemberError(math.nan, math.nan, "none")
+    return MemberError()
 
 
 def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
@@ -107,24 +114,13 @@ def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float
     return max(errors)
 
 
-def newton_step(reference: Trajectory) -> float:
-    """|D / (dD/dt)| at the second sample of a motion: infinite where D is at rest beside 0."""
-    system, A = reference.case.system, np.array(reference.case.data["inertia"])
-    model, k, time = type(system), system.constants, float(reference.time[1])
-    state, exponent = reference.state[1].astype(float), int(reference.exponent[1])
-    # In units that fit: the rates of a motion at 1e-160 are below the smallest double.
-    units = Units.fit(model, k, state, exponent)
-    scaled = rescaled(model, state, exponent - units.size)
-    rates = model.rhs(time, scaled.tolist(), SimpleNamespace(**units.constants(model, k)))
-    order = rigid_body.inertia_order(A)
-    # The derivative by a complex step, for which the rates may be of any size.
-    ahead = scaled[:3] + 1e-100j * np.array(rates[:3], dtype=float)
-    slope = float(np.subtract(*rigid_body.separatrix_terms(A, ahead, order)).imag) / 1e-100
-    shift = 2 * (exponent - int(units.size)) - int(units.rate)
-    D = float(np.subtract(*rigid_body.separatrix_terms(A, reference.omega[1], order)))
-    if not slope:
-        return math.inf if D else 0.0
-    return abs(math.ldexp(D / slope, shift))
+def crossing_error(reference: Trajectory) -> float:
+    """How far in time the second sample of a motion is from the separatrix."""
+    system, second = reference.case.system, reference.at(slice(1, 2))
+    (event,) = system.class_events
+    state, k = extended(second.state).T, system.constants
+    distance = time_to_zero(event, type(system), k, second.time, state, second.exponent)
+    return float(distance[0])
 
 
 class FinishedChunk(NamedTuple):
@@ -146,7 +142,8 @@ def lost_chunk(chunk: Chunk) -> Group:
 
 @dataclass
 class Summary:
-    """Sums over the chunks on the disk, and the ends of the members whose error is measured."""
+    """Sums over the chunks on the disk, the ends of the members whose error is measured, and how
+    many of these have none, by reason."""
 
     status: np.ndarray
     steps: int
@@ -154,6 +151,7 @@ class Summary:
     alone: np.ndarray
     methods: set[str]
     ends: list[MemberEnd]
+    unmeasured: Counter[str] = field(default_factory=Counter)
 
 
 def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
@@ -213,15 +211,17 @@ def member_ends(case: Case, task: Chunk, chunk: FinishedChunk) -> Callable[[int]
 def sampled_errors(
     case: Case, pool: Pool, summary: Summary, report: Callable[[float], object]
 ) -> dict[str, Any]:
-    """Quantiles of the measured errors; `report` is called with the finished share of them."""
+    """Quantiles of the measured errors; the summary counts members that have none. `report` is
+    called with the finished share of them."""
     starts = range(0, len(summary.ends), PROBED)
     tasks = [SampledMembers(case, summary.ends[i : i + PROBED]) for i in starts]
     errors: list[MemberError] = []
-    for i, (_, outcome) in enumerate(pool.map(probe, tasks), 1):
+    for i, (task, outcome) in enumerate(pool.map(probe, tasks), 1):
         report(i / len(tasks))
         if isinstance(outcome, Exception):
-            raise outcome
+            outcome = [MemberError(problem=str(outcome))] * len(task.ends)
         errors += outcome
+    summary.unmeasured = Counter(error.problem for error in errors if error.problem)
     states = [error.final for error in errors if not math.isnan(error.final)]
     times = [error.crossing_time for error in errors if not math.isnan(error.crossing_time)]
     kinds = sorted({error.kind for error in errors} - {"none"})

@@ -1,10 +1,11 @@
 """The motions of an ensemble from their start to their end, through events that let them go on."""
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...integration.crossings import time_to_zero
 from ...integration.driver import LIMIT, at_rest
 from ...integration.trajectory import Occurrence
 from ...models.base import Event
@@ -13,6 +14,9 @@ from .batch import PAUSE, BatchState
 from .motions import Ensemble, Outcome, Rejection, TerminalHits
 from .passages import decide_passages
 
+if TYPE_CHECKING:
+    from ...engines.taylor_batch import TaylorStep
+
 LOOSER, GROWN = 16, 32
 """The tolerances that a step takes where the growth of errors is looked for, and the error that a
 crossing may have in differences that this makes. A difference may be small by chance. For 6 of
@@ -20,14 +24,19 @@ crossing may have in differences that this makes. A difference may be small by c
 a quarter of the true one at the least. For four in five, GROWN differences enlarge nothing."""
 
 
-@np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
-def advance(e: Ensemble) -> Outcome:
-    """All motions of an ensemble through their span."""
+def step_of(e: Ensemble) -> "TaylorStep":
+    """The compiled step of an ensemble."""
     from ...engines import taylor_batch  # heyoka may be missing
 
     # Its code is the same whether the event ends a motion or not.
     event = e.event and e.event._replace(terminal=False)
-    step = taylor_batch.build(e.model, e.structure, event)  # type: ignore[arg-type]
+    return taylor_batch.build(e.model, e.structure, event)  # type: ignore[arg-type]
+
+
+@np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
+def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
+    """All motions of an ensemble through their span by a step, which may watch an event that the
+    ensemble does not look for."""
     m, n = e.start.shape
     outcome = Outcome.blank(m, n, len(e.times))
     if e.start.any():
@@ -65,7 +74,8 @@ def stop_at_rest(outcome: Outcome) -> None:
 def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
     """All motions of an ensemble through their span and the events that take them on, with these
     events of each that has met any."""
-    outcome = advance(e)
+    step = step_of(e)
+    outcome = advance(e, step)
     events: dict[int, list[Occurrence]] = {}
     hits = outcome.departures
     while onward := [going for hit in hits for going in restarts(e, hit, outcome, events)]:
@@ -73,7 +83,7 @@ def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
         begin = np.array([time for _, time, _ in onward], dtype=float)
         start = np.array([state for _, _, state in onward], dtype=float).T
         constants, span = e.constants[:, numbers], (begin, e.span[1])
-        stretch = advance(replace(e, constants=constants, start=start, span=span))
+        stretch = advance(replace(e, constants=constants, start=start, span=span), step)
         outcome.state[:, numbers], outcome.rejection[numbers] = stretch.state, stretch.rejection
         outcome.exponent[numbers] = stretch.exponent
         outcome.steps[numbers] += stretch.steps
@@ -111,17 +121,19 @@ def measure_crossings(e: Ensemble, event: Event, outcome: Outcome) -> None:
 
     Errors grow along a motion that stays near the separatrix, some 1e4-fold: a pass by the middle
     axis turns one of D into one of the phase, and a torque that depends on the phase turns that
-    into a larger one of D. No single step tells it. A motion whose two times differ by more than
-    the sign of D is taken to be uncertain is not accepted.
+    into a larger one of D. No single step tells it. The second integration ends at the time of the
+    crossing, and its distance from D = 0 there is the difference of the two times. A motion where
+    it is larger than the time for which the sign of D is taken to be uncertain is not accepted.
     """
     passed = outcome.passages
     first = np.flatnonzero(passed.is_first & outcome.accepted[passed.motion])
-    motion, terminal = passed.motion[first], event._replace(terminal=True)
-    start, constants = e.start[:, motion], e.constants[:, motion]
-    again = advance(replace(e, start=start, constants=constants, event=terminal, looser=LOOSER))
-    time = np.full(len(motion), np.inf)
-    time[again.passages.motion] = again.passages.time
-    distance = np.abs(time - passed.time[first])
+    motion, time = passed.motion[first], passed.time[first]
+    again = replace(
+        e, start=e.start[:, motion], constants=e.constants[:, motion], span=(e.span[0], time),
+        event=None, times=np.empty(0), looser=LOOSER,
+    )  # fmt: skip
+    end, k = advance(again, step_of(e)), vars(again.named())
+    distance = time_to_zero(event, e.model, k, time, end.state, end.exponent)
     passed.error[first] = np.maximum(passed.error[first], GROWN * distance)
-    is_sure = again.accepted & (distance <= passed.uncertainty[first])
+    is_sure = end.accepted & (distance <= passed.uncertainty[first])
     outcome.reject(motion[~is_sure], Rejection.UNCERTAIN)

@@ -87,7 +87,8 @@ class BatchState:
         self.now, self.next = np.zeros((2, self.step.rows, len(number)))
         self.now[:m], self.now[m : m + 2] = e.start[:, number], e.lengths[:, number]
         self.params = np.zeros((len(e.constants) + 5, len(number)))
-        self.params[END], self.params[1:STRIDE] = e.span[1], e.constants[:, number]
+        self.params[END] = np.broadcast_to(e.span[1], e.start.shape[1])[number]
+        self.params[1:STRIDE] = e.constants[:, number]
         self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.event), number
         self.renew(np.arange(len(number)))
         self.empty(len(begun))
@@ -109,7 +110,7 @@ class BatchState:
         self.step(self.now[:length], self.params[:NUMBER], self.next)
         if self.ensemble.times.size:
             self.history.append(self.now[:length].copy())
-        if self.step.rows > length + 1:
+        if self.ensemble.event is not None:
             self.note_candidates(np.flatnonzero(self.next[length + 1] < 0))
         self.now, self.next = self.next, self.now
 
@@ -124,7 +125,7 @@ class BatchState:
         self.history.clear()
         # A motion at its end has none left, though rounding has taken some of it.
         lost = np.where(history[m] > 0, history[m + 1], 0)
-        time, rest = time_reached(e.span[1], history[m], lost, rate)
+        time, rest = time_reached(self.params[END], history[m], lost, rate)
         step, sample = map(padded, times_within(e.times, time + rest))
         column = step % len(number)
         before = history[:, :-1].reshape(m + TIME_ROWS, -1).take(step, axis=1)

@@ -74,14 +74,14 @@ class TerminalHits(NamedTuple):
 @dataclass(frozen=True)
 class Ensemble:
     """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
-    the start (m, n), the times at which they begin, one or (n,), and end, the event that is looked
-    for, and the tolerance, of which each step takes `looser`."""
+    the start (m, n), the times at which they begin and end, each one or (n,), the event that is
+    looked for, and the tolerance, of which each step takes `looser`."""
 
     model: type[Model]
     structure: Structure
     constants: np.ndarray
     start: np.ndarray
-    span: tuple[float | np.ndarray, float]
+    span: tuple[Any, Any]
     event: Event | None
     tol: float
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -95,8 +95,8 @@ class Ensemble:
     @property
     def lengths(self) -> np.ndarray:
         """How long each motion takes, as the sum of two rows (2, n)."""
-        begin = np.broadcast_to(self.span[0], self.start.shape[1])
-        return np.array(exact_difference(self.span[1], begin))
+        begin, end = (np.broadcast_to(time, self.start.shape[1]) for time in self.span)
+        return np.array(exact_difference(end, begin))
 
     def named(self, motions: Any = slice(None)) -> SimpleNamespace:
         """The constants of some motions by name."""
