@@ -57,14 +57,9 @@ class Judge:
         if not claim["readings"]:
             return verdicts[""]
         first = next(iter(verdicts.values()))
-        evidence = "; ".join(
-            f"{name}: {verdict.verdict} ({verdict.evidence})" for name, verdict in verdicts.items()
-        )
-        readings_by_contrary = {v.contradicted_by: name for name, v in verdicts.items()}
-        contrary = "; ".join(
-            f"{name}: {words}" if len(readings_by_contrary) > 1 else words
-            for words, name in readings_by_contrary.items()
-        )
+        decisions = {name: f"{v.verdict} ({v.evidence})" for name, v in verdicts.items()}
+        evidence = by_reading(decisions, "every reading: ")
+        contrary = by_reading({name: v.contradicted_by for name, v in verdicts.items()}, "")
         return Verdict(
             claim, over_readings(claim, verdicts), first.number, evidence, contrary, verdicts
         )
@@ -139,6 +134,17 @@ class Judge:
         if not isinstance(paper_check := self.checks.get(name), Check):
             raise HodoError(unknown(f"check {name!r}", name, self.checks))
         return paper_check.judge(motions)
+
+
+def by_reading(words: Mapping[str, str], of_all: str) -> str:
+    """Words under each reading by its name, once where several have the same, and after `of_all`
+    where all have."""
+    names: dict[str, list[str]] = {}
+    for name, text in words.items():
+        names.setdefault(text, []).append(name)
+    if len(names) == 1:
+        return f"{of_all}{next(iter(names))}"
+    return "; ".join(f"{' / '.join(same)}: {text}" for text, same in names.items())
 
 
 def over_readings(claim: Mapping[str, Any], by_reading: Mapping[str, Verdict]) -> str:

@@ -247,7 +247,8 @@ def compared_by_difference(
     ]
     crossing = [(low, high) for low, high in pairs if (low, high) != (without, without)]
     rises = sum(low < high for low, high in crossing)
-    words = f"{rises} of {len(crossing)} pairs so; {len(pairs) - len(crossing)} pairs do not cross"
+    without_crossing = len(pairs) - len(crossing)
+    words = f"{rises} of {len(crossing)} pairs in this order; {without_crossing} pairs do not cross"
     return if_true(0 < rises == len(crossing)), rises / len(crossing), words
 
 
