@@ -25,6 +25,7 @@ from .commands.classify import classified, classify_results
 from .commands.resume import case_digest
 from .commands.run import execute, finish, plans
 from .figures import draw
+from .figures.artists import user_parameters
 from .progress import Progress
 from .results.dataset import StoredCases, cases_of_file, dataset
 from .schema.kinds import Wrong, check_keys, unknown
@@ -154,7 +155,8 @@ def open(path: str | Path) -> StoredCases:
 
 
 def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **keys: Any) -> Figure:
-    """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block.
+    """A figure of one dataset or several, by the `kind` and `keys` of a `figures:` block. Where its
+    `style` has none, the parameters of matplotlib count that rc_context or a style have set.
 
     Raises HodoError if there is no such kind or key, or the kind has no meaning for the data.
     """
@@ -172,7 +174,7 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     spec = {"kind": kind, **spec}
     if mistakes := [*mistakes, *check_figure(spec)]:
         raise HodoError(str(Wrong(*mistakes)))
-    return draw(spec, cases).figure
+    return draw(spec, cases, rc=user_parameters()).figure
 
 
 def _case(case: Given, name: str) -> Case:

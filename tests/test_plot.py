@@ -20,7 +20,6 @@ from drawings import Drawings, drawings_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
 from hodo_cli import HodoError, api, figures
@@ -39,12 +38,8 @@ from hodo_cli.figures.geometry import (
     stretches,
 )
 from hodo_cli.figures.sheet import (
-    STYLE,
-    Sheet,
     _formula,
-    lighten,
     save,
-    title_lines,
     without_tex,
 )
 from hodo_cli.models import rigid_body
@@ -304,16 +299,10 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
     )
 
 
-def test_names_of_curves_in_tables_are_plain_text() -> None:
-    sheet = Sheet(Figure())
-    for name in (r"1, $\lambda_1 = 0.1$", "case_1"):
-        sheet.record("panel", name, {"time": np.zeros(1), "T": np.ones(1)})
-    rows = list(csv.reader(sheet.csv().splitlines()))
-    assert rows == [
-        ["curve", "time", "T"],
-        ["1, λ1 = 0.1", "0.0", "1.0"],
-        ["case_1", "0.0", "1.0"],
-    ]
+def test_names_of_curves_in_tables_are_plain_text(several: Drawings) -> None:
+    sheet = several.draw("ball", labels=(r"1, $\lambda_1 = 0.1$", "case_1"))
+    names = [row[0] for row in csv.reader(sheet.csv().splitlines())]
+    assert list(dict.fromkeys(names)) == ["curve", "1, λ1 = 0.1", "case_1"]
 
 
 def test_csv_is_what_is_shown(runs: Path) -> None:
@@ -357,8 +346,7 @@ def test_a_png_is_what_matplotlib_itself_would_save(runs: Path, tmp_path: Path) 
     results = Drawings.of(runs / "paper1.h5")
     ours, theirs = (results.draw("fig4-invariants") for _ in range(2))
     save(ours, tmp_path / "ours.png", "a caption")
-    with matplotlib.style.context(["default", STYLE]):
-        theirs.figure.savefig(tmp_path / "theirs.png")
+    theirs.figure.savefig(tmp_path / "theirs.png")
     images = [matplotlib.image.imread(tmp_path / f"{name}.png") for name in ("ours", "theirs")]
     # Without the alpha of matplotlib's, which is opaque.
     assert (images[1][..., 3] == 1).all()
@@ -378,19 +366,14 @@ def test_a_formula_is_set_once_for_all_figures(runs: Path, tmp_path: Path) -> No
     assert again == second > first
 
 
-def test_ticks_are_plain_text_and_their_factor_is_a_formula() -> None:
-    figure = Figure()
-    axes, inset = figure.add_subplot(), figure.add_axes((0.5, 0.5, 0.1, 0.1))
-    inset.set_yscale("log")
-    with matplotlib.style.context(["default", STYLE]):
-        axes.plot([-3e-9, 3e-9], [-2, 2])
-        axes.set_yticks([-2.5, 2.5])
-        lighten(figure)
-        FigureCanvasAgg(figure).draw()
-    texts = [text.get_text() for text in axes.get_yticklabels()]
-    assert (texts[0], texts[-1]) == ("\N{MINUS SIGN}2.5", "2.5")
+def test_ticks_are_plain_text_and_their_factor_is_a_formula(several: Drawings) -> None:
+    keys = {**several.figures["ball"], "kind": "phase", "x": "p", "y": "G"}
+    ends = {"xlim": (-3e-9, 3e-9), "ylim": (0.1, 10.0), "log": ("y",)}
+    (axes,) = several.draw(keys, style=ends).figure.axes
+    FigureCanvasAgg(axes.figure).draw()
+    assert axes.get_xticklabels()[0].get_text() == "\N{MINUS SIGN}3"
     assert "10^" in axes.xaxis.get_offset_text().get_text()
-    assert not isinstance(inset.yaxis.get_major_formatter(), ScalarFormatter)
+    assert not isinstance(axes.yaxis.get_major_formatter(), ScalarFormatter)
 
 
 def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Path) -> None:
@@ -556,21 +539,125 @@ def test_an_enlarged_panel_of_quadrants_names_regions_by_letters(runs: Path) -> 
     assert names == [{"A (about $x_1$)", "B (about $x_3$)"}, {"A", "B"}]
 
 
-def test_a_title_is_broken_between_words_and_never_in_a_formula() -> None:
-    assert title_lines("Fig 1", 3.3) == ["Fig 1"]
+def test_a_title_is_broken_between_words_and_never_in_a_formula(several: Drawings) -> None:
+    assert several.draw("ball", title="Fig 1").figure.get_suptitle() == "Fig 1"
     long = r"Fig 13: quadrants for $I_{11} = I_{13} = I_{31} = I_{33} = 0.005$, $|\omega(0)| = 1$"
-    lines = title_lines(long, 3.3)
-    assert len(lines) == 2
+    lines = several.draw("ball", title=long).figure.get_suptitle().splitlines()
+    assert len(lines) > 1
     assert " ".join(lines) == long
     assert all(line.count("$") % 2 == 0 for line in lines)
 
 
-def test_a_legend_is_read_row_by_row() -> None:
-    sheet = Sheet(Figure())
-    artists.legend(sheet, artists.case_handles(["a", "b", "c", "d", "e"]), 2)
-    columns = [text.get_text() for text in sheet.figure.legends[0].get_texts()]
-    # matplotlib fills the first column with three of five entries.
-    assert columns == ["a", "c", "e", "b", "d"]
+def test_a_legend_is_read_row_by_row_and_fits_its_figure(several: Drawings) -> None:
+    three = {"kind": "phase", "cases": ("brief", "long", "other"), "x": "p", "y": "r"}
+    spec = {**several.figures["ball"], **three}
+    # matplotlib fills column after column: the first has one row, the second rows of three.
+    for width, order in ((84, ()), (60, ("brief", "start", "long", "end", "other"))):
+        (legend,) = several.draw(spec, style={"width": width, "legend": "below"}).figure.legends
+        texts = tuple(text.get_text() for text in legend.get_texts())
+        assert texts == (order or ("brief", "long", "other", "start", "end"))
+
+
+def test_a_style_gives_size_letters_scales_and_labels(several: Drawings) -> None:
+    style = {
+        **{"width": 120.0, "height": 60.0, "letters": "yes", "log": ("x",), "legend": "right"},
+        **{"ylim": (-2.0, 2.0), "xlabel": "time", "font_size": 6.0, "line_width": 3.0},
+    }
+    figure = several.draw("each", style=style).figure
+    assert figure.get_size_inches() * 25.4 == pytest.approx([120, 60])
+    assert [axes.get_title("left") for axes in figure.axes] == ["(a)", "(b)"]
+    for axes in figure.axes:
+        assert (axes.get_xscale(), axes.get_ylim(), axes.get_xlabel()) == ("log", (-2, 2), "time")
+        assert axes.get_xlim()[0] > 0
+        assert axes.lines[0].get_linewidth() == 3
+        assert axes.xaxis.label.get_size() == 6
+    plain = several.draw("each").figure.get_size_inches() * 25.4
+    wide, narrow = (several.draw("each", style={"width": word}) for word in ("page", "column"))
+    sizes = [sheet.figure.get_size_inches() * 25.4 for sheet in (wide, narrow)]
+    assert sizes[0] == pytest.approx([174, 174 / plain[0] * plain[1]])
+    assert sizes[1] == pytest.approx([84, 84 / plain[0] * plain[1]])
+    for place, count in (("none", 0), ("inside", 0), ("below", 1)):
+        figure = several.draw("ball", style={"legend": place}).figure
+        assert len(figure.legends) == count
+        assert (figure.axes[0].get_legend() is not None) == (place == "inside")
+
+
+STYLED = """
+defaults: {model: linear-diag, inertia: [3, 2, 1.5], initial: {p: 1, q: 1, r: 1}}
+cases: {a: {time: {end: 1, samples: 101}}}
+style: {width: column, svg_text: yes}
+figures:
+  own: {kind: phase, cases: a, x: p, y: r, style: {width: 50, sheet: looks/mine.mplstyle}}
+  common: {kind: phase, cases: a, x: p, y: r}
+"""
+
+
+def test_the_style_of_a_file_counts_where_a_figure_has_none(hodo: Hodo, tmp_path: Path) -> None:
+    (tmp_path / "configs" / "looks").mkdir(parents=True)
+    sheet = tmp_path / "configs" / "looks" / "mine.mplstyle"
+    sheet.write_text("axes.labelcolor: ff0000\n")
+    (tmp_path / "configs" / "c.yaml").write_text(STYLED)
+    assert hodo("run", "configs/c.yaml", "--quiet").returncode == 0
+    # By the config as by the result, whose folder is another.
+    for named in ("configs/c.yaml", "runs/c.h5"):
+        assert hodo("plot", named, "--format", "svg", "--force").returncode == 0
+        own, common = (
+            (tmp_path / "runs" / "figures" / "c" / f"{name}.svg").read_text()
+            for name in ("own", "common")
+        )
+        assert ">start</text>" in own
+        assert f'width="{50 / 25.4 * 72:.6f}pt"' in own
+        assert f'width="{84 / 25.4 * 72:.6f}pt"' in common
+        assert "#ff0000" in own
+        assert "#ff0000" not in common
+    sheet.write_text("axes.labelcolor: 00ff00\n")
+    drawn = hodo("plot", "runs/c.h5", "--format", "svg")
+    assert "1 of 2 figures are kept" in drawn.stderr
+    sheet.write_text("axes.labelcolour: red\n")
+    broken = hodo("plot", "runs/c.h5", "--format", "svg")
+    assert broken.returncode == 1
+    assert "own: style.sheet: Bad key axes.labelcolour in file" in broken.stderr
+    sheet.unlink()
+    assert "no such file" in hodo("plot", "runs/c.h5", "--format", "svg").stderr
+
+
+def test_a_figure_takes_the_look_that_its_user_has_set(several: Drawings) -> None:
+    cycle = matplotlib.rcsetup.cycler(color=["#123456"])
+    keys = {"kind": "phase", "x": "p", "y": "r"}
+    data = several.cases["brief"]
+    with matplotlib.rc_context({"font.size": 12, "lines.linewidth": 2, "axes.prop_cycle": cycle}):
+        figure, chosen = (
+            api.plot(data, **keys, style=style) for style in ({}, {"font_size": 6, "sheet": "bmh"})
+        )
+    axes = figure.axes[0]
+    assert axes.xaxis.label.get_size() == 12
+    assert (axes.lines[0].get_linewidth(), axes.lines[0].get_color()) == (2, "#123456")
+    # Its own style counts before that.
+    assert chosen.axes[0].lines[0].get_color() == "#348ABD"
+    # Ticks are made when they are first drawn, here after the user's parameters are gone.
+    FigureCanvasAgg(figure).draw()
+    assert axes.get_xticklabels()[0].get_size() == pytest.approx(12 * 0.833)
+    # Nor is anything left behind.
+    assert api.plot(data, **keys).axes[0].xaxis.label.get_size() == pytest.approx(8.4)
+
+
+@pytest.mark.parametrize(
+    ("style", "message"),
+    [
+        ({"font": "Ariel"}, "style.font: unknown font 'Ariel'"),
+        ({"sheet": "ggplo"}, "style.sheet: unknown style sheet 'ggplo'; did you mean 'ggplot'?"),
+        ({"sheet": "none.mplstyle"}, "style.sheet: none.mplstyle: no such file or directory"),
+        ({"sheet": "http://x/y.mplstyle"}, "style.sheet: expected the name of a style sheet"),
+        ({"log": ["x", "y"]}, "values below zero"),
+        ({"xlabel": r"$\frac{$"}, "is not TeX"),
+    ],
+)
+def test_a_style_that_cannot_be_had_is_one_line(
+    several: Drawings, style: dict[str, object], message: str
+) -> None:
+    data = several.cases["brief"]
+    keys = {"kind": "phase", "x": "p", "y": "omega.x2"}
+    assert message in refused(lambda: api.plot(data, **keys, style=style))
 
 
 def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
@@ -607,6 +694,23 @@ def test_the_name_of_a_region_keeps_clear_of_the_curve() -> None:
         (
             "kind: map, cases: s, variable: crossings, x: u, y: v, panels: v",
             "panels: v is an axis of the panels already",
+        ),
+        (
+            "kind: sphere, cases: a, style: {wdth: 1}",
+            "style.wdth: unknown key; did you mean 'width'?",
+        ),
+        (
+            "kind: sphere, cases: a, style: {width: 1}",
+            "style.width: expected column or page, or number >= 20",
+        ),
+        ("kind: sphere, cases: a, style: {log: x}", "the panels of a sphere have no scales"),
+        (
+            "kind: phase, cases: a, x: p, y: q, style: {log: x, xlim: [0, 1]}",
+            "style.xlim: expected positive ends of a logarithmic axis",
+        ),
+        (
+            "kind: phase, cases: a, x: p, y: q, style: {ylim: [1, 0]}",
+            "style.ylim: expected the lower end first",
         ),
     ],
 )

@@ -25,7 +25,7 @@ from .case import (
     read_mapping,
     variation,
 )
-from .figure_block import FIGURE, Drawable, check_drawn, check_figure
+from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
 from .sweep_block import axes_of, storable
@@ -174,7 +174,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     for override in overrides:
         apply_override(override, blocks, mistakes)
     cases = _checked(blocks, named.value_places, mistakes)
-    figures, figure_faults = _figures(sections.get("figures") or {}, named)
+    figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
     case_check = partial(_case_check, cases, named)
     claim_faults = claim_block.cross_check(present.get("claims"), present.get("errata"), case_check)
@@ -347,10 +347,10 @@ def drawable(case: Case) -> Drawable:
 
 
 def _figures(
-    section: Mapping[str, Any], cases: Mapping[str, Any]
+    section: Mapping[str, Any], cases: Mapping[str, Any], style: Mapping[str, Any] | None
 ) -> tuple[dict[str, dict[str, Any]], list[Mistake]]:
-    """The figures, each checked by the keys of its kind; the cases and figures that they name must
-    exist."""
+    """The figures, each checked by the keys of its kind and with the style of the file where it has
+    none; the cases and figures that they name must exist."""
     entries, mistakes = _entries("figures", section)
     figures = {}
     for name, block in entries.items():
@@ -358,6 +358,7 @@ def _figures(
             mistakes.append((("figures", WrongKey(name)), fault))
         figures[name], wrong = FIGURE.check_keys(block)
         wrong += check_figure(figures[name])
+        figures[name]["style"] = merged_style(style, figures[name].get("style"))
         mistakes += [(("figures", name, *path), message) for path, message in wrong]
         if figures[name].get("cases") == ():
             mistakes.append((("figures", name, "cases"), "names no case"))

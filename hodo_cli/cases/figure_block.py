@@ -11,6 +11,7 @@ from ..models import rigid_body
 from ..schema.kinds import (
     NAMES,
     Choice,
+    Either,
     Integer,
     Key,
     KeyPath,
@@ -20,6 +21,7 @@ from ..schema.kinds import (
     Table,
     Text,
     Variant,
+    expected,
     unknown,
     vector,
 )
@@ -88,7 +90,93 @@ VIEW = Key(
     "degree",
     (24.0, 35.0),
 )
-OF_CASES = {"cases": DRAWN_CASES, "labels": LEGEND, "title": TITLE, "caption": CAPTION}
+
+
+class StyleSheet(Text):
+    """The name of one of matplotlib's style sheets, or the path of one; no address elsewhere."""
+
+    def check(self, value: Any) -> str:
+        name = super().check(value)
+        is_path = name.endswith(".mplstyle") and "://" not in name
+        if is_path or name.replace("-", "_").isidentifier():
+            return name
+        raise expected(self, value)
+
+    def __str__(self) -> str:
+        return "the name of a style sheet of matplotlib, or a file *.mplstyle"
+
+
+LOOK = {
+    "width": Key(
+        Either(Choice("column", "page"), Number(least=20, most=1000)),
+        "width of the figure: `column` (84 mm), `page` (174 mm, two columns), or a number",
+        "mm",
+        None,
+    ),
+    "height": Key(
+        Number(least=20, most=1000), "height of the figure (default: by its width)", "mm", None
+    ),
+    "font": Key(
+        Text(),
+        "family of the letters: an installed one, `serif`, `sans-serif` or `monospace` "
+        "(default: STIX)",
+        default=None,
+    ),
+    "font_size": Key(
+        Number(least=3, most=72),
+        "size of labels and titles; ticks and legend are a sixth smaller (default: 8.4)",
+        "pt",
+        None,
+    ),
+    "line_width": Key(
+        Number(above=0, most=20),
+        "width of curves; long hodographs are drawn thinner (default: 1)",
+        "pt",
+        None,
+    ),
+    "legend": Key(
+        Choice(
+            *("below", "right", "inside", "none"),
+            *("upper left", "upper right", "lower left", "lower right"),
+        ),
+        "where the legend stands: beside the panels, or within the first (default: below)",
+        default=None,
+    ),
+    "letters": Key(
+        Choice("yes", "no"), "letter the panels (a), (b), ... (default: no)", default=None
+    ),
+    "svg_text": Key(
+        Choice("yes", "no"),
+        "keep text in SVG as text, which an editor can change (default: no)",
+        default=None,
+    ),
+    "sheet": Key(
+        StyleSheet(),
+        "style sheet of matplotlib: its name, or its path from the folder of the case file",
+        default=None,
+    ),
+}
+"""The style of all figures of a file, or of one."""
+
+SCALES = {
+    "log": Key(ListOf(Choice("x", "y"), alone=True), "the axes that are logarithmic", default=None),
+    "xlim": Key(vector(2), "left and right end of each panel", default=None),
+    "ylim": Key(vector(2), "lower and upper end of each panel", default=None),
+    "xlabel": Key(Text(), "label of the horizontal axis, its formulas in TeX", default=None),
+    "ylabel": Key(Text(), "label of the vertical axis", default=None),
+}
+"""The style of one figure whose panels have scales."""
+
+KINDS_WITHOUT_SCALES = ("hodograph", "sphere", "axis-trace", "body", "quadrant-sketch")
+
+STYLE = Key(Table(LOOK | SCALES), "look of the figure, besides the file's `style`", default=None)
+OF_CASES = {
+    "cases": DRAWN_CASES,
+    "labels": LEGEND,
+    "title": TITLE,
+    "caption": CAPTION,
+    "style": STYLE,
+}
 STYLED = OF_CASES | {"styles": STYLES}
 TIMED = STYLED | {"time": TIME_SYMBOL}
 
@@ -155,6 +243,7 @@ SKETCH = {
     "labels": Key(NAMES, "title of each panel, in the order of `bodies`", default=()),
     "title": TITLE,
     "caption": CAPTION,
+    "style": STYLE,
 }
 
 SERIES = {
@@ -189,6 +278,7 @@ MAP = {
     "labels": LEGEND,
     "title": TITLE,
     "caption": CAPTION,
+    "style": STYLE,
     "variable": SWEPT_VARIABLE,
     "x": Key(
         Text(),
@@ -214,6 +304,7 @@ CURVE = {
     "labels": LEGEND,
     "title": TITLE,
     "caption": CAPTION,
+    "style": STYLE,
     "variable": SWEPT_VARIABLE,
     "x": Key(Text(), "axis of the sweep on the horizontal axis"),
     "by": Key(Text(), "axis of the sweep of which each entry is a curve", default=None),
@@ -253,6 +344,12 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
 FIGURE = Variant("kind", FIGURE_KINDS, "what is drawn")
 
 
+def merged_style(*styles: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The keys of several styles that are set; a later style counts before the earlier ones."""
+    keys = [style.items() for style in styles if style]
+    return {name: value for style in keys for name, value in style if value is not None}
+
+
 def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     """Mistakes in keys of a figure that are each right by themselves."""
     named = "bodies" if values.get("kind") == "quadrant-sketch" else "cases"
@@ -270,9 +367,17 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     intervals |= {
         ("insets", i, "span"): of["span"] for i, of in enumerate(values.get("insets", ()))
     }
+    style = values.get("style") or {}
+    intervals |= {("style", key): style.get(key) for key in ("xlim", "ylim")}
     for path, ends in intervals.items():
         if ends and not ends[0] < ends[1]:
             yield path, f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
+    if values.get("kind") in KINDS_WITHOUT_SCALES or _is_flat(values):
+        message = f"the panels of a {values['kind']} have no scales"
+        yield from ((("style", key), message) for key in SCALES if style.get(key) is not None)
+    for axis in style.get("log") or ():
+        if (ends := style.get(f"{axis}lim")) and ends[0] <= 0:
+            yield ("style", f"{axis}lim"), "expected positive ends of a logarithmic axis"
     if values.get("at") and not values.get(axis := _axis_of_positions(values)):
         yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
     if values.get("kind") == "body" and len(several) > 1:
@@ -450,8 +555,7 @@ def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> 
             yield (key,), unknown(f"axis {name!r} of sweep {case.name}", name, list(case.axes))
         elif name == case.sphere:
             yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"
-    flat = values.get("kind") == "map" and values.get("x") is None and values.get("y") is None
-    if flat and not case.sphere:
+    if _is_flat(values) and not case.sphere:
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
     counted = values.get(_axis_of_positions(values))
     if steady and counted is not None and counted in case.axes:
@@ -481,6 +585,11 @@ def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> lis
     if values.get("kind") == "map" and values.get("x") is None:
         drawn.add(sphere)
     return [name for name in axes if name not in drawn]
+
+
+def _is_flat(values: Mapping[str, Any]) -> bool:
+    """Whether a figure is a map of the sphere."""
+    return values.get("kind") == "map" and values.get("x") is None and values.get("y") is None
 
 
 def _axis_of_positions(values: Mapping[str, Any]) -> str:

@@ -21,7 +21,7 @@ from ..schema.kinds import (
     expected,
     near,
 )
-from . import claim_block
+from . import claim_block, figure_block
 from .sweep_block import SWEEP
 
 METHODS = ("auto", "taylor", "collocation", "DOP853", "RK45", "LSODA", "Radau", "BDF", "exact")
@@ -130,6 +130,7 @@ SECTIONS = {
     ),
     "cases": Key(Mapped(), "the experiments, by name"),
     "figures": Key(Mapped(), "what `hodo plot` draws, by name", default=None),
+    "style": Key(Table(figure_block.LOOK), "look of all figures", default=None),
     "bench": Key(BENCH, "what `hodo bench` tries on every case", default=None),
     "claims": Key(
         ListOf(Table(claim_block.CLAIM)), "statements that `hodo claims` checks", default=()

@@ -27,7 +27,7 @@ from ..schema.kinds import unknown
 from ..storage.finished_cases import open_batch
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import replacing
-from .resume import content_digest, result_named, warn_of_changes
+from .resume import CONFIG_PATH, content_digest, result_named, warn_of_changes
 
 if TYPE_CHECKING:
     from ..results.dataset import StoredCases
@@ -76,7 +76,17 @@ def opened(name: Path) -> Iterator[tuple[ResultFile, Config]]:
         warn_of_changes(run, config, "plot")
         config = config or parse(run.text, str(path))
         # Figures are drawn from the stored cases. A config without its own is quick to pickle.
-        yield run, replace(config, cases={})
+        folder = (run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))).parent
+        figures = {name: with_sheet(spec, folder) for name, spec in config.figures.items()}
+        yield run, replace(config, cases={}, figures=figures)
+
+
+def with_sheet(spec: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A figure with the path of its style sheet, which its config gives from its own folder."""
+    sheet = str(spec["style"].get("sheet", ""))
+    if not sheet.endswith(".mplstyle"):
+        return spec
+    return {**spec, "style": {**spec["style"], "sheet": os.path.normpath(folder / sheet)}}
 
 
 def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
@@ -273,9 +283,10 @@ class Folder:
         spec = self.config.figure(name)
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
         versions = library_version("matplotlib"), library_version("plotly")
+        sheet = bytes_digest(Path(spec["style"].get("sheet", "no sheet")))
         return content_digest(
             (self.checksums.get(case, ABSENT) for case in cases),
-            repr((spec, others, versions, bytes_digest(self.path / file))),
+            repr((spec, others, versions, sheet, bytes_digest(self.path / file))),
         )
 
 

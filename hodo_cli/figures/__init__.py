@@ -16,16 +16,17 @@ import numpy as np
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import NOT_OF_A_CASE, HodoError
-from ..cases.figure_block import Drawable, DrawnFigure, check_drawn
+from ..cases.figure_block import Drawable, DrawnFigure, check_drawn, merged_style
 from ..results.dataset import MOTION_DIMS, Cases, case_in, is_sweep, motions_of, sweep_axes
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
+from .artists import finish, parameters
 from .body import body
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import FILMS, STYLE, Drawing, Sheet, check_tex, lighten, save, title_lines
+from .sheet import FILMS, STYLE, Drawing, Sheet, check_tex, lighten, save, text_size
 from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
@@ -54,10 +55,13 @@ DRAW: dict[str, Callable[[Sheet, Mapping[str, Any], Cases], None]] = {
 
 
 def draw(
-    spec: Mapping[str, Any], cases: Cases, figures: Mapping[str, Mapping[str, Any]] = NO_OTHERS
+    spec: Mapping[str, Any],
+    cases: Cases,
+    figures: Mapping[str, Mapping[str, Any]] = NO_OTHERS,
+    rc: Mapping[str, Any] = NO_OTHERS,
 ) -> Sheet:
     """The figure that one entry of a `figures:` block describes, of datasets by name; it may share
-    the scale of other `figures`.
+    the scale of other `figures`. Parameters `rc` of matplotlib count where its style has none.
 
     Raises HodoError if a case or variable is not there, the kind of figure has no meaning for it,
     or a text is not TeX as matplotlib knows it.
@@ -69,21 +73,20 @@ def draw(
     scale = [case for name in spec.get("scale_with", ()) for case in figures[name]["cases"]]
     spec = {**with_time_symbol(spec, cases), "scale_cases": scale}
     check(spec, cases)
-    with matplotlib.style.context(["default", STYLE]):
+    style = merged_style(spec["style"])
+    look = {**STYLE, **rc, **parameters(style)}
+    with matplotlib.style.context(["default", look]):
+        drawing = Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06))
+        drawing.parameters = look
         for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
-            check_tex(text, STYLE["legend.fontsize"])
-        check_tex(spec["title"], STYLE["axes.titlesize"])
-        sheet = Sheet(Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06)))
+            check_tex(text, text_size("legend.fontsize"))
+        check_tex(spec["title"], text_size("figure.titlesize"))
+        sheet = Sheet(drawing)
         sheet.units, sheet.time = column_units(spec, cases), spec.get("time", "t")
         DRAW[spec["kind"]](sheet, spec, cases)
         sheet.remarks = remarks_on(spec, cases)
-        lighten(sheet.figure)
-        if spec["title"]:
-            width, height = sheet.figure.get_size_inches()
-            lines = title_lines(spec["title"], width)
-            # The panels keep their size: a line of the title is a fifth of an inch high.
-            sheet.figure.set_size_inches(width, height + 0.2 * len(lines))
-            sheet.figure.suptitle("\n".join(lines), size=8)
+        finish(sheet, spec, style)
+        lighten(drawing)
     return sheet
 
 

@@ -1,9 +1,12 @@
-"""Colours, marks, labels and legends that every kind of figure shares."""
+"""Colours, marks and labels that every kind of figure shares, and the style that figures are given:
+the parameters of matplotlib, and the size, scales, legend and letters of drawn panels."""
 
+import logging
 import math
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from string import ascii_lowercase
 from typing import Any
 
 import matplotlib.style
@@ -13,14 +16,16 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
+from matplotlib.font_manager import FontProperties, findfont, get_font_names
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
+from .. import HodoError
 from ..cases.figure_block import COLOUR_NAMES, LINE_NAMES
 from ..results.motion import Motion
+from ..schema.kinds import unknown
 from ..text import abridged
 from .geometry import stretches, windings
-from .sheet import Look, Sheet
+from .sheet import Look, Sheet, check_tex, letters, text_size, title_lines
 
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 """Widths of a journal's column and page, inches."""
@@ -47,6 +52,8 @@ CYCLE = (
     (BLACK, (0, (1, 1))),
     (GREY, "-"),
 )
+DEFAULT_CYCLE = matplotlib.rcParamsDefault["axes.prop_cycle"]
+
 COLOUR_MAP = "plasma"
 """From blue by red to yellow; of the maps that are even to the eye, the one with the most hues
 before it grows too pale for a curve."""
@@ -136,11 +143,18 @@ LINES = dict(zip(LINE_NAMES, ("-", (0, (5, 1.5)), (0, (1, 1))), strict=True))
 
 
 def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """n colours with line styles: first the named ones, such as "blue dashed", then the cycle's."""
+    """n colours with line styles: first the named ones, such as "blue dashed", then those of the
+    user's cycle of colours, or of ours."""
     lines = list(dict.fromkeys(line for _, line in CYCLE))
+    cycle: Sequence[tuple[Any, Any]] = CYCLE
+    if (chosen := matplotlib.rcParams["axes.prop_cycle"]) != DEFAULT_CYCLE:
+        cycle = [
+            (look.get("color", BLACK), look.get("linestyle", lines[i % len(lines)]))
+            for i, look in enumerate(chosen)
+        ]
     looks: list[dict[str, Any]] = []
     for i in range(n):
-        lap, (colour, line) = i // len(CYCLE), CYCLE[i % len(CYCLE)]
+        lap, (colour, line) = i // len(cycle), cycle[i % len(cycle)]
         # Each round of the colours has other lines, or its curves would look like those before.
         line = lines[(lines.index(line) + lap) % len(lines)]
         looks.append({"color": colour, "ls": line})
@@ -180,15 +194,6 @@ def mark_points(
         for artist in axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False):
             # A mark may stick out of its panel; the layout would make room for it.
             artist.set_in_layout(False)
-
-
-def legend(sheet: Sheet, handles: Sequence[Line2D | Patch], columns: int) -> None:
-    """A legend below the panels, which is read row by row."""
-    # matplotlib fills column after column.
-    rowwise = [handle for column in range(columns) for handle in handles[column::columns]]
-    sheet.figure.legend(
-        handles=rowwise, loc="outside lower center", ncols=columns, columnspacing=1.2
-    )
 
 
 def of_other_body(motions: Sequence[Motion]) -> Motion | None:
@@ -265,7 +270,8 @@ def plane_curve(
 
 def line_width(motion: Motion) -> float:
     """A line width, the thinner the longer the hodograph winds."""
-    return float(np.interp(windings(motion.G), [15, 120], [1.1, 0.5]))
+    thinner = float(np.interp(windings(motion.G), [15, 120], [1.1, 0.5]))
+    return thinner * float(matplotlib.rcParams["lines.linewidth"])
 
 
 def arrow(axes: Axes, tail: np.ndarray, tip: np.ndarray, colour: Any, zorder: float) -> None:
@@ -312,3 +318,167 @@ def time_bar(sheet: Sheet, panels: list[Axes], motion: Motion, spec: Mapping[str
         scale, ax=panels, location="bottom", fraction=0.03, pad=0.02, shrink=0.6, aspect=50
     )
     bar.set_label(time_label(spec, motion))
+
+
+# The style of a figure
+
+LOOKS = (
+    *("axes", "errorbar", "font", "grid", "legend", "lines", "markers", "mathtext", "patch"),
+    *("pdf", "savefig", "svg", "text", "xtick", "ytick"),
+)
+"""The groups of matplotlib's parameters that a user may set for a figure; the others are those of
+windows and files."""
+
+GENERIC_FONTS = ("serif", "sans-serif", "monospace")
+
+LEGEND_PLACES = {
+    "below": "outside lower center",
+    "right": "outside right upper",
+    "inside": "best",
+}
+"""matplotlib's words for places of a legend; a corner of the first panel has its own name."""
+
+
+def user_parameters() -> Look:
+    """The parameters of matplotlib that the user has set, by rc_context, a style or a file."""
+    current: Any = matplotlib.rcParams
+    default: Any = matplotlib.rcParamsDefault
+    # To ask for another, such as the backend, may load it.
+    names: list[Any] = [name for name in default if name.partition(".")[0] in LOOKS]
+    return {name: current[name] for name in names if current[name] != default[name]}
+
+
+def parameters(style: Mapping[str, Any]) -> Look:
+    """The parameters of matplotlib that a style sets. Raises HodoError for a style sheet or a
+    family of fonts that is not there."""
+    given = {
+        "font.size": style.get("font_size"),
+        "lines.linewidth": style.get("line_width"),
+        "svg.fonttype": "none" if style.get("svg_text") == "yes" else None,
+    }
+    sheet = sheet_parameters(style["sheet"]) if "sheet" in style else {}
+    font = font_parameters(style["font"]) if "font" in style else {}
+    return sheet | font | {name: value for name, value in given.items() if value is not None}
+
+
+def sheet_parameters(name: str) -> Look:
+    """The parameters in a style sheet of matplotlib, by its name or path. Raises HodoError for one
+    that is not there, or for the first mistake in it."""
+    sheets: Any = matplotlib.style.library
+    if name.endswith(".mplstyle"):
+        sheets = {name: sheet_in_file(name)}
+    elif name not in sheets:
+        raise HodoError(f"style.sheet: {unknown(f'style sheet {name!r}', name, sheets)}")
+    return {key: value for key, value in sheets[name].items() if key.partition(".")[0] in LOOKS}
+
+
+def sheet_in_file(path: str) -> Mapping[str, Any]:
+    """The parameters in a file. Raises HodoError as `sheet_parameters` does."""
+    mistakes: list[str] = []
+    listener = logging.Handler()
+    # matplotlib logs a mistake in a style sheet, and goes on without the line.
+    listener.emit = lambda record: mistakes.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("matplotlib")
+    logger.addHandler(listener)
+    try:
+        sheet: Any = matplotlib.rc_params_from_file(path, use_default_template=False)
+    except (OSError, ValueError) as error:
+        reason = str(getattr(error, "strerror", None) or error).lower()
+        raise HodoError(f"style.sheet: {path}: {reason}") from None
+    finally:
+        logger.removeHandler(listener)
+    for mistake in mistakes:
+        raise HodoError(f"style.sheet: {mistake.strip().splitlines()[0]}")
+    return dict(sheet)
+
+
+def font_parameters(family: str) -> Look:
+    """The parameters that set letters and formulas in a family of fonts. Raises HodoError if it is
+    not installed."""
+    try:
+        findfont(FontProperties(family=[family]), fallback_to_default=False)
+    except ValueError:
+        fonts = [*GENERIC_FONTS, *sorted(get_font_names())]
+        raise HodoError(f"style.font: {unknown(f'font {family!r}', family, fonts)}") from None
+    formulas = {"mathtext.rm": family, "mathtext.it": f"{family}:italic"}
+    formulas |= {"mathtext.bf": f"{family}:bold", "mathtext.cal": family}
+    letters_alone = {"font.family": [family], "mathtext.fontset": "custom"}
+    return letters_alone | formulas | {"mathtext.fallback": "stix"}
+
+
+def finish(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any]) -> None:
+    """Give a drawn figure its size, title, scales, letters and legend.
+
+    Raises HodoError for a text that is not TeX, or a logarithmic axis with values below zero.
+    """
+    panels = [axes for axes in sheet.figure.axes if axes.get_subplotspec() is not None]
+    for axes in panels:
+        set_scales(axes, style)
+    if style.get("letters") == "yes":
+        for axes, letter in zip(panels, ascii_lowercase, strict=False):
+            axes.set_title(f"({letter})", loc="left")
+    width, height = sheet.figure.get_size_inches()
+    wanted = {"column": COLUMN, "page": PAGE, None: width}
+    new_width = (
+        wanted[style.get("width")] if style.get("width") in wanted else style["width"] / 25.4
+    )
+    lines = title_lines(spec["title"], new_width) if spec["title"] else []
+    # The panels keep their shape: a line of the title is 1.7 times as high as its letters.
+    new_height = height * new_width / width + 1.7 / 72 * text_size("figure.titlesize") * len(lines)
+    sheet.figure.set_size_inches(new_width, style.get("height", 25.4 * new_height) / 25.4)
+    if lines:
+        sheet.figure.suptitle("\n".join(lines))
+    place_legend(sheet, panels, style.get("legend", "below"))
+
+
+def set_scales(axes: Axes, style: Mapping[str, Any]) -> None:
+    """The scales, ends and labels of a panel as a style has them."""
+    for axis, lowest in (("x", axes.dataLim.x0), ("y", axes.dataLim.y0)):
+        if axis in style.get("log", ()):
+            if lowest < 0:
+                name = getattr(axes, f"get_{axis}label")() or axes.get_title()
+                raise HodoError(
+                    f"style.log: the {axis} axis of {name} has values below zero, "
+                    f"down to {lowest:.4g}"
+                )
+            axes.set(**{f"{axis}scale": "log"})
+            if getattr(axes, f"get_{axis}lim")()[0] <= 0:
+                # The end of a linear scale; zero lies nowhere on this one.
+                lowest = getattr(axes.dataLim, f"minpos{axis}")
+                getattr(axes, f"set_{axis}lim")(lowest, None)
+        if label := style.get(f"{axis}label"):
+            check_tex(label, text_size("axes.labelsize"))
+            if getattr(axes, f"get_{axis}label")():
+                axes.set(**{f"{axis}label": label})
+    axes.set(**{name: style[name] for name in ("xlim", "ylim") if name in style})
+
+
+def place_legend(sheet: Sheet, panels: Sequence[Axes], place: str) -> None:
+    """The legend of a figure, which is read row by row, at a place of `LEGEND_PLACES`, in a corner
+    of the first panel, or nowhere."""
+    if not sheet.legend or place == "none":
+        return
+    beside = LEGEND_PLACES.get(place, place).startswith("outside")
+    columns = legend_columns(sheet) if place == "below" else 1
+    # matplotlib fills column after column.
+    rowwise = [handle for column in range(columns) for handle in sheet.legend[column::columns]]
+    owner: Any = sheet.figure if beside else panels[0]
+    owner.legend(
+        handles=rowwise, loc=LEGEND_PLACES.get(place, place), ncols=columns, columnspacing=1.2
+    )
+
+
+def legend_columns(sheet: Sheet) -> int:
+    """The most columns of a legend that fit into the width of its figure, with rows as full as each
+    other."""
+    size = text_size("legend.fontsize")
+    # A letter is half as wide as its size, and a line with its gaps 4.2 times as wide.
+    widths = [size * (4.2 + 0.5 * letters(str(handle.get_label()))) for handle in sheet.legend]
+    room = 72 * sheet.figure.get_figwidth()
+    fitting = (
+        n
+        for n in range(len(widths), 0, -1)
+        if n == 1 or sum(max(widths[column::n]) for column in range(n)) <= room
+    )
+    rows = -(-len(widths) // next(fitting))
+    return -(-len(widths) // rows)

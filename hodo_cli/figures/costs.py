@@ -26,7 +26,6 @@ from .artists import (
     SKY,
     YELLOW,
     case_handles,
-    legend,
     styles,
 )
 from .sheet import STYLE, Drawing, Sheet
@@ -51,7 +50,7 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         axes.loglog(small, np.exp(start) * small**slope, **style)
         sheet.record("error", label, {"small": small, "error": errors})
     axes.set(xlabel=f"${spec['parameter']}$", ylabel="largest relative error of $T$ and $G^2$")
-    legend(sheet, case_handles(names, spec["styles"]), 1)
+    sheet.legend = case_handles(names, spec["styles"])
 
 
 def groups(spec: Mapping[str, Any], cases: Cases) -> Iterator[tuple[str, np.ndarray, list[Motion]]]:
@@ -78,7 +77,7 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         sheet.record("cost", label, {"small": small, **costs})
     for axes, name in ((steps, "steps"), (seconds, "run time [s]")):
         axes.set(xlabel=f"${spec['parameter']}$", ylabel=name)
-    legend(sheet, case_handles(names, spec["styles"]), len(names))
+    sheet.legend = case_handles(names, spec["styles"])
 
 
 def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -115,7 +114,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     axes.margins(x=0)
     foreseen_as = Line2D([], [], color=BLACK, label="averaged, in closed form")
     counted_as = Line2D([], [], mec=BLACK, **MONTE_CARLO, label="counted, full motions")
-    legend(sheet, [*case_handles(names, spec["styles"]), foreseen_as, counted_as], 2)
+    sheet.legend = [*case_handles(names, spec["styles"]), foreseen_as, counted_as]
 
 
 LEAST_ERROR = 1e-17

@@ -18,14 +18,13 @@ from string import Template
 from typing import Any
 from urllib.parse import quote
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, QuadMesh
 from matplotlib.colors import to_hex, to_rgb, to_rgba, to_rgba_array
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Annotation
 from matplotlib.ticker import FixedFormatter
 from plotly.offline import get_plotlyjs
 
@@ -37,7 +36,7 @@ from ..results.motion import Motion
 from ..storage.staging import replacing
 from .artists import CROSSING
 from .geometry import View, stretches
-from .sheet import STYLE, DrawnCurve, Look, Scene, Sheet, every_panel, without_tex
+from .sheet import DrawnCurve, Look, Scene, Sheet, every_panel, without_tex
 
 Trace = dict[str, Any]
 
@@ -185,8 +184,7 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> dict[str
     names = () if spec["kind"] in SWEPT_KINDS else spec.get("cases", ())
     motions = motions_of(cases, names, spec.get("labels", ()) if names else ())
     samples = Samples({motion.label: motion for motion in motions}, sheet.shown, sheet.time)
-    with matplotlib.style.context(["default", STYLE]):
-        sheet.figure.draw_without_rendering()  # which gives every panel its place
+    sheet.figure.draw_without_rendering()  # which gives every panel its place
     bars = [axes for axes in sheet.figure.axes if hasattr(axes, "_colorbar")]
     panels = [axes for axes in every_panel(sheet.figure.axes) if axes not in bars]
     # Below the panels is room for their scale of colours.
@@ -432,7 +430,7 @@ def globe_traces(axes: Axes, record: DrawnCurve) -> Iterator[Trace]:
         yield {**coordinates(circle), **line_look(look_of(line)), "hoverinfo": "skip"}
     for note in axes.texts:
         if isinstance(note, Annotation):
-            words = {"mode": "text", "text": [words_of(note)], "hoverinfo": "skip"}
+            words = {"mode": "text", "text": [words_of(note.get_text())], "hoverinfo": "skip"}
             yield {**coordinates(1.1 * on_globe(np.array([note.xy]))), **words}
 
 
@@ -469,7 +467,7 @@ def axis_layouts(axes: Axes, i: int, domain: Mapping[str, list[float]]) -> Trace
         other = "y" if letter == "x" else "x"
         shown = axis.get_tick_params().get("label" + ("bottom" if letter == "x" else "left"), True)
         layouts[numbered(f"{letter}axis", i)] = {
-            "title": {"text": words_of(axis.get_label()), "standoff": 6},
+            "title": {"text": words_of(axis.get_label_text()), "standoff": 6},
             "type": "log" if log else "linear",
             "range": [*map(float, ends)],
             "domain": domain[letter],
@@ -495,7 +493,7 @@ def annotations(axes: Axes, across: str, up: str) -> list[Trace]:
         x, y = axes.transData.inverted().transform(((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2))
         x, y = (np.log10(v) if scale == "log" else v
                 for v, scale in ((x, axes.get_xscale()), (y, axes.get_yscale())))  # fmt: skip
-        words = words_of(text)
+        words = words_of(text.get_text())
         font = {"size": PIXELS * float(text.get_fontsize()), "color": colour_name(text.get_color())}
         place = {"xref": across, "yref": up, "x": float(x), "y": float(y)}
         notes.append({**place, "text": words, "font": font, "showarrow": False})
@@ -505,7 +503,7 @@ def annotations(axes: Axes, across: str, up: str) -> list[Trace]:
 def panel_title(axes: Axes, domain: Mapping[str, list[float]]) -> Trace:
     """The title above a panel."""
     place = {"xref": "paper", "yref": "paper", "x": sum(domain["x"]) / 2, "y": domain["y"][1]}
-    words = words_of(axes.title)
+    words = words_of(axes.title.get_text())
     return {**place, "yanchor": "bottom", "text": words, "showarrow": False}
 
 
@@ -524,22 +522,16 @@ def colour_scale(axes: Axes) -> Trace:
 
 
 def legend_entries(sheet: Sheet) -> Iterator[Trace]:
-    """The entries of the printed legends; each stands for the traces of its look."""
-    for legend in sheet.figure.legends:
-        texts = legend.get_texts()
-        # matplotlib fills column after column; they are read row after row.
-        columns = getattr(legend, "_ncols", 1)
-        rowwise = [i for column in range(columns) for i in range(column, len(texts), columns)]
-        for i in np.argsort(rowwise):
-            handle = legend.legend_handles[i]
-            if isinstance(handle, Line2D):
-                look = line_look(look_of(handle))
-            elif isinstance(handle, Patch):
-                fill = handle.get_facecolor()
-                look = line_look({"ls": "", "marker": "s", "ms": 6, "mfc": fill, "mec": fill})
-            yield {**look, "name": words_of(texts[i]), "showlegend": True}
+    """The entries of the printed legend; each stands for the traces of its look."""
+    for handle in sheet.legend:
+        if isinstance(handle, Line2D):
+            look = line_look(look_of(handle))
+        else:
+            fill = handle.get_facecolor()
+            look = line_look({"ls": "", "marker": "s", "ms": 6, "mfc": fill, "mec": fill})
+        yield {**look, "name": words_of(str(handle.get_label())), "showlegend": True}
 
 
-def words_of(text: Text) -> str:
+def words_of(text: str) -> str:
     """A text without TeX, in lines as plotly breaks them."""
-    return without_tex(text.get_text()).replace("\n", "<br>")
+    return without_tex(text).replace("\n", "<br>")

@@ -17,7 +17,7 @@ from .. import HodoError
 from ..cases.figure_block import averaged
 from ..results.dataset import Cases
 from ..sweeps.view import SweepView
-from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, legend, pair, styles
+from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, pair, styles
 from .geometry import edges, separatrix_circles
 from .sheet import Look, Sheet
 
@@ -74,8 +74,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         labelled = meanings(sweeps[0], spec["variable"])
         ticks = {value: word for value, word in labelled.items() if value in all_values}
         colour_bar(sheet, scale, meaning, ticks)
-    if handles:
-        legend(sheet, handles, 2)
+    sheet.legend = handles
 
 
 def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[SweepView]:
@@ -208,7 +207,7 @@ def map_sphere(
             # Above the upper pole is the title.
             (3, -9 if direction[2] > 0 else 3),
             textcoords="offset points",
-            size=7,
+            size="small",
             path_effects=HALO,
             zorder=5,
         )
@@ -287,7 +286,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if len(curves) > 1 or spec["labels"]:
         handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
     missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label="none")
-    legend(sheet, [*handles, *([missing] if lacking else [])], 2)
+    sheet.legend = [*handles, *([missing] if lacking else [])]
 
 
 def _as_panels(spec: Mapping[str, Any]) -> dict[str, Any]:

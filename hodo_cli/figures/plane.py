@@ -31,7 +31,6 @@ from .artists import (
     axis_label,
     case_handles,
     everywhere,
-    legend,
     line_width,
     mark_handles,
     mark_points,
@@ -45,7 +44,7 @@ from .artists import (
     unit,
 )
 from .geometry import centroid, clearest, sectors
-from .sheet import Look, Sheet, letters
+from .sheet import Look, Sheet
 
 
 def squares(motion: Motion) -> np.ndarray:
@@ -96,12 +95,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
         panels[1].locator_params(nbins=5)
-    wide = zoom is not None
-    legend(
-        sheet,
-        axis_handles(motions) + mark_handles(motions, spec["time"], wide),
-        5 if wide else 3,
-    )
+    sheet.legend = axis_handles(motions) + mark_handles(motions, spec["time"], zoom is not None)
 
 
 def up_to(limit: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -133,7 +127,7 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: 
         Polygon([(0, 0), (limit, limit), (0, limit)], fc=AXIS_COLOUR[smallest + 1], alpha=0.1, lw=0)
     )
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
-    look: Look = {"xycoords": "axes fraction", "size": 9, "path_effects": HALO, "zorder": 7}
+    look: Look = {"xycoords": "axes fraction", "size": "medium", "path_effects": HALO, "zorder": 7}
     across, up = np.linspace(form.half, 1 - form.half, 25), np.linspace(0.05, 0.95, 25)
     candidates = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
     # The ends of a name must be inside its region too.
@@ -220,7 +214,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
     handles = case_handles(names, style_names) if len(names) > 1 else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
-    legend(sheet, handles, columns_for(sheet, [str(handle.get_label()) for handle in handles]))
+    sheet.legend = handles
 
 
 def series_curve(
@@ -241,15 +235,6 @@ def series_curve(
         passage_marks(axes, motion, variable, style)
     else:
         event_marks(axes, motion, variable, spec)
-
-
-def columns_for(sheet: Sheet, labels: Sequence[str]) -> int:
-    """How many columns a legend has room for, so that its rows are as full as each other."""
-    # At its size a letter is some 3.5 points wide, and a line with its gaps 30.
-    longest = max(map(letters, labels), default=0)
-    most = max(1, int(sheet.figure.get_figwidth() * 72 / (30 + 3.5 * longest)))
-    rows = -(-len(labels) // most)
-    return -(-len(labels) // max(1, rows))
 
 
 def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
@@ -347,7 +332,7 @@ def event_marks(axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]) 
             (when, value),
             (3 if early else -3, -4 if below else 4),
             textcoords="offset points",
-            size=7,
+            size="small",
             ha="left" if early else "right",
             va="top" if below else "bottom",
         )
@@ -371,8 +356,8 @@ def inset(
     symbols = [f"${symbol(name)}$" for name in spec["variables"]]
     # A panel of one case names it already.
     case_name = [] if panel.get_title() == motion.label else [motion.label]
-    axes.set_title(", ".join([*symbols, *case_name]), size=7, pad=2)
-    axes.tick_params(labelsize=6)
+    axes.set_title(", ".join([*symbols, *case_name]), size="small", pad=2)
+    axes.tick_params(labelsize="x-small")
     axes.margins(x=0)
 
 
@@ -391,7 +376,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     axes.margins(0.06)
     labels = [motion.label for motion in motions]
     handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
-    legend(sheet, handles + mark_handles(motions, spec["time"]), 2)
+    sheet.legend = handles + mark_handles(motions, spec["time"])
 
 
 def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -438,7 +423,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     labels = [motion.label for motion in motions]
     handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
     bound = Line2D([], [], color=GREY, lw=0.5, label="bounds")
-    legend(sheet, [*handles, bound, *mark_handles(motions, spec["time"])[2:]], 2)
+    sheet.legend = [*handles, bound, *mark_handles(motions, spec["time"])[2:]]
 
 
 def energy_bounds(energy: Axes, square: Axes, motion: Motion) -> None:

@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +18,9 @@ from matplotlib.cbook import is_math_text
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
+from matplotlib.patches import Patch
 from matplotlib.ticker import ScalarFormatter
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
@@ -29,8 +32,11 @@ from .geometry import View
 Look = dict[str, Any]
 
 STYLE: Look = {
-    "font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 8, "axes.labelsize": 8,
-    "axes.titlesize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7,
+    "font.family": "STIXGeneral", "mathtext.fontset": "stix",
+    # All sizes follow that of the font: `medium` is 8.4 points, `small` 7.
+    "font.size": 8.4, "axes.labelsize": "medium", "axes.titlesize": "medium",
+    "figure.titlesize": "medium", "legend.fontsize": "small", "xtick.labelsize": "small",
+    "ytick.labelsize": "small",
     "axes.linewidth": 0.5, "lines.linewidth": 1.0, "xtick.direction": "in", "ytick.direction": "in",
     "xtick.top": True, "ytick.right": True, "xtick.major.width": 0.5, "ytick.major.width": 0.5,
     "legend.frameon": False, "legend.handlelength": 2.2, "axes.formatter.useoffset": False,
@@ -116,9 +122,29 @@ class MovingPicture(Protocol):
 
 
 class Drawing(Figure):
-    """A figure that a notebook shows by itself, whatever backend it has: as an image, or moving."""
+    """A figure with parameters of matplotlib of its own, in which it is drawn and saved wherever
+    that is. A notebook shows it by itself, whatever backend it has: as an image, or moving."""
 
+    parameters: Look = STYLE
     film: MovingPicture | None = None
+
+    @contextmanager
+    def styled(self) -> Iterator[None]:
+        """Within the figure's own parameters."""
+        if self.__dict__.get("_is_styled"):
+            yield
+            return
+        self._is_styled = True
+        try:
+            with matplotlib.style.context(["default", self.parameters]):
+                yield
+        finally:
+            self._is_styled = False
+
+    def draw(self, renderer: Any) -> None:
+        """Draw the figure, its ticks too, which take their look when they are first drawn."""
+        with self.styled():
+            super().draw(renderer)
 
     def _repr_html_(self) -> str | None:
         return self.film.frame() if self.film else None
@@ -126,16 +152,16 @@ class Drawing(Figure):
     def savefig(self, fname: Any, **keys: Any) -> None:
         """As matplotlib does; to a name that ends with .gif or .mp4, what moves as a film."""
         path = Path(fname) if isinstance(fname, str | Path) else Path()
-        if self.film and path.suffix in FILMS:
-            self.film.write(path)
-        else:
-            super().savefig(fname, **keys)
+        with self.styled():
+            if self.film and path.suffix in FILMS:
+                self.film.write(path)
+            else:
+                super().savefig(fname, **keys)
 
     def _repr_png_(self) -> bytes:
         """The figure as PNG."""
         image = io.BytesIO()
-        with matplotlib.style.context(["default", STYLE]):
-            self.savefig(image, format="png", dpi=SCREEN)
+        self.savefig(image, format="png", dpi=SCREEN)
         return image.getvalue()
 
 
@@ -147,6 +173,8 @@ class Sheet:
     shown: list[DrawnCurve] = field(default_factory=list)
     scenes: dict[Axes, Scene] = field(default_factory=dict)
     """The panels that show space."""
+    legend: Sequence[Line2D | Patch] = ()
+    """The entries of the legend, which is placed when all panels are drawn."""
     units: Callable[[str], str] = field(default=lambda column: "1")
     """The units of a column of values, by its name."""
     time: str = "t"
@@ -237,7 +265,7 @@ SET_FOR: Any = "path" if matplotlib.__version_info__ >= (3, 11) else "agg"
 
 
 @lru_cache(maxsize=1024)
-def _formula(text: str, dpi: float, font: FontProperties | None) -> Any:
+def _formula(text: str, dpi: float, font: FontProperties | None, fonts: str) -> Any:
     return MathTextParser(SET_FOR).parse(text, dpi, font)
 
 
@@ -255,20 +283,21 @@ class CachedMathText(MathTextParser):  # type: ignore[type-arg]
     ) -> Any:
         """What is drawn of a text with formulas; `antialiased` is for images of single formulas."""
         # A copy, because a text may change its font later.
-        return _formula(s, dpi, prop and prop.copy())
+        # The letters of formulas may come from other fonts in another figure.
+        return _formula(s, dpi, prop and prop.copy(), matplotlib.rcParams["mathtext.it"])
 
 
 FORMULAS = CachedMathText(SET_FOR)
 
 
 def check_tex(text: str, size: float) -> None:
-    """Raise HodoError if the formulas in a text of a size, between dollar signs, cannot be set;
-    within `STYLE`."""
+    """Raise HodoError if the formulas in a text of a size, between dollar signs, cannot be set
+    within the parameters of its figure."""
     try:
         # Before drawing: matplotlib would find the mistake only when it saves, and not say which
         # text is meant. Set as it will be drawn, a formula is set only once.
         if is_math_text(text):
-            FORMULAS.parse(text, STYLE["savefig.dpi"], FontProperties(size=size))
+            FORMULAS.parse(text, matplotlib.rcParams["savefig.dpi"], FontProperties(size=size))
     except ValueError as error:
         what = str(error).strip().splitlines()[-1]
         raise HodoError(f"{text!r} is not TeX that matplotlib knows ({what})") from None
@@ -277,16 +306,23 @@ def check_tex(text: str, size: float) -> None:
 def title_lines(title: str, width: float) -> list[str]:
     """A title in lines that fit into a figure of this width in inches, with no formula broken."""
     lines: list[list[str]] = [[]]
+    room = 72 * width / (LETTER * text_size("figure.titlesize"))
     # matplotlib's own wrapping breaks lines at the spaces inside formulas too.
     for word in re.findall(r"(?:\$[^$]*\$|\S)+", title):
-        if lines[-1] and letters(" ".join([*lines[-1], word])) > LETTERS_AN_INCH * width:
+        if lines[-1] and letters(" ".join([*lines[-1], word])) > room:
             lines.append([])
         lines[-1].append(word)
     return [" ".join(line) for line in lines]
 
 
-LETTERS_AN_INCH = 17
-"""How many letters of a title an inch holds, on the mean."""
+def text_size(name: str) -> float:
+    """The size in points of a text, by the name of matplotlib's parameter."""
+    parameters: Any = matplotlib.rcParams
+    return float(FontProperties(size=parameters[name]).get_size_in_points())
+
+
+LETTER = 0.53
+"""The width of a letter of a title in units of its size, on the mean."""
 
 
 def letters(text: str) -> int:
@@ -308,7 +344,7 @@ def save(sheet: Sheet, path: Path, about: str = "") -> None:
             return
         note = {"pdf": "Subject"}.get(suffix, "Description")
         metadata = UNDATED[suffix] | {note: about}
-        with matplotlib.style.context(["default", STYLE]):
+        with sheet.figure.styled():
             if suffix == "png":
                 save_png(sheet.figure, draft, metadata)
             else:

@@ -30,7 +30,6 @@ from .artists import (
     colour_handles,
     everywhere,
     heading,
-    legend,
     line_width,
     mark_handles,
     mark_points,
@@ -88,8 +87,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     handles += mark_handles(motions, spec["time"], wide=bool(others))
     if spec["colour"] == "time":
         time_bar(sheet, [main, *others], motions[0], spec)
-    # Three entries fit into the width of a column, and five into that of a page.
-    legend(sheet, handles, 5 if others or len(handles) <= 3 else 2)
+    sheet.legend = handles
 
 
 STRETCHES = np.linspace(1, 1.25, 6)
@@ -215,7 +213,7 @@ def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
                 f"{counts[-1] * step:.10g}",
                 pair(at[-1]),
                 (4, 0) if i == 2 else (1, -6),
-                size=6,
+                size="x-small",
                 color=GREY,
                 textcoords="offset points",
                 va="center",
@@ -348,7 +346,7 @@ def draw_sphere(
     handles.append(Line2D([], [], **START, label="start"))
     if spec["colour"] == "time":
         time_bar(sheet, [axes], motions[0], spec)
-    legend(sheet, handles, 2)
+    sheet.legend = handles
 
 
 GRATICULE: Look = {"color": "#C8C8C8", "lw": 0.35}
@@ -380,7 +378,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         time_bar(sheet, [axes], motions[0], spec)
     handles = colour_handles(motions, spec["colour"], spec["styles"])
     handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label="$G$ at the start"))
-    legend(sheet, handles + mark_handles(motions, spec["time"]), 2)
+    sheet.legend = handles + mark_handles(motions, spec["time"])
 
 
 PLANE = ("omega across G, 1", "omega across G, 2")
