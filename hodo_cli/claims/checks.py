@@ -25,9 +25,9 @@ def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
     wanted = {moment: check[moment] for moment in ("start", "end") if check[moment]}
     complying = sum(wanted.items() <= {"start": a, "end": b}.items() for a, b in axes)
     words = ", ".join(f"{start} to {end}" if start != end else start for start, end in axes)
-    contrary = " or ".join(
-        f"an axis other than {x} at the {moment}" for moment, x in wanted.items()
-    )
+    others = [f"an axis other than {label} at the {moment}" for moment, label in wanted.items()]
+    stays = check["start"] == check["end"]
+    contrary = f"an axis other than {check['start']}" if stays else " or ".join(others)
     return Finding(if_true(complying == len(motions)), float(complying), words, contrary)
 
 

@@ -4,7 +4,7 @@ other values."""
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -80,12 +80,12 @@ MOST_VARIED_SAMPLES = 5_000_000
 """Samples that are integrated side by side, and kept for the next claim: some 500 MB."""
 
 
+@dataclass
 class Motions:
     """The motions of varied cases, each integrated once for the claims that share it, as far as
     memory allows."""
 
-    def __init__(self) -> None:
-        self._known: dict[Case, Motion] = {}
+    _known: dict[Case, Motion] = field(default_factory=dict)
 
     def of(self, members: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
         """The motions of each member's cases. Raises HodoError if one stops before its end."""

@@ -108,8 +108,10 @@ def claim_row(verdict: Verdict) -> dict[str, Any]:
 
 def decision(verdict: Verdict) -> dict[str, Any]:
     """A verdict without its claim."""
-    names = ("verdict", "number", "evidence", "contradicted_by")
-    return {name: getattr(verdict, name) for name in names}
+    return {
+        name: getattr(verdict, name)
+        for name in ("verdict", "number", "evidence", "contradicted_by")
+    }
 
 
 def as_expected(row: Mapping[str, Any]) -> bool:

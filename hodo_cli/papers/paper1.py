@@ -104,12 +104,7 @@ def equal_damping(motions: Sequence[Motion]) -> Finding:
 
     Source: E. Padova 1885, as cited; the paper's eq (5) with the time that meets the initial data.
     """
-    return agreement([(numerical_motion(m), by_equal_damping(m)) for m in motions], 1e-10)
-
-
-def by_equal_damping(m: Motion) -> np.ndarray:
-    """omega (n, 3) by the closed form for three equal coefficients."""
-    return damped_from(m, m.omega[0])
+    return agreement([(numerical_motion(m), damped_from(m, m.omega[0])) for m in motions], 1e-10)
 
 
 @Check
@@ -499,7 +494,7 @@ def signs_in_equation_6(motions: Sequence[Motion]) -> Finding:
 def phase_in_equation_6(motions: Sequence[Motion]) -> Finding:
     """q at the start by (5)-(6), and by the closed form that meets the initial data."""
     (m,) = motions
-    printed, corrected = as_in_equation_6(m, 1, 1)[0, 1], by_equal_damping(m)[0, 1]
+    printed, corrected = as_in_equation_6(m, 1, 1)[0, 1], damped_from(m, m.omega[0])[0, 1]
     errors = (abs(float(q - m.omega[0, 1])) for q in (printed, corrected))
     return erratum(errors, 1e-12, "|q1(0) - q0| is")
 
