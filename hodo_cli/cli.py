@@ -275,7 +275,11 @@ def _init(name: Path) -> None:
     is_flag=True,
     help="Run finished cases again, and replace the result of another config of this name.",
 )
-@click.option("--prune", is_flag=True, help="Drop stored cases that are no longer in the config.")
+@click.option(
+    "--prune",
+    is_flag=True,
+    help="Drop stored cases, and chunks of sweeps, that the config does not have any more.",
+)
 @_jobs("Run in N processes.")
 @click.option(
     "--scheduler",
@@ -483,8 +487,9 @@ def _bench(
 
 @main.command("show")
 @RUNS
+@click.option("--methods", is_flag=True, help="Print a paragraph for a paper on each instead.")
 @JSON
-def _show(runs: tuple[Path, ...], as_json: bool) -> None:
+def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> None:
     """List the cases in RUNS.
 
     RUNS are results (*.h5), or configs with a result in runs/. A line says how a case was
@@ -493,7 +498,10 @@ def _show(runs: tuple[Path, ...], as_json: bool) -> None:
     from . import tables
     from .commands import show
 
-    _report(*show.stored_cases(runs), tables.case_table, as_json)
+    if methods:
+        click.echo("\n\n".join(map(show.methods_paragraph, runs)))
+    else:
+        _report(*show.stored_cases(runs), tables.case_table, as_json)
 
 
 @main.command("merge")

@@ -441,3 +441,21 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
         assert not (two_results / "new.h5").exists()
     done = call(two_results, "merge", "a.yaml", "b.yaml", "--out", "runs/b.h5")
     assert done.stderr == "runs/b.h5 is there already: take another name\n"
+
+
+def test_methods_are_a_paragraph_for_a_paper(two_results: Path) -> None:
+    done = call(two_results, "show", "--methods", "b.yaml")
+    assert done.returncode == 0, done.stderr
+    text = " ".join(done.stdout.split())
+    assert text.startswith("With hodo 0.2.0")
+    assert "2 motions of linear-diag (full) were computed: " in text
+    assert re.search(r"relative errors of the stored variables are at most \d\.\de-\d+ \(", text)
+    assert text.endswith("To be cited: hodo 0.2.0.")
+    assert max(map(len, done.stdout.splitlines())) <= 100
+    (two_results / "e.yaml").write_text(
+        "cases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.1, 0, 0], "
+        "initial: {p: 1, q: 1, r: 1}, time: {end: 20}, max_steps: 1}}"
+    )
+    assert call(two_results, "run", "e.yaml").returncode == 1
+    done = call(two_results, "show", "--methods", "e.yaml")
+    assert (done.returncode, done.stderr) == (2, "runs/e.h5 holds no case that ended well\n")

@@ -3,6 +3,7 @@ is stored."""
 
 import math
 import re
+import shutil
 import signal
 import subprocess
 import sysconfig
@@ -648,6 +649,16 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
     done = len(list(tmp_path.glob("runs/.a.h5.*.partial/part-*.h5")))
     assert 3 <= done < 18
     assert not (tmp_path / "runs" / "a.h5").exists()
+    kept = f"ball: will run: it has no result yet; {done} of its 18 chunks are kept"
+    assert kept in hodo("run", "a.yaml", "--case", "ball", "--dry-run").stdout
+    # Another sweep in its place lets them lie until they are pruned.
+    (tmp_path / "a.yaml").write_text(text.replace("count: 6000", "count: 20"), encoding="utf-8")
+    assert hodo("run", "a.yaml", "--case", "ball").returncode == 0
+    assert f"runs/a.h5: {done} chunks of unfinished sweeps" in hodo("show", "runs/a.h5").stderr
+    shutil.copytree(tmp_path / "runs", tmp_path / "pruned")
+    assert hodo("run", "a.yaml", "--case", "ball", "--prune", "--out", "pruned").returncode == 0
+    assert not list(tmp_path.glob("pruned/.a.h5.*"))
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
     again = hodo("run", "a.yaml", "--case", "ball", "-v")
     assert again.returncode == 0, again.stderr
     assert f"ball: {done} of 18 chunks are kept" in again.stderr

@@ -22,11 +22,11 @@ from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress
 from ..results.layout import SUMMARY, case_group
-from ..storage.finished_cases import FinishedCase, finished_cases
+from ..storage.finished_cases import FinishedCase, chunks_in, finished_cases
 from ..storage.group import Group
 from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes
-from ..storage.staging import check_writable
+from ..storage.staging import check_writable, staging_folders
 from ..storage.update import holds
 from ..storage.writer import Writer
 from ..text import NAMES_LISTED, abridged, file_name_fault
@@ -57,16 +57,33 @@ class Plan:
     reused: dict[str, FinishedCase]
     old: dict[str, FinishedCase]
     obsolete: dict[str, bool]
+    prune: bool = False
 
     def lines(self) -> list[str]:
         """For each case that is asked for, why it runs or not; and for each result that goes,
         why."""
         does = {
-            name: f"will run: {self.reasons[name]}" if name in self.reasons else IS_KEPT
+            name: f"will run: {self.reasons[name]}{self._chunks_kept(name)}"
+            if name in self.reasons
+            else IS_KEPT
             for name in self.asked
         }
         does |= {name: LEFT_AND_KEPT if stays else LEFT for name, stays in self.obsolete.items()}
         return [f"{name}: {what}" for name, what in does.items()]
+
+    def _chunks_kept(self, name: str) -> str:
+        """The number of chunks of a sweep that an interrupted run has left, in words; "" for none."""
+        case = self.config.cases[name]
+        if not case.sweep or self.reasons[name] == FORCED:
+            return ""
+        (sweep_id,) = self._sweep_ids([name])
+        folders = staging_folders(self.path)
+        kept = {chunk.name for folder in folders for chunk in chunks_in(folder, sweep_id)}
+        if not kept:
+            return ""
+        from ..sweeps.chunk import chunks
+
+        return f"; {len(kept)} of its {len(list(chunks(case)))} chunks are kept"
 
     def execute(
         self, pool: Pool, progress: Progress, fail_fast: bool = False
@@ -89,6 +106,8 @@ class Plan:
                 [*self.reasons, *(name for name in lost if name not in self.obsolete)]
             )
             writer.unfinished = self._sweep_ids(self.config.cases.keys() - self.reused.keys())
+            if not self.prune:
+                writer.keep_all_chunks()
             cases = [self.config.cases[name] for name in pending]
             rows: dict[str, dict[str, Any]] = {}
             for case, outcome in outcomes(cases, pool, writer, self, progress):
@@ -302,7 +321,7 @@ def plan_of(
     # A damaged one cannot be copied into the new file.
     obsolete = {name: not prune and not item.damage for name, item in gone.items()}
     reused |= {name: gone[name] for name, stays in obsolete.items() if stays}
-    return Plan(config, path, tuple(asked), reasons, reused, old, obsolete)
+    return Plan(config, path, tuple(asked), reasons, reused, old, obsolete, prune)
 
 
 def outcomes(

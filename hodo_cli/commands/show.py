@@ -1,13 +1,19 @@
-"""`hodo show`: the cases in result files."""
+"""`hodo show`: the cases in result files, and how they were computed, as a paper says it."""
 
-from collections.abc import Iterable
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from .. import HodoError
 from ..cases.case import parse_case
-from ..results.layout import SUMMARY, typed_as
-from ..storage.finished_cases import open_batch
+from ..results.layout import MODEL_SOURCE, SUMMARY, typed_as
+from ..storage.finished_cases import chunks_in, open_batch
+from ..storage.hdf5 import ResultFile
+from ..storage.staging import staging_folders
+from ..text import NAMES_LISTED, abridged, in_bytes, magnitude
 from .resume import result_named, warn_of_changes
 
 LISTED = SUMMARY | typed_as("case")
@@ -25,6 +31,7 @@ def stored_cases(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[str]
     for path, config in map(result_named, paths):
         with open_batch(path) as run:
             warn_of_changes(run, config)
+            warn_of_chunks(path)
             # One damaged case hides no other.
             problems += [f"{path}: {name} is damaged ({why})" for name, why in run.damaged.items()]
             for name in run.cases():
@@ -43,3 +50,99 @@ def assumes_of(text: str) -> str:
         return "; ".join(f"{name}: {value}" for name, value in parse_case(text).assumes.items())
     except HodoError:  # its model is in a file that has not been named
         return ""
+
+
+def warn_of_chunks(path: Path) -> None:
+    """Warn of the chunks of sweeps that runs have left beside a result."""
+    chunks = [chunk for folder in staging_folders(path) for chunk in chunks_in(folder)]
+    if chunks:
+        size = in_bytes(sum(chunk.stat().st_size for chunk in chunks if chunk.exists()))
+        count = f"{len(chunks)} chunks of unfinished sweeps, {size}, lie beside it"
+        remedy = "hodo run goes on with them, and --prune removes those that it does not need"
+        warnings.warn(f"{path}: {count}: {remedy}", stacklevel=2)
+
+
+METHODS_IN_WORDS = {
+    "exact": "in closed form",
+    "taylor": "by Taylor series of adaptive order and step (heyoka {heyoka}; Biscani and Izzo, "
+    "MNRAS 504, 2614, 2021)",
+    "collocation": "by collocation (Radau IIA, 16 stages)",
+    **dict.fromkeys(
+        ("DOP853", "RK45", "LSODA", "Radau", "BDF"),
+        "by {method} (SciPy {scipy}; Virtanen et al., Nature Methods 17, 261, 2020)",
+    ),
+}
+
+REFERENCES_IN_WORDS = {
+    "extended": "a second integration in extended precision",
+    "quadruple": "a second integration in quadruple precision",
+    "exact": "the closed form in extended precision",
+    "refined": "a second integration at another tolerance",
+}
+"""The computations against which errors are measured, by `error_kind`."""
+
+
+def methods_paragraph(path: Path) -> str:
+    """How the cases of a result were computed, as a paragraph for a paper: versions, methods,
+    tolerances, measured errors, models of the author's own, and what to cite. The path may be that
+    of a config.
+
+    Raises HodoError as `open_batch` does, or if the result holds no case that ended well.
+    """
+    path, _ = result_named(path)
+    columns = SUMMARY | typed_as("tol", "error_kind")
+    with open_batch(path) as run:
+        sound = [name for name in run.cases() if name not in run.damaged]
+        rows = {name: run.row(name, columns) for name in sound}
+        own = [row["model"] for n, row in rows.items() if run.summary(n, (MODEL_SOURCE,))]
+        ended_well = {name: row for name, row in rows.items() if row["status"] == "ok"}
+        if not ended_well:
+            raise HodoError(f"{path} holds no case that ended well")
+        sentences = [computed_by(run, list(ended_well.values())), measured(ended_well)]
+        if own:
+            models = ", ".join(dict.fromkeys(own))
+            sentences.append(f"The equations of {models} are our own; the result holds their text.")
+        if others := [name for name in run.cases() if name not in ended_well]:
+            names = ", ".join(abridged(others, NAMES_LISTED))
+            sentences.append(f"{len(others)} cases did not end well and are left out: {names}.")
+        python, numpy = version(run, "python"), version(run, "numpy")
+        sentences.append(f"All computations used Python {python} and NumPy {numpy}.")
+        cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
+        sentences.append(f"To be cited: {'; '.join(cited)}.")
+    return fill(" ".join(sentences), 100, break_on_hyphens=False)
+
+
+def version(run: ResultFile, library: str) -> str:
+    """The version of a library by which a result was made."""
+    return str(run.attributes.get(f"{library}_version", "of unknown version"))
+
+
+def computed_by(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
+    """The sentence on methods and tolerances: how many cases were computed by which."""
+    libraries = {name: version(run, name) for name in ("heyoka", "scipy")}
+    methods = Counter((row["method"], row["tol"]) for row in rows)
+    phrases = []
+    for (method, tol), count in methods.items():
+        words = METHODS_IN_WORDS.get(method, "by {method}").format(method=method, **libraries)
+        tolerance = "" if method == "exact" else f" at a relative tolerance of {tol:.2g}"
+        phrases.append(f"{count} {words}{tolerance}")
+    models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows))
+    commit = str(run.attributes.get("git_commit", ""))[:10]
+    program = f"{run.attributes.get('source', 'hodo')}{f' (commit {commit})' if commit else ''}"
+    motions = f"{len(rows)} motion{'s' if len(rows) > 1 else ''}"
+    return f"With {program}, {motions} of {models} were computed: {'; '.join(phrases)}."
+
+
+def measured(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """The sentence on measured errors, by what they were measured against."""
+    phrases = []
+    for kind in dict.fromkeys(row["error_kind"] for row in rows.values()):
+        errors = {name: row["error"] for name, row in rows.items() if row["error_kind"] == kind}
+        worst = max(errors, key=lambda name: errors[name])
+        against = REFERENCES_IN_WORDS.get(kind, "")
+        phrases.append(
+            f"at most {magnitude(errors[worst])} ({worst}) against {against}, {len(errors)} of them"
+            if against
+            else f"not measured in {len(errors)} of them"
+        )
+    return f"The relative errors of the stored variables are {'; '.join(phrases)}."
