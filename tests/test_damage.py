@@ -104,7 +104,8 @@ def test_the_labels_of_other_cases_are_stored_beside_a_damaged_one(
 ) -> None:
     config = result.with_suffix(".yaml")
     right = faults.motions(result)
-    assert hodo("run", config, "--out", result.parent, "--force").exit_code == 0
+    result.unlink()
+    assert hodo("run", config, "--out", result.parent).exit_code == 0
     damage(result, "a")
     for _ in range(2):  # the second time, nothing is left to store
         done = hodo("classify", result)
@@ -529,7 +530,7 @@ def test_a_result_is_used_on_a_machine_with_another_secret(result: Path, tmp_pat
     assert [(d.exit_code, d.stdout, d.stderr) for d in there] == [
         (d.exit_code, d.stdout, d.stderr) for d in here
     ]
-    assert hodo("run", config, "--out", result.parent).stderr.count("is kept") == 3
+    assert hodo("run", config, "--out", result.parent, "-v").stderr.count("is kept") == 3
     assert result.read_bytes() == moved
 
 

@@ -72,7 +72,7 @@ class Plan:
         return [f"{name}: {what}" for name, what in does.items()]
 
     def _chunks_kept(self, name: str) -> str:
-        """The number of chunks of a sweep that an interrupted run has left, in words; "" for none."""
+        """The chunks that an interrupted run of a sweep has left, counted in words; "" for none."""
         case = self.config.cases[name]
         if not case.sweep or self.reasons[name] == FORCED:
             return ""
