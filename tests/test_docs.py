@@ -244,6 +244,25 @@ def test_the_example_of_a_model_loses_the_energy_that_it_says() -> None:
     assert set(model.degree) <= set(vars(k))
 
 
+def test_a_case_goes_into_other_programs_with_units_and_errors(hodo: Hodo, tmp_path: Path) -> None:
+    """pandas, MATLAB and netCDF, as the document writes it."""
+    assert hodo("run", "paper1", "--case", "fig4").returncode == 0
+    assert hodo("classify", "runs/paper1.h5").returncode == 0
+    code = "".join(snippets("docs/results.md", "python"))
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert "'units': '1', 'error': " in done.stdout.splitlines()[-1]
+    names, start = (tmp_path / "fig4.csv").read_text().splitlines()[:2]
+    assert re.fullmatch(r'time,"x1 in 1, error \de-\d\d",.*', names)
+    assert start == "0.0,0.8,0.5,0.74"
+    from scipy.io import loadmat
+
+    fields = loadmat(tmp_path / "fig4.mat", simplify_cells=True)["fig4"]
+    assert fields["omega"]["value"].shape == (5001, 3)
+    assert (fields["crossing_time"]["units"], 0 < fields["omega"]["error"] < 1e-12) == ("1", True)
+
+
 @documents
 def test_snippets_are_python(name: str) -> None:
     for code in snippets(name, "python"):
