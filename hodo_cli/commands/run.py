@@ -105,9 +105,11 @@ class Plan:
             pending = dict.fromkeys(
                 [*self.reasons, *(name for name in lost if name not in self.obsolete)]
             )
-            writer.unfinished = self._sweep_ids(self.config.cases.keys() - self.reused.keys())
             if not self.prune:
                 writer.keep_all_chunks()
+            writer.unfinished |= self._sweep_ids(self.config.cases.keys() - self.reused.keys())
+            # Chunks of a sweep that is stored whole may be left from a loss of power.
+            writer.unfinished -= self._sweep_ids(self.config.cases.keys() & self.reused.keys())
             cases = [self.config.cases[name] for name in pending]
             rows: dict[str, dict[str, Any]] = {}
             for case, outcome in outcomes(cases, pool, writer, self, progress):
