@@ -535,6 +535,18 @@ def test_swept_trajectories_are_stored_with_the_times_of_their_samples(tmp_path:
         assert np.array_equal(paths["time"][:], expected)
 
 
+@pytest.mark.heyoka
+def test_a_torque_fixed_in_space_turns_with_each_member() -> None:
+    """Its direction is part of the state, and the members go side by side."""
+    space = "space_torque: {size: 0.01, direction: [1, 0, 2]}, damping: [0.001, 0.002, 0.003]"
+    text = f"model: torques, inertia: [2, 1.5, 1], time: {{end: 100}}, error: off, {space}"
+    case = one(f"{text}, {BALL}, sweep: {{d: {{sphere: {{count: 60, seed: 3}}}}}}")
+    group = chunk.compute(chunk.Chunk(case, 0, 60))
+    assert group.attributes["rejections"].sum() == 0
+    assert (group.variables["crossings"].data > 0).any()
+    assert_members_are_single_cases(case, [0, 7, *range(20, 40)])
+
+
 KEPT = "time: {end: 30, samples: 31}, error: off, store: [trajectory]"
 SPIN = "model: cavity+constant, form: averaged, inertia: [8, 8, 4], kappa: 0.6048, epsilon: 0.1"
 TRAJECTORIES = {

@@ -103,7 +103,7 @@ def test_a_step_ends_where_heyoka_is(name: str, tol: float) -> None:
     )
     assert ta.order == taylor_batch.SERIES_ORDER
     ta.pars[:] = flat.flatten(k)[: len(ta.pars)]
-    step = taylor_batch.build(model, form, None)  # type: ignore[arg-type]
+    step = taylor_batch.build(model, form, ())  # type: ignore[arg-type]
     end, m, rounding = 50.0, len(y0), 1e-3
     inputs = np.tile([[*y0, end, rounding, 7.0]], (taylor_batch.WIDTH, 1)).T.copy()
     parameters = [end, *flat.flatten(k), taylor_batch.stride(tol, None)]
@@ -215,7 +215,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
     stride = taylor_batch.stride(1e-12, None)
     constants = np.repeat([[number] for number in (50.0, *k, stride)], n, axis=1)
     for event in (separatrix, tilt):
-        step = taylor_batch.build(type(case.system), form, event)
+        step = taylor_batch.build(type(case.system), form, (event,))
         out = np.empty((step.rows, n))
         step(columns, constants, out)
         length, clear = out[-2:]

@@ -2,9 +2,10 @@
 SciPy.
 
 Random starts of the body of the first paper's Fig. 4, to tau = 1000, with the first crossing.
-Prints Markdown tables: medians over a few rounds. In each round every command runs once, so that a
-machine whose speed drifts slows all of them alike. The processor time stands beside the members
-per second, because other work on the machine changes it less. Run by `make speed`.
+Prints Markdown tables of processor time, which other work on the machine changes less than the
+clock: medians over a few rounds. In each round every command runs once, so that a machine whose
+speed drifts slows all of them alike, and a sweep is compared with the plain loop of its own round.
+Run by `make speed`.
 """
 
 import os
@@ -45,7 +46,12 @@ RESISTANCE = "[[5e-3, 1e-3, 0], [1e-3, 4e-3, 0], [0, 0, 3e-3]]"
 FORMS = {
     "linear-diag": f"model: linear-diag, damping: [5e-3, 4e-3, 3e-3], {BALL}",
     "tensor": f"model: tensor, resistance: {RESISTANCE}, {BALL}",
+    "linear-diag, 101 samples kept": f"model: linear-diag, damping: [5e-3, 4e-3, 3e-3], "
+    f"store: [trajectory], {BALL.replace('end: 1000', 'end: 1000, samples: 101')}",
+    "torques, one fixed in space": "model: torques, damping: [5e-3, 4e-3, 3e-3], "
+    f"space_torque: {{size: 1e-4, direction: [1, 0, 2]}}, {BALL}",
     "cavity, full": f"{CAVITY}, time: {{end: 10}}",
+    "cavity, full, spin that reverses": f"{CAVITY}, time: {{end: 30}}",
     "cavity, averaged": f"{CAVITY}, form: averaged, time: {{end: 60}}",
     "top, full (epsilon 0.02)": f"{TOP}, form: full, epsilon: 0.02, time: {{end: 4}}",
     "top, averaged": f"{TOP}, time: {{end: 4}}",
@@ -186,13 +192,17 @@ def beside(folder: Path, members: int, rounds: int) -> None:
     for _ in range(rounds):
         for what, command in commands.items():
             costs[what].append(command(members=members))
-    print(f"| {members:,} random starts | members/s | CPU time per member, us |\n|---|---|---|")
+    print(f"| {members:,} random starts | members/s | CPU time per member, us | plain loop = 1 |")
+    print("|---|---|---|---|")
     for what, rounds_of_it in costs.items():
-        row("{what} | {rate:,.0f} | {cpu:.1f}", what, middle(rounds_of_it), members)
+        loops = costs[f"{what.partition(':')[0]}: plain loop, events"]
+        ratios = [loop.cpu / own.cpu for loop, own in zip(loops, rounds_of_it, strict=True)]
+        form = f"{{what}} | {{rate:,.0f}} | {{cpu:.1f}} | {statistics.median(ratios):.2f}"
+        row(form, what, middle(rounds_of_it), members)
     # SciPy is some thousand times slower, so it gets fewer members.
     few = max(members // 5000, 4)
     slow = cost([sys.executable, "scipy_loop.py", str(few)], folder)
-    row("{what} | {rate:,.1f} | {cpu:,.0f}", "linear-diag: SciPy DOP853 at 1e-10", slow, few)
+    row("{what} | {rate:,.1f} | {cpu:,.0f} |", "linear-diag: SciPy DOP853 at 1e-10", slow, few)
 
 
 def forms(folder: Path, members: int) -> None:
@@ -221,7 +231,7 @@ def peak(folder: Path, members: int) -> None:
         case = parse(text, "sweep.yaml").cases["a"]
         (some,) = prepare(case, np.arange(COLUMNS))
         (event,) = some.events
-        step = taylor_batch.build(type(case.system), some.structure, event)
+        step = taylor_batch.build(type(case.system), some.structure, (event,))
         columns, after = np.zeros((6, COLUMNS)), np.empty((step.rows, COLUMNS))
         columns[:3], columns[3] = some.start, 1000
         ends = np.full((2, COLUMNS), [[1000.0], [taylor_batch.stride(TOL, event)]])

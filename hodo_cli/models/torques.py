@@ -553,7 +553,8 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
         "state": ("p", "q", "r", *own),
         "state_degree": {name: power for name, power in own.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
-        "batchable": not own,
+        # A step of many motions does not end at an event.
+        "batchable": not own.keys() - terms.SPACE.own.keys(),
         "fixed_in_space": tuple(terms.SPACE.own) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
     }

@@ -16,13 +16,13 @@ from ..engines.protocol import EPS, Status
 from ..integration.classify import classify
 from ..integration.integrate import integrate
 from ..integration.solve import sample_times
-from ..integration.trajectory import Occurrence, Trajectory
+from ..integration.trajectory import Trajectory
 from ..models import rigid_body
 from ..models.constants import UNIT, contains_time, flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage.group import Attribute, Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
-from .ensemble.advance import advance_through, measure_crossings
+from .ensemble.advance import advance, measure_crossings, step_of
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
 from .members import Prepared, member, prepare
 
@@ -110,7 +110,7 @@ def other_method(case: Case) -> str:
         f"{case.precision} precision": case.precision != "double",
         "heyoka is not installed": not have_taylor(),
         "limits of each member": case.max_steps is not None or case.max_seconds is not None,
-        "the model is not made for arrays": not case.system.batchable,
+        "its steps must end at events, or are too large": not case.system.batchable,
     }
     return next((reason for reason, applies in reasons.items() if applies), "")
 
@@ -163,13 +163,13 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, np.arange(chunk.first, chunk.last)):
         status[group.positions] = Status.OK.code
-        # One compiled step watches one event; of two or more, single cases keep the order.
-        if len(group.events) <= 1:
+        # One compiled step watches one event of each kind; of more, single cases keep the order.
+        if len(group.events) <= len({bool(event.passage) for event in group.events}):
             e = replace(ensemble_of(case, group), times=times)
-            outcome, events = advance_through(e)
+            outcome = advance(e, step_of(e))
             if e.event and not (e.model.no_axis_reason or e.model.always_absorbing):
                 measure_crossings(e, e.event, outcome)
-            reduced = reduced_ensemble(e, outcome, events, case.time)
+            reduced = reduced_ensemble(e, outcome, case.time)
             enter(values, group.positions[outcome.accepted], reduced)
             rejection[group.positions] = outcome.rejection
     return rejection
@@ -177,19 +177,18 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
 
 def ensemble_of(case: Case, group: Prepared) -> Ensemble:
     """Members that share a compiled step, as an ensemble."""
-    event, model = next(iter(group.events), None), type(case.system)
+    model = type(case.system)
+    event = next((event for event in group.events if not event.passage), None)
+    passing = next((event for event in group.events if event.passage), None)
     span, tol = (case.time.start, case.time.end), case.tol or EPS
     form, constants = group.structure, group.constants
     if model.degree and contains_time(model, form, group.events) and (UNIT, 0) not in form:
         form, constants = (*form, (UNIT, 0)), np.vstack((constants, np.ones(len(group.positions))))
-    return Ensemble(model, form, constants, group.start, span, event, tol)
+    return Ensemble(model, form, constants, group.start, span, event, tol, passing)
 
 
-def reduced_ensemble(
-    e: Ensemble, outcome: Outcome, events: Mapping[int, list[Occurrence]], time: Time
-) -> dict[str, np.ndarray]:
-    """The columns of the accepted motions of an ensemble, with the `events` of those that
-    went on through one."""
+def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:
+    """The columns of the accepted motions of an ensemble."""
     accepted = np.flatnonzero(outcome.accepted)
     end, times = outcome.state[:, accepted, None], np.array([e.span[1]])
     ends = output_of(e, accepted, times, end, outcome.exponent[accepted, None])
@@ -199,7 +198,8 @@ def reduced_ensemble(
         begin = np.array([e.span[0]])
         start = e.model.output(begin, e.start[:, accepted].T, e.named(accepted))
         axes = start["enclosed_axis"], final["enclosed_axis"]
-        return final | event_columns([events.get(i, []) for i in accepted.tolist()], axes)
+        events = [outcome.events.get(i, []) for i in accepted.tolist()]
+        return final | event_columns(events, axes)
     if e.times.size:
         samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
         final |= output_of(e, accepted, e.times, samples, exponent)

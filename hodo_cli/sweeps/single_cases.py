@@ -10,7 +10,7 @@ from ..integration.crossings import Crossing
 from ..integration.solve import sample_times
 from ..integration.trajectory import Trajectory
 from .chunk import crossing_columns, ensemble_of, other_method
-from .ensemble.advance import advance_through
+from .ensemble.advance import advance, step_of
 from .ensemble.motions import Ensemble
 from .members import Prepared, alike, of_system
 
@@ -27,7 +27,7 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
     motions: list[CrossedMotion | None] = [None] * len(cases)
     for positions, e in ensembles_of(cases):
         times = sample_times(cases[positions[0]])
-        outcome, _ = advance_through(replace(e, times=times))
+        outcome = advance(replace(e, times=times), step_of(e))
         crossings: list[list[Crossing]] = [[] for _ in positions]
         columns = crossing_columns(e, outcome.accepted_passages).values()
         rows = zip(*(column.tolist() for column in columns), strict=True)

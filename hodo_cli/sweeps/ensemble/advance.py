@@ -1,17 +1,15 @@
-"""The motions of an ensemble from their start to their end, through events that let them go on."""
+"""The motions of an ensemble from their start to their end, and the errors of their crossings."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...integration.crossings import time_to_zero
 from ...integration.driver import LIMIT, at_rest
-from ...integration.trajectory import Occurrence
 from ...models.base import Event
-from ...models.constants import namespace
 from .batch import PAUSE, BatchState
-from .motions import Ensemble, Outcome, Rejection, TerminalHits
+from .motions import Ensemble, Outcome, Rejection
 from .passages import decide_passages
 
 if TYPE_CHECKING:
@@ -29,8 +27,8 @@ def step_of(e: Ensemble) -> "TaylorStep":
     from ...engines import taylor_batch  # heyoka may be missing
 
     # Its code is the same whether the event ends a motion or not.
-    event = e.event and e.event._replace(terminal=False)
-    return taylor_batch.build(e.model, e.structure, event)  # type: ignore[arg-type]
+    watched = (event._replace(terminal=False) for event in (e.event, e.passing) if event)
+    return taylor_batch.build(e.model, e.structure, tuple(watched))  # type: ignore[arg-type]
 
 
 @np.errstate(all="ignore")  # what overflows is not finite, hence not accepted
@@ -46,8 +44,7 @@ def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
             for _ in range(PAUSE):
                 batch.advance()
             batch.pause()
-        outcome.departures = batch.departures
-        if e.event is not None and not e.event.passage:
+        if e.event is not None:
             decide_passages(e, e.event, batch.candidates, step, outcome)
     if e.model.degree and e.model.oriented:
         stop_at_rest(outcome)
@@ -69,51 +66,6 @@ def stop_at_rest(outcome: Outcome) -> None:
     passed = outcome.passages
     outcome.passages = passed.chosen(~at_rest(passed.state[:3].T, passed.exponent))
     outcome.last[(outcome.state[:3] == 0).all(axis=0)] = 0
-
-
-def advance_through(e: Ensemble) -> tuple[Outcome, dict[int, list[Occurrence]]]:
-    """All motions of an ensemble through their span and the events that take them on, with these
-    events of each that has met any."""
-    step = step_of(e)
-    outcome = advance(e, step)
-    events: dict[int, list[Occurrence]] = {}
-    hits = outcome.departures
-    while onward := [going for hit in hits for going in restarts(e, hit, outcome, events)]:
-        numbers = np.array([motion for motion, _, _ in onward])
-        begin = np.array([time for _, time, _ in onward], dtype=float)
-        start = np.array([state for _, _, state in onward], dtype=float).T
-        constants, span = e.constants[:, numbers], (begin, e.span[1])
-        stretch = advance(replace(e, constants=constants, start=start, span=span), step)
-        outcome.state[:, numbers], outcome.rejection[numbers] = stretch.state, stretch.rejection
-        outcome.exponent[numbers] = stretch.exponent
-        outcome.steps[numbers] += stretch.steps
-        hits = [hit._replace(motion=numbers[hit.motion]) for hit in stretch.departures]
-    outcome.reject(~np.isfinite(outcome.state).all(axis=0), Rejection.OUTGROWN)
-    return outcome, events
-
-
-def restarts(
-    e: Ensemble, hits: TerminalHits, outcome: Outcome, events: dict[int, list[Occurrence]]
-) -> list[tuple[int, Any, Any]]:
-    """Enter what an event does to the motions that have met it; returns those that go on, with the
-    time and the state from which on."""
-    assert e.event is not None
-    assert e.event.passage is not None
-    onward = []
-    for i, time, state in zip(hits.motion.tolist(), hits.time, hits.state.T, strict=True):
-        k = namespace(e.structure, e.constants[:, i].tolist())
-        try:
-            passage = e.event.passage(float(time), state.tolist(), k)
-        except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
-            outcome.reject(np.array([i]), Rejection.PASSAGE)
-            continue
-        if passage.details is not None:
-            occurrence = Occurrence(e.event.kind, passage.time, passage.details)
-            events.setdefault(i, []).append(occurrence)
-        outcome.state[:, i], outcome.exponent[i] = passage.state, 0
-        if passage.onward is not None and passage.onward < e.span[1]:
-            onward.append((i, passage.onward, passage.state))
-    return onward
 
 
 def measure_crossings(e: Ensemble, event: Event, outcome: Outcome) -> None:

@@ -8,9 +8,11 @@ import numpy as np
 
 from ...engines.protocol import uneven
 from ...integration.choice import MANY_STEPS
+from ...integration.trajectory import Occurrence
 from ...integration.units import TimeWindow, Units
+from ...models.base import Event
 from ...models.constants import moving, namespace, rescaled
-from .motions import Ensemble, Outcome, Rejection, TerminalHits, exact_difference
+from .motions import Ensemble, Outcome, Rejection, exact_difference
 
 if TYPE_CHECKING:
     from ...engines.taylor_batch import TaylorStep
@@ -71,13 +73,12 @@ class BatchState:
     outcome: Outcome
     pauses: int = 0
     candidates: list[CandidateSteps] = field(default_factory=list)
-    departures: list[TerminalHits] = field(default_factory=list)
     history: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        from ...engines.taylor_batch import stride  # heyoka may be missing
+        from ...engines.taylor_batch import AlignedCalls, stride  # heyoka may be missing
 
-        e, m = self.ensemble, self.m
+        e, m, self.aligned_step = self.ensemble, self.m, AlignedCalls(self.step)
         # Those of uneven starts are left to single cases, whose steps can be limited.
         omega = e.start[moving(e.model)]
         turning = (omega != 0).any(axis=0)
@@ -89,7 +90,7 @@ class BatchState:
         self.params = np.zeros((len(e.constants) + 5, len(number)))
         self.params[END] = np.broadcast_to(e.span[1], e.start.shape[1])[number]
         self.params[1:STRIDE] = e.constants[:, number]
-        self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.event), number
+        self.params[STRIDE], self.params[NUMBER] = stride(e.looser * e.tol, e.passing), number
         self.renew(np.arange(len(number)))
         self.empty(len(begun))
         at_start = e.times <= np.reshape(e.span[0], (-1, 1))
@@ -107,12 +108,16 @@ class BatchState:
     def advance(self) -> None:
         """One step of every motion."""
         length = self.m + TIME_ROWS
-        self.step(self.now[:length], self.params[:NUMBER], self.next)
+        self.aligned_step(self.now[:length], self.params[:NUMBER], self.next)
         if self.ensemble.times.size:
             self.history.append(self.now[:length].copy())
-        if self.ensemble.event is not None:
-            self.note_candidates(np.flatnonzero(self.next[length + 1] < 0))
         self.now, self.next = self.next, self.now
+        for row, event in enumerate(self.step.events, length + 1):
+            columns = np.flatnonzero(self.now[row] < 0)
+            if columns.size and event.passage:
+                self.go_through(event, columns)
+            elif columns.size and self.ensemble.event is not None:
+                self.note_candidates(self.ensemble.event, columns)
 
     def sample(self) -> None:
         """Enter the states at the sample times within the steps since the last pause: a sample is a
@@ -139,39 +144,57 @@ class BatchState:
             samples.reshape(-1)[entry] = values
         self.outcome.sample_exponent.reshape(-1)[entry] = size[column]
 
-    def note_candidates(self, columns: np.ndarray) -> None:
-        """Remember the steps just taken in some columns, where the event's function may have zeros;
+    def note_candidates(self, event: Event, columns: np.ndarray) -> None:
+        """Remember the steps just taken in some columns, where an event's function may have zeros;
         a motion that is seen to have passed a terminal event stops."""
-        if not columns.size:
-            return
-        m, event = self.m, self.ensemble.event
-        before, after, params = (
-            a.take(columns, axis=1) for a in (self.now, self.next, self.params)
-        )
-        if event is None or not event.passage:
-            self.candidates.append(
-                CandidateSteps(before[: m + TIME_ROWS], after[m + TIME_ROWS], params)
-            )
-        # Only the sign at the ends is looked at here; where in the step it ended is found at the
-        # end, for all at once.
-        if event is not None and event.terminal:
-            k = namespace(self.ensemble.structure, list(params[1:STRIDE]))
-            signs = (event.function(times_of(y, params, m), [*y[:m]], k) for y in (before, after))
-            stopped = np.multiply(*signs) < 0
-            if event.passage:
-                self.note_hits(after[:, stopped], params[:, stopped])
-            self.next[m, columns[stopped]] = 0
+        before, params = (a.take(columns, axis=1) for a in (self.next, self.params))
+        length = self.now[self.m + TIME_ROWS, columns]
+        self.candidates.append(CandidateSteps(before[: self.m + TIME_ROWS], length, params))
+        # Where in the step it ended is found at the end, for all at once.
+        if event.terminal:
+            self.now[self.m, columns[self.changes_sign(event, columns)]] = 0
 
-    def note_hits(self, after: np.ndarray, params: np.ndarray) -> None:
-        """Note the motions that go on through an event, in columns as they are now.
+    def changes_sign(self, event: Event, columns: np.ndarray) -> np.ndarray:
+        """Whether (k,) an event's function differs in sign at the ends of the steps just taken."""
+        m, params = self.m, self.params[:, columns]
+        k = namespace(self.ensemble.structure, list(params[1:STRIDE]))
+        ends = (self.next[:, columns], self.now[:, columns])
+        values = (event.function(times_of(y, params, m), [*y[:m]], k) for y in ends)
+        return np.asarray(np.multiply(*values) < 0)
 
-        Its formulas begin from any state behind its zero, so that this need not be found.
+    def go_through(self, event: Event, columns: np.ndarray) -> None:
+        """Restart the motions that have passed an event in the step just taken.
+
+        The formulas of its passage begin from any state behind its zero, so that this need not be
+        found.
         """
+        passed = columns[self.changes_sign(event, columns)]
+        for column in passed.tolist():
+            self.restart(event, column)
+        self.renew(passed)
+
+    def restart(self, event: Event, column: int) -> None:
+        """Put a motion behind its passage of an event, in the case's own units."""
         e, m = self.ensemble, self.m
-        size, _ = units_of(params)
-        state = rescaled(e.model, after[:m].T, size).T if e.model.degree else after[:m]
-        time = times_of(after, params, m)
-        self.departures.append(TerminalHits(params[NUMBER].astype(np.int64), time, state))
+        now, params = self.now[:, [column]], self.params[:, [column]]
+        number, end = int(params[NUMBER, 0]), float(params[END, 0])
+        state = rescaled(e.model, now[:m].T, units_of(params)[0]) if e.model.degree else now[:m].T
+        k = namespace(e.structure, e.constants[:, number].tolist())
+        assert event.passage is not None
+        try:
+            passage = event.passage(float(times_of(now, params, m)[0]), state[0].tolist(), k)
+        except (ValueError, ArithmeticError):  # a step has led beyond the passage itself
+            self.now[m, column] = np.nan
+            return
+        if passage.details is not None:
+            occurrence = Occurrence(event.kind, passage.time, passage.details)
+            self.outcome.events.setdefault(number, []).append(occurrence)
+        onward = end if passage.onward is None else min(float(passage.onward), end)
+        self.now[:m, column] = passage.state
+        self.now[m : m + 2, column] = exact_difference(end, onward)
+        self.params[1:STRIDE, column], self.params[SIZE:, column] = e.constants[:, number], 0
+        if onward == end:  # a step in the state of an end may lead anywhere
+            self.enter(np.array([column]))
 
     def pause(self) -> None:
         """Drop the motions that are at their end, and renew units that no longer fit."""
@@ -184,9 +207,8 @@ class BatchState:
         restored = remaining + lost
         lost += remaining - restored
         np.copyto(remaining, restored, where=going)
-        event = self.ensemble.event
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
-        if self.pauses == 1 and not (event and event.passage):
+        if self.pauses == 1 and self.ensemble.passing is None:
             number = params[NUMBER].astype(np.int64)
             span = np.ldexp(self.ensemble.lengths[0, number], units_of(params)[1])
             going &= PAUSE * span < HOPELESS * (span - remaining)
@@ -199,18 +221,23 @@ class BatchState:
             self.renew(np.flatnonzero(outgrown & (self.now[self.m] > 0)))
 
     def drop(self, done: np.ndarray) -> None:
-        """Enter the columns that are done in the outcome, and keep the others."""
-        ended = np.flatnonzero(done & (self.params[NUMBER] >= 0))
-        number, size, _ = self.params[NUMBER:, ended].astype(np.int64)
-        outcome = self.outcome
-        outcome.state[:, number], outcome.exponent[number] = self.now[: self.m, ended], size
-        remaining, _, outcome.steps[number] = self.now[self.m : self.m + TIME_ROWS, ended]
-        outcome.rejection[number] = np.where(remaining == 0, 0, Rejection.SLOW.code)
+        """Drop the columns that are done, and keep the others."""
+        self.enter(np.flatnonzero(done & (self.params[NUMBER] >= 0)))
         going = np.flatnonzero(~done)
         columns = padded(going)
         self.now, self.params = (a.take(columns, axis=1) for a in (self.now, self.params))
         self.next = np.empty_like(self.now)
         self.empty(len(going))
+
+    def enter(self, columns: np.ndarray) -> None:
+        """Enter some columns in the outcome; they are then without a motion."""
+        number, size, _ = self.params[NUMBER:, columns].astype(np.int64)
+        outcome = self.outcome
+        outcome.state[:, number], outcome.exponent[number] = self.now[: self.m, columns], size
+        remaining, _, outcome.steps[number] = self.now[self.m : self.m + TIME_ROWS, columns]
+        why = np.where(np.isnan(remaining), Rejection.PASSAGE.code, Rejection.SLOW.code)
+        outcome.rejection[number] = np.where(remaining == 0, 0, why)
+        self.params[NUMBER, columns] = -1
 
     def renew(self, columns: np.ndarray) -> None:
         """Fit the units of some columns to their motions."""

@@ -1,6 +1,5 @@
 """An ensemble of motions, and what became of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -9,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...integration.trajectory import Occurrence
 from ...models.base import Event, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
 from ...models.rigid_body import Separatrix
@@ -63,19 +63,12 @@ class Passages(NamedTuple):
         return np.asarray(np.diff(self.motion, prepend=-1) != 0)
 
 
-class TerminalHits(NamedTuple):
-    """Motions (k,) that go on through an event: the times, and their states (m, k) then."""
-
-    motion: np.ndarray
-    time: np.ndarray
-    state: np.ndarray
-
-
 @dataclass(frozen=True)
 class Ensemble:
     """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
-    the start (m, n), the times at which they begin and end, each one or (n,), the event that is
-    looked for, and the tolerance, of which each step takes `looser`."""
+    the start (m, n), the times at which they begin and end, each one or (n,), the event whose zeros
+    are looked for, the one with a passage, through which they go on, and the tolerance, of which
+    each step takes `looser`."""
 
     model: type[Model]
     structure: Structure
@@ -84,6 +77,7 @@ class Ensemble:
     span: tuple[Any, Any]
     event: Event | None
     tol: float
+    passing: Event | None = None
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
     looser: float = 1.0
 
@@ -157,8 +151,8 @@ class Outcome:
     n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with its
     sign at both ends.
 
-    A terminal event ends a motion; one with a passage is left to `advance_through`. Nothing here
-    counts where the code of a `rejection` (n,) is not 0.
+    A terminal event ends a motion; `events` are those that motions have passed through, by number.
+    Nothing here counts where the code of a `rejection` (n,) is not 0.
     """
 
     state: np.ndarray
@@ -170,7 +164,7 @@ class Outcome:
     last: np.ndarray
     samples: np.ndarray
     sample_exponent: np.ndarray
-    departures: Sequence[TerminalHits] = ()
+    events: dict[int, list[Occurrence]] = field(default_factory=dict)
 
     @classmethod
     def blank(cls, m: int, n: int, s: int) -> "Outcome":
