@@ -140,6 +140,6 @@ class Trend:
     judge: Callable[[Sequence[Sequence[Motion]]], Finding]
 
 
-def in_pairs(motions: Sequence[Motion]) -> list[tuple[Motion, Motion]]:
-    """Motions two by two, where a check compares the cases of a claim in pairs."""
-    return [*zip(motions[::2], motions[1::2], strict=True)]
+def in_groups(motions: Sequence[Motion], size: int) -> list[Sequence[Motion]]:
+    """Motions so many at a time, where a check compares the cases of a claim in groups."""
+    return [motions[i : i + size] for i in range(0, len(motions), size)]

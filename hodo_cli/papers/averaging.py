@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..claims.finding import Check, Finding, beyond, if_true, in_pairs, listed
+from ..claims.finding import Check, Finding, beyond, if_true, in_groups, listed
 from ..results.motion import Motion, forms_apart
 
 NEAR_CROSSING = 0.05
@@ -32,8 +32,8 @@ def distance(averaged: Motion, full: Motion, margin: float = 0.0) -> float:
 
 def order_finding(motions: Sequence[Motion], expected: float, margin: float = 0.0) -> Finding:
     """The order of the distance in the size of the resistance, against one expected at least."""
-    small = [max(full.case.data["damping"]) for _, full in in_pairs(motions)]
-    errors = [distance(averaged, full, margin) for averaged, full in in_pairs(motions)]
+    small = [max(full.case.data["damping"]) for _, full in in_groups(motions, 2)]
+    errors = [distance(averaged, full, margin) for averaged, full in in_groups(motions, 2)]
     # Errors at one time scatter with the phase; the largest over a motion follow the power law.
     slope = float(np.polyfit(np.log(small), np.log(errors), 1)[0])
     words = f"order {slope:.3f}, from distances {listed(errors)}"
@@ -69,7 +69,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
     """The error of the predicted crossing, in radians n |t - predicted|, falls from pair to pair,
     and is below that of the averaged one."""
     missed, averaged_missed = [], []
-    for averaged, full in in_pairs(motions):
+    for averaged, full in in_groups(motions, 2):
         n, time = averaged.stored("event_frequency")[0], full.crossings[0].time
         missed.append(float(n * abs(averaged.stored("event_predicted")[0] - time)))
         averaged_missed.append(float(n * abs(averaged.crossing_time[0] - time)))
@@ -84,7 +84,7 @@ def predicted_crossing(motions: Sequence[Motion]) -> Finding:
 @Check
 def predicted_sense(motions: Sequence[Motion]) -> Finding:
     """The sense of rotation about the new axis is that predicted."""
-    pairs = in_pairs(motions)
+    pairs = in_groups(motions, 2)
     complying = sum(
         int(np.sign(full.omega[-1, full.labels[-1] - 1]) == averaged.stored("event_sense")[0])
         for averaged, full in pairs

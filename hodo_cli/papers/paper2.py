@@ -21,7 +21,7 @@ from ..claims.finding import (
     difference_above,
     erratum,
     if_true,
-    in_pairs,
+    in_groups,
     listed,
 )
 from ..claims.quantities import end_of_spin, integrated_motion, number, quantity
@@ -141,7 +141,7 @@ def averaging_is_exact(motions: Sequence[Motion]) -> Finding:
     """With M1 = M2 = 0 the corrected averaged system is an identity of the full equations; cases
     in pairs, full and averaged, compared until the spin ends.
     """
-    worst = max(apart(full, averaged) for full, averaged in in_pairs(motions))
+    worst = max(apart(full, averaged) for full, averaged in in_groups(motions, 2))
     words = f"x and y differ by {worst:.2g}"
     return Finding(beyond(worst, 1e-10), worst, words, difference_above(1e-10))
 

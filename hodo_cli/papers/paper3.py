@@ -20,7 +20,7 @@ from ..claims.finding import (
     difference_above,
     erratum,
     if_true,
-    in_pairs,
+    in_groups,
     listed,
 )
 from ..claims.quantities import number, quantity
@@ -216,7 +216,7 @@ def rates_3_5(m: Motion, t: float, u: np.ndarray, fixed: tuple[Any, Any]) -> np.
 def averaged_alike(motions: Sequence[Motion]) -> Finding:
     """Cases in pairs, by (3.5) or by the quadrature (2.8), and by the equations for Gz, H and r
     that do not divide by u1 - u2, are the same motion."""
-    pairs = in_pairs(motions)
+    pairs = in_groups(motions, 2)
     # (3.5) loses digits as u1 and u2 meet.
     return agreement([(quantity(a, n), quantity(b, n)) for a, b in pairs for n in INTEGRALS], 1e-9)
 
@@ -229,15 +229,15 @@ def error_of_order_epsilon(motions: Sequence[Motion]) -> Finding:
     Decided by the smallest power, which must be 0.9 of 1 at least.
     """
     powers, words = [], []
-    for limit, *near in zip(*[iter(motions)] * 4, strict=True):
+    for limit, *near in in_groups(motions, 4):
         epsilons = [m.case.data["epsilon"] for m in near]
         for name in ("Gz", "H"):
             errors = [float(np.abs(quantity(m, name) - quantity(limit, name)).max()) for m in near]
             powers.append(float((np.diff(np.log(errors)) / np.diff(np.log(epsilons))).min()))
-            words.append(f"{name} {listed(errors, 3)}")
+            words.append(f"{name} by {listed(errors, 3)}")
     least = min(powers)
+    evidence = f"off, for epsilon = {listed(epsilons)}: {'; '.join(words)}: power {least:.3g}"
     # The second order still bends the power at these epsilons.
-    evidence = f"power {least:.3g}: {'; '.join(words)}"
     return Finding(if_true(least >= 0.9), least, evidence, "a power below 0.9")
 
 
@@ -294,7 +294,7 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
     """Coefficients that grow make the motion smoother; cases in pairs, constant coefficients
     first.
     """
-    pairs = [(roughness(a), roughness(b)) for a, b in in_pairs(motions)]
+    pairs = [(roughness(a), roughness(b)) for a, b in in_groups(motions, 2)]
     steps = [growing - constant for constant, growing in pairs]
     words = f"roughness {'; '.join(map(listed, pairs))}"
     contrary = "a rougher motion with coefficients that grow"
