@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from test_own_time import Timed, random_body, scaled, timed  # noqa: F401
 
 from hodo_cli import HodoError
+from hodo_cli.api import plot
 from hodo_cli.api import run as run_case
 from hodo_cli.cases.case import Case, dump, parse_case
 from hodo_cli.integration.integrate import integrate
@@ -439,3 +440,18 @@ figures:
         assert file["ends/attitude"].shape == (3, 4)
         assert file["many/attitude"][:, -1] == pytest.approx(file["ends/attitude"][:], abs=1e-13)
     assert call(tmp_path, "compare", "runs/a.h5", "runs/a.h5").returncode == 0
+
+
+def test_figures_take_the_momentum_of_body_and_fluid() -> None:
+    """Row 12: it stays to O(kappa^2), ten times as far as kappa is smaller twice over."""
+    body = {"inertia": A, "initial": C, "time": {"end": 60, "samples": 601}, "attitude": "yes"}
+    names = [f"total_space.{axis}" for axis in "xyz"]
+    for model in ("cavity+constant", "torques"):
+        motion = run_case({**body, "model": model, "kappa": 0.03})
+        panels = plot(motion, "series", variables=names).axes
+        total = np.stack([panel.lines[0].get_ydata() for panel in panels], axis=-1)
+        moved = np.linalg.norm(total - total[0], axis=1).max()
+        assert moved == pytest.approx(2.19e-4, rel=3e-2)
+    free = run_case({**body, "model": "linear-diag", "damping": 0})
+    with pytest.raises(HodoError, match=r"no 'kappa', which total_space\.x needs"):
+        plot(free, "series", variables=names)

@@ -7,6 +7,8 @@ have kept their points in three dimensions (`sheet.Scene`).
 """
 
 import json
+import math
+import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -24,7 +26,7 @@ from matplotlib.collections import Collection, QuadMesh
 from matplotlib.colors import to_hex, to_rgb, to_rgba, to_rgba_array
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.text import Annotation
+from matplotlib.text import Annotation, Text
 from matplotlib.ticker import FixedFormatter
 from plotly.offline import get_plotlyjs
 
@@ -34,9 +36,8 @@ from ..models.rigid_body import LABELS
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion
 from ..storage.staging import replacing
-from .artists import CROSSING
-from .geometry import View, stretches
-from .sheet import DrawnCurve, Look, Scene, Sheet, every_panel, without_tex
+from .geometry import stretches
+from .sheet import DrawnCurve, Look, Scene, Sheet, Stroke, every_panel, without_tex
 
 Trace = dict[str, Any]
 
@@ -58,24 +59,12 @@ PIXELS = 1.6
 
 
 @dataclass(frozen=True)
-class Curve:
-    """A curve of a panel: points (n, k), the place (n,) of each one's colour among colours (m, 3),
-    and its look by the names of `Line2D`."""
-
-    points: np.ndarray
-    code: np.ndarray
-    colours: np.ndarray
-    look: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class Samples:
-    """The motions of a figure by their labels, the values that it shows, and its symbol of time:
-    what the pointer tells of a point is found by its values."""
+    """The motions of a figure by their labels, and the values that it shows: what the pointer tells
+    of a point is found by its values."""
 
     motions: Mapping[str, Motion]
     records: Sequence[DrawnCurve]
-    time: str
 
     def record(self, points: np.ndarray) -> DrawnCurve | None:
         """The record that has each column of points (n, k) among its values; None without any."""
@@ -88,42 +77,25 @@ class Samples:
                 return record
         return None
 
-    def pointer(self, record: DrawnCurve | None, sample: np.ndarray) -> Trace:
-        """What the pointer shows at samples (n,) of a record: time, |G|, T, D and the enclosed
-        axis of a motion, else its coordinates. A gap is sample -1."""
+    def pointer(self, record: DrawnCurve | None, index: np.ndarray) -> Trace:
+        """What the pointer shows at samples (n,) of a record, -1 for a gap: time, |G|, T, D and the
+        enclosed axis of a motion, else the coordinates."""
         if record is None:
             return {"hoverinfo": "skip"}
-        name = {"name": without_tex(record.curve)}
-        motion = self.motions.get(record.curve)
+        motion, name = self.motions.get(record.curve), {"name": without_tex(record.curve)}
         if motion is None or "time" not in record.values:
             return name
-        at = np.searchsorted(motion.time, record.values["time"][sample])
+        at = np.searchsorted(motion.time, record.values["time"][index])
         columns = {"time": motion.time[at]}
         for quantity in HOVER:
             with suppress(HodoError):
                 columns[quantity] = motion[quantity][at]
         lines = [f"{key} = %{{customdata[{i}]:.6g}}" for i, key in enumerate(columns)]
-        shown: Trace = {"customdata": np.stack([*columns.values()], axis=-1)}
+        shown: Trace = {**name, "customdata": np.stack([*columns.values()], axis=-1)}
         if motion.classified:
             lines.append("encloses %{text}")
             shown["text"] = [LABELS[int(label)] for label in motion.labels[at]]
-        return {**name, **shown, "hovertemplate": "<br>".join(lines)}
-
-    def crossing_texts(self, marks: np.ndarray, curves: Sequence[Curve]) -> list[str]:
-        """The times of the crossings that marks (m, k) in a panel of curves stand for."""
-        times: list[tuple[np.ndarray, str]] = []
-        for curve in curves:
-            record = self.record(curve.points)
-            motion = self.motions.get(record.curve) if record else None
-            if motion and len(motion.time) == len(curve.points):
-                unit = motion.units("time")
-                of = "" if unit == "1" else f" {unit}"
-                at = motion.at_crossings(curve.points)
-                moments = (f"{when:.12g}{of}" for when in motion.crossing_time)
-                times += zip(at, moments, strict=True)
-        letter = without_tex(f"${self.time}$")
-        nearest = [min(times, key=lambda item: np.abs(item[0] - mark).max()) for mark in marks]
-        return [f"crossing of D = 0 at {letter} = {moment}" for _, moment in nearest]
+        return shown | {"hovertemplate": "<br>".join(lines)}
 
 
 def write_interactive(
@@ -146,7 +118,8 @@ def write_interactive(
             draft.write_text(get_plotlyjs(), encoding="utf-8")
     shell = Template((Path(__file__).parent / "figure.html").read_text(encoding="utf-8"))
     page = shell.substitute(
-        title=escape(name),
+        name=escape(name),
+        title=escape(without_tex(spec["title"])),
         caption=escape(caption),
         how_to=how_to(sheet),
         script=f"../{SCRIPT}",
@@ -159,13 +132,12 @@ def write_interactive(
 
 
 def how_to(sheet: Sheet) -> str:
-    """What a reader can do with the panels of a figure here, and what differs from print."""
-    maps = [axes for axes in sheet.figure.axes if axes.name == "hammer"]
-    if maps:
-        return "Here the map is on the sphere itself, a dot a start: drag to turn it."
-    if sheet.scenes:
-        return "Drag to turn, scroll to come nearer; a click on a name in the legend hides it."
-    return "Drag to enlarge, double-click to see all; a click on a name in the legend hides it."
+    """What a reader can do with the panels of a figure, and what differs from print."""
+    legend = "a click on a name in the legend hides it."
+    if any(axes.name == "hammer" for axes in sheet.scenes):
+        return f"Here the map is on the sphere itself, a dot a start. Drag to turn; {legend}"
+    turns = "Drag to turn, scroll to come nearer"
+    return f"{turns if sheet.scenes else 'Drag to enlarge, double-click to see all'}; {legend}"
 
 
 def packed(values: np.ndarray) -> dict[str, str]:
@@ -183,23 +155,21 @@ def interactive(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> dict[str
     """The data and layout of plotly for a printed figure; `packed` turns its arrays into JSON."""
     names = () if spec["kind"] in SWEPT_KINDS else spec.get("cases", ())
     motions = motions_of(cases, names, spec.get("labels", ()) if names else ())
-    samples = Samples({motion.label: motion for motion in motions}, sheet.shown, sheet.time)
+    samples = Samples({motion.label: motion for motion in motions}, sheet.shown)
     sheet.figure.draw_without_rendering()  # which gives every panel its place
     bars = [axes for axes in sheet.figure.axes if hasattr(axes, "_colorbar")]
     panels = [axes for axes in every_panel(sheet.figure.axes) if axes not in bars]
     # Below the panels is room for their scale of colours.
     margin = {"l": 60, "r": 20, "t": 90, "b": 120 if bars else 50}
-    layout = {**LAYOUT, "margin": margin, "title": {"text": without_tex(spec["title"])}}
+    layout = {**LAYOUT, "margin": margin}
     traces: list[Trace] = []
     notes: list[Trace] = []
     for i, (axes, domain) in enumerate(zip(panels, domains(panels), strict=True)):
         scene = sheet.scenes.get(axes)
-        if axes.name == "hammer":
-            drawn, scene = [*globe_traces(axes, sheet.shown[i])], Scene(MIDDLE_OF_MAPS)
-        elif scene:
-            drawn = [*space_traces(scene, samples)]
-        else:
-            drawn = [*plane_traces(axes, samples)]
+        strokes = scene.strokes if scene else [*plane_strokes(axes)]
+        drawn = [trace for stroke in strokes for trace in stroke_traces(stroke, samples)]
+        if not scene:
+            drawn = [*shaded_traces(axes), *drawn]
             notes += annotations(axes, numbered("x", i), numbered("y", i))
         layout |= scene_layout(scene, i, domain) if scene else axis_layouts(axes, i, domain)
         place = {"scene": "scene"} if scene else {"xaxis": "x", "yaxis": "y"}
@@ -227,10 +197,6 @@ def blank_like(trace: Trace) -> Trace:
     return {**coordinates(np.full((1, 3 if "scene" in place else 2), np.nan)), **place}
 
 
-MIDDLE_OF_MAPS = View.toward((0, 0))
-"""A sphere turned as its printed map has it: x1 in the middle, x3 on top."""
-
-
 def domains(panels: Sequence[Axes]) -> Iterator[dict[str, list[float]]]:
     """The place of each panel, as parts of the width and height of all."""
     boxes = np.array([axes.get_window_extent().extents for axes in panels]).reshape(-1, 2, 2)
@@ -248,38 +214,45 @@ def coordinates(points: np.ndarray) -> Trace:
 # What is drawn
 
 
-def curve_traces(curve: Curve, samples: Samples) -> Iterator[Trace]:
-    """The traces of a curve, one a colour, with gaps where it has others."""
-    record = samples.record(curve.points)
-    pieces = stretches(curve.code)
-    for code in np.unique(curve.code):
-        own = [piece for piece in pieces if curve.code[piece.start] == code]
-        index = np.concatenate([[*range(len(curve.code))[piece], -1] for piece in own])[:-1]
-        points = np.where(index[:, np.newaxis] < 0, np.nan, curve.points[index])
-        look = line_look({**curve.look, "color": curve.colours[code]})
-        yield {**coordinates(points), **look, **samples.pointer(record, index)}
+def stroke_traces(stroke: Stroke, samples: Samples) -> Iterator[Trace]:
+    """The traces of a curve, one a colour with gaps where it has others, of marks, or of words."""
+    trace, texts = coordinates(stroke.points), [*map(without_tex, stroke.texts)]
+    shades = [colour_name(colour) for colour in stroke.colours]
+    if stroke.look.get("ls") == "":
+        trace |= line_look(stroke.look) | {"hoverinfo": "text" if texts else "skip", "text": texts}
+        if len(shades) > 1:
+            trace["marker"] = trace["marker"] | {"color": [shades[i] for i in stroke.code]}
+        yield trace
+        return
+    if texts:
+        words = {"mode": "lines+text", "text": texts, "hoverinfo": "skip"}
+        yield trace | line_look(stroke.look) | words
+        return
+    record, pieces = samples.record(stroke.points), stretches(stroke.code)
+    for code in np.unique(stroke.code):
+        # A piece of another colour leaves a gap, which is sample -1.
+        own = [piece for piece in pieces if stroke.code[piece.start] == code]
+        index = np.concatenate([[*range(len(stroke.code))[piece], -1] for piece in own])[:-1]
+        points = np.where(index[:, np.newaxis] < 0, np.nan, stroke.points[index])
+        look = line_look({**stroke.look, "color": shades[code]})
+        yield coordinates(points) | look | samples.pointer(record, index)
 
 
 def line_look(look: Mapping[str, Any]) -> Trace:
     """The line and marks of a trace, and the group of its legend, by the names of `Line2D`."""
-    colour = colour_name(look.get("color", "black"))
-    dash, width = dash_of(look.get("ls", "-")), PIXELS * look.get("lw", 1.0)
-    trace: Trace = {"mode": "lines", "line": {"color": colour, "dash": dash, "width": width}}
+    colour, dash = colour_name(look.get("color", "black")), dash_of(look.get("ls", "-"))
+    line = {"color": colour, "dash": dash, "width": PIXELS * look.get("lw", 1.0)}
     symbol = SYMBOLS.get(look.get("marker", ""), "")
-    if symbol:
-        only = look.get("ls") in ("", "None")
-        fill, edge = (look.get(key, colour) for key in ("mfc", "mec"))
-        edge_line = {"color": colour_name(edge), "width": 1}
-        size = PIXELS * look.get("ms", 3)
-        trace["mode"] = "markers" if only else "lines+markers"
-        trace["marker"] = {
-            "symbol": symbol,
-            "size": size,
-            "color": colour_name(fill),
-            "line": edge_line,
-        }
-        colour = colour_name(fill)
-    return {**trace, "legendgroup": f"{colour} {dash} {symbol}"}
+    if not symbol:
+        return {"mode": "lines", "line": line, "legendgroup": f"{colour} {dash}"}
+    fill, edge = (colour_name(look.get(key, colour)) for key in ("mfc", "mec"))
+    size, rim = PIXELS * look.get("ms", 3), {"color": edge, "width": 1}
+    return {
+        "mode": "markers" if look.get("ls") == "" else "lines+markers",
+        "line": line,
+        "marker": {"symbol": symbol, "size": size, "color": fill, "line": rim},
+        "legendgroup": f"{fill} {symbol}",
+    }
 
 
 def dash_of(line: str | tuple[float, Sequence[float] | None]) -> str:
@@ -295,54 +268,18 @@ def colour_name(colour: Any) -> str:
     return to_hex(colour)
 
 
-def space_traces(scene: Scene, samples: Samples) -> Iterator[Trace]:
-    """The traces of a panel that shows space."""
-    curves = [Curve(item.points, item.code, item.colours, item.look) for item in scene.items]
-    for item, curve in zip(scene.items, curves, strict=True):
-        if item.look.get("ls", "-") == "":
-            yield mark_trace(item.points, item.look, curves, samples)
-        elif item.texts:
-            texts = {"text": [*map(without_tex, item.texts)], "hoverinfo": "skip"}
-            look = line_look(item.look)
-            yield {**coordinates(item.points), **look, "mode": "lines+text", **texts}
-        else:
-            yield from curve_traces(curve, samples)
-
-
-def mark_trace(
-    points: np.ndarray, look: Mapping[str, Any], curves: Sequence[Curve], samples: Samples
-) -> Trace:
-    """Marks without a line; those of crossings tell their times."""
-    trace: Trace = {**coordinates(points), **line_look(look), "hoverinfo": "skip"}
-    is_crossing = look.get("mfc") == CROSSING["mfc"] and len(points)
-    if is_crossing:
-        trace |= {"text": samples.crossing_texts(points, curves), "hoverinfo": "text"}
-    return trace
-
-
-def plane_traces(axes: Axes, samples: Samples) -> Iterator[Trace]:
-    """The traces of a plane panel: areas, cells, then curves and marks."""
-    for patch in axes.patches:
-        yield area_trace(axes, patch)
-    curves = []
+def plane_strokes(axes: Axes) -> Iterator[Stroke]:
+    """The curves and marks of a plane panel."""
     for collection in axes.collections:
-        if isinstance(collection, QuadMesh):
-            yield from cell_traces(collection)
-        elif len(collection.get_paths()):
-            curves.append(collection_curve(collection))
-            yield from curve_traces(curves[-1], samples)
+        if not isinstance(collection, QuadMesh) and len(collection.get_paths()):
+            yield stroke_of_pieces(collection)
     for line in axes.lines:
-        points = np.asarray(line.get_xydata(), dtype=float)
+        points, look = np.asarray(line.get_xydata(), dtype=float), look_of(line)
         if line.get_transform() != axes.transData:
             pixels = line.get_transform().transform(points)
             points = axes.transData.inverted().transform(pixels)
-        look = look_of(line)
-        if look["ls"] in ("", "None"):
-            yield mark_trace(points, look, curves, samples)
-        elif len(points):
-            code, colours = np.zeros(len(points), dtype=int), np.array([to_rgb(look["color"])])
-            curves.append(Curve(points, code, colours, look))
-            yield from curve_traces(curves[-1], samples)
+        colours = np.array([to_rgb(look["color"])])
+        yield Stroke(points, colours, np.zeros(len(points), dtype=int), look)
 
 
 def look_of(line: Line2D) -> Look:
@@ -357,23 +294,20 @@ def look_of(line: Line2D) -> Look:
     }  # fmt: skip
 
 
-def collection_curve(collection: Collection) -> Curve:
+def stroke_of_pieces(collection: Collection) -> Stroke:
     """A curve that is drawn in pieces, each of a colour and beginning where the last one ends; with
     gaps if they do not."""
     pieces = [path_points(path) for path in collection.get_paths()]
     joined = all(np.array_equal(a[-1], b[0]) for a, b in pairwise(pieces))
-    first, *rest = pieces
+    # A piece reaches to the first point of the next, whose colour begins there.
     gap = np.full((1, 2), np.nan)
-    parts = [first, *(part[1:] if joined else np.concatenate([gap, part]) for part in rest)]
+    parts = [piece[:-1] if joined else np.concatenate([piece, gap]) for piece in pieces[:-1]]
+    parts.append(pieces[-1])
     shades = np.resize(to_rgba_array(collection.get_edgecolor())[:, :3], (len(pieces), 3))
     colours, codes = np.unique(shades, axis=0, return_inverse=True)
-    # A piece reaches to the first point of the next, whose colour begins there.
-    sizes = [len(part) for part in parts]
-    code = np.repeat(codes.ravel(), sizes)
-    if joined:
-        code = np.append(code[1:], code[-1:])
-    look = {"lw": float(np.atleast_1d(collection.get_linewidth())[0])}
-    return Curve(np.concatenate(parts), code, colours, look)
+    code = np.repeat(codes.ravel(), [len(part) for part in parts])
+    width = float(np.atleast_1d(collection.get_linewidth())[0])
+    return Stroke(np.concatenate(parts), colours, code, {"lw": width})
 
 
 def path_points(path: Any) -> np.ndarray:
@@ -381,6 +315,15 @@ def path_points(path: Any) -> np.ndarray:
     codes = path.codes if path.codes is not None else np.zeros(len(path.vertices))
     breaks = np.flatnonzero(codes == path.MOVETO)
     return np.insert(np.asarray(path.vertices, dtype=float), breaks[breaks > 0], np.nan, axis=0)
+
+
+def shaded_traces(axes: Axes) -> Iterator[Trace]:
+    """The areas and the cells of a plane panel."""
+    for patch in axes.patches:
+        yield area_trace(axes, patch)
+    for mesh in axes.collections:
+        if isinstance(mesh, QuadMesh):
+            yield from cell_traces(mesh)
 
 
 def area_trace(axes: Axes, patch: Patch) -> Trace:
@@ -410,35 +353,6 @@ def scale_of(mappable: Any, letter: str) -> Trace:
     low, high = mappable.norm.vmin, mappable.norm.vmax
     stops = [[i / 15, colour_name(shade)] for i, shade in enumerate(shades)]
     return {"colorscale": stops, f"{letter}min": float(low), f"{letter}max": float(high)}
-
-
-def globe_traces(axes: Axes, record: DrawnCurve) -> Iterator[Trace]:
-    """A map of directions on the sphere itself: each start as a dot, and the separatrix."""
-    *directions, (variable, values) = record.values.items()
-    points = np.stack([column for _, column in directions], axis=-1)
-    (mesh,) = [item for item in axes.collections if isinstance(item, QuadMesh)]
-    known = np.isfinite(values)
-    # Apart, because plotly has no colour for what is not a number.
-    looks = ((known, {"color": values[known], **scale_of(mesh, "c")}),
-             (~known, {"color": colour_name(axes.get_facecolor())}))  # fmt: skip
-    for part, look in looks:
-        text = [f"{variable} = {v:.6g}" if np.isfinite(v) else "none" for v in values[part]]
-        dots = {"mode": "markers", "marker": {"size": 4, **look}, "text": text}
-        yield {**coordinates(points[part]), **dots, "hoverinfo": "text"}
-    for line in axes.lines:
-        circle = on_globe(np.asarray(line.get_xydata(), dtype=float))
-        yield {**coordinates(circle), **line_look(look_of(line)), "hoverinfo": "skip"}
-    for note in axes.texts:
-        if isinstance(note, Annotation):
-            words = {"mode": "text", "text": [words_of(note.get_text())], "hoverinfo": "skip"}
-            yield {**coordinates(1.1 * on_globe(np.array([note.xy]))), **words}
-
-
-def on_globe(angles: np.ndarray) -> np.ndarray:
-    """The directions (n, 3) of longitudes and latitudes (n, 2)."""
-    longitude, latitude = angles.T
-    flat = np.cos(latitude)
-    return np.stack([flat * np.cos(longitude), flat * np.sin(longitude), np.sin(latitude)], axis=-1)
 
 
 # Scales, texts and the legend
@@ -485,25 +399,44 @@ def axis_layouts(axes: Axes, i: int, domain: Mapping[str, list[float]]) -> Trace
 
 
 def annotations(axes: Axes, across: str, up: str) -> list[Trace]:
-    """The texts in a plane panel, at its values where they are printed; its axes are given."""
-    texts = [text for text in axes.texts if text.get_text()]
-    notes = []
-    for text in texts:
-        box = text.get_window_extent()
-        x, y = axes.transData.inverted().transform(((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2))
-        x, y = (np.log10(v) if scale == "log" else v
-                for v, scale in ((x, axes.get_xscale()), (y, axes.get_yscale())))  # fmt: skip
-        words = words_of(text.get_text())
-        font = {"size": PIXELS * float(text.get_fontsize()), "color": colour_name(text.get_color())}
-        place = {"xref": across, "yref": up, "x": float(x), "y": float(y)}
-        notes.append({**place, "text": words, "font": font, "showarrow": False})
-    return notes
+    """The texts in a plane panel, at its values and as far beside them as in print; its axes are
+    given."""
+    return [
+        {"xref": across, "yref": up, **annotation(axes, text)}
+        for text in axes.texts
+        if text.get_text()
+    ]
+
+
+def annotation(axes: Axes, text: Text) -> Trace:
+    """A text of a plane panel, without the names of its axes."""
+    box, ha, va = (
+        text.get_window_extent(),
+        text.get_horizontalalignment(),
+        text.get_verticalalignment(),
+    )
+    right = {"left": box.x0, "center": (box.x0 + box.x1) / 2, "right": box.x1}[ha]
+    top = {"bottom": box.y0, "top": box.y1}.get(va, (box.y0 + box.y1) / 2)
+    aside = isinstance(text, Annotation) and text.anncoords == "offset points"
+    beyond = np.array(text.get_position() if aside else (0.0, 0.0))
+    pixels = np.array([right, top]) - beyond * axes.figure.dpi / 72
+    place = axes.transData.inverted().transform(pixels)
+    scales = (axes.get_xscale(), axes.get_yscale())
+    x, y = (math.log10(v) if scale == "log" else v for v, scale in zip(place, scales, strict=True))
+    xshift, yshift = (PIXELS * beyond).tolist()
+    return {
+        "x": float(x), "y": float(y), "xshift": xshift, "yshift": yshift, "xanchor": ha,
+        "yanchor": va if va in ("top", "bottom") else "middle", "text": words_of(text.get_text()),
+        "font": {"size": PIXELS * float(text.get_fontsize()),
+                 "color": colour_name(text.get_color())},
+        "showarrow": False,
+    }  # fmt: skip
 
 
 def panel_title(axes: Axes, domain: Mapping[str, list[float]]) -> Trace:
     """The title above a panel."""
     place = {"xref": "paper", "yref": "paper", "x": sum(domain["x"]) / 2, "y": domain["y"][1]}
-    words = words_of(axes.title.get_text())
+    words = words_of(axes.get_title())
     return {**place, "yanchor": "bottom", "text": words, "showarrow": False}
 
 
@@ -533,5 +466,6 @@ def legend_entries(sheet: Sheet) -> Iterator[Trace]:
 
 
 def words_of(text: str) -> str:
-    """A text without TeX, in lines as plotly breaks them."""
-    return without_tex(text).replace("\n", "<br>")
+    """A text without TeX, its powers raised and its lines broken as plotly does."""
+    plain = without_tex(text).replace("\n", "<br>")
+    return re.sub(r"\^(-?\w)", r"<sup>\1</sup>", plain)

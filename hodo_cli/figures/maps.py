@@ -1,5 +1,6 @@
 """Figures of sweeps: one variable over one axis, over two, or over the directions of a sphere."""
 
+import math
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -18,7 +19,7 @@ from ..cases.figure_block import averaged
 from ..results.dataset import Cases
 from ..sweeps.view import SweepView
 from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, pair, styles
-from .geometry import edges, separatrix_circles
+from .geometry import View, edges, separatrix_circles
 from .sheet import Look, Sheet
 
 GAP = "#E4E4E4"
@@ -55,6 +56,8 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         # Rasterized: a million cells as vectors make a file that no reader opens.
         look: Look = {"norm": scale, "cmap": hues(), "rasterized": True}
         places = (map_sphere if flat else map_image)(axes, swept, spec, value, look)
+        if flat:
+            globe(sheet, axes, swept, value, look)
         name = plain_name(swept, indices, label, len(sweeps))
         sheet.record(swept.name, name, {**places, spec["variable"]: value.ravel()})
     handles: list[Line2D | Patch] = []
@@ -219,6 +222,19 @@ def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     x, y, z = directions.T
     # Rounding may put a unit vector a little beyond the pole.
     return np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))
+
+
+def globe(sheet: Sheet, axes: Axes, swept: SweepView, values: np.ndarray, look: Look) -> None:
+    """Keep the sphere of a map for figures that turn, a dot a direction, seen as it is printed."""
+    scene, directions = sheet.scene(axes, View.toward((0, 0))), swept.directions()
+    texts = [f"{value:.6g}" if math.isfinite(value) else "none" for value in values]
+    shades = look["cmap"].with_extremes(bad=GAP)(look["norm"](np.ma.masked_invalid(values)))
+    dots: Look = {"ls": "", "marker": "o", "ms": 2.5}
+    scene.add(directions, shades[:, :3], np.arange(len(values)), texts, **dots)
+    for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
+        scene.add(circle, **SEPARATRIX)
+    for i, direction in enumerate(np.eye(3), 1):
+        scene.add(np.stack([direction, 1.15 * direction]), texts=["", f"$x_{i}$"], color=GREY)
 
 
 def sphere_cells(

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import matplotlib.style
 import numpy as np
@@ -67,9 +67,10 @@ class DrawnCurve:
 
 
 @dataclass(frozen=True)
-class SpaceItem:
-    """A curve or marks in space: points (n, 3), the position (n,) of each one's colour among
-    colours (m, 3), the look by the names of `Line2D`, and the texts beside the points, if any."""
+class Stroke:
+    """A curve, marks or words of a panel: points (n, k), the position (n,) of each one's colour
+    among colours (m, 3), and the look by the names of `Line2D`. Texts stand at the points of a
+    line; the pointer tells those of marks."""
 
     points: np.ndarray
     colours: np.ndarray
@@ -81,26 +82,28 @@ class SpaceItem:
 @dataclass(frozen=True)
 class Scene:
     """What a panel shows of space, from a direction: it is printed in this view, and turned where a
-    reader can turn it. Without names its coordinates are not told."""
+    reader can turn it. Without names its coordinates are not told; `reach` is where the panel ends
+    on each axis, None if it shows all."""
 
     view: View
     names: Sequence[str] = ()
     reach: float | None = None
-    """Where the panel ends on each axis; None shows all."""
-    items: list[SpaceItem] = field(default_factory=list)
+    strokes: list[Stroke] = field(default_factory=list)
 
-    def curve(
-        self, points: np.ndarray, colours: np.ndarray, code: np.ndarray, **look: Any
+    def add(
+        self,
+        points: np.ndarray,
+        colours: np.ndarray | None = None,
+        code: np.ndarray | None = None,
+        texts: Sequence[str] = (),
+        **look: Any,
     ) -> np.ndarray:
-        """Add a curve (n, 3) in colours[code]; returns it as it is seen."""
-        self.items.append(SpaceItem(points, colours, code, look))
-        return self.view(points)
-
-    def add(self, points: np.ndarray, texts: Sequence[str] = (), **look: Any) -> np.ndarray:
-        """Add points (n, 3) of one look, a line, marks or texts; returns them as they are seen."""
-        colour = look.get("mfc", look.get("color", "black"))
-        code = np.zeros(len(points), dtype=int)
-        self.items.append(SpaceItem(points, np.array([to_rgb(colour)]), code, look, texts))
+        """Add a curve, marks or words in space, in colours[code] or in that of the look; returns
+        the points (n, 3) as they are seen."""
+        if colours is None:
+            colours = np.array([to_rgb(look.get("mfc", look.get("color", "black")))])
+        code = np.zeros(len(points), dtype=int) if code is None else code
+        self.strokes.append(Stroke(points, colours, code, look, texts))
         return self.view(points)
 
 
@@ -108,25 +111,13 @@ FILMS = (".gif", ".mp4")
 """The suffixes of files of what moves."""
 
 
-class MovingPicture(Protocol):
-    """What a figure is where it can move."""
-
-    def page(self, title: str = "", caption: str = "", back: str = "") -> str:
-        """A page that plays it."""
-
-    def frame(self) -> str:
-        """The page in a frame of a notebook."""
-
-    def write(self, path: Path) -> None:
-        """Write it as a film. Raises HodoError if that is not possible."""
-
-
 class Drawing(Figure):
     """A figure with parameters of matplotlib of its own, in which it is drawn and saved wherever
     that is. A notebook shows it by itself, whatever backend it has: as an image, or moving."""
 
     parameters: Look = STYLE
-    film: MovingPicture | None = None
+    film: Any = None
+    """The `body.Film` of a figure that moves."""
 
     @contextmanager
     def styled(self) -> Iterator[None]:
@@ -146,8 +137,8 @@ class Drawing(Figure):
         with self.styled():
             super().draw(renderer)
 
-    def _repr_html_(self) -> str | None:
-        return self.film.frame() if self.film else None
+    def _repr_html_(self) -> Any:
+        return self.film and self.film.frame()
 
     def savefig(self, fname: Any, **keys: Any) -> None:
         """As matplotlib does; to a name that ends with .gif or .mp4, what moves as a film."""
@@ -230,13 +221,13 @@ class Sheet:
         return merged
 
 
+GREEK = (
+    *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda"),
+    *("mu", "nu", "xi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega", "infty"),
+)
 TEX_LETTERS = {
-    **{rf"\var{name}": letter for name, letter in (("epsilon", "ε"), ("theta", "ϑ"), ("phi", "φ"))},
-    **{rf"\{name}": letter for name, letter in zip(
-        ("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda",
-         "mu", "nu", "xi", "rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
-        "αβγδεζηθκλμνξρστφχψω", strict=True)},
-}  # fmt: skip
+    rf"\{name}": letter for name, letter in zip(GREEK, "αβγδεζηθκλμνξρστφχψω∞", strict=True)
+}
 """The letters of the literature in texts that are not set."""
 
 
@@ -245,7 +236,7 @@ def without_tex(text: str) -> str:
     have to be fetched."""
 
     def letters(formula: re.Match[str]) -> str:
-        plain = formula[1]
+        plain = formula[1].replace(r"\var", "\\")
         for tex, letter in TEX_LETTERS.items():
             plain = plain.replace(tex, letter)
         return re.sub(r"[_{}\\]", "", plain)

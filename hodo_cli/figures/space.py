@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -155,19 +156,20 @@ def space(
     # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
-        seen = scene.curve(motion.G, colours, code, lw=line_width(motion))
+        seen = scene.add(motion.G, colours, code, lw=line_width(motion))
         space_curve(axes, seen, colours, code, line_width(motion), near)
-        marks = zip((START, END), (motion.G[:1], motion.G[-1:]), strict=True)
-        ends = np.concatenate([scene.add(points, **look) for look, points in marks])
-        crossings = scene.add(motion.at_crossings(motion.G), **CROSSING)
-        mark_points(axes, ends[:, :2], crossings[:, :2], lambda points: within(points, frame))
+        ends = [scene.add(motion.G[[i]], **look)[0] for i, look in ((0, START), (-1, END))]
+        times = [f"crossing of D = 0 at {time:.12g}" for time in motion.crossing_time]
+        crossings = scene.add(motion.at_crossings(motion.G), texts=times, **CROSSING)
+        inside = partial(within, frame)
+        mark_points(axes, np.array(ends)[:, :2], crossings[:, :2], inside)
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=cut, color="#BBBBBB")
 
 
-def within(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
+def within(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Which points (n, 2) lie in a frame (2, 2)."""
     return np.asarray(((points >= frame[:, 0]) & (points <= frame[:, 1])).all(axis=-1))
 
@@ -226,7 +228,8 @@ def arm(
     axes: Axes, scene: Scene, tail: np.ndarray, tip: np.ndarray, name: str, zorder: float = 1
 ) -> None:
     """An arrow along an axis from tail to tip (3,), with its name."""
-    begin, end = scene.add(np.stack([tail, tip]), ["", f"${name}$"], color=GREY, lw=0.5)[:, :2]
+    texts = ["", f"${name}$"]
+    begin, end = scene.add(np.stack([tail, tip]), texts=texts, color=GREY, lw=0.5)[:, :2]
     arrow(axes, begin, end, GREY, zorder)
     beyond = 6 * end / max(float(np.hypot(*end)), math.ulp(0))
     axes.annotate(
@@ -323,13 +326,13 @@ def draw_sphere(
         components = zip(curve.columns, curve.directions.T, strict=True)
         sheet.record(spec["kind"], curve.label, times | dict(components))
         colours, code = palette(curve.motion, spec["colour"], curve.style, spec["styles"])
-        points = scene.curve(curve.directions, colours, code, lw=1.1)
+        points = scene.add(curve.directions, colours, code, lw=1.1)
         for piece in stretches(code):
             on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, points[:, :2], colours[code[0]], 0.15)
         start = scene.add(curve.directions[:1], **START)[0]
         # In space its name stands beside its start, where it is on no side of the page.
-        scene.add(1.08 * curve.directions[:1], [curve.label], color="black", lw=0)
+        scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
         axes.plot(*start[:2], **START, alpha=1 if start[2] > 0 else 0.4, zorder=6)
     # Over the curves, which run close beside it.
     lines = [scene.add(circle, **SEPARATRIX) for circle in circles]
