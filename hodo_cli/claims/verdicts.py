@@ -117,23 +117,31 @@ class Judge:
             raise HodoError(f"no member starts about {claim['start']}")
         by_member = self.varied.of([*varied.values()])
         # A trend is about all members at once, so no single member can decide it.
-        if isinstance(trend := self.checks.get(claim["check"].get("name")), Trend):
-            return by_finding(claim, trend.judge([*by_member]))
+        if isinstance(self.checks.get(claim["check"].get("name")), Trend):
+            return by_finding(claim, self._decide(claim["check"], [*by_member]))
         findings = {
             name: self._decide(claim["check"], of_member)
             for name, of_member in zip(varied, by_member, strict=True)
         }
         return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
 
-    def _decide(self, check: Mapping[str, Any], motions: Sequence[Motion]) -> Finding:
-        """The finding of one check on one set of motions. Raises HodoError for a name that no check
-        has."""
+    def _decide(self, check: Mapping[str, Any], motions: Sequence[Any]) -> Finding:
+        """The finding of one check on one set of motions, or of a trend on the motions of each
+        member, or on each motion. Raises HodoError for a name that no check has, and for motions
+        that it is not for."""
         if check["kind"] != "paper":
             return MOTION_CHECKS[check["kind"]](check, motions)
         name = check["name"]
-        if not isinstance(paper_check := self.checks.get(name), Check):
+        if name not in self.checks:
             raise HodoError(unknown(f"check {name!r}", name, self.checks))
-        return paper_check.judge(motions)
+        if isinstance(self.checks[name], Trend):
+            motions = [[m] if isinstance(m, Motion) else m for m in motions]
+        try:
+            return self.checks[name].judge(motions)
+        except (LookupError, TypeError, ValueError) as error:
+            raise HodoError(
+                f"check {name!r} needs another number of cases, cases of another model, or members"
+            ) from error
 
 
 def by_reading(words: Mapping[str, str], of_all: str) -> str:

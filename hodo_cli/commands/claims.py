@@ -102,8 +102,12 @@ def claim_row(verdict: Verdict) -> dict[str, Any]:
     """A verdict as plain data."""
     entry = {key: value for key, value in verdict.claim.items() if isinstance(value, str)}
     readings = {name: decision(reading) for name, reading in verdict.readings.items()}
-    cases = list(verdict.claim["cases"])
-    return {**entry, **decision(verdict), "cases": cases, "readings": readings}
+    return {
+        **entry,
+        **decision(verdict),
+        "cases": list(verdict.claim["cases"]),
+        "readings": readings,
+    }
 
 
 def decision(verdict: Verdict) -> dict[str, Any]:

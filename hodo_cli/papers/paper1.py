@@ -146,16 +146,10 @@ def inequality_7(motions: Sequence[Motion]) -> Finding:
     return Finding(if_true(mismatches == 0), float(mismatches), words, "a sample on the other side")
 
 
-def decay_rate(m: Motion) -> float:
-    """The mean rate of decay of |G|."""
-    G = m["G"]
-    return float(np.log(G[0] / G[-1]) / (m.time[-1] - m.time[0]))
-
-
 @Check
 def diagonal_sets_decay(motions: Sequence[Motion]) -> Finding:
     """The diagonal entries have more effect than the others on the decay of |G|."""
-    values = [decay_rate(m) for m in motions]
+    values = [float(np.log(m["G"][0] / m["G"][-1]) / np.ptp(m.time)) for m in motions]
     return larger_effect("rate of decay", values, "diagonal", "off-diagonal")
 
 
