@@ -307,7 +307,7 @@ MESSAGES: list[tuple[str, list[str]]] = [
     ("a: \ud800", ["1:4: the character U+D800 is not allowed"]),
     (GOOD + "titel: t\n",
      ["4:1: titel: unknown key; did you mean 'title'? (valid: title, references, defaults, "
-                           "cases, figures, bench, claims, errata)"]),
+                           "cases, figures, style, bench, claims, errata)"]),
     (GOOD + "claims: [1]\n",
      [f"4:10: claims.0: expected a mapping of {', '.join(CLAIM)}, got 1"]),
     (GOOD + "defaults: {inertia: 3, tol: 2}\n",
@@ -323,8 +323,8 @@ MESSAGES: list[tuple[str, list[str]]] = [
     (GOOD + "figures: {../f: {kind: sphere, cases: a}}\n",
      [f"4:11: figures.../f: {NAME_RULE}"]),
     (GOOD + "extra:\n",
-     ["4:1: extra: unknown key (valid: title, references, defaults, cases, figures, bench, "
-      "claims, errata)"]),
+     ["4:1: extra: unknown key (valid: title, references, defaults, cases, figures, style, "
+      "bench, claims, errata)"]),
     ("cases: {a/b: {}}", [f"1:9: cases.a/b: {NAME_RULE}"]),
     ('cases: {"a\\nb": {}}', [rf"1:9: cases.a\nb: {NAME_RULE}"]),
     ('cases: {"a\\0b": {}}', ["1:9: cases: a key is printable text of at most 128 characters"]),
@@ -356,7 +356,7 @@ MESSAGES: list[tuple[str, list[str]]] = [
      ["2:7: not YAML: a second ': ' on one line: indent a new key, or put the text in quotes"]),
     ("case: {a: 1}\nfigures: {f: {kind: sphere, cases: [a]}}",
      ["1:1: case: unknown key; did you mean 'cases'? (valid: title, references, defaults, cases, "
-      "figures, bench, claims, errata)"]),
+      "figures, style, bench, claims, errata)"]),
     (f"{ONE}figures: {{f: {{kind: sphere, cases: [a], styles: [bleu]}}}}",
      ["4:50: figures.f.styles.0: unknown colour or line 'bleu'; did you mean 'blue'? ..."]),
     (f"{ONE}figures: {{f: {{kind: series, cases: [a], variables: [T, Q, omega.x1]}}}}",
@@ -961,6 +961,10 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
          "variables: [T]}]}", "figures.f.insets.0.case: unknown case 'two' (valid: one)"),
         ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: one, "
          "variables: [T, G, K]}]}", "figures.f.insets.0.variables.2: unknown variable 'K'"),
+        ("{kind: series, cases: one, variables: [T], formula: {G: exp(-t)}}",
+         "figures.f.formula.G: unknown variable 'G' (valid: T)"),
+        ("{kind: series, cases: one, variables: [T], formula: {T: exp(-t}}",
+         "figures.f.formula.T: column 4 of the expression: '(' was never closed"),
         ("{kind: series, cases: one, variables: [T], span: [2, 3]}",
          "figures.f.span: holds no time of case one, which goes from 0 to 1"),
         ("{kind: series, cases: one, variables: [T], insets: [{panel: T, case: one, "

@@ -97,6 +97,11 @@ CHECKS = [
     ("slow, fast, slow, fast", "{kind: order, of: r, sense: falls}", "contradicted", E1 - E2),
     ("free", "{kind: conserved, of: [G, T]}", "reproduced", 0),
     ("slow", "{kind: conserved, of: [p, q]}", "reproduced", 0),
+    ("slow", "{kind: formula, of: r, formula: exp(-t/10)}", "reproduced", 0),
+    ("slow", "{kind: formula, of: T, formula: 0.6*r**2/2}", "reproduced", 0),
+    ("slow", "{kind: formula, of: r, formula: 1 - t/100, within: 0.6}", "reproduced", 0.9 - E1),
+    ("slow", "{kind: formula, of: r, formula: 1 - t/100}", "contradicted", 0.9 - E1),
+    ("slow", "{kind: formula, of: r, formula: r/(t - t)}", "contradicted", None),
     ("fed", "{kind: conserved, of: [G]}", "plotting", FED),
     ("slow", "{kind: conserved, of: [G]}", "contradicted", 1 - E1),
     ("turning", "{kind: axis, start: x1, end: x3}", "reproduced", 1),
@@ -380,6 +385,9 @@ def test_a_claim_that_cannot_be_judged_is_refused(
 
 
 MISTAKEN = [
+    ("cases: turning, check: {kind: formula, of: r, formula: exp(-tau)}",
+     "check.formula: column 6 of the expression: unknown name"),
+    ("cases: turning, check: {kind: formula, of: r}", "check: missing 'formula'"),
     ("cases: turnin, check: {kind: crossings, least: 1}",
      "cases.0: unknown case 'turnin'; did you mean 'turning'? (valid: slow, fast, "),
     (f"cases: turning, {TURNS}, over: {{damping.3: {{values: [1]}}}}",

@@ -9,11 +9,13 @@ import os
 import random
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
+from conftest import Hodo
 
 from hodo_cli import HodoError, arithmetic
 from hodo_cli.arithmetic import evaluate
@@ -345,3 +347,20 @@ def test_a_float64_has_infinite_results_where_a_float_raises() -> None:
         assert np.isneginf(arithmetic.log(np.float64(0)))
     with pytest.raises(ValueError):
         arithmetic.sqrt(-1.0)
+
+
+def test_a_formula_is_a_curve_of_its_own(hodo: Hodo, tmp_path: Path) -> None:
+    """Drawn at the samples of each case, and in the CSV file as it is drawn."""
+    (tmp_path / "a.yaml").write_text("""
+cases: {a: {model: linear-diag, inertia: [1, 0.8, 0.6], damping: 0.1, initial: {p: 1, q: 0, r: 0},
+            time: {end: 4, samples: 5}}}
+figures: {f: {kind: series, cases: a, variables: [p, T], formula: {T: exp(-0.2*t)/2 + 0*p}}}
+""")
+    assert hodo("run", "a.yaml").returncode == 0
+    done = hodo("plot", "a.yaml", "--format", "csv")
+    assert done.returncode == 0, done.stderr
+    lines = (tmp_path / "runs" / "figures" / "a" / "f.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines if "exp(-0.2*t)" in line]
+    values = np.array([[float(row[-3]), float(row[-1])] for row in rows])
+    np.testing.assert_allclose(values[:, 1], np.exp(-0.2 * values[:, 0]) / 2, rtol=1e-15)
+    assert values[:, 0].tolist() == [0, 1, 2, 3, 4]

@@ -25,6 +25,7 @@ from ..schema.kinds import (
     check_keys,
     unknown,
 )
+from .figure_block import FORMULA
 from .sweep_block import SWEEP, axes_of
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
@@ -123,6 +124,14 @@ CONSERVED_CHECK = {
     "within": Key(Number(least=0), "change allowed, relative to the largest value", default=1e-12),
 }
 
+FORMULA_CHECK = {
+    "of": Key(QUANTITY, "quantity over time"),
+    "formula": Key(FORMULA, "the law that it follows"),
+    "within": Key(
+        Number(least=0), "difference allowed, relative to the largest value", default=1e-12
+    ),
+}
+
 AVERAGE = {
     "variable": Key(
         Text(), "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)"
@@ -165,6 +174,7 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
     "monotone": MONOTONE,
     "order": ORDER,
     "conserved": CONSERVED_CHECK,
+    "formula": FORMULA_CHECK,
     "average": AVERAGE,
     "paper": PAPER,
 }

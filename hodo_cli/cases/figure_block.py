@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ..models import rigid_body
+from ..schema.expression import Expression
 from ..schema.kinds import (
     NAMES,
     Choice,
+    Each,
     Either,
     Integer,
     Key,
@@ -21,6 +23,7 @@ from ..schema.kinds import (
     Table,
     Text,
     Variant,
+    WrongKey,
     expected,
     unknown,
     vector,
@@ -67,6 +70,9 @@ DERIVED = (
     ),
 )
 """The quantities that `results.motion` computes from the samples of a motion."""
+
+FORMULA = Expression(("t", *filter(str.isidentifier, DERIVED), "u1", "u2", "u3"))
+"""A formula in the time and the variables of a motion."""
 
 BODY_AXES = ("x1", "x2", "x3")
 
@@ -254,6 +260,12 @@ SERIES = {
     "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),
     "span": Key(vector(2), "part of the time axis to draw (default: all)", "time", None),
     "level": Key(Number(), "draws a horizontal line at this value", default=None),
+    "formula": Key(
+        Each(FORMULA, "variables to formulas"),
+        "laws to hold curves against, drawn dashed over those of the variables: "
+        "`{G: 0.9*exp(-0.004*t)}`",
+        default={},
+    ),
     "passages": Key(
         Choice("yes", "no"),
         "mark crossings, and the true ones that an averaged motion predicts",
@@ -382,6 +394,9 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
     if values.get("kind") == "body" and len(several) > 1:
         yield ("cases",), f"expected one case, whose body moves, got {len(several)}"
+    for name in values.get("formula", ()):
+        if name not in (drawn := values.get("variables", ())):
+            yield ("formula", WrongKey(name)), unknown(f"variable {name!r}", name, drawn)
     if values.get("kind") == "map":
         yield from _map_axis_mistakes(values.get("x"), values.get("y"), values.get("panels"))
     if several:

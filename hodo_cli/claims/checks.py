@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..models import rigid_body
-from ..results.motion import Array, Motion
+from ..results.motion import Array, Motion, formula_values
 from ..sweeps.averages import average
 from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
 from .quantities import number, quantity
@@ -163,6 +163,19 @@ def conserved(check: Keys, motions: Sequence[Motion]) -> Finding:
     return Finding(beyond(worst, check["within"]), worst, words, contrary)
 
 
+def formula(check: Keys, motions: Sequence[Motion]) -> Finding:
+    """A quantity against a law; decided by the largest difference over its largest value."""
+    name, law, differences = check["of"], check["formula"], []
+    for m in motions:
+        values = quantity(m, name)
+        size = max(float(np.abs(values).max()), math.ulp(0))
+        differences.append(float(np.abs(values - formula_values(m, law)).max()) / size)
+    worst = float(np.max(differences))
+    words = f"{name} and {law}: at most {worst:.2g} apart, relative to the largest {name}"
+    contrary = f"a relative difference above {max(check['within'], PLOTTING_ACCURACY):g}"
+    return Finding(beyond(worst, check["within"]), worst, words, contrary)
+
+
 MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
     "axis": axis,
     "crossings": crossings,
@@ -171,6 +184,7 @@ MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
     "monotone": monotone,
     "order": order,
     "conserved": conserved,
+    "formula": formula,
 }
 """The kinds of `claim_block.CHECK_KINDS` that take motions."""
 

@@ -68,6 +68,7 @@ TIME_COLOURS = 64
 START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
 END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "mew": 0.6}
 CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": YELLOW, "mec": BLACK, "mew": 0.6}
+LAW: Look = {"color": BLACK, "lw": 1.0, "ls": (0, (5, 2)), "zorder": 4}
 SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3, 2))}
 HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 

@@ -15,7 +15,7 @@ from .. import HodoError
 from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..results.dataset import Cases, motions_of
-from ..results.motion import Motion
+from ..results.motion import Motion, formula_values
 from ..results.resolution import samples_within
 from .artists import (
     AXIS_COLOUR,
@@ -25,6 +25,7 @@ from .artists import (
     END,
     GREY,
     HALO,
+    LAW,
     PAGE,
     SEPARATRIX,
     axis_handles,
@@ -214,6 +215,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
     handles = case_handles(names, style_names) if len(names) > 1 else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
+    handles += [Line2D([], [], **LAW, label=law) for law in spec["formula"].values()]
     sheet.legend = handles
 
 
@@ -231,6 +233,10 @@ def series_curve(
     times, values = motion.time[samples], motion[variable][samples]
     sheet.record(panel, motion.label, {"time": times, variable: values})
     axes.plot(times, values, **style)
+    if law := spec["formula"].get(variable):
+        values = formula_values(motion, law)[samples]
+        sheet.record(panel, f"{motion.label}, {law}", {"time": times, variable: values})
+        axes.plot(times, values, **LAW)
     if spec["passages"] == "yes":
         passage_marks(axes, motion, variable, style)
     else:

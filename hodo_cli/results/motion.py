@@ -14,14 +14,16 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import HodoError
+from ..arithmetic import evaluate
 from ..cases.case import Case, parse_case
-from ..cases.figure_block import BODY_AXES
+from ..cases.figure_block import BODY_AXES, FORMULA
 from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.constants import attributes
 from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
+from ..schema.expression import Tree, parse_expression
 from ..storage.provenance import typed
 from .in_space import OF_ATTITUDE
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
@@ -270,6 +272,25 @@ class Motion:
         return np.stack(
             [np.interp(self.crossing_time, self.time, column) for column in values.T], axis=-1
         )
+
+
+@np.errstate(all="ignore")  # what is no number is a gap in a curve, and meets no bound
+def formula_values(motion: Motion, text: str) -> np.ndarray:
+    """The values (n,) of a formula in the time `t` and the variables of a motion.
+
+    Raises HodoError if the motion does not have one of them.
+    """
+    tree = parse_expression(text, FORMULA.names)
+    values = {name: motion.time if name == "t" else motion[name] for name in names_in(tree)}
+    value = evaluate(tree, values)
+    return np.broadcast_to(np.asarray(value, dtype=float), motion.time.shape)
+
+
+def names_in(tree: Tree) -> set[str]:
+    """The variables in the tree of a formula."""
+    if isinstance(tree, str):
+        return {tree}
+    return set().union(*map(names_in, tree[1:])) if isinstance(tree, tuple) else set()
 
 
 def forms_apart(motion: Motion, other: Motion) -> np.ndarray:
