@@ -178,3 +178,28 @@ def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:
     assert stored["s"]["crossing_time"].attrs["units"] == "s"
     assert stored["s"]["damping.0"].attrs["units"] == "1/s"
     assert stored["s"]["crossing_G"].attrs["units"] == "kg m^2/s"
+
+
+@pytest.mark.parametrize("rate", [2.0**-60, 2.0**-30, 2.0**10])
+@pytest.mark.parametrize("slowness", [1.0, 1e-13])
+def test_averaged_motions_pass_in_any_unit_of_time(rate: float, slowness: float) -> None:
+    # In seconds a body of the sky slows down by 1e-17 of its speed: the terms of a series in them
+    # are below the smallest double, and a passage was lost without a word.
+    def passage(rate: float) -> Any:
+        of_time = 1 / rate, 1.0
+        data = scaled(BODY | {"damping": DAMPING}, of_time)
+        data["damping"] = [slowness * number for number in data["damping"]]
+        time = {"end": 1000 / rate / slowness, "samples": 3}
+        return hodo_cli.run({"model": "linear-diag", "form": "averaged", "time": time} | data)
+
+    here, there = passage(1.0), passage(rate)
+    assert there.attrs["status"] == "ok"
+    assert there.attrs["error"] < 1e-11
+    np.testing.assert_allclose(there.event_time * rate, here.event_time, rtol=1e-11)
+
+
+@pytest.mark.parametrize("model", ["linear-diag", "tensor", "cavity+constant", "torques"])
+def test_averaged_forms_refuse_what_only_another_unit_of_time_can_hold(model: str) -> None:
+    data = scaled(DATA[model], (1e-6, 1.0))
+    with pytest.raises(hodo_cli.HodoError, match="take a shorter unit of time"):
+        hodo_cli.run({"model": model, "form": "averaged", "time": {"end": 1e-6}} | data)

@@ -11,7 +11,6 @@ import numpy as np
 from .. import HodoError
 from ..models.base import Event, Model
 from ..models.constants import (
-    contains_time,
     events_of_leg_time,
     of_leg_time,
     structure,
@@ -52,14 +51,15 @@ def engine_for(
     events: tuple[Event, ...],
     tol: float | None,
     precision: str,
+    is_timed: bool = False,
 ) -> Engine:
-    """The engine of a method, bound to the equations of a model; for taylor this compiles, once per
-    process for all systems of one structure.
+    """The engine of a method, bound to the equations of a model, as functions of the time of a leg
+    where that `is_timed`; for taylor this compiles, once per process for all systems of one
+    structure.
 
     Raises HodoError if it needs what is not installed, or cannot work in that precision.
     """
     model = type(system)
-    is_timed = bool(model.degree) and contains_time(model, structure(system.constants), events)
     if is_timed:
         # The engines' time is that of a leg, in units that fit the motion.
         model, events = of_leg_time(model), events_of_leg_time(events)  # type: ignore[arg-type]

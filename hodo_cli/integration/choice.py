@@ -93,5 +93,5 @@ def rate(system: Model, t: float, state: np.ndarray, size: int, units: Units) ->
     slopes, moving = jacobian(model, k, t, y), np.array(model.rhs(t, [*y], k), dtype=float) != 0
     # A variable that keeps its value, such as a side, moves no other, however much hangs on it.
     slopes[:, ~moving & ~slopes.any(axis=1)] = 0
-    fastest = np.ldexp(np.abs(slopes).sum(axis=1).max(), units.rate)
+    fastest = np.ldexp(np.abs(slopes).sum(axis=1).max(), units.rate if model.degree else 0)
     return float(fastest) if state.any() else 0.0

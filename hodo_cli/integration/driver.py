@@ -91,13 +91,14 @@ def propagate(
     units = units_at_start(system, moment)
     exact = system.extended_start if fp is np.longdouble else np.array(y0)
     y = rescaled(model, exact, -units.size).astype(fp)
-    clock = (Clock if model.degree else AbsoluteClock)(fp(start), fp(0))
+    clock = (Clock if model.degree or timed else AbsoluteClock)(fp(start), fp(0))
     shape = len(times), len(y0)
     # Of C's int, because ldexp takes four times as long by a wider one.
     samples = SampleBuffer(times, np.empty(shape, dtype=fp), np.empty(len(times), dtype=np.intc))
     at_start = int(np.searchsorted(times, start, side="right"))
     samples.add(np.broadcast_to(y, (at_start, len(y))), units.size)
-    is_uneven = True
+    # On a clock of its own such a model has a phase that is far smaller than its other variables.
+    is_uneven = bool(model.degree) or not timed
     control.band, control.observer = norm_band(engine, system), observer
     control.rows = None if isinstance(rows, slice) else rows
     while samples.done < len(times) and control.status is Status.OK:
@@ -111,11 +112,9 @@ def propagate(
         constants = units.constants(model, k)
         # Asked until it is not so: what becomes small on the way stays so, since it decays.
         is_uneven = is_uneven and uneven(y[rows].astype(float))
-        control.longest = (
-            longest_step(model, constants, float(clock.high), y.astype(float))
-            if is_uneven
-            else math.inf
-        )
+        control.longest = math.inf
+        if is_uneven:
+            control.longest = longest_step(model, constants, float(clock.high), y.astype(float))
         leg = engine.leg(constants | clock.constants if timed else constants, y, grid, control)
         if observer is not None:
             observer.flush()
@@ -149,7 +148,7 @@ def propagate(
             break  # no leg is to follow, and this one was far from the largest number
         if timed:
             moment = TimeWindow(float(clock.high), float(times[-1]) - start)
-        new = Units.fit(model, k, y.astype(float), size, moment)
+        new = Units.fit(model, k, y.astype(float), size, moment) if model.degree else units
         if new.size < -LIMIT:
             end = np.where(state_powers(model), 0, y)
             samples.add(np.broadcast_to(end, (len(times) - samples.done, len(y))), -LIMIT)

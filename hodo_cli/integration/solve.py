@@ -23,7 +23,7 @@ from .driver import (
     propagate,
 )
 from .trajectory import Occurrence, Trajectory
-from .units import Clock, Units
+from .units import Clock, Units, is_timed
 
 REFINEMENTS, FEW = {"taylor": 5}, 2
 """How often what approximates equations is refined: it takes twice as long each time, and seconds
@@ -120,7 +120,7 @@ def attempted(
     events = system.run_events
     # Before the engine, whose compilation counts towards max_seconds.
     control = StepControl(case.max_steps or LAST_STEP[method], case.max_seconds or math.inf)
-    engine = engines.engine_for(method, system, events, tol, precision)
+    engine = engines.engine_for(method, system, events, tol, precision, is_timed(system, events))
     # From here on, since compiling and imports are paid once for all cases of a model; and of this
     # thread's processor, since the clock counts what else the machine does.
     began = thread_time()

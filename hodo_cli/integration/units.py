@@ -62,7 +62,7 @@ class Units:
         """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size, and at
         a moment if its equations contain the time."""
         if not model.degree:
-            return cls()
+            return cls(0, clock_rate(model, k, y))
         with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
             lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
             # In logarithms, because the products themselves may leave the range of doubles.
@@ -150,10 +150,30 @@ def longest_step(model: type[Model], k: Constants, t: float, y: np.ndarray) -> f
     return RESOLVED / fastest if fastest > 0 else math.inf
 
 
+MODERATE = 16
+"""The binary orders of magnitude of a rate within which a model without degrees keeps the case's
+own unit of time."""
+
+
+def clock_rate(model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> int:
+    """The rate, as a power of two, of the clock of a model without degrees; 0 for the case's own.
+
+    The coefficients of a series are powers of its rates: in seconds, those of a body that slows
+    down in a million years are below the smallest double from the third on, and no event is found
+    on what is left.
+    """
+    with np.errstate(all="ignore"):
+        rates = np.array(model.rhs(0.0, [*y], attributes(k)), dtype=float)
+    order = math.frexp(np.abs(rates).max(initial=0))[1] if np.isfinite(rates).all() else 0
+    return order if abs(order) > MODERATE else 0
+
+
 def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
-    """Whether a motion has units of its own, and equations or events that contain the time."""
-    form = structure(system.constants)
-    return bool(system.degree) and contains_time(type(system), form, events)
+    """Whether the equations or events of a motion are to be told the time of the case: they contain
+    it, and the motion has units of its own."""
+    if not system.degree:
+        return units_at_start(system).rate != 0
+    return contains_time(type(system), structure(system.constants), events)
 
 
 @lru_cache(maxsize=64)

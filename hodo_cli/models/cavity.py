@@ -11,7 +11,7 @@ import numpy as np
 from ..arithmetic import isfinite, sqrt
 from ..schema.kinds import Key, Mistake, Number, Table, vector
 from .base import Constants, Model, mistake_of
-from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, complete
+from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, body_mistakes, complete
 from .terms.torques import CONSTANT, FLUID, fluid_torque, rates_under
 from .theory.possible_crossings import Dissipation
 
@@ -138,12 +138,10 @@ class Cavity(Model):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from BodyFrame.check({k: value for k, value in data.items() if k != "initial"})
+        yield from body_mistakes(cls, data)
         if {"cavity", "kappa"} <= set(data):
             cavity = data["cavity"]
             yield from mistake_of(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
-        if {"inertia", "initial"} <= set(data):
-            yield from mistake_of(("initial",), velocity, data["inertia"], data["initial"])
 
     @property
     def start(self) -> tuple[float, ...]:

@@ -52,6 +52,7 @@ class SymmetricCavity(Cavity):
         ),
     }
     state = ("a", "r")
+    smallest, fastest = AveragedTurns.smallest, AveragedTurns.fastest
     oriented = True
     variables = {
         "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2", "1/time^2"),

@@ -141,10 +141,18 @@ class InLegTime:
         return self.function(k.time_start + s * k.time_unit, y, k)
 
 
+@dataclass(frozen=True)
+class InLegUnit(InLegTime):
+    """Rates by the time of a leg, of equations whose constants are those of the case's own time."""
+
+    def __call__(self, s: Any, y: Sequence[Any], k: Any) -> Any:
+        return [rate * k.time_unit for rate in super().__call__(s, y, k)]
+
+
 @cache
 def of_leg_time(model: type[Model]) -> type[Model]:
     """The same equations as a model whose rates are functions of the time of a leg."""
-    rhs = staticmethod(InLegTime(model.rhs))
+    rhs = staticmethod((InLegTime if model.degree else InLegUnit)(model.rhs))
     return type(f"{model.__name__}OfLegTime", (model,), {"rhs": rhs})
 
 

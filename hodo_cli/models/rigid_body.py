@@ -228,6 +228,36 @@ def body_constants(inertia: Sequence[float]) -> dict[str, float]:
     return dict(zip(("A1", "A2", "A3"), inertia, strict=True)) | {"g": 1.0}
 
 
+def body_mistakes(form: Any, data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """What no body, or no start of a form, can be: its moments are from `smallest` to 1/`smallest`,
+    its angular velocities at most `fastest`."""
+    A = data.get("inertia")
+    if A is None:
+        return
+    # Equality is allowed: a flat disc, whose largest moment is the sum of the others.
+    if 2 * max(A) > sum(A):
+        largest = A.index(max(A))
+        yield (
+            ("inertia", largest),
+            f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
+        )
+    for i, moment in enumerate(A):
+        if not form.smallest <= moment <= 1 / form.smallest:
+            limits = f"{form.smallest:g} to {1 / form.smallest:g}"
+            yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
+    if "initial" not in data:
+        return
+    mistakes = list(mistake_of(("initial",), form.velocity, A, data["initial"]))
+    yield from mistakes
+    fastest = 0 if mistakes else max(map(abs, form.velocity(A, data["initial"])))
+    if fastest > form.fastest:
+        yield (
+            ("initial",),
+            f"{fastest:g} is too fast for form {form.form}, which takes angular velocities up "
+            f"to {form.fastest:g}: take a shorter unit of time",
+        )
+
+
 @dataclass(frozen=True)
 class BodyFrame(Model):
     """A model whose state begins with the angular velocity (p, q, r) in principal axes.
@@ -243,6 +273,8 @@ class BodyFrame(Model):
     turning = staticmethod(attrgetter("g"))
     oriented = True
     no_axis_reason = ""
+    smallest: ClassVar[float] = SMALLEST
+    fastest: ClassVar[float] = math.inf
     velocity = staticmethod(complete)
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 
@@ -253,22 +285,7 @@ class BodyFrame(Model):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        A = data.get("inertia")
-        if A is None:
-            return
-        # Equality is allowed: a flat disc, whose largest moment is the sum of the others.
-        if 2 * max(A) > sum(A):
-            largest = A.index(max(A))
-            yield (
-                ("inertia", largest),
-                f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
-            )
-        for i, moment in enumerate(A):
-            if not SMALLEST <= moment <= 1 / SMALLEST:
-                limits = f"{SMALLEST:g} to {1 / SMALLEST:g}"
-                yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
-        if "initial" in data:
-            yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
+        yield from body_mistakes(cls, data)
 
     @property
     def start(self) -> tuple[float, ...]:

@@ -350,7 +350,7 @@ class AnyTorque(AveragedTurns):
         # How fast the torque changes amplitudes at the start; 1 if it does not.
         pace = max(abs(float(x)) for x in averaged_rates(self.full.rhs, 0.0, y, k)[:2]) / 2
         # heyoka counts parameters up to the last that the equations use: that has to come last.
-        return self.equations | {"turning_scale": pace or 1.0}
+        return self.equations | {"turning_scale": min(pace or 1.0, 1.0)}
 
     def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
         torque = torque_of(self.full.rhs, 0.0, attributes(self.equations))

@@ -142,8 +142,8 @@ class Damped(AveragedTurns):
     @property
     def scale(self) -> float:
         """The rate of decay, in whose unit of time the phase is of the size of the other
-        variables."""
-        return max(map(abs, self.coefficients)) or 1.0
+        variables; at most 1, as of motions that are fast because their unit of time is long."""
+        return min(max(map(abs, self.coefficients)) or 1.0, 1.0)
 
     def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
         return damped_part(self.body, self.sorted_coefficients, slow)

@@ -118,6 +118,8 @@ class AveragedTurns(BodyFrame):
     form = "averaged"
     variables = STORED
     degree = {}
+    # Its equations are of high powers of the moments, in the case's own units.
+    smallest, fastest = 1e-30, 1e4
     no_axis_reason = "averaged over the hodograph's turns: run stores its axis and its passages"
     class_events = ()
 
