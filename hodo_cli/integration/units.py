@@ -172,7 +172,7 @@ def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:
     """Whether the equations or events of a motion are to be told the time of the case: they contain
     it, and the motion has units of its own."""
     if not system.degree:
-        return units_at_start(system).rate != 0
+        return bool(units_at_start(system).rate)
     return contains_time(type(system), structure(system.constants), events)
 
 
