@@ -5,6 +5,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..cases.case import Case, variation
 from ..cases.sweep_block import Axis, axes_of
 from ..models import rigid_body
 from ..results.motion import Motion
+from ..schema.frozen import FrozenDict
 from ..schema.kinds import Wrong
 from ..sweeps.members import members_as_cases
 from ..sweeps.single_cases import side_by_side
@@ -21,10 +23,12 @@ from .finding import ROUNDING
 from .quantities import integrated_motion, sampled_motion
 
 
+@lru_cache(maxsize=16)
 def members(
-    cases: Sequence[Case], over: Mapping[str, Any], start: str | None
-) -> Iterator[tuple[str, Sequence[Case]]]:
-    """The members of a sweep of several cases, which vary alike, each with a name.
+    cases: tuple[Case, ...], over: FrozenDict, start: str | None
+) -> Mapping[str, Sequence[Case]]:
+    """The members of a sweep of several cases, which vary alike, by their names; kept for the next
+    claim about them.
 
     With `start`, only the members in which every case starts about this axis. Raises HodoError for
     a member whose data no body can have.
@@ -32,15 +36,18 @@ def members(
     axes = axes_of(over)
     shape = tuple(map(len, axes))
     numbers = np.arange(math.prod(shape))
-    swept = [replace(case, sweep=dict(over)) for case in cases]
-    by_case = [[*members_as_cases(case, numbers, case.time.samples)] for case in swept]
+    by_case = [
+        [*members_as_cases(replace(case, sweep=over), numbers, case.time.samples)] for case in cases
+    ]
     for case in itertools.chain(*by_case):
         for mistake in type(case.system).check(case.data):
             raise HodoError(f"member {case.name}: {mistake}")
     labels = [starting_axes(varied) for varied in by_case if start]
-    for i, varied in enumerate(zip(*by_case, strict=True)):
-        if all(of_case[i] == start for of_case in labels):
-            yield named(axes, np.unravel_index(i, shape)), varied
+    return {
+        named(axes, np.unravel_index(i, shape)): varied
+        for i, varied in enumerate(zip(*by_case, strict=True))
+        if all(of_case[i] == start for of_case in labels)
+    }
 
 
 def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:

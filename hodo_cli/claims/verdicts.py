@@ -31,6 +31,7 @@ from ..cases.claim_block import (
     readings,
 )
 from ..results.motion import Array, Motion, case_of, motion_of
+from ..schema.frozen import frozen
 from ..schema.kinds import unknown
 from ..storage.hdf5 import ResultFile
 from ..sweeps.averages import distance_of_sweeps
@@ -111,8 +112,8 @@ class Judge:
         `over:`. Raises as `claim`."""
         if not claim["over"]:
             return by_finding(claim, self._decide(claim["check"], self._motions(claim["cases"])))
-        cases = [self._case(entry) for entry in claim["cases"]]
-        varied = dict(members(cases, claim["over"], claim["start"]))
+        cases = tuple(map(self._case, claim["cases"]))
+        varied = members(cases, frozen(claim["over"]), claim["start"])
         if not varied:
             raise HodoError(f"no member starts about {claim['start']}")
         by_member = self.varied.of([*varied.values()])
