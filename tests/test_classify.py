@@ -141,6 +141,11 @@ def test_labels_and_crossings_as_they_are_stored() -> None:
 # `read_sign_changes` by itself, on moments made by hand.
 
 
+def side(margin: np.ndarray) -> np.ndarray:
+    """The label where the axis of largest inertia is x1, and that of smallest x3."""
+    return np.where(margin > 0, 1, 3)
+
+
 def crossings_between(
     margins: list[float | None], absorbing: tuple[int, ...] = ()
 ) -> tuple[list[tuple[int, int]], int]:
@@ -149,8 +154,10 @@ def crossings_between(
     margin = np.array([0.0 if value is None else value for value in margins])
     vanishes = np.array([value is None for value in margins])
     ones = np.ones(len(margin))
-    signs = crossings.SignChanges(np.arange(len(margin), dtype=float), margin, vanishes, ones, ones)
-    verdict = crossings.read_sign_changes(signs, 1e-15 * ones, (0, 1, 2), frozenset(absorbing))
+    signs = crossings.SignChanges(
+        np.arange(len(margin), dtype=float), margin, vanishes, ones, ones, side(margin)
+    )
+    verdict = crossings.read_sign_changes(signs, 1e-15 * ones, frozenset(absorbing))
     return [(c.start, c.end) for c in verdict.crossings], len(verdict.undecided)
 
 
@@ -191,16 +198,18 @@ def test_a_passage_through_a_stretch_of_rounding_is_one_crossing() -> None:
 def test_the_time_of_a_crossing_is_known_as_far_as_the_error_allows() -> None:
     margin, vanishes = np.array([0.5, 0.0, -0.5]), np.array([False, True, False])
     rate, ones = np.array([0.0, 0.25, 0.0]), np.ones(3)
-    signs = crossings.SignChanges(np.arange(3.0), margin, vanishes, rate, ones)
-    assert crossings.read_sign_changes(signs, 1e-3 * ones, (0, 1, 2)).widths == [4e-3]
+    signs = crossings.SignChanges(np.arange(3.0), margin, vanishes, rate, ones, side(margin))
+    assert crossings.read_sign_changes(signs, 1e-3 * ones).widths == [4e-3]
 
 
 def test_what_is_undecided_in_the_end_is_named_by_its_own_time() -> None:
     # The last moment beyond its band is that of time 2; the zero before it is a crossing.
     margin = np.array([0.5, 0.0, -0.5, 1e-4, 2e-4])
     vanishes = np.array([False, True, False, False, False])
-    signs = crossings.SignChanges(np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5))
-    verdict = crossings.read_sign_changes(signs, np.full(5, 1e-3), (0, 1, 2))
+    signs = crossings.SignChanges(
+        np.arange(5.0), margin, vanishes, np.ones(5), np.ones(5), side(margin)
+    )
+    verdict = crossings.read_sign_changes(signs, np.full(5, 1e-3))
     assert [c.time for c in verdict.crossings] == [1.0]
     assert verdict.undecided == [3.0]
 

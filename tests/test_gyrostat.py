@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853, solve_ivp
 
-from hodo_cli.models.rigid_body import enclosed_axis
+from hodo_cli.models.rigid_body import BOTH, UNSEPARATED, enclosed_axis
 from hodo_cli.models.theory.gyrostat import (
-    BOTH,
-    UNSEPARATED,
     region_labels,
     saddles,
     separations,
@@ -152,7 +150,7 @@ def test_without_much_of_a_rotor_the_labels_are_those_of_D() -> None:
         l, _, s = np.argsort(-moments)
         D = a * (a - b) * omega[:, l] ** 2 - c * (b - c) * omega[:, s] ** 2
         for h in (np.zeros(3), 1e-13 * draw.normal(size=3)):
-            difference, size = separations(moments, h, omega)
+            difference, size, _ = separations(moments, h, omega)
             assert np.abs(difference + D[:, None] / b).max() < 1e-11 * size.max()
 
 
@@ -244,7 +242,7 @@ def test_labels_under_damping_and_where_the_separatrix_is_lost() -> None:
         [0.23440478535149042, -0.079388459090542767, 0.29238507503116231], abs=2e-12
     )
     assert region_labels(A, h, states[[0, 2, 3, 5, 6]]).tolist() == [1, 3, 3, *[UNSEPARATED] * 2]
-    difference, size = separations(A, h, states)
+    difference, size, _ = separations(A, h, states)
     assert np.abs(difference[1] / size[1]).max() < 1e-11
     assert np.linalg.norm(A * states[1] + h) == pytest.approx(0.635386826082, abs=1e-11)
     assert np.linalg.norm(A * states[4] + h) == pytest.approx(0.5, abs=1e-11)
@@ -274,7 +272,7 @@ def test_beside_the_separatrix_no_digit_is_lost() -> None:
                 at = steady(s)
                 c = [(1 - s * a) / a for a in moments]
                 true = sum(z * (x - y) ** 2 for z, x, y in zip(c, exact, at, strict=True))
-                difference, size = separations(A, h, omega[None])
+                difference, size, _ = separations(A, h, omega[None])
                 # What the rounding of omega itself makes of it.
                 assert abs(difference[0, k] - true) < 1e-15 * distance + 1e-12 * size[0, k]
 

@@ -14,6 +14,8 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from .. import HodoError, models
 from ..models.attitude import KEY, check_attitude, keys_of_form, system_of
 from ..models.base import Model
@@ -237,11 +239,14 @@ def smooth(system: Model, span: float) -> int:
     the energy about the axis of the smallest."""
     if system.no_axis_reason or not isinstance(system, BodyFrame):
         return FEWEST
-    A1, A2, A3 = sorted(system.inertia, reverse=True)
+    A1, A2, A3 = sorted(system.moments.tolist(), reverse=True)
     # By ratios, since moments may be of any size.
     fastest = max((A1 - A2) / A2 * (A1 - A3) / A3, (A1 - A3) / A1 * (A2 - A3) / A2)
-    parts = (math.sqrt(A / A3) * w for A, w in zip(system.inertia, system.start, strict=False))
+    omega = system.to_principal(np.array(system.start[:3])).tolist()
+    parts = (math.sqrt(A / A3) * w for A, w in zip(system.moments.tolist(), omega, strict=True))
     rate = math.hypot(*parts) * math.sqrt(fastest)
+    if system.rotor_momentum is not None:
+        rate += float(np.linalg.norm(system.rotor_momentum)) / A3
     turned = span * rate / SAMPLE_TURN
     return max(FEWEST, min(MOST, math.ceil(turned) + 1 if turned < MOST else MOST))
 

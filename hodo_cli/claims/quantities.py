@@ -7,14 +7,12 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines import extended
 from ..engines.protocol import EPS
 from ..integration.choice import choose
-from ..integration.classify import cross
+from ..integration.classify import body_of, cross, principal_omega
 from ..integration.crossings import CERTAIN, Crossing
 from ..integration.solve import solve
 from ..integration.trajectory import Occurrence, Trajectory
-from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..results.layout import case_variables, label_variables
 from ..results.motion import Motion
@@ -46,8 +44,7 @@ def sampled_motion(trajectory: Trajectory, passed: Sequence[Crossing] | None) ->
         case.system.variables, trajectory.time, trajectory.variables, events, {}
     )
     if passed is not None:
-        inertia = np.array(case.data["inertia"])
-        axes = rigid_body.enclosed_axis(inertia, extended(trajectory.omega), CERTAIN * EPS)
+        axes = body_of(case).enclosed(principal_omega(trajectory), CERTAIN * EPS)
         variables |= label_variables(axes, passed)
     return Motion(case, variables, label=case.name)
 

@@ -13,6 +13,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, variation
 from ..cases.sweep_block import Axis, axes_of
+from ..integration.classify import body_of
 from ..models import rigid_body
 from ..results.motion import Motion
 from ..schema.frozen import FrozenDict
@@ -66,10 +67,11 @@ def starting_axes(cases: Sequence[Case]) -> list[str]:
     names = [""] * len(cases)
     bodies: dict[Any, list[int]] = {}
     for i, case in enumerate(cases):
-        bodies.setdefault(case.data["inertia"], []).append(i)
-    for inertia, places in bodies.items():
-        omega = np.array([cases[i].system.start for i in places])
-        labels = rigid_body.enclosed_axis(np.array(inertia), omega, ROUNDING)
+        bodies.setdefault((case.data["inertia"], case.data.get("rotor")), []).append(i)
+    for places in bodies.values():
+        body = body_of(cases[places[0]])
+        omega = np.array([cases[i].system.start[:3] for i in places])
+        labels = body.enclosed(body.to_principal(omega), ROUNDING)
         for i, label in zip(places, labels.tolist(), strict=True):
             names[i] = rigid_body.LABELS[label]
     return names

@@ -173,7 +173,8 @@ def tabulated(case: Case, group: Group) -> dict[str, Any]:
 def _shares(labels: np.ndarray) -> str:
     """How many of the labels are which, in percent."""
     counts = {
-        rigid_body.LABELS[value]: np.count_nonzero(labels == value) for value in (1, 2, 3, 0, -1)
+        rigid_body.LABELS[value]: np.count_nonzero(labels == value)
+        for value in (1, 2, 3, rigid_body.BOTH, rigid_body.UNSEPARATED, 0, -1)
     }
     return ", ".join(
         f"{name} {100 * count / max(labels.size, 1):.3g} %"

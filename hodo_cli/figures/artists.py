@@ -199,8 +199,7 @@ def mark_points(
 
 def of_other_body(motions: Sequence[Motion]) -> Motion | None:
     """The first motion that is of another body than the first of all; None if all are of one."""
-    body = motions[0].inertia
-    return next((motion for motion in motions if not np.array_equal(motion.inertia, body)), None)
+    return next((motion for motion in motions if motion.body != motions[0].body), None)
 
 
 CROSSINGS_NAMED = 12

@@ -51,12 +51,14 @@ from .sheet import Look, Sheet
 def squares(motion: Motion) -> np.ndarray:
     """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it. Raises HodoError
     where K is inf."""
+    if motion.has_rotor:
+        raise HodoError(f"case {motion.name} has a rotor: its hodographs have no quadrants")
     K = slope(motion.inertia)
     if math.isinf(K):
         why = "its two larger moments of inertia are equal"
         raise HodoError(f"case {motion.name} has no quadrants to draw: {why}")
     largest, _, smallest = motion.order
-    return np.asarray(motion.omega[:, [largest, smallest]] ** 2 * [1, K])
+    return np.asarray(motion.principal_omega[:, [largest, smallest]] ** 2 * [1, K])
 
 
 def of_one_body(motions: list[Motion]) -> list[Motion]:

@@ -12,6 +12,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
+from ..models.rigid_body import BodyFrame
+from ..models.theory.gyrostat import separatrix_curves
 from ..results.dataset import Cases, motions_of
 from ..results.in_space import SPACE_AXES
 from ..results.motion import Motion
@@ -261,8 +263,19 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
 
 
 def common_circles(motions: Sequence[Motion]) -> list[np.ndarray]:
-    """The circles of the separatrix on the unit sphere, where all motions are of one body."""
-    return [] if of_other_body(motions) else separatrix_circles(motions[0].inertia)
+    """The curves of the separatrix on the unit sphere, where all motions are of one body: two great
+    circles, or with a rotor those through its saddles, for |G| at the start."""
+    first = motions[0]
+    if of_other_body(motions):
+        return []
+    body = first.case.system
+    if not isinstance(body, BodyFrame) or not (first.has_rotor or first.is_turned):
+        return separatrix_circles(first.inertia)
+    curves = separatrix_circles(first.inertia)
+    if body.rotor_momentum is not None:
+        curves = separatrix_curves(body.moments, body.rotor_momentum, float(first["G"][0]))
+    axes = np.eye(3) if body.principal_axes is None else body.principal_axes
+    return [curve @ axes for curve in curves]
 
 
 @dataclass(frozen=True)

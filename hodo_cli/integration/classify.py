@@ -11,6 +11,7 @@ from ..cases.case import Case
 from ..engines import extended
 from ..engines.protocol import EPS, PRECISION
 from ..models import rigid_body
+from ..models.rigid_body import BodyFrame
 from .choice import best
 from .crossings import (
     CERTAIN,
@@ -22,6 +23,7 @@ from .crossings import (
 )
 from .driver import at_rest
 from .error import references, with_step_limit
+from .regions import RegionSearch, standing
 from .solve import sample_times, solve
 from .trajectory import Trajectory
 
@@ -71,17 +73,17 @@ def classify(
 
     Raises HodoError if the motion differs from the stored one by more than its error allows.
     """
-    A = np.array(case.data["inertia"])
     expected = UNMEASURED * max(EPS, tol) if math.isnan(error) else max(EPS, error)
     judged = max(ASSUMED, expected) if math.isnan(error) else expected
     dense = searched(case, method, case.precision, tol, CERTAIN * judged)
     samples = dense.rows[: len(omega)]
     check_stored(dense, samples, omega, expected)
     errors, reference = against_reference(dense, judged)
-    state = extended(dense.motion.omega)[samples]
+    state = dense.motion.omega[samples]
     labels = np.full(len(omega), rigid_body.UNDETERMINED, dtype=np.int8)
-    axes = rigid_body.enclosed_axis(A, state, CERTAIN * errors[samples])
-    resting = at_rest(state, dense.motion.exponent[samples])
+    body = body_of(case)
+    axes = body.enclosed(principal_omega(dense.motion)[samples], CERTAIN * errors[samples])
+    resting = at_rest(extended(state), dense.motion.exponent[samples])
     labels[: len(samples)] = np.where(resting, rigid_body.UNDETERMINED, axes)
     labels = completed(labels, case.system.absorbing_axes)
     listed = crossings_of(dense, errors)
@@ -122,10 +124,31 @@ def searched(
     samples = sample_times(case)
     times = with_checks(samples, case.time.start, case.time.end)
     times = times[times <= until]
-    search = CrossingSearch(np.array(case.data["inertia"]), uncertainty)
+    search = search_of(body_of(case), uncertainty)
     motion = solve(case, method, precision, tol, times, search)
     rows = np.searchsorted(times, samples)
     return DenseSolution(motion, search.signs(), rows[rows < len(motion.time)])
+
+
+def body_of(case: Case) -> BodyFrame:
+    """The system of a case whose hodographs enclose an axis."""
+    assert isinstance(case.system, BodyFrame)
+    return case.system
+
+
+def search_of(body: BodyFrame, uncertainty: float) -> CrossingSearch:
+    """The search for the crossings of a body."""
+    if body.rotor_momentum is None:
+        return CrossingSearch(body.moments, uncertainty, body.principal_axes)
+    return RegionSearch(body.moments, uncertainty, body.principal_axes, h=body.rotor_momentum)
+
+
+def principal_omega(motion: Trajectory) -> np.ndarray:
+    """The angular velocities (n, 3) of a motion along the principal axes: in units of 2**exponent,
+    or in true size where a rotor has a momentum of its own."""
+    body = body_of(motion.case)
+    omega = body.to_principal(extended(motion.omega))
+    return omega if body.rotor_momentum is None else np.ldexp(omega, motion.exponent[:, None])
 
 
 def with_checks(samples: np.ndarray, start: float, end: float) -> np.ndarray:
@@ -200,8 +223,11 @@ def growth_off_axis(motion: Trajectory) -> np.ndarray:
     Every step errs in D by a part of what its terms are then. Where these have become small again,
     that of the largest terms so far is still there.
     """
-    A, omega = np.array(motion.case.data["inertia"]), motion.omega.astype(float)
-    near = rigid_body.near_middle_axis(A, omega, rigid_body.inertia_order(A))
+    body, omega = body_of(motion.case), principal_omega(motion).astype(float)
+    if body.rotor_momentum is not None:
+        return np.ones(len(omega))
+    order = rigid_body.inertia_order(body.moments)
+    near = rigid_body.near_middle_axis(body.moments, omega, order)
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.maximum.accumulate(near) / np.sqrt(near)
     return np.maximum(1, np.where(near > 0, growth, 1))
@@ -213,7 +239,10 @@ def start_error(case: Case) -> float:
     So D is right to the rounding of its terms, however near the middle axis. A start whose D is 0
     to that rounding stands on neither side, in every precision.
     """
-    A, omega = np.array(case.data["inertia"]), np.array(case.system.start[:3])
+    body = body_of(case)
+    A, omega = body.moments, body.to_principal(np.array(body.start[:3]))
+    if body.rotor_momentum is not None:
+        return EPS
     order = rigid_body.inertia_order(A)
     return EPS * math.sqrt(float(rigid_body.near_middle_axis(A, omega, order)))
 
@@ -258,30 +287,35 @@ def crossings_of(
     between two of them has the larger of their errors.
     """
     motion, case = dense.motion, dense.motion.case
-    A, time = np.array(case.data["inertia"]), motion.time
-    order = rigid_body.inertia_order(A)
-    if not A[order[0]] > A[order[1]] > A[order[2]] or not len(time):
+    body, time = body_of(case), motion.time
+    rotor, omega = body.rotor_momentum, principal_omega(motion)
+    if (rotor is None and len(set(body.moments.tolist())) < 3) or not len(time):
         return CrossingList([], [], [])
     nothing = np.zeros(len(time))
-    G = A * motion.omega.astype(float)
+    G = body.moments * omega.astype(float)
+    if rotor is not None:
+        G = G + rotor
     momentum = np.sqrt(np.vecdot(G, G))
+    exponent = motion.exponent if rotor is None else 0 * motion.exponent
     # Behind a stop there is no side.
     last = len(time) - int(np.argmax(momentum[::-1] > 0))
     turning = slice(last)
     with np.errstate(over="ignore"):
+        margins, sides = standing(body, omega[turning])
         samples = SignChanges(
             time[turning],
-            rigid_body.margin(A, extended(motion.omega[turning]), order),
+            margins,
             nothing[turning].astype(bool),
             nothing[turning],
-            np.ldexp(momentum, motion.exponent)[turning],
+            np.ldexp(momentum, exponent)[turning],
+            sides,
         )
     signs = SignChanges.joined([dense.signs, samples])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     band = CERTAIN * np.maximum(errors[before], errors[after])
     known = case.system.absorbing_axes if absorbing is None else absorbing
-    listed = read_sign_changes(signs, band, order, known)
+    listed = read_sign_changes(signs, band, known)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)
     return listed._replace(undecided=[moment for moment in listed.undecided if moment > started])

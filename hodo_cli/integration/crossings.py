@@ -51,7 +51,7 @@ class SignChanges(NamedTuple):
     """Moments of a motion that tell on which side of the separatrix it stands, in order, each (k,).
 
     `margin` is that of `rigid_body.margin`, 0 where D `vanishes`; `rate` is how fast the margin
-    changes with time, `momentum` is |G|.
+    changes with time, `momentum` is |G|, and `axis` the label of the side.
     """
 
     time: np.ndarray
@@ -59,6 +59,7 @@ class SignChanges(NamedTuple):
     vanishes: np.ndarray
     rate: np.ndarray
     momentum: np.ndarray
+    axis: np.ndarray
 
     @classmethod
     def joined(cls, parts: list["SignChanges"]) -> "SignChanges":
@@ -85,11 +86,13 @@ class CrossingList(NamedTuple):
 class CrossingSearch:
     """The `StepObserver` that searches the steps of a motion for zeros of D.
 
-    It notes no moment of a step in which |margin| stays above `uncertainty` all along.
+    It notes no moment of a step in which |margin| stays above `uncertainty` all along. `A` are the
+    principal moments, and `axes` (3, 3) the principal axes in those of the state.
     """
 
     A: np.ndarray
     uncertainty: float
+    axes: np.ndarray | None = None
     parts: list[SignChanges] = field(default_factory=list)
     filled: int = 0
 
@@ -120,12 +123,20 @@ class CrossingSearch:
         if not n or not self.two_sided:
             return
         # In double for all: few steps come near D = 0, and long double is several times slower.
-        near = self._near(self.series[:n].astype(float), self.times[:n].astype(float))
+        series = self.along_axes(self.series[:n].astype(float))
+        near = self._near(series, self.times[:n].astype(float))
         if near.size:
             series, times = self.series[near], self.times[near]
             if series.dtype != np.float64:
                 series, times = extended(series), extended(times)
+            series = self.along_axes(series)
             self._search(*self._bernstein(series, times), times)
+
+    def along_axes(self, series: np.ndarray) -> np.ndarray:
+        """The coefficients (n, 3, degree + 1) of the components along the principal axes."""
+        if self.axes is None:
+            return series
+        return np.asarray(self.axes.astype(series.dtype) @ series)
 
     def signs(self) -> SignChanges:
         """All moments noted, in order of time."""
@@ -198,13 +209,15 @@ class CrossingSearch:
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)) * (end - start)[row])
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
+        margin = rigid_body.margin(A, omega, self.order)
         self.parts.append(
             SignChanges(
                 self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0])),
-                np.where(vanishes, 0, rigid_body.margin(A, omega, self.order)).astype(float),
+                np.where(vanishes, 0, margin).astype(float),
                 vanishes,
                 rate.astype(float),
                 np.ldexp(momentum.astype(float), self.size),
+                np.where(margin > 0, self.order[0] + 1, self.order[2] + 1),
             )
         )
 
@@ -249,11 +262,10 @@ def with_middles(
 def read_sign_changes(
     signs: SignChanges,
     band: np.ndarray,
-    order: tuple[int, int, int],
     absorbing: frozenset[int] = frozenset(),
 ) -> CrossingList:
-    """The crossings between moments whose margins count where they exceed `band` (k,); `order` is
-    the body's, and `absorbing` are the axes that its hodograph never leaves.
+    """The crossings between moments whose margins count where they exceed `band` (k,); `absorbing`
+    are the axes that the hodograph never leaves.
 
     The motion has crossed where its margin stands first on one side, then on the other, beyond
     its band. So neither a start on D = 0 nor a touch is a crossing, and no zero that is reported
@@ -262,20 +274,17 @@ def read_sign_changes(
     """
     # A zero is on neither side, so only the moments between zeros can tell that a side has changed.
     sure = np.flatnonzero(~signs.vanishes & (np.abs(signs.margin) > band))
-    axis = np.where(signs.margin > 0, order[0] + 1, order[2] + 1)
-    sure, certain = needed(sure, axis[sure], absorbing)
-    rises = np.sign(signs.margin[sure])
+    sure, certain = needed(sure, signs.axis[sure], absorbing)
+    axes = signs.axis[sure].tolist()
     verdict = CrossingList([], [], [])
-    for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(rises) != 0)):
+    for n in np.flatnonzero((np.diff(sure) > 1) | (np.diff(axes) != 0)):
         first, last = sure[n], sure[n + 1]
-        if rises[n] == rises[n + 1]:
+        if axes[n] == axes[n + 1]:
             verdict.undecided.append(_nearest(signs, first + 1, last))
             continue
         moment, spread = _passage(signs, first, last)
-        axes = (order[0] + 1, order[2] + 1) if rises[n] > 0 else (order[2] + 1, order[0] + 1)
-        verdict.crossings.append(
-            Crossing(float(signs.time[moment]), *axes, float(signs.momentum[moment]))
-        )
+        time, momentum = float(signs.time[moment]), float(signs.momentum[moment])
+        verdict.crossings.append(Crossing(time, axes[n], axes[n + 1], momentum))
         width = band[last] / signs.rate[moment] if signs.rate[moment] else math.inf
         verdict.widths.append(float(max(width, spread)))
     if sure.size and sure[-1] < len(signs.time) - 1 and not certain:

@@ -235,9 +235,8 @@ class Oriented(Model):
     def _turned(self, start: Sequence[Any]) -> tuple[Any, ...]:
         if self.plain.start_attitude is not None:
             return tuple(self.plain.start_attitude(start))
-        inertia = self.inertia  # type: ignore[attr-defined]
-        G = [A * w for A, w in zip(inertia, start[:3], strict=True)]
-        return quaternion_at_start(self.attitude, G)
+        momentum = self.momentum  # type: ignore[attr-defined]
+        return quaternion_at_start(self.attitude, momentum(np.array(start[:3])).tolist())
 
     @property
     def run_events(self) -> tuple[Event, ...]:

@@ -17,8 +17,11 @@ from .base import Constants, Event, Label, Model, mistake_of
 from .theory.possible_crossings import Dissipation, axes_kept
 from .theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 
-UNDETERMINED, SEPARATRIX = -1, 0
-LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
+UNDETERMINED, SEPARATRIX, BOTH, UNSEPARATED = -1, 0, 4, 5
+PLAIN_LABELS = {-1: "undetermined", 0: "separatrix", 1: "x1", 2: "x2", 3: "x3"}
+LABELS = PLAIN_LABELS | {BOTH: "both", UNSEPARATED: "unseparated"}
+"""The labels, with those of a body with a rotor: its hodograph may go round both ends of each outer
+axis, or no separatrix may divide the hodographs."""
 
 
 def angular_momentum(A: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -191,6 +194,11 @@ INITIAL = Key(
 )
 
 
+def is_tensor(inertia: Any) -> bool:
+    """Whether moments of inertia, as a case gives them, are a full tensor or have a row of one."""
+    return inertia is not None and any(isinstance(row, tuple) for row in inertia)
+
+
 def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> tuple[float, ...]:
     """(p, q, r) from initial data in which |G| may stand for one of them.
 
@@ -308,6 +316,42 @@ class BodyFrame(Model):
         return ()
 
     @property
+    def moments(self) -> np.ndarray:
+        """The principal moments of inertia (3,)."""
+        return np.array(self.inertia, dtype=float)
+
+    @property
+    def principal_axes(self) -> np.ndarray | None:
+        """The principal axes of inertia, row by row (3, 3), in the axes in which a case gives its
+        data; None where they are these."""
+        return None
+
+    @property
+    def rotor_momentum(self) -> np.ndarray | None:
+        """h (3,) of a rotor along the principal axes; None without."""
+        return None
+
+    def momentum(self, omega: np.ndarray) -> np.ndarray:
+        """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""
+        return angular_momentum(self.moments, omega)
+
+    def to_principal(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (..., 3) along the principal axes, in their own precision."""
+        axes = self.principal_axes
+        return vectors if axes is None else np.asarray(vectors @ axes.T.astype(vectors.dtype))
+
+    def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
+        """The label (n,) of angular velocities (n, 3) along the principal axes, as of
+        `enclosed_axis`."""
+        return enclosed_axis(self.moments, omega, band)
+
+    def separation(self, omega: np.ndarray) -> np.ndarray:
+        """How far angular velocities (n, 3) are from the separatrix (n,), as a part of the sum of
+        the terms of D."""
+        A = self.moments
+        return separation(A[:, None], self.to_principal(omega).T, inertia_order(A))
+
+    @property
     def dissipation(self) -> Dissipation | None:
         """The torques as the theorems on crossings and tilts take them; None where these do not
         cover them."""
@@ -325,7 +369,7 @@ class BodyFrame(Model):
         terms = self.dissipation
         if terms is None:
             return tilt_growth_by_equations(self)
-        omega = np.array(self.velocity(self.inertia, self.initial))
+        omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
         rates = tilt_growth_rates(terms, np.copysign(np.linalg.norm(omega), omega))
         return rates if np.isfinite(rates).any() else None
 

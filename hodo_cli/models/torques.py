@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property, partial
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -11,13 +11,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..schema.expression import Expression
-from ..schema.kinds import Key, ListOf, Mistake, Number, Table, vector
-from .averaging.any_torque import AnyTorque, averaged_form, looked_up, mean_elements
+from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
+from .averaging.any_torque import averaged_form, looked_up, mean_elements
 from .base import Constants, Event, EventOutcome, Model, mistake_of
 from .cavity import CAVITY, coefficient, heavy_fluid, reynolds_warning, weak
 from .constants import attributes
 from .linear_diag import damping_warnings
-from .rigid_body import INERTIA, INITIAL, BodyFrame, body_constants, enclosed_axis
+from .rigid_body import INITIAL, BodyFrame, body_constants, complete, is_tensor
 from .tensor import Tensor, is_diagonal, tensor_matrix, tensor_warnings
 from .terms import torques as terms
 from .terms.laws import (
@@ -28,9 +28,10 @@ from .terms.laws import (
     law_constants,
     zero_of_base,
 )
-from .terms.torques import Term, added, rates_under
+from .terms.torques import Term, angular_momentum_of, rates_under
 from .theory.along_momentum import AlongMomentum
 from .theory.closed_form import free_motion, free_time, scaled_motion
+from .theory.gyrostat import region_labels, separations
 from .theory.possible_crossings import (
     CrossingPattern,
     Dissipation,
@@ -38,6 +39,7 @@ from .theory.possible_crossings import (
     possible_crossings,
     turning_momenta,
 )
+from .theory.principal_axes import PrincipalAxes, principal_axes
 
 TERMS: Mapping[str, Term] = {
     "damping": terms.DAMPING,
@@ -47,17 +49,22 @@ TERMS: Mapping[str, Term] = {
     "kappa": terms.FLUID,
     "torque": terms.CONSTANT,
     "brake": terms.BRAKE,
+    "rotor": terms.ROTOR,
     "space_torque": terms.SPACE,
     "expression": terms.EXPRESSION,
 }
 """What a case may name; a `cavity` is a kappa."""
 
-AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque"}
+AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque", "rotor"}
 """The terms that the quadrature over a turn takes: functions of omega and the time without a
 corner."""
 
-LEGS, FALL = 14, 8
-"""How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it."""
+LEGS, LEGS_WITH_ROTOR, FALL = 14, 8, 8
+"""How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it, with
+a rotor, whose h hides what is left of G, to 6e-8."""
+
+WEAK_ROTOR = 1e-8
+"""The part of |G| below which a rotor counts as none."""
 
 BEHIND_ZERO = 1e-30
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
@@ -81,7 +88,7 @@ def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
 class Torques(BodyFrame):
     """A rigid body under any sum of torques.
 
-    A omega' + omega x A omega = N, the sum of what the case names:
+    A omega' + omega x G = N, the sum of what the case names:
 
     -lambda_i A_i omega_i (`damping`), -I omega (`resistance`), -c_i |omega| A_i omega_i
     (`quadratic`), -c_i A_i omega_i |omega_i| (`quadratic_axes`), the fluid's torque of
@@ -89,11 +96,15 @@ class Torques(BodyFrame):
     G/|G| (`brake`), F e, e fixed in space (`space_torque`), and three formulas in p, q, r and t
     (`expression`).
 
-    omega = (p, q, r): angular velocity in principal axes, 1/time (`initial`); A: principal moments
-    of inertia (`inertia`); G = A omega. Each coefficient but those of `resistance`, `cavity` and
-    `expression` may be a law of time. Only the terms named are part of the equations. A brake stops
-    the body (event `stopped`): from there on omega is 0, and no axis is enclosed. What has a corner
-    where omega_i = 0 is integrated from one such moment to the next.
+    omega = (p, q, r): angular velocity, 1/time (`initial`); A: principal moments of inertia
+    (`inertia`), or the full tensor in any body axes, in which all else is then given and stored,
+    while labels name the principal axes; G = A omega + h, with the angular momentum h of a rotor
+    (`rotor`), which turns at constant speed in the body. Each coefficient but those of
+    `resistance`, `cavity`, `rotor` and `expression` may be a law of time. Only the terms named are
+    part of the equations. A brake brings G to 0 (event `stopped`): from there on omega is 0, or
+    -A^-1 h, and no axis is enclosed. What has a corner where omega_i = 0 is integrated from one
+    such moment to the next. With a rotor the hodograph goes round x1, x3, both, or neither
+    (`unseparated`): see `theory.gyrostat`.
 
     The torque along G of equal damping, a brake, or both changes the clock of the free motion and
     not its path: such a case is solved in closed form (method exact).
@@ -108,13 +119,22 @@ class Torques(BodyFrame):
     torque: Any
     epsilon: float
     brake: Any
+    rotor: Any
     space_torque: Any
     expression: Any
 
     name = "torques"
     form = "full"
     keys = {
-        "inertia": INERTIA,
+        "inertia": Key(
+            ListOf(
+                Either(Number(above=0), vector(3)),
+                length=3,
+                title="3 positive numbers, or 3 rows of 3 numbers",
+            ),
+            "principal moments of inertia A1, A2, A3; or the full tensor, in the axes of all else",
+            unit="moment of inertia",
+        ),
         "damping": Key(
             coefficients_kind("1/time"),
             "coefficients lambda_i of -lambda_i A_i omega_i",
@@ -153,6 +173,12 @@ class Torques(BodyFrame):
             unit="moment of inertia / time^2",
             default=None,
         ),
+        "rotor": Key(
+            vector(3),
+            "h in G = A omega + h, the angular momentum of a rotor beside the body's",
+            unit="moment of inertia / time",
+            default=None,
+        ),
         "space_torque": Key(
             Table(
                 {
@@ -181,15 +207,21 @@ class Torques(BodyFrame):
     }
     terms: ClassVar[tuple[Term, ...]] = ()
 
+    @staticmethod
+    def velocity(inertia: Sequence[Any], initial: Mapping[str, float | None]) -> tuple[float, ...]:
+        if is_tensor(inertia) and initial.get("G") is not None:
+            raise ValueError("with a full tensor of inertia G stands for no component: give all")
+        return complete(inertia, initial)
+
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
-        made = sum_of(terms_named(data))
-        return (averaged_form(made) if issubclass(cls, AnyTorque) else made)(**data)
+        made = sum_of(terms_named(data), is_tensor(data["inertia"]))
+        return (made if cls.form == "full" else averaged_form(made))(**data)
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from super().check(data)
-        named = terms_named(data)
+        named, inertia = terms_named(data), data.get("inertia")
+        yield from mistakes_of_tensor(data) if is_tensor(inertia) else super().check(data)
         if not named and data.keys() >= TERMS.keys():
             yield (), f"no torque is named ({', '.join(TERMS)}); damping: 0 is free motion"
         yield from negative_coefficients(data)
@@ -197,13 +229,20 @@ class Torques(BodyFrame):
             yield from mistake_of(("cavity",), coefficient, data["cavity"], data.get("kappa"))
         if (space := data.get("space_torque")) and not any(space["direction"]):
             yield ("space_torque", "direction"), "a direction has a length, and this one has none"
-        if "brake" in named and {"inertia", "initial"} <= data.keys():
+        initial = data.get("initial")
+        if "rotor" in named and initial and initial.get("G") is not None:
+            yield ("initial",), "two starts of a body with a rotor have one |G|: give p, q and r"
+        if "brake" in named and inertia and initial:
             with suppress(ValueError):  # said by the check above
-                if not any(cls.velocity(data["inertia"], data["initial"])):
+                omega = cls.velocity(inertia, initial)
+                if not any(omega) and not any(data.get("rotor") or ()):
                     yield ("brake",), "a body at rest has no direction to brake in"
-        for name in named:
-            if issubclass(cls, AnyTorque) and name not in AVERAGED:
-                yield (name,), "form averaged does not take this torque; form full does"
+        if cls.form != "full":
+            if is_tensor(inertia):
+                yield ("inertia",), "form averaged takes principal moments; form full a tensor too"
+            for name in named:
+                if name not in AVERAGED:
+                    yield (name,), "form averaged does not take this torque; form full does"
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
@@ -224,16 +263,60 @@ class Torques(BodyFrame):
             every |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
         if self.brake is not None:
             omega = np.array(self.velocity(self.inertia, self.initial))
-            momentum = float(np.linalg.norm(omega * self.inertia))
+            momentum = float(np.linalg.norm(self.momentum(omega)))
             at_stop = 2 * (math.log(momentum) - LEGS * math.log(FALL))
             every |= {"momentum_at_start": momentum, "ln_square_at_stop": at_stop}
         # heyoka counts parameters up to the last that the equations use: that has to come last.
-        return {**every, **body_constants(self.inertia)}
+        if self.frame is None:
+            return {**every, **body_constants(self.inertia)}
+        tensor, inverse = (
+            tuple(matrix.ravel().tolist())
+            for matrix in (self.frame.tensor, np.linalg.inv(self.frame.tensor))
+        )
+        return {
+            **every,
+            **body_constants(self.moments.tolist()),
+            "tensor": tensor,
+            "inverse": inverse,
+        }
+
+    @property
+    def frame(self) -> PrincipalAxes | None:
+        """The principal axes of a body that is given by its full tensor of inertia."""
+        return principal_axes(self.inertia) if is_tensor(self.inertia) else None
+
+    @property
+    def moments(self) -> np.ndarray:
+        return super().moments if self.frame is None else self.frame.moments
+
+    @property
+    def principal_axes(self) -> np.ndarray | None:
+        return None if self.frame is None else self.frame.axes
+
+    @property
+    def rotor_momentum(self) -> np.ndarray | None:
+        return None if self.rotor is None else self.to_principal(np.array(self.rotor))
+
+    def momentum(self, omega: np.ndarray) -> np.ndarray:
+        G = super().momentum(omega) if self.frame is None else omega @ self.frame.tensor
+        return G if self.rotor is None else G + np.array(self.rotor)
+
+    def separation(self, omega: np.ndarray) -> np.ndarray:
+        if self.rotor_momentum is None:
+            return super().separation(omega)
+        apart = separations(self.moments, self.rotor_momentum, self.to_principal(omega))
+        sizes = np.abs(apart.value) / apart.size
+        return np.asarray(np.where(np.isnan(sizes), np.inf, sizes).min(-1))
+
+    def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
+        if self.rotor_momentum is None:
+            return super().enclosed(omega, band)
+        return region_labels(self.moments, self.rotor_momentum, omega, band)
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         w = np.moveaxis(omega, -1, 0)
         own = {
-            "brake": [np.linalg.norm(omega * self.inertia, axis=-1)],
+            "brake": [np.linalg.norm(self.momentum(omega), axis=-1)],
             "quadratic_axes": [*np.where(w == 0, np.sign(self.slopes(w)), np.sign(w))],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }
@@ -261,9 +344,15 @@ class Torques(BodyFrame):
             if "s1" in own and any(first_values(self.quadratic_axes[i]))
         ]
         if "leg" in own:
-            stop = BrakedLeg(own["leg"], terms_named(vars(self)))
+            stop = BrakedLeg(own["leg"], self)
             events.append(Event("stopped", LegEnd(own["leg"]), True, stop))
         return tuple(events)
+
+    @property
+    def class_events(self) -> tuple[Event, ...]:
+        # D of the stored components says nothing where a rotor or other axes bring more terms.
+        special = self.rotor is not None or self.frame is not None
+        return () if special else super().class_events
 
     @property
     def averaged_events(self) -> tuple[Event, ...]:
@@ -289,7 +378,11 @@ class Torques(BodyFrame):
         """The rates of a sum of equal damping and a brake, both constant; None for other sums."""
         given = given_coefficients(vars(self))
         rates = given.get("damping", (0.0,)) + given.get("brake", ())
-        if given.keys() - {"damping", "brake"} or not all(isinstance(x, float) for x in rates):
+        if (
+            self.frame is not None
+            or given.keys() - {"damping", "brake"}
+            or not all(isinstance(x, float) for x in rates)
+        ):
             return None
         if len(set(given.get("damping", (0.0,)))) > 1 or not any(self.start):
             return None
@@ -325,40 +418,65 @@ class Torques(BodyFrame):
             return None
         A, omega = np.array(self.inertia), np.array(self.start[:3])
         at_stop = free_motion(A, omega, np.array([along.clock(along.stop).s]))[0]
-        details = stop_details(A, at_stop)
-        return "stopped", EventOutcome(float(along.stop), details, ())
+        return "stopped", EventOutcome(float(along.stop), self.stop_details(at_stop), ())
+
+    def stop_details(self, omega: np.ndarray) -> dict[str, float]:
+        """The details of a stop as they are stored: the direction of G (3,), and the label."""
+        G = self.momentum(omega)
+        direction = {f"G{i}": float(x) for i, x in enumerate(G / np.linalg.norm(G), 1)}
+        return direction | {"from": float(self.enclosed(self.to_principal(omega)[None])[0])}
+
+    @property
+    def resting(self) -> np.ndarray:
+        """omega (3,) where G is 0."""
+        if self.rotor is None:
+            return np.zeros(3)
+        return -np.linalg.solve(
+            np.diag(self.moments) if self.frame is None else self.frame.tensor, np.array(self.rotor)
+        )
 
     @property
     def dissipation(self) -> Dissipation | None:
         given = given_coefficients(vars(self))
         numbers = [x for entries in given.values() for x in entries]
-        if given.keys() & {"space_torque", "expression"} or not all(
+        if given.keys() & {"space_torque", "rotor", "expression"} or not all(
             isinstance(x, float) for x in numbers
         ):
             return None
         damping, covered = np.array(given.get("damping", np.zeros(3))), True
         if self.resistance is not None:
             I = tensor_matrix(self.resistance)
-            damping, covered = damping + np.diag(I) / self.inertia, is_diagonal(I)
+            if self.frame is not None:
+                I = self.frame.axes @ I @ self.frame.axes.T
+            damping, covered = damping + np.diag(I) / self.moments, is_diagonal(I)
         zeros = (0.0, 0.0, 0.0)
         quadratic, by_axes = (given.get(name, zeros) for name in ("quadratic", "quadratic_axes"))
-        torque = [self.epsilon * x for x in given.get("torque", zeros)]
+        torque = self.to_principal(self.epsilon * np.array(given.get("torque", zeros)))
         (kappa,) = given.get("kappa", (0.0,))
-        return Dissipation(self.inertia, damping, quadratic, by_axes, kappa, torque, covered)
+        return Dissipation(self.moments, damping, quadratic, by_axes, kappa, torque, covered)
+
+    @property
+    def tilt_growth(self) -> np.ndarray | None:
+        # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
+        special = self.rotor is not None or self.frame is not None
+        return None if special and self.dissipation is None else super().tilt_growth
 
     @property
     def predictions(self) -> list[str]:
-        terms = self.dissipation
-        if terms is None:
-            return []
-        stop = [] if any(terms.torque) else self.stop_foretold(terms)
-        return [*crossings_foretold(terms), *stop]
+        terms, named = self.dissipation, terms_named(vars(self))
+        crossings = [] if terms is None else crossings_foretold(terms)
+        # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
+        if named == ("brake", "rotor") and isinstance(self.brake, float):
+            terms = Dissipation(self.moments)
+        if terms is None or any(terms.torque):
+            return crossings
+        return [*crossings, *self.stop_foretold(terms)]
 
     def stop_foretold(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
         if self.brake is None or self.quadratic or self.quadratic_axes or not self.brake:
             return []
-        G = np.linalg.norm(np.array(self.inertia) * self.start[:3])
+        G = np.linalg.norm(self.momentum(np.array(self.start[:3])))
         first, last = (
             float(AlongMomentum.of(G, damping=rate, brake=self.brake).stop)
             for rate in (max(terms.damping), min(terms.damping))
@@ -369,7 +487,7 @@ class Torques(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        A, omega = np.array(self.inertia), np.array(self.velocity(self.inertia, self.initial))
+        omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
         damping = [x for x in self.damping or () if isinstance(x, float)]
         tensor = [] if self.resistance is None else tensor_warnings(tensor_matrix(self.resistance))
         kappa, torque = self.kappa if isinstance(self.kappa, float) else 0.0, (0.0, 0.0, 0.0)
@@ -381,9 +499,17 @@ class Torques(BodyFrame):
             *damping_warnings(damping),
             *tensor,
             *reynolds_warning(self.cavity, omega),
-            *weak(A, omega, kappa, torque),
-            *heavy_fluid(self.cavity, A),
+            *weak(self.moments, omega, kappa, torque),
+            *heavy_fluid(self.cavity, self.moments),
+            *self.weak_rotor(),
         ]
+
+    def weak_rotor(self) -> list[str]:
+        """A warning for a rotor that is none beside the body's own angular momentum."""
+        G = np.linalg.norm(self.momentum(np.array(self.velocity(self.inertia, self.initial))))
+        if self.rotor is None or np.linalg.norm(self.rotor) >= WEAK_ROTOR * G:
+            return []
+        return [f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The class is made from the terms that are named; other processes make it again.
@@ -420,19 +546,6 @@ class SignReversal:
         return EventOutcome(float(t), None, state, t)
 
 
-def momentum_of(y: Sequence[Any], k: Any) -> list[Any]:
-    """G (3,) of a state."""
-    return [k.A1 * y[0], k.A2 * y[1], k.A3 * y[2]]
-
-
-def stop_details(A: np.ndarray, omega: np.ndarray) -> dict[str, float]:
-    """What is stored of a stop: the direction of G, and the enclosed axis."""
-    G = A * omega
-    direction = G / np.linalg.norm(G)
-    named = {f"G{i}": float(x) for i, x in enumerate(direction, 1)}
-    return named | {"from": float(enclosed_axis(A, omega, 0.0))}
-
-
 def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
     """ln X_e of an averaged motion, less what it is when a brake has all but stopped the body."""
     return y[0] - k.ln_square_at_stop
@@ -452,44 +565,45 @@ class LegEnd:
     leg: int
 
     def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        G = momentum_of(y, k)
+        G = angular_momentum_of(y[:3], k)
         return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[self.leg] * y[self.leg] / FALL**2
 
 
 @dataclass(frozen=True)
 class BrakedLeg:
-    """What follows a leg of braking: another one, or rest.
+    """The passage at the end of a leg of braking: to another one, or to rest.
 
     With a brake the equations have no solution at rest, and an integrator that does not know of it
-    goes on behind it. After LEGS legs what is left of the time is |G|/(b - |N0|), with N0 the other
-    torques of those named at rest.
+    goes on behind it. After the last leg the time left is |G|/(b - |N0|), with N0 the other torques
+    at rest.
     """
 
     leg: int
-    named: tuple[str, ...]
+    system: Torques = field(compare=False)
 
     def __call__(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
-        G = momentum_of(y, k)
+        G = angular_momentum_of(y[:3], k)
         size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
         force = coefficient_at(k, "brake", t) - self.against(t, y, k)
-        if not (force > 0 and size < 2 * k.momentum_at_start / FALL**LEGS):
+        legs = LEGS if self.system.rotor is None else LEGS_WITH_ROTOR
+        if not (force > 0 and size < 2 * k.momentum_at_start / FALL**legs):
             state = [*y]
             state[self.leg] = size
             return EventOutcome(float(t), None, state, t)
-        A, omega = np.array([k.A1, k.A2, k.A3], float), np.array([float(x) for x in y[:3]])
-        details = stop_details(A, omega)
-        resting = [*(0 * x for x in y[:3]), *y[3:]]
-        resting[self.leg] = 0 * size
-        return EventOutcome(float(t + size / force), details, resting, math.inf)
+        details = self.system.stop_details(np.array([float(x) for x in y[:3]]))
+        resting = [0 * size + float(x) for x in self.system.resting]
+        state = [*resting, *y[3:]]
+        state[self.leg] = 0 * size
+        return EventOutcome(float(t + size / force), details, state, math.inf)
 
-    def against(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> Any:
+    def against(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> float:
         """|N0|."""
-        torque, zero, left = [0 * x for x in y[:3]], [0 * x for x in y[:3]], y[3:]
-        for term in (TERMS[name] for name in self.named):
-            own, left = left[: len(term.own)], left[len(term.own) :]
-            if term in (terms.CONSTANT, terms.SPACE, terms.EXPRESSION):
-                torque = [*added(torque, term.function(t, zero, k, own))]
-        return (torque[0] ** 2 + torque[1] ** 2 + torque[2] ** 2) ** 0.5
+        system, others = self.system, [term for term in self.system.terms if term != terms.BRAKE]
+        own = [value for i, value in enumerate(y) if i >= 3 and i != self.leg]
+        rates = rates_under(others, t, [*system.resting.tolist(), *own], k)[:3]
+        # A omega', since -omega x G is 0 there.
+        torque = system.momentum(np.array(rates, float)) - system.momentum(np.zeros(3))
+        return float(np.linalg.norm(torque))
 
 
 def crossings_foretold(terms: Dissipation) -> list[str]:
@@ -507,6 +621,21 @@ def crossings_foretold(terms: Dissipation) -> list[str]:
         band = f"{up} only above |G| = {turning.fluid:.6g}, {down} only below {turning.damping:.6g}"
         return [f"{band}; on the mean the sense turns at {turning.mean:.6g}"]
     return [at_most_one[pattern]] if pattern in at_most_one else []
+
+
+def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """The mistakes of a body that is given by a full tensor of inertia, and of its start."""
+    inertia = data["inertia"]
+    if not all(isinstance(row, tuple) for row in inertia):
+        yield ("inertia",), "expected 3 positive numbers, or 3 rows of 3 numbers, got some of each"
+        return
+    yield from mistake_of(("inertia",), principal_axes, inertia)
+    if "initial" in data:
+        yield from mistake_of(("initial",), Torques.velocity, inertia, data["initial"])
+    for name in ("damping", "quadratic", "quadratic_axes"):
+        entries = data.get(name) or (0.0,)
+        if name == "quadratic_axes" and data.get(name) or any(x != entries[0] for x in entries):
+            yield (name,), "needs principal axes where it is unequal: give resistance, or moments"
 
 
 def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -541,8 +670,9 @@ def given_coefficients(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
 
 
 @cache
-def sum_of(names: tuple[str, ...]) -> type[Torques]:
-    """The form of `Torques` whose equations have the terms of these names only."""
+def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
+    """The form of `Torques` whose equations have the terms of these names only, for bodies that are
+    given by their principal moments, or by a tensor in any axes."""
     chosen = tuple(TERMS[name] for name in names)
     own = {name: power for term in chosen for name, power in term.own.items()}
     attributes_of = {
@@ -553,8 +683,10 @@ def sum_of(names: tuple[str, ...]) -> type[Torques]:
         "state": ("p", "q", "r", *own),
         "state_degree": {name: power for name, power in own.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
-        # A step of many motions does not end at an event.
-        "batchable": not own.keys() - terms.SPACE.own.keys(),
+        # A step of many motions does not end at an event, and knows the sign of D only.
+        "batchable": not (
+            own.keys() - terms.SPACE.own.keys() or in_any_axes or terms.ROTOR in chosen
+        ),
         "fixed_in_space": tuple(terms.SPACE.own) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
     }

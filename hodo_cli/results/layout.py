@@ -23,6 +23,7 @@ from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import LENGTHS, Label
+from ..models.rigid_body import BodyFrame
 from ..storage.group import Attribute, Group, Variable
 from .units import units_of_case
 
@@ -119,11 +120,14 @@ def flags(meanings: Mapping[int, str]) -> dict[str, Attribute]:
     }
 
 
-AXIS_FLAGS = flags(rigid_body.LABELS)
+AXIS_FLAGS = flags(rigid_body.PLAIN_LABELS)
+ROTOR_FLAGS = flags(rigid_body.LABELS)
+"""The meanings of labels, and of those of a body with a rotor."""
 
 INNER = {
     "axis": (Stored("principal axis of inertia", ("axis",), "O"), ["x1", "x2", "x3"]),
     "quaternion": (Stored("part of a quaternion", ("quaternion",), "O"), ["a", "b", "c", "d"]),
+    "principal": (Stored("principal axis of inertia", ("principal",), "O"), ["x1", "x2", "x3"]),
 }
 """The coordinates of what has several numbers at a time, and their values."""
 
@@ -133,6 +137,16 @@ PLAIN_TIME = Label(TIME.dims, TIME.long_name, TIME.units)
 MOMENTUM = "moment of inertia / time"
 
 ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXIS_FLAGS)
+
+PRINCIPAL = {
+    "principal_axes": Stored(
+        "principal axis of inertia, in the axes of the case", ("principal", "axis")
+    ),
+    "principal_moments": Stored(
+        "principal moment of inertia", ("principal",), units="moment of inertia"
+    ),
+}
+"""What is stored of a body that is given by its full tensor of inertia: labels name these axes."""
 
 CROSSING_COLUMNS = {
     "crossing_time": (
@@ -309,17 +323,42 @@ def label_variables(labels: np.ndarray, crossings: Sequence[Crossing]) -> dict[s
 
 
 def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Variable]:
-    """Variables with their units in the units of a case."""
+    """Variables with their units in the units of a case, and labels with their meanings there."""
+
+    def of_case(key: str, value: Attribute, attrs: Mapping[str, Attribute]) -> Attribute:
+        if key == "units":
+            return units_of_case(str(value), case)
+        labels = attrs.get("flag_meanings") == AXIS_FLAGS["flag_meanings"]
+        return ROTOR_FLAGS.get(key, value) if labels and has_rotor(case) else value
+
     return {
         name: replace(
             variable,
             attrs={
-                key: units_of_case(str(value), case) if key == "units" else value
-                for key, value in variable.attrs.items()
+                key: of_case(key, value, variable.attrs) for key, value in variable.attrs.items()
             },
         )
         for name, variable in variables.items()
     }
+
+
+def has_rotor(case: Case) -> bool:
+    """Whether the body of a case has a rotor, which brings labels of its own."""
+    return isinstance(case.system, BodyFrame) and case.system.rotor_momentum is not None
+
+
+def principal_variables(case: Case) -> dict[str, Variable]:
+    """The principal axes and moments of a body that is given by its full tensor of inertia."""
+    body = case.system
+    if not isinstance(body, BodyFrame) or body.principal_axes is None:
+        return {}
+    values = body.principal_axes, body.moments
+    stored = {
+        name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
+    }
+    # The components of what else is stored are not along these.
+    axis = INNER["axis"][0]._replace(long_name="axis of the body, as the case gives it")
+    return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(INNER["axis"][1])}
 
 
 def case_group(trajectory: Trajectory, mark: str) -> Group:
@@ -346,7 +385,7 @@ def case_group(trajectory: Trajectory, mark: str) -> Group:
         trajectory.events,
         trajectory.errors,
     )
-    return Group(attributes, with_units(variables, case))
+    return Group(attributes, with_units(variables | principal_variables(case), case))
 
 
 def label_group(labelled: Classification, case: Case) -> Group:

@@ -21,12 +21,13 @@ from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
 from ..models.constants import attributes
+from ..models.rigid_body import BodyFrame
 from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
 from ..schema.expression import Tree, parse_expression
 from ..storage.provenance import typed
 from .in_space import OF_ATTITUDE
-from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
+from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, has_rotor
 from .units import INERTIA, units_of_case
 
 
@@ -144,8 +145,36 @@ class Motion:
         }
         if "omega" not in vectors or not self.case.data.get("inertia"):
             return vectors
+        body = self.case.system
+        if self.axes == BODY_AXES and isinstance(body, BodyFrame):
+            return vectors | {"G": body.momentum(vectors["omega"])}
+        if self.has_rotor or self.is_turned:
+            return vectors  # each component of G needs all of omega
         moments = self.inertia[[BODY_AXES.index(axis) for axis in self.axes]]
         return vectors | {"G": rigid_body.angular_momentum(moments, vectors["omega"])}
+
+    @property
+    def body(self) -> tuple[Any, ...]:
+        """The numbers that tell one body from another."""
+        turned = self.case.data["inertia"] if self.is_turned else ()
+        return *self.inertia.tolist(), turned, self.case.data.get("rotor")
+
+    @cached_property
+    def has_rotor(self) -> bool:
+        """Whether the body has a rotor."""
+        return has_rotor(self.case)
+
+    @cached_property
+    def is_turned(self) -> bool:
+        """Whether the components of vectors are not those along the principal axes."""
+        body = self.case.system
+        return isinstance(body, BodyFrame) and body.principal_axes is not None
+
+    @cached_property
+    def principal_omega(self) -> np.ndarray:
+        """Angular velocity (n, 3) along the principal axes."""
+        body = self.case.system
+        return body.to_principal(self.omega) if isinstance(body, BodyFrame) else self.omega
 
     def _over_time(self, name: str) -> bool:
         return name in self.data and self.data[name].dims == ("time",)
@@ -190,6 +219,8 @@ class Motion:
     def inertia(self) -> np.ndarray:
         """Principal moments of inertia (3,)."""
         moments = self.case.data["inertia"]
+        if self.is_turned:
+            return np.asarray(self.case.system.moments)  # type: ignore[attr-defined]
         if isinstance(moments, Mapping):  # a top gives A, twice, and C
             moments = (moments["A"], moments["A"], moments["C"])
         return np.array(moments, dtype=float)
@@ -389,12 +420,16 @@ def _momentum(m: Motion) -> np.ndarray:
 def _energy(m: Motion) -> np.ndarray:
     if "kinetic_energy" in m.data:
         return m.stored("kinetic_energy")
-    return rigid_body.kinetic_energy(m.inertia, m.omega)
+    return rigid_body.kinetic_energy(m.inertia, m.principal_omega)
 
 
 def _separatrix(m: Motion) -> np.ndarray:
     """D = G^2 - 2 T A_middle, without the cancellation of this difference."""
-    outer, inner = rigid_body.separatrix_terms(m.inertia, m.omega.T, m.order)
+    if m.has_rotor:
+        raise HodoError(
+            f"case {m.name} has a rotor: the sign of D then says nothing; its labels do"
+        )
+    outer, inner = rigid_body.separatrix_terms(m.inertia, m.principal_omega.T, m.order)
     return np.asarray(outer - inner)
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..engines import extended, have_quadruple
+from ..engines import have_quadruple
 from ..engines.protocol import Status
 from ..integration.choice import best, choose, taylor_steps
-from ..integration.classify import cross
+from ..integration.classify import body_of, cross, principal_omega
 from ..integration.crossings import Crossing
 from ..integration.error import errors_against, measured_error, thinned
 from ..integration.integrate import ASKED, remarks, solved
@@ -157,7 +157,7 @@ def drifts(motion: Trajectory) -> list[float]:
     velocity."""
     if [*motion.case.system.variables] != ["omega"] or not len(motion.time):
         return []
-    A, omega = np.array(motion.case.data["inertia"], np.longdouble), extended(motion.omega)
+    A, omega = body_of(motion.case).moments.astype(np.longdouble), principal_omega(motion)
     size = np.ldexp(np.longdouble(1), motion.exponent - motion.exponent[0])
     with np.errstate(all="ignore"):
         energy = rigid_body.kinetic_energy(A, omega) * size**2

@@ -13,7 +13,7 @@ from .. import HodoError
 from ..cases.case import Case, Time
 from ..engines import have_taylor
 from ..engines.protocol import EPS, Status
-from ..integration.classify import classify
+from ..integration.classify import body_of, classify
 from ..integration.integrate import integrate
 from ..integration.solve import sample_times
 from ..integration.trajectory import Trajectory
@@ -301,9 +301,8 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     """The columns (1,) of the labels of a single case, and whether they are certain."""
     case, omega = motion.case, motion.variables["omega"]
     classification = classify(case, motion.method, motion.tol, motion.error, omega)
-    A = np.array(case.data["inertia"])[:, None]
-    ends = np.array([case.system.start[:3], motion.omega[-1]], dtype=float).T
-    nearest = rigid_body.separation(A, ends, rigid_body.inertia_order(A[:, 0])).min()
+    ends = np.array([case.system.start[:3], motion.variables["omega"][-1]], dtype=float)
+    nearest = body_of(case).separation(ends).min()
     member = np.zeros(len(classification.crossings), dtype=np.int64)
     columns = columns_of(CROSSING_COLUMNS, classification.crossings)
     crossings = {name: variable.data for name, variable in columns.items()}

@@ -12,6 +12,7 @@ from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
 from ..models.base import Event, Model
 from ..models.constants import Structure, flatten, structure
+from ..models.rigid_body import BodyFrame
 from ..schema.kinds import KeyPath
 from .columns import shape
 
@@ -183,6 +184,8 @@ def joined(kind: list[Prepared]) -> Prepared:
 def velocities(sets: list[Inputs], combination: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
     the data; nan for data that describe no body or no start."""
+    if any(shared.system is not None and has_own_momentum(shared.system) for shared in sets):
+        return special_velocities(sets, combination, direction)
     A = np.array([shared.data["inertia"] for shared in sets])
     omega = np.full((len(sets), 3), np.nan)
     for row, shared in zip(omega, sets, strict=True):
@@ -190,6 +193,28 @@ def velocities(sets: list[Inputs], combination: np.ndarray, direction: np.ndarra
             row[:] = shared.system.velocity(shared.data["inertia"], shared.data["initial"])
     G = np.linalg.norm(A * omega, axis=1)
     return np.asarray(G[combination, None] * direction / A[combination])
+
+
+def has_own_momentum(system: Model) -> bool:
+    """Whether G of a body is not A omega along the axes of its case."""
+    return isinstance(system, BodyFrame) and not (
+        system.rotor_momentum is None and system.principal_axes is None
+    )
+
+
+def special_velocities(
+    sets: list[Inputs], combination: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """`velocities` of bodies with a rotor, or given by full tensors of inertia."""
+    omega = np.full(direction.shape, np.nan)
+    for i, shared in enumerate(sets):
+        if isinstance(body := shared.system, BodyFrame):
+            start = np.array(body.velocity(shared.data["inertia"], shared.data["initial"]))
+            # G is linear in omega.
+            zero, unit = body.momentum(np.zeros(3)), body.momentum(np.eye(3))
+            G = np.linalg.norm(body.momentum(start)) * direction[combination == i]
+            omega[combination == i] = np.linalg.solve((unit - zero).T, (G - zero).T).T
+    return omega
 
 
 def member(case: Case, number: int, samples: int = 2) -> Case:

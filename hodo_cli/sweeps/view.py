@@ -13,6 +13,7 @@ from .. import HodoError
 from ..cases.case import Case
 from ..cases.figure_block import BODY_AXES
 from ..cases.sweep_block import path_of, put
+from ..models.rigid_body import BodyFrame
 from ..results.dataset import case_in, ordered, sweep_axes, swept_names
 from ..results.motion import wrong_labels
 from ..storage.group import Variable
@@ -81,7 +82,10 @@ class SweepView:
         # A separatrix is drawn on the sphere only where all members share one.
         if "inertia" not in self.case.data or any(path_of(key)[0] == "inertia" for key in varied):
             return None
-        return np.array(self.case.data["inertia"], dtype=float)
+        if not isinstance(body := self.case.system, BodyFrame):
+            return np.array(self.case.data["inertia"], dtype=float)
+        special = body.rotor_momentum is not None or body.principal_axes is not None
+        return None if special else body.moments
 
     def at(self, name: str, i: int) -> Case:
         """The case with the values that vary along an axis as they are at a position."""

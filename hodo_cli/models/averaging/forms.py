@@ -14,7 +14,7 @@ import numpy as np
 
 from ...schema.kinds import Choice, Key, Mistake
 from ..base import Label
-from ..rigid_body import BodyFrame
+from ..rigid_body import BodyFrame, is_tensor
 from .free_turn import Body, SlowVariables, slow_elements
 from .passage import shape_distance
 
@@ -126,7 +126,7 @@ class AveragedTurns(BodyFrame):
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from super().check(data)
-        if not {"inertia", "initial"} <= set(data):
+        if not {"inertia", "initial"} <= set(data) or is_tensor(data["inertia"]):
             return
         if len(set(data["inertia"])) == 1:
             yield ("inertia",), "with three equal moments nothing turns; form full does not average"

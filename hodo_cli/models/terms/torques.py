@@ -41,13 +41,49 @@ class Term(NamedTuple):
 
 
 def gyroscopic(w: Sequence[Any], k: Any) -> Components:
-    """-omega x G by body axis, each over its moment of inertia; of degree 2 by the constant g."""
+    """The angular acceleration by -omega x A omega; of degree 2 by the constant g."""
+    if hasattr(k, "tensor"):
+        turning = cross(times(k.tensor, w), w)
+        return accelerations((k.g * turning[0], k.g * turning[1], k.g * turning[2]), k)
     p, q, r = w
     return (
         k.g * (k.A2 - k.A3) / k.A1 * q * r,
         k.g * (k.A3 - k.A1) / k.A2 * p * r,
         k.g * (k.A1 - k.A2) / k.A3 * p * q,
     )
+
+
+def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
+    """The product of a matrix, given row by row (9,), and a vector."""
+    x, y, z = v
+    a, b, c, d, e, f, g, h, i = matrix
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
+def cross(a: Sequence[Any], b: Sequence[Any]) -> Components:
+    """The vector product a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def accelerations(torque: Sequence[Any], k: Any) -> Components:
+    """The angular acceleration that a torque gives a body; with a full tensor of inertia by its
+    inverse."""
+    if hasattr(k, "tensor"):
+        return times(k.inverse, torque)
+    return torque[0] / k.A1, torque[1] / k.A2, torque[2] / k.A3
+
+
+def rotor_of(k: Any) -> Components | None:
+    """h of a rotor in the units of A omega, or None."""
+    # As every constant of degree 1 it is in units of the time as well, and so is g.
+    return (k.h1 / k.g, k.h2 / k.g, k.h3 / k.g) if hasattr(k, "h1") else None
+
+
+def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
+    """G = A omega, and h of a rotor."""
+    G = times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
+    rotor = rotor_of(k)
+    return G if rotor is None else added(G, rotor)
 
 
 def added(a: Sequence[Any], b: Sequence[Any]) -> Components:
@@ -68,7 +104,7 @@ def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tupl
         else:
             torque = part if torque is None else added(torque, part)
     if torque is not None:
-        rates = added(rates, (torque[0] / k.A1, torque[1] / k.A2, torque[2] / k.A3))
+        rates = added(rates, accelerations(torque, k))
     return *rates, *more
 
 
@@ -126,8 +162,17 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
 
 
 def cavity_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
-    """That of the fluid in a cavity of the body."""
-    return fluid_torque((k.A1, k.A2, k.A3), w, coefficient_at(k, "kappa", t))
+    """That of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with omega' and
+    omega'' of free motion, of a gyrostat where there is a rotor."""
+    kappa = coefficient_at(k, "kappa", t)
+    if not (hasattr(k, "tensor") or hasattr(k, "h1")):
+        return fluid_torque((k.A1, k.A2, k.A3), w, kappa)
+    G = angular_momentum_of(w, k)
+    turning = cross(G, w)
+    first = accelerations(turning, k)
+    second = accelerations(added(cross(turning, w), cross(G, first)), k)
+    x, y, z = added(second, cross(w, first))
+    return kappa * x, kappa * y, kappa * z
 
 
 def body_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
@@ -138,10 +183,15 @@ def body_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Compone
 
 def brake_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
     """-b G/|G|, which brings a free body to rest in the shortest time."""
-    G = k.A1 * w[0], k.A2 * w[1], k.A3 * w[2]
+    G = angular_momentum_of(w, k)
     size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
     rate = coefficient_at(k, "brake", t) / size
     return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
+
+
+def rotor_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+    """-omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
+    return cross((k.h1, k.h2, k.h3), w)
 
 
 def space_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
@@ -152,9 +202,8 @@ def space_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Compon
 
 def direction_rates(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
     """gamma x omega: how a direction fixed in space turns in the body."""
-    p, q, r = w
-    c1, c2, c3 = own
-    return k.g * (c2 * r - c3 * q), k.g * (c3 * p - c1 * r), k.g * (c1 * q - c2 * p)
+    x, y, z = cross(own, w)
+    return k.g * x, k.g * y, k.g * z
 
 
 def expression_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
@@ -187,4 +236,5 @@ SPACE = Term(
     own=dict.fromkeys(("gamma1", "gamma2", "gamma3"), 0),
     rates=direction_rates,
 )
+ROTOR = Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1))
 EXPRESSION = Term(expression_torque, {})

@@ -26,11 +26,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..rigid_body import SEPARATRIX, UNDETERMINED, inertia_order
+from ..rigid_body import BOTH, SEPARATRIX, UNDETERMINED, UNSEPARATED, inertia_order
 
-BOTH, UNSEPARATED = 4, 5
-"""Labels besides those of the axes: round both ends of each outer axis; no saddle parts the
-sphere."""
+ROUNDING = 1e-14
+"""G of a body with a rotor is the difference of two vectors: less than this part of h it is 0."""
+
+FLAT = 1e-9
+"""The curvature beside the others from which on a cone is no pair of planes."""
 
 NEWTON_STEPS = 100
 """Of Newton's iteration. Six suffice but where two saddles meet, where each halves the distance."""
@@ -85,13 +87,17 @@ def _from_pole(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
     with np.errstate(all="ignore"):
         x = h[:, None] / momentum
         u = np.sqrt((x * x)[A[i] == A].sum(0))
+        # Only what has not converged, since numbers that are none are slow in long double.
+        moving = np.arange(len(u))
         for _ in range(NEWTON_STEPS):
-            e = offset + u * ratio
-            square = (x / e) ** 2
+            e = offset + u[moving] * ratio
+            square = (x[:, moving] / e) ** 2
             slope = -2 * (square * ratio / e).sum(0)
             step = (square.sum(0) - 1) / slope
-            u = np.where((slope < 0) & (u < limit), u - step, np.nan)
-            if not (np.abs(step) > 4 * np.finfo(u.dtype).eps * u).any():
+            is_between = (slope < 0) & (u[moving] < limit)
+            u[moving] = np.where(is_between, u[moving] - step, np.nan)
+            moving = moving[is_between & (np.abs(step) > 4 * np.finfo(u.dtype).eps * u[moving])]
+            if not moving.size:
                 break
         e = offset + u * ratio
         return np.stack([(1 - side * u) / A[i], *e, *(h[:, None] / e)])
@@ -126,30 +132,80 @@ def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     return SteadyRotations(*map(taken, every))
 
 
-def separations(A: Any, h: Any, omega: Any) -> tuple[np.ndarray, np.ndarray]:
-    """2T less that of the lowest and of the highest saddle (n, 2), for omega (n, 3), and the sum of
-    the sizes of its terms (n, 2); not a number without a saddle."""
+class Separation(NamedTuple):
+    """2T less that of the lowest and of the highest saddle (n, 2), the sum of the sizes of its
+    terms (n, 2), and its gradient by omega (n, 2, 3); not a number without a saddle."""
+
+    value: np.ndarray
+    size: np.ndarray
+    gradient: np.ndarray
+
+
+def separations(A: Any, h: Any, omega: Any) -> Separation:
+    """How far angular velocities (n, 3) are from the hodographs through the saddles."""
     A, h = np.asarray(A), np.asarray(h)
     G = A * omega + h
     near = saddles(A, h, np.sqrt((G * G).sum(-1)))
     terms = near.c * (G[:, None] - near.G) ** 2
-    return terms.sum(-1), np.abs(terms).sum(-1)
+    # The energy of a saddle grows with |G|^2 at the rate s.
+    gradient = 2 * A * (omega[:, None] - near.s[..., None] * G[:, None])
+    return Separation(terms.sum(-1), np.abs(terms).sum(-1), gradient)
+
+
+def region_margins(A: Any, h: Any, omega: Any) -> np.ndarray:
+    """How far angular velocities (n, 3) are from the hodograph through either saddle (n, 2),
+    relative to |omega|, to first order; positive above it. An error of that size may change the
+    side. Not a number without a saddle."""
+    value, _, gradient = separations(A, h, omega)
+    size = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(omega, axis=-1)[:, None]
+    margins = np.divide(value, size, out=np.full_like(value, np.inf), where=size != 0)
+    return np.where(value == 0, 0, margins)
 
 
 def region_labels(A: Any, h: Any, omega: Any, band: Any = 0.0) -> np.ndarray:
     """The label (n,) of omega (n, 3), as int8: the axis 1, 2, 3 that the hodograph of G goes round,
-    BOTH, UNSEPARATED, 0 for the separatrix, where a separation is at most `band` (a number or (n,))
-    of its terms, and -1 where G is 0 or not finite."""
-    difference, size = separations(A, h, omega)
+    BOTH, UNSEPARATED, 0 for the separatrix, where a margin is at most `band` (a number or (n,)),
+    and -1 where G is 0 to its rounding or not finite."""
+    margin = region_margins(A, h, omega)
     largest, _, smallest = inertia_order(A)
     G = np.asarray(A) * omega + h
-    known = np.isfinite(G).all(-1) & (G != 0).any(-1)
+    turning = np.abs(G).max(-1) > ROUNDING * np.abs(h).max()
     conditions = (
-        ~known,
-        np.isnan(size).any(-1),
-        (np.abs(difference) <= np.asarray(band)[..., None] * size).any(-1),
-        (difference < 0).all(-1),
-        (difference > 0).all(-1),
+        ~(np.isfinite(G).all(-1) & turning),
+        np.isnan(margin).any(-1),
+        (np.abs(margin) <= np.asarray(band)[..., None]).any(-1),
+        (margin < 0).all(-1),
+        (margin > 0).all(-1),
     )
     labels = UNDETERMINED, UNSEPARATED, SEPARATRIX, largest + 1, smallest + 1
     return np.select(conditions, labels, BOTH).astype(np.int8)
+
+
+def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:
+    """The hodographs through the saddles for one |G|, as curves of G/|G| (721, 3).
+
+    Where 2T is that of a saddle G* the lines from G* lie on a cone, sum c_i d_i^2 = 0, of which
+    each meets the sphere once more: at G* - 2 (G*.d) d/(d.d).
+    """
+    near, curves = saddles(A, h, momentum), []
+    turn = np.linspace(0, 2 * np.pi, 721)[:, None]
+    for G, c in {tuple(map(tuple, pair)) for pair in zip(near.G[0], near.c[0], strict=True)}:
+        if np.isnan(G).any():
+            continue
+        scale = np.abs(c).max()
+        order = np.argsort(c)
+        low, middle, high = order if c[order[1]] >= 0 else order[::-1]
+        first, second = (np.eye(3)[i] / np.sqrt(max(abs(c[i]), 1e-12 * scale)) for i in (low, high))
+        if abs(c[middle]) <= FLAT * scale:  # the cone is two planes, and each cuts out a circle
+            ways = [
+                np.cos(turn) * (first + sign * second) / np.linalg.norm(first + second)
+                + np.sin(turn) * np.eye(3)[middle]
+                for sign in (1, -1)
+            ]
+        else:
+            third = np.eye(3)[middle] / np.sqrt(abs(c[middle]))
+            ways = [first + np.cos(turn) * second + np.sin(turn) * third]
+        for d in ways:
+            point = G - 2 * (d @ np.array(G))[:, None] * d / (d * d).sum(-1, keepdims=True)
+            curves.append(point / momentum)
+    return curves

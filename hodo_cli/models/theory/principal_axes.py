@@ -1,0 +1,57 @@
+"""The principal axes of a body whose inertia is given as a full tensor, in other axes."""
+
+from functools import lru_cache
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+
+Tensor = tuple[tuple[float, ...], ...]
+
+ASYMMETRY = 1e-12
+"""What two entries of a symmetric tensor may differ by, relative to the largest: rounding."""
+
+
+class PrincipalAxes(NamedTuple):
+    """The tensor (3, 3), its principal moments (3,), and its axes, row by row (3, 3), as unit
+    vectors in the axes of the tensor: a right-handed system."""
+
+    tensor: np.ndarray
+    moments: np.ndarray
+    axes: np.ndarray
+
+
+@lru_cache(maxsize=256)
+def principal_axes(tensor: Tensor) -> PrincipalAxes:
+    """The principal axes of a tensor of inertia, each numbered as that of the given axes which it
+    is near: those of a diagonal tensor are the given ones.
+
+    Raises ValueError, with a sentence, for a tensor that no body has.
+    """
+    J = np.array(tensor, dtype=float)
+    largest = np.abs(J).max()
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if abs(J[i, j] - J[j, i]) > ASYMMETRY * largest:
+            pair = f"{J[i, j]:g} in row {i + 1}, column {j + 1}, and {J[j, i]:g} in the transpose"
+            raise ValueError(f"a tensor of inertia is symmetric, and this one has {pair}")
+    J = (J + J.T) / 2
+    diagonal = not (J - np.diag(np.diag(J))).any()
+    moments, axes = (np.diag(J), np.eye(3)) if diagonal else _numbered(*np.linalg.eigh(J))
+    named = ", ".join(f"{moment:.6g}" for moment in moments)
+    if not moments.min() > 0:
+        raise ValueError(f"the principal moments of this tensor are not all positive: {named}")
+    # Equality is allowed, of a flat disc, to the rounding of the moments.
+    if 2 * moments.max() > moments.sum() * (1 + 4 * np.finfo(float).eps):
+        raise ValueError(f"no body has principal moments of {named}: one exceeds the sum of others")
+    return PrincipalAxes(J, moments, axes)
+
+
+def _numbered(moments: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Moments and axes, the columns of `vectors`, in the order and with the signs that bring the
+    axes nearest to the given ones."""
+    order = max(permutations(range(3)), key=lambda p: sum(abs(vectors[i, p[i]]) for i in range(3)))
+    axes = vectors[:, order].T
+    axes = axes * np.where(np.diag(axes) < 0, -1, 1)[:, None]
+    if np.linalg.det(axes) < 0:
+        axes[np.abs(np.diag(axes)).argmin()] *= -1
+    return moments[list(order)], axes
