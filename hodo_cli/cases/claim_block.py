@@ -48,6 +48,7 @@ QUANTITY_NAMES = {
     "G": "|G|",
     "T": "kinetic energy",
     "x1_direction": "|G1|/|G|, 1 where G lies along x1",
+    "tilt": "angle between G and x3, in radians",
     "separatrix_distance": "|D|/G^2",
     "x": "p^2 + q^2",
     "y": "r^2",

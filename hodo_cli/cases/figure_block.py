@@ -61,7 +61,7 @@ TITLE = Key(
 )
 DERIVED = (
     *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H"),
-    *("x1_direction", "separatrix_distance", "psi", "theta", "phi"),
+    *("x1_direction", "tilt", "separatrix_distance", "psi", "theta", "phi"),
     *(f"attitude.{part}" for part in "abcd"),
     *(
         f"{name}_space.{axis}"
@@ -309,6 +309,12 @@ MAP = {
         vector(2), "ends of the colour scale (default: those of the values)", default=None
     ),
     "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
+    "theory": Key(
+        Choice("turning"),
+        "turning: over two axes, draws where fluid and damping balance on the mean at the start, so"
+        " that the sense of crossings turns there",
+        default=None,
+    ),
 }
 
 CURVE = {

@@ -39,7 +39,7 @@ YELLOW = "#F0E442"
 """The palette's own, too pale for a curve: it fills marks."""
 
 GREY, PALE_GREY = "#666666", "#8A8A8A"
-AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 0: "#555555", -1: PALE_GREY}
+AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 4: PURPLE, 5: RED, 0: "#555555", -1: PALE_GREY}
 
 # Neighbours differ in colour and in line, so that they are told apart in grey print too.
 CYCLE = (
@@ -227,7 +227,7 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
 def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of the colours by enclosed axis that occur."""
     present = {int(label) for motion in motions for label in np.unique(motion.labels)}
-    words = {0: "separatrix", -1: "undetermined"}
+    words = {0: "separatrix", -1: "undetermined", 4: "about both", 5: "unseparated"}
     order = sorted(present, key=lambda label: (label < 1, label))
     return [
         Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$"))

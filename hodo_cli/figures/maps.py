@@ -4,6 +4,7 @@ import math
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ from matplotlib.patheffects import withStroke
 
 from .. import HodoError
 from ..cases.figure_block import averaged
+from ..models.rigid_body import BodyFrame
+from ..models.theory.possible_crossings import turning_momenta
 from ..results.dataset import Cases
 from ..sweeps.view import SweepView
-from .artists import BLACK, COLUMN, GREY, HALO, PAGE, SEPARATRIX, hues, pair, styles
+from .artists import BLACK, COLUMN, GREY, HALO, PAGE, RED, SEPARATRIX, hues, pair, styles
 from .geometry import View, edges, separatrix_circles
 from .sheet import Look, Sheet
 
@@ -31,6 +34,12 @@ LEVEL: Look = {
     "path_effects": [withStroke(linewidth=2, foreground=BLACK)],
 }
 """A contour, seen on every colour, and on a white page."""
+
+THEORY: Look = {"colors": RED, "linewidths": 1.4, "linestyles": [(0, (4, 1.5))]}
+"""A curve of theory over a map."""
+
+PLACES_OF_THEORY = 33
+"""Places along an axis at which theory is asked for: its curves are smooth."""
 
 GRID = 360
 """Cells around the sphere: a degree each, some two pixels of a panel in print."""
@@ -65,6 +74,13 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
     if np.isnan(all_values).any():
         handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label="none"))
+    if spec["theory"] is not None and not flat:
+        look = {
+            "color": THEORY["colors"],
+            "ls": THEORY["linestyles"][0],
+            "lw": THEORY["linewidths"],
+        }
+        handles.append(Line2D([], [], **look, label="fluid and damping balance"))
     if spec["level"] is not None and not flat:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
     meaning = map_label(sweeps, spec)
@@ -166,6 +182,9 @@ def map_image(
     if spec["level"] is not None and min(values.shape) > 1:
         lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
         lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
+    if spec["theory"] is not None:
+        (i, j), ratio = balance(swept, spec["x"], spec["y"])
+        axes.contour(x[i], y[j], ratio.T, [1.0], **THEORY)
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     subplot = axes.get_subplotspec()
     if subplot is None or subplot.is_last_row():
@@ -174,6 +193,28 @@ def map_image(
         axes.set_ylabel(axis_name(swept, spec["y"]))
     across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
     return {column(swept, spec["x"]): across, column(swept, spec["y"]): up}
+
+
+def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndarray]:
+    """Places along two axes of a sweep, a few of many, and there |G| at the start over that at
+    which the sense of crossings turns on the mean; not a number where it does not.
+
+    Raises HodoError for a sweep whose torques no theorem takes.
+    """
+    places = [
+        np.unique(np.linspace(0, swept.axes[name] - 1, PLACES_OF_THEORY).astype(int))
+        for name in (x, y)
+    ]
+    ratios = np.empty((len(places[0]), len(places[1])))
+    for row, i in enumerate(places[0]):
+        along = replace(swept, case=swept.at(x, int(i)))
+        for column, j in enumerate(places[1]):
+            body = along.at(y, int(j)).system
+            if not isinstance(body, BodyFrame) or (terms := body.dissipation) is None:
+                raise HodoError(f"sweep {swept.name} has torques for which no sense is foretold")
+            momentum = np.linalg.norm(body.momentum(np.array(body.start[:3])))
+            ratios[row, column] = momentum / turning_momenta(terms).mean
+    return places, ratios
 
 
 def map_sphere(

@@ -357,8 +357,11 @@ def draw_sphere(
     axes.set_axis_off()
     motions = [curve.motion for curve in curves]
     handles = axis_handles(motions) if spec["colour"] == "axis" else []
-    if spec["kind"] == "sphere":
-        handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
+    rotor = any(motion.has_rotor for motion in motions)
+    # Of a body with a rotor that is no sign of D, and there may be none.
+    if spec["kind"] == "sphere" and (circles or not rotor):
+        label = "separatrix" if rotor else "separatrix, $D = 0$"
+        handles.append(Line2D([], [], **SEPARATRIX, label=label))
     handles.append(Line2D([], [], **START, label="start"))
     if spec["colour"] == "time":
         time_bar(sheet, [axes], motions[0], spec)

@@ -18,12 +18,13 @@ from .crossings import (
     Crossing,
     CrossingList,
     CrossingSearch,
+    RegionSearch,
     SignChanges,
     read_sign_changes,
+    standing,
 )
 from .driver import at_rest
 from .error import references, with_step_limit
-from .regions import RegionSearch, standing
 from .solve import sample_times, solve
 from .trajectory import Trajectory
 

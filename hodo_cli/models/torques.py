@@ -13,6 +13,8 @@ import numpy as np
 from ..schema.expression import Expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import averaged_form, looked_up, mean_elements
+from .averaging.free_turn import Body
+from .averaging.sums import CLOSED, part_of_sum, rates_of_sum, weights_of_fluid
 from .base import Constants, Event, EventOutcome, Model, mistake_of
 from .cavity import CAVITY, coefficient, heavy_fluid, reynolds_warning, weak
 from .constants import attributes
@@ -62,6 +64,9 @@ corner."""
 LEGS, LEGS_WITH_ROTOR, FALL = 14, 8, 8
 """How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it, with
 a rotor, whose h hides what is left of G, to 6e-8."""
+
+ROUNDING = 1e-13
+"""The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
 
 WEAK_ROTOR = 1e-8
 """The part of |G| below which a rotor counts as none."""
@@ -216,7 +221,7 @@ class Torques(BodyFrame):
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
         made = sum_of(terms_named(data), is_tensor(data["inertia"]))
-        return (made if cls.form == "full" else averaged_form(made))(**data)
+        return (made if cls.form == "full" else averaged_sum(made, terms_named(data)))(**data)  # type: ignore[arg-type]
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -266,6 +271,8 @@ class Torques(BodyFrame):
             momentum = float(np.linalg.norm(self.momentum(omega)))
             at_stop = 2 * (math.log(momentum) - LEGS * math.log(FALL))
             every |= {"momentum_at_start": momentum, "ln_square_at_stop": at_stop}
+        if self.form != "full":
+            every |= weights_of_fluid(Body.of(self.inertia))
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         if self.frame is None:
             return {**every, **body_constants(self.inertia)}
@@ -448,6 +455,7 @@ class Torques(BodyFrame):
             I = tensor_matrix(self.resistance)
             if self.frame is not None:
                 I = self.frame.axes @ I @ self.frame.axes.T
+                I = np.where(np.abs(I) > ROUNDING * np.abs(I).max(), I, 0)
             damping, covered = damping + np.diag(I) / self.moments, is_diagonal(I)
         zeros = (0.0, 0.0, 0.0)
         quadratic, by_axes = (given.get(name, zeros) for name in ("quadratic", "quadratic_axes"))
@@ -667,6 +675,16 @@ def given_coefficients(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     elif data.get("kappa") is not None:
         entries["kappa"] = (data["kappa"],)
     return entries
+
+
+@cache
+def averaged_sum(full: type[Torques], names: tuple[str, ...]) -> type[BodyFrame]:
+    """The averaged form of a sum: in closed form where each of its terms has one."""
+    if CLOSED.keys() >= set(names):
+        # The periodic part of a full tensor knows its other entries, which the means do not.
+        part = None if "resistance" in names else partial(part_of_sum, names)
+        return averaged_form(full, partial(rates_of_sum, names), part)  # type: ignore[arg-type]
+    return averaged_form(full)  # type: ignore[arg-type]
 
 
 @cache

@@ -155,6 +155,6 @@ def shares(
     last = np.diff(member, append=n) != 0
     until = np.where(last, time.end, np.roll(begin, -1))
     share = np.zeros((n, 3))
-    known = (axis > 0) & (time.end > time.start)
+    known = (axis > 0) & (axis <= 3) & (time.end > time.start)
     np.add.at(share, (member[known], axis[known] - 1), (until - begin)[known])
     return share / max(time.end - time.start, math.ulp(0.0))

@@ -4,7 +4,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -42,9 +42,9 @@ from .free_turn import (
     Body,
     SlowVariables,
     free_motion_by_phase,
-    parity_of,
     slow_elements,
     turn_frequency,
+    turning_body,
 )
 from .means import turn_means
 from .quadrature import NODES, Torque, mean_rates, nodes_for, periodic_part
@@ -69,13 +69,7 @@ NODES_KEY = Key(
 )
 
 Rhs = Callable[[Any, Sequence[Any], Any], Sequence[Any]]
-
-
-def turning_body(k: Any) -> Body:
-    """The body with its axes sorted, from the constants of a form; for symbols too."""
-    l, m, s = map(int, k.turning_axes)
-    A = k.A1, k.A2, k.A3
-    return Body(A[l], A[m], A[s], (l, m, s), parity_of((l, m, s)))
+Part = Callable[[Any, SlowVariables, SimpleNamespace], tuple[np.ndarray, np.ndarray]]
 
 
 def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
@@ -268,7 +262,7 @@ def mean_elements(y: Sequence[Any], k: SimpleNamespace) -> dict[str, np.ndarray]
 
 
 def stored_with_part(
-    full: Rhs, t: np.ndarray, y: np.ndarray, k: SimpleNamespace
+    part: Part, t: np.ndarray, y: np.ndarray, k: SimpleNamespace
 ) -> dict[str, np.ndarray]:
     """The stored variables, with the periodic part unless the case has named a branch."""
     body = turning_body(k)
@@ -280,9 +274,8 @@ def stored_with_part(
         for i in range(0, len(t), AT_ONCE):
             at = slice(i, i + AT_ONCE)
             some = SlowVariables(*(column[at] for column in slow))
-            part_e[at], part_o[at] = relative_part(
-                body, torque_of(full, t[at], numbers), some, int(k.turning_nodes)
-            )
+            with np.errstate(all="ignore"):  # nothing turns any more
+                part_e[at], part_o[at] = part(t[at], some, numbers)
         turning = slow.m1 > EDGE / 2
         turns = turn_frequency(body, unit * unit, side) / float(k.turning_scale)
         X_e, X_o = (
@@ -291,13 +284,12 @@ def stored_with_part(
     return stored_elements(SimpleNamespace(**turning_constants(body)), X_e, X_o, side, unit)
 
 
-def relative_part(
-    body: Body, torque: Torque, slow: SlowVariables, nodes: int
+def part_by_quadrature(
+    full: Rhs, t: Any, slow: SlowVariables, k: SimpleNamespace
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(X_e - mean X_e)/X_e and (X_o - mean X_o)/X_o (n,) of slow variables (n,); 0 where X_o
-    is 0."""
-    with np.errstate(all="ignore"):  # nothing turns any more
-        X, Y = periodic_part(body, torque, slow, nodes)
+    """(X_e - mean X_e)/X_e and (X_o - mean X_o)/X_o (n,) of slow variables (n,) at times t; 0 where
+    X_o is 0."""
+    X, Y = periodic_part(turning_body(k), torque_of(full, t, k), slow, int(k.turning_nodes))
     X_e, X_o = slow.pair
     part_e, part_o = np.where(slow.side > 0, (X, Y), (Y, X))
     return part_e / X_e, np.divide(part_o, X_o, out=np.zeros_like(part_o), where=X_o > 0)
@@ -348,13 +340,13 @@ class AnyTorque(AveragedTurns):
         y = [*logarithms(slow), still, slow.side, slow.sense]
         k = attributes(self.equations | {"turning_scale": 1.0})
         # How fast the torque changes amplitudes at the start; 1 if it does not.
-        pace = max(abs(float(x)) for x in averaged_rates(self.full.rhs, 0.0, y, k)[:2]) / 2
+        pace = max(abs(float(x)) for x in self.rhs(0.0, y, k)[:2]) / 2
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         return self.equations | {"turning_scale": min(pace or 1.0, 1.0)}
 
     def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
-        torque = torque_of(self.full.rhs, 0.0, attributes(self.equations))
-        return relative_part(self.body, torque, slow, int(self.equations["turning_nodes"]))
+        part: Part = type(self).__dict__["part"].__func__
+        return part(0.0, slow, attributes(self.equations))
 
     def states(self, slow: SlowVariables) -> np.ndarray:
         scaled_phase = self.constants["turning_scale"] * slow.phase
@@ -362,7 +354,7 @@ class AnyTorque(AveragedTurns):
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
         k = attributes(self.constants)
-        by_e, by_o, turning, _, _ = averaged_rates(self.full.rhs, 0.0, [*y.T], k)
+        by_e, by_o, turning, _, _ = self.rhs(0.0, [*y.T], k)
         # turning is scale n <dn>, and K is pi/(2 <dn>)
         # Of amplitudes, whose squares X_e and X_o are.
         fastest = np.maximum(np.abs(by_e), np.abs(by_o)) / 2
@@ -403,18 +395,24 @@ def logarithms(slow: SlowVariables) -> tuple[Any, Any]:
     return ln_e, np.where(X_o > 0, ln_o, ln_e - STEADY)
 
 
-def averaged_form(full: type[BodyFrame]) -> type[BodyFrame]:
-    """The averaged form of a model that states only its full one."""
+@cache
+def averaged_form(
+    full: type[BodyFrame], rates: Rhs | None = None, part: Part | None = None
+) -> type[BodyFrame]:
+    """The averaged form of a model that states only its full one: by quadrature, or by the rates of
+    the same state and the periodic part where these are known."""
+    part = part or partial(part_by_quadrature, full.rhs)
     own = {
         "__module__": full.__module__,
-        "__doc__": f"{full.__name__} averaged over the turns of its hodograph, by quadrature.",
+        "__doc__": f"{full.__name__} averaged over the turns of its hodograph.",
         "__annotations__": {"at_separatrix": str, "nodes": int},
         "form": "averaged",
         "full": full,
         "keys": full.keys
         | {"mean_start": MEAN_START, "at_separatrix": AT_SEPARATRIX, "nodes": NODES_KEY},
-        "rhs": staticmethod(partial(averaged_rates, full.rhs)),
-        "output": staticmethod(partial(stored_with_part, full.rhs)),
+        "rhs": staticmethod(rates or partial(averaged_rates, full.rhs)),
+        "part": staticmethod(part),
+        "output": staticmethod(partial(stored_with_part, part)),
         "passage": staticmethod(partial(through_with_torque, full.rhs)),
     }
     made = type(f"{full.__name__}Averaged", (AnyTorque, full), own)

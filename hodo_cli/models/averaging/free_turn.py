@@ -84,6 +84,13 @@ class Body(NamedTuple):
         return given
 
 
+def turning_body(k: Any) -> Body:
+    """The body with its axes sorted, from the constants of a form; for symbols too."""
+    l, m, s = map(int, k.turning_axes)
+    A = k.A1, k.A2, k.A3
+    return Body(A[l], A[m], A[s], (l, m, s), parity_of((l, m, s)))
+
+
 class SlowVariables(NamedTuple):
     """A motion at one moment or at many (n,): X, Y, side, 1 - m, sense of rotation s, phase phi."""
 

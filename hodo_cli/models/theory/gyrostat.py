@@ -28,7 +28,7 @@ import numpy as np
 
 from ..rigid_body import BOTH, SEPARATRIX, UNDETERMINED, UNSEPARATED, inertia_order
 
-ROUNDING = 1e-14
+CANCELLED = 1e-14
 """G of a body with a rotor is the difference of two vectors: less than this part of h it is 0."""
 
 FLAT = 1e-9
@@ -169,7 +169,7 @@ def region_labels(A: Any, h: Any, omega: Any, band: Any = 0.0) -> np.ndarray:
     margin = region_margins(A, h, omega)
     largest, _, smallest = inertia_order(A)
     G = np.asarray(A) * omega + h
-    turning = np.abs(G).max(-1) > ROUNDING * np.abs(h).max()
+    turning = np.abs(G).max(-1) > CANCELLED * np.abs(h).max()
     conditions = (
         ~(np.isfinite(G).all(-1) & turning),
         np.isnan(margin).any(-1),

@@ -1,0 +1,232 @@
+"""Bodies with a rotor, and bodies that are given by a full tensor of inertia, at the door."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import hodo_cli as hodo
+from hodo_cli import HodoError
+
+pytestmark = pytest.mark.engines
+
+BODY = [1, 0.8, 0.6]
+B = {"p": 0.8, "q": 0.5, "r": 0.74}
+ROTOR = np.array([0.05, 0.1, 0.2])
+TURN = Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix()
+
+
+def run(end: float, **terms: Any) -> Any:
+    """The motion of a body under a sum of torques."""
+    time = {"end": end, "samples": 301}
+    return hodo.run({"model": "torques", "inertia": BODY, "initial": B, "time": time, **terms})
+
+
+def turned_case(**terms: Any) -> dict[str, Any]:
+    """A case in the principal axes as one of other axes."""
+    tensor = TURN @ np.diag(BODY) @ TURN.T
+    changed: dict[str, Any] = {"inertia": ((tensor + tensor.T) / 2).tolist()}
+    changed["initial"] = dict(
+        zip("pqr", (TURN @ [B[name] for name in "pqr"]).tolist(), strict=True)
+    )
+    for name, value in terms.items():
+        if name in ("torque", "rotor"):
+            changed[name] = (TURN @ value).tolist()
+        elif name == "resistance":
+            changed[name] = (TURN @ np.array(value) @ TURN.T).tolist()
+        else:
+            changed[name] = value
+    return changed
+
+
+def test_a_free_body_with_a_rotor_ends_where_a_reference_does() -> None:
+    ds = run(60, rotor=ROTOR.tolist())
+    omega = [1.0499167946853625, 0.056006466803144380, 0.32589708185917879]
+    assert ds.omega.data[-1] == pytest.approx(omega, abs=2e-15)
+    G = ds.omega.data * BODY + ROTOR
+    assert np.ptp((G * G).sum(1)) < 1e-14
+    assert not ds.crossing_time.size
+    assert ds.enclosed_axis.attrs["flag_meanings"].split()[-2:] == ["both", "unseparated"]
+
+
+def test_the_separatrix_is_crossed_and_then_lost() -> None:
+    ds = run(300, rotor=[0, 0, 0.2], damping=[0.005, 0.004, 0.003])
+    omega = [0.23440478535149042, -0.079388459090542767, 0.29238507503116231]
+    assert ds.omega.data[-1] == pytest.approx(omega, abs=1e-14)
+    lost = 250.518389191375
+    assert ds.crossing_time.data == pytest.approx([161.139094418748968, lost], rel=1e-14, abs=1e-12)
+    assert list(zip(ds.crossing_from.data, ds.crossing_to.data, strict=True)) == [(1, 3), (3, 5)]
+    assert ds.crossing_G.data == pytest.approx([0.635386826082, 0.5], rel=1e-12)
+    expected = np.select([ds.time < 161.139, ds.time < lost], [1, 3], 5)
+    assert ds.enclosed_axis.data.tolist() == expected.tolist()
+
+
+def test_few_samples_and_many_give_the_same_labels() -> None:
+    # To both outer axes and back, three times.
+    terms = {
+        "rotor": [-0.027, 0.029, 0.018],
+        "torque": [0.0018, 0.0002, 0.0033],
+        "resistance": [[0.004, 0.002, 0.001], [0.002, 0.004, 0.002], [0.001, 0.002, 0.003]],
+    }
+    few = run(200, **terms, time={"end": 200, "samples": 3})
+    many = run(200, **terms, time={"end": 200, "samples": 4001})
+    assert few.crossing_to.data.tolist() == [4, 1, 4, 1, 4, 1]
+    assert few.crossing_time.data == pytest.approx(many.crossing_time.data, rel=1e-11)
+    labels = many.enclosed_axis.data
+    changes = np.flatnonzero(np.diff(labels))
+    assert len(changes) == many.crossing_time.size
+    assert (many.time.data[changes] < many.crossing_time.data).all()
+    assert (many.crossing_time.data < many.time.data[changes + 1]).all()
+
+
+def test_a_brake_stops_G_and_not_the_body() -> None:
+    ds = run(200, rotor=ROTOR.tolist(), brake=0.01)
+    G = np.linalg.norm(np.array([0.8, 0.4, 0.444]) + ROTOR)
+    assert ds.event_kind.data.tolist() == ["stopped"]
+    assert ds.event_time.data[0] == pytest.approx(G / 0.01, rel=1e-13)
+    assert ds.omega.data[-1] == pytest.approx(-ROTOR / BODY, abs=1e-15)
+    after = ds.time.data > ds.event_time.data[0]
+    assert (ds.enclosed_axis.data[after] == -1).all()
+    assert after.sum() > 100
+
+
+def test_media_act_on_the_turning_body_at_the_stop() -> None:
+    # |G|' = -b + lambda h.G/|G| there: the damping of omega = -h/A is a torque lambda h.
+    ds = run(300, rotor=[0, 0, 0.3], brake=0.01, damping=0.004, method="taylor")
+    at_stop = ds.event_time.data[0]
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        A, h = np.array(BODY), np.array([0, 0, 0.3])
+        G = A * w + h
+        return (-np.cross(w, G) - 0.004 * A * w - 0.01 * G / np.linalg.norm(G)) / A
+
+    w = solve_ivp(rates, (0, at_stop - 0.5), [0.8, 0.5, 0.74], method="DOP853", rtol=1e-12).y[:, -1]
+    G = np.linalg.norm(BODY * w + [0, 0, 0.3])
+    assert (0.01 - 0.004 * 0.3) * 0.5 < G < (0.01 + 0.004 * 0.3) * 0.5
+
+
+def test_the_fluid_of_a_gyrostat_is_that_of_its_free_motion() -> None:
+    A, h, kappa = np.array(BODY), ROTOR, 0.02
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        G = A * w + h
+        first = np.cross(G, w) / A
+        second = (np.cross(A * first, w) + np.cross(G, first)) / A
+        return first + kappa * (second + np.cross(w, first)) / A
+
+    sure = solve_ivp(rates, (0, 100), [0.8, 0.5, 0.74], method="DOP853", rtol=1e-13, atol=1e-14)
+    ds = run(100, rotor=h.tolist(), kappa=kappa)
+    assert ds.omega.data[-1] == pytest.approx(sure.y[:, -1], abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        {"rotor": ROTOR},
+        {"quadratic": 0.01, "kappa": 0.02, "brake": 0.0005, "torque": [0.001, -0.002, 0.0015]},
+        {
+            "resistance": [[0.003, 0.001, 0], [0.001, 0.003, 0.001], [0, 0.001, 0.002]],
+            "kappa": 0.01,
+        },
+        {"rotor": ROTOR, "kappa": 0.02, "damping": 0.004, "brake": 0.001},
+        {"damping": {"law": "exponential", "value": 0.01, "rate": 0.02}},
+    ],
+)
+def test_a_full_tensor_tells_the_same_in_other_axes(terms: Any) -> None:
+    plain = {
+        name: np.array(x).tolist() if isinstance(x, np.ndarray) else x for name, x in terms.items()
+    }
+    ours, theirs = run(150, **turned_case(**terms)), run(150, **plain)
+    assert ours.omega.data @ TURN == pytest.approx(theirs.omega.data, abs=2e-13)
+    assert ours.crossing_time.data == pytest.approx(theirs.crossing_time.data, rel=1e-11)
+    assert ours.enclosed_axis.data.tolist() == theirs.enclosed_axis.data.tolist()
+    assert ours.principal_moments.data == pytest.approx(BODY, rel=1e-14)
+    assert ours.principal_axes.data @ TURN == pytest.approx(np.eye(3), abs=1e-14)
+
+
+def test_a_crossing_in_other_axes_comes_at_the_same_time() -> None:
+    tensor = np.diag([0.005, 0.0032, 0.0018])
+    ours = run(400, **turned_case(resistance=tensor))
+    theirs = run(400, damping=[0.005, 0.004, 0.003])
+    assert ours.crossing_time.data == pytest.approx(theirs.crossing_time.data, rel=1e-12)
+    assert (
+        ours.attrs["predictions"] == theirs.attrs["predictions"] == "one crossing at most, x1 to x3"
+    )
+    assert ours.growth_rate.data == pytest.approx(theirs.growth_rate.data, nan_ok=True, rel=1e-12)
+
+
+def test_a_diagonal_tensor_is_its_moments() -> None:
+    ours = run(60, inertia=np.diag(BODY).tolist(), kappa=0.02)
+    theirs = run(60, kappa=0.02)
+    assert ours.omega.data == pytest.approx(theirs.omega.data, abs=1e-14)
+    assert ours.principal_axes.data.tolist() == np.eye(3).tolist()
+
+
+def test_the_attitude_of_a_gyrostat_keeps_its_whole_momentum_in_space() -> None:
+    case = turned_case(rotor=ROTOR)
+    ds = run(60, **case, attitude={"align": "G"})
+    J, h = np.array(case["inertia"]), np.array(case["rotor"])
+    body_to_space = Rotation.from_quat(ds.attitude.data, scalar_first=True)
+    G = body_to_space.apply(ds.omega.data @ J + h)
+    size = np.linalg.norm(G[0])
+    assert np.abs(G - [0, 0, size]).max() < 1e-13
+
+
+def test_a_sweep_of_rotors_is_its_members() -> None:
+    sweep = {"rotor.2": {"values": [0.0, 0.1, 0.2]}}
+    ds = hodo.sweep(
+        {
+            "model": "torques", "inertia": BODY, "initial": B, "damping": [0.005, 0.004, 0.003],
+            "rotor": [0, 0, 0], "time": {"end": 300}, "sweep": sweep,
+        }
+    )  # fmt: skip
+    single = [run(300, rotor=[0, 0, h], damping=[0.005, 0.004, 0.003]) for h in (0.0, 0.1, 0.2)]
+    assert ds.crossings.data.tolist() == [one.crossing_time.size for one in single]
+    assert ds.end_axis.data.tolist() == [int(one.enclosed_axis.data[-1]) for one in single]
+    last = single[2].crossing_time.data[0]
+    assert float(ds.crossing_time.data[2]) == pytest.approx(last, rel=1e-11)
+
+
+def test_starts_on_a_sphere_have_the_momentum_of_body_and_rotor() -> None:
+    case = turned_case(rotor=ROTOR)
+    given = {
+        "model": "torques", "time": {"end": 0.001}, **case, "store": ["omega"],
+        "sweep": {"direction": {"sphere": {"count": 20, "seed": 1}}},
+    }  # fmt: skip
+    omega = hodo.sweep(given).omega.data
+    J, h = np.array(case["inertia"]), np.array(case["rotor"])
+    start = np.array([case["initial"][name] for name in "pqr"])
+    G = np.linalg.norm(omega @ J + h, axis=-1)
+    assert pytest.approx(np.linalg.norm(J @ start + h), rel=1e-12) == G
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ({"inertia": [[1, 0.1, 0], [0.2, 0.8, 0], [0, 0, 0.6]]}, "symmetric"),
+        ({"inertia": [[1, 0, 0], [0, -0.8, 0], [0, 0, 0.6]]}, "not all positive: 1, -0.8, 0.6"),
+        ({"inertia": [[1, 0, 0], [0, 0.3, 0], [0, 0, 0.6]]}, "no body has principal moments"),
+        ({"inertia": [[1, 0, 0], 0.8, 0.6]}, "some of each"),
+        ({"inertia": [[1, 0], [0, 1], [0, 0]]}, "expected 3"),
+        ({"inertia": np.diag(BODY).tolist(), "damping": [0.1, 0.2, 0.3]}, "needs principal axes"),
+        ({"inertia": np.diag(BODY).tolist(), "quadratic_axes": 0.1}, "needs principal axes"),
+        ({"inertia": np.diag(BODY).tolist(), "form": "averaged"}, "takes principal moments"),
+        ({"rotor": [0, 0, 0.1], "form": "averaged"}, "form averaged does not take this torque"),
+        ({"rotor": [0, 0, 0.1], "initial": {"p": 0.1, "q": 0.1, "G": 1}}, "two starts"),
+        ({"rotor": [0, 0]}, "3 numbers"),
+    ],
+)
+def test_what_no_body_has_is_refused(terms: Any, message: str) -> None:
+    with pytest.raises(HodoError, match=message):
+        run(1, **{"damping": 0.01, **terms})
+
+
+def test_D_of_a_body_with_a_rotor_is_refused() -> None:
+    ds = run(10, rotor=[0, 0, 0.2])
+    with pytest.raises(HodoError, match="the sign of D then says nothing"):
+        hodo.plot(ds, kind="series", variables=["D"])
+    with pytest.raises(HodoError, match="no quadrants"):
+        hodo.plot(ds, kind="quadrants")
+    hodo.plot(ds, kind="sphere", colour="axis")
