@@ -1,11 +1,9 @@
-"""This machine: its memory, the versions of the libraries that are installed, and the files that
-belong to the user alone."""
+"""This machine: its memory, its processor, and the versions of the libraries that are installed."""
 
 import errno
 import os
-import stat
+import platform
 import sys
-import warnings
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -49,76 +47,21 @@ def limit_memory(more: int) -> None:
 
 
 @cache
+def processor() -> str:
+    """What code is compiled for: the name of this machine's processor and what it can do."""
+    described = [platform.machine(), platform.processor()]
+    with suppress(OSError):  # Linux alone has it
+        lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+        described += [
+            line for line in lines if line.startswith(("model name", "flags", "Features"))
+        ]
+    return "\n".join(described)
+
+
+@cache
 def library_version(library: str) -> str:
     """The version of a library that is installed, loaded or not; looking it up takes 10 ms."""
     try:
         return version(library)
     except PackageNotFoundError:
         return "not installed"
-
-
-def private_folder(variable: str, default: str) -> Path:
-    """The folder `hodo` in the folder that an environment variable names, or in `default` of the
-    user's home; made with mode 0700 when first asked for.
-
-    Raises ValueError if others can reach it, OSError if it cannot be made, and RuntimeError if
-    there is no home.
-    """
-    parent = Path(os.environ.get(variable, ""))
-    folder = (parent if parent.is_absolute() else Path.home() / default) / "hodo"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not (stat.S_ISDIR((status := folder.lstat()).st_mode) and is_private(status)):
-        raise ValueError(f"{folder} is not used: it is no folder of yours with mode 0700")
-    return folder
-
-
-def is_private(status: os.stat_result) -> bool:
-    """Whether nobody else can read or change a file."""
-    # Windows keeps a home for its user, and has no such modes.
-    return os.name == "nt" or (
-        status.st_uid == os.geteuid() and not stat.S_IMODE(status.st_mode) & 0o077
-    )
-
-
-SECRET_SIZE = 32
-
-
-@cache
-def secret() -> bytes:
-    """Random bytes that only this user's processes know, on every machine that shares the home.
-
-    Where a home cannot be written, as on many machines of a CI, they are this process's own.
-    """
-    try:
-        file = private_folder("XDG_STATE_HOME", ".local/state") / "secret"
-        if not file.exists():
-            _make_secret(file)
-        with open(file, "rb", opener=_opened_itself) as stream:
-            content, status = stream.read(), os.fstat(stream.fileno())
-        if len(content) == SECRET_SIZE and is_private(status):
-            return content
-        warnings.warn(f"{file} is not used: no {SECRET_SIZE} bytes with mode 0600", stacklevel=2)
-    except ValueError as error:
-        warnings.warn(str(error), stacklevel=2)
-    except (OSError, RuntimeError):
-        pass
-    return os.urandom(SECRET_SIZE)
-
-
-def _make_secret(file: Path) -> None:
-    """Make the file of the secret whole, and once, however many processes begin together."""
-    draft = file.with_name(f"secret.{os.urandom(4).hex()}")
-    try:
-        with open(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600), "wb") as stream:
-            stream.write(os.urandom(SECRET_SIZE))
-            stream.flush()
-            os.fsync(stream.fileno())
-        with suppress(FileExistsError):
-            os.link(draft, file)
-    finally:
-        draft.unlink()
-
-
-def _opened_itself(path: str, flags: int) -> int:
-    """An opener that follows no link."""
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0))

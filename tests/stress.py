@@ -398,7 +398,7 @@ def row(name: str, kills: int) -> tuple[bool, str]:
             count = function(Path(folder), CLASSES[function] * kills)
         except (AssertionError, subprocess.CalledProcessError) as error:
             traceback.print_exc()
-            problem = str(error).partition("\n")[0]
+            problem = str(error).partition("\n")[0] or "a failed assertion"
     trials, seconds = count.pop("tried", 0), time.monotonic() - began
     kinds = ", ".join(f"{number} {kind}" for kind, number in count.items())
     return not problem, (

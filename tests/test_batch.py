@@ -71,6 +71,21 @@ def test_every_task_comes_back_and_a_dead_worker_costs_its_own() -> None:
     assert again == {0: 0, 1: 1}
 
 
+def worker(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_brief_tasks_are_done_here_until_a_worker_has_started() -> None:
+    with pool(2) as workers:
+        assert {found for _, found in workers.map_brief(worker, [0.0] * 3)} == {os.getpid()}
+    with pool(2) as workers:
+        found = [found for _, found in workers.map_brief(worker, [0.02] * 999)]
+    assert (len(found), found[0]) == (999, os.getpid())
+    assert len(set(found)) == 3
+    assert os.getpid() not in found[-99:]
+
+
 def die_once(folder: Path) -> str:
     if not (folder / "died").exists():
         (folder / "died").touch()

@@ -772,7 +772,7 @@ def test_read_only_folder(path: Path) -> None:
 
 # The secret that a checksum is keyed with
 
-SECRET = "from hodo_cli.machine import secret; print(secret().hex())"
+SECRET = "from hodo_cli.private import secret; print(secret().hex())"
 
 
 def secrets(state: Path, count: int) -> list[tuple[str, str]]:

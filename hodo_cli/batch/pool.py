@@ -1,9 +1,10 @@
 """Independent tasks, done here, in other processes or on other machines."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from functools import partial
 from itertools import islice
+from time import monotonic
 from typing import Any, Self, TypeVar
 
 from .. import NOT_OF_A_CASE, BatchError, HodoError
@@ -17,6 +18,10 @@ TOGETHER = 2
 """How often a task is tried beside others: a worker may be killed for memory that others take."""
 
 DIED = "its process died: killed, or out of memory"
+
+
+START_SECONDS = 0.4
+"""What it takes to start a process with numpy, heyoka and the models, on a machine of 2026."""
 
 
 class Pool:
@@ -64,6 +69,22 @@ class Pool:
             return ((task, _attempt(function, task)) for task in tasks)
         return self._map(function, iter(tasks))
 
+    def map_brief(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task]
+    ) -> Iterator[tuple[Task, Result | Exception]]:
+        """As `map`, for tasks that are brief beside the start of a process: they are done here
+        until the first worker has started, and none starts for less work than that takes."""
+        started: Future[bool] | None = None
+        done, begin = 0, monotonic()
+        while done < len(tasks) and not (started and started.done()):
+            yield tasks[done], _attempt(function, tasks[done])
+            done += 1
+            seconds_left = (monotonic() - begin) / done * (len(tasks) - done)
+            if self._make and not started and seconds_left > START_SECONDS:
+                # Its unpickling loads what the function needs.
+                started = self._ready_executor().submit(callable, function)
+        yield from self.map(function, tasks[done:])
+
     def _map(
         self, function: Callable[[Task], Result], tasks: Iterator[Task]
     ) -> Iterator[tuple[Task, Result | Exception]]:
@@ -89,9 +110,12 @@ class Pool:
             yield task, HodoError(DIED) if _is_lost(future) else _outcome(future)
 
     def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[tuple[str, Result]]:
+        return self._ready_executor().submit(_with_digest, function, task)
+
+    def _ready_executor(self) -> Executor:
         assert self._make is not None
         self._executor = self._executor or self._make()
-        return self._executor.submit(_with_digest, function, task)
+        return self._executor
 
 
 def _is_lost(future: Future[Any]) -> bool:

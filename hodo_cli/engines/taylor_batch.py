@@ -5,17 +5,23 @@ The motions do not influence each other, bit for bit: what stands beside a motio
 ensemble is cut into parts, does not change it.
 """
 
+import hashlib
 import math
+import pickle
 from collections.abc import Sequence
 from functools import cached_property, lru_cache, partial, reduce
+from pathlib import Path
 from time import thread_time
 from typing import Any
 
 import heyoka as hy
 import numpy as np
 
+from ..machine import processor
 from ..models.base import Event, Model
 from ..models.constants import UNIT, Structure, count, namespace
+from ..private import kept_code
+from . import series as series_module
 from .series import TINY, Series, constant, motion, value
 from .taylor import OPTIMISED
 
@@ -105,42 +111,15 @@ class TaylorStep:
     """
 
     def __init__(self, model: type[Model], structure: Structure, events: tuple[Event, ...]) -> None:
-        start = hy.make_vars(*(f"y{i}" for i in range(len(model.state))))
-        remaining, lost, steps = clock = hy.make_vars("remaining", "lost", "steps")
-        # The first parameter is the time of the end, from which the time left is counted; the last
-        # one is the `stride`, so that the code serves every tolerance.
-        end, *numbers, most = (hy.par[i] for i in range(count(structure) + 2))
-        k = namespace(structure, numbers)
-        # The time left is in units that fit the motion, the end in the case's own.
-        unit = getattr(k, UNIT, 1.0)
-        begin = (end - remaining * unit) - lost * unit
-        time, state = motion(model.rhs, begin, start, k, unit)
-        y = [coefficients(series, SERIES_ORDER) for series in state]
-        step = smaller(most * radius(y), remaining)
-        # The last step takes exactly the time left, so that it leaves 0 and no rounding.
-        after = remaining - step
-        # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
-        lost = lost + ((remaining - after) - step)
-        steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
-        rows = [*(total_of_powers(c, step) for c in y), after, lost, steps, step]
-        self._inputs, self._event_series = [*start, *clock], list[Any]()
-        self.events, after_step = events, rows[: len(start)]
-        for event in events:
-            if not event.passage:
-                self._event_series = coefficients(event.function(time, state, k), SERIES_ORDER)
-            if model.always_absorbing and not event.passage:
-                ends = event.function(begin + step * unit, after_step, k)
-                rows.append(event.function(begin, start, k) * ends)
-            else:
-                rows.append(clearance(event, time, state, k, step))
-        self.rows = len(rows)
-        large = sum(map(len, model.rhs(begin, start, k))) > OPTIMISED
-        self._step = self._compiled(rows, 1 if large else 3)
+        self._problem = model, structure, events
+        self.events = events
+        self._key = key_of(model, structure, events)
+        self._step = kept_code(f"{self._key}-step", self._compiled_step)
+        self.rows: int = self._step.nouts
 
-    def _compiled(self, rows: list[Any], opt_level: int) -> Any:
-        # No fast_math: it would see that nothing is lost in exact arithmetic, and it adds up in an
-        # order of its own.
-        return hy.cfunc(rows, vars=self._inputs, batch_size=WIDTH, opt_level=opt_level)
+    def _compiled_step(self) -> Any:
+        inputs, rows, _ = expressions(*self._problem)
+        return compiled(inputs, rows, 1 if size_of_rates(*self._problem[:2]) > OPTIMISED else 3)
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
         """Step columns (m + 3, n) to `out`, with the parameters k (c + 2, n): the end's time, the
@@ -153,14 +132,84 @@ class TaylorStep:
 
     @cached_property
     def _event(self) -> Any:
-        # Few steps need it, so that it is not worth the optimiser's time.
-        return self._compiled(self._event_series, 1)
+        return kept_code(f"{self._key}-event", self._compiled_event)
+
+    def _compiled_event(self) -> Any:
+        inputs, _, series = expressions(*self._problem)
+        return compiled(inputs, series, 1)  # few steps need it: not worth the optimiser's time
 
     def event_series(self, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
         """The coefficients (order + 1, n) of the function of the event without a passage, in powers
         of the time from the columns' own, for arguments as of a step."""
         k = k[: self._event.nparams]  # the last ones do not occur in it
         return np.asarray(self._event(columns, pars=k, batch_parallel=False))
+
+
+def key_of(model: type[Model], structure: Structure, events: tuple[Event, ...]) -> str:
+    """What the code of a step depends on, as a digest: its equations, what hodo makes of them, and
+    what compiles them for which processor."""
+    t, y, k = symbols(model, structure)
+    # Not their text, which is cut where it is long.
+    equations = pickle.dumps([*model.rhs(t, y, k), *(e.function(t, y, k) for e in events)])
+    kinds = [(event.passage is None, model.always_absorbing) for event in events]
+    used = structure, kinds, WIDTH, hy.__version__, processor(), SOURCE
+    return hashlib.sha256(equations + repr(used).encode()).hexdigest()[:32]
+
+
+SOURCE = [Path(str(module)).read_text("utf-8") for module in (__file__, series_module.__file__)]
+"""The modules that make a step of equations."""
+
+
+def symbols(model: type[Model], structure: Structure) -> tuple[Any, list[Any], Any]:
+    """The time, the state and the constants of a model's equations."""
+    _, *numbers, _ = (hy.par[i] for i in range(count(structure) + 2))
+    y = [hy.make_vars(f"y{i}") for i in range(len(model.state))]
+    return hy.make_vars("remaining"), y, namespace(structure, numbers)
+
+
+def size_of_rates(model: type[Model], structure: Structure) -> int:
+    """The nodes in the expressions of a model's rates."""
+    return sum(map(len, model.rhs(*symbols(model, structure))))
+
+
+def expressions(
+    model: type[Model], structure: Structure, events: tuple[Event, ...]
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """The inputs of a step, its rows, and the series of its event without a passage."""
+    _, start, k = symbols(model, structure)
+    remaining, lost, steps = clock = hy.make_vars("remaining", "lost", "steps")
+    # The first parameter is the time of the end, from which the time left is counted; the last one
+    # is the `stride`, so that the code serves every tolerance.
+    end, most = hy.par[0], hy.par[count(structure) + 1]
+    # The time left is in units that fit the motion, the end in the case's own.
+    unit = getattr(k, UNIT, 1.0)
+    begin = (end - remaining * unit) - lost * unit
+    time, state = motion(model.rhs, begin, start, k, unit)
+    y = [coefficients(series, SERIES_ORDER) for series in state]
+    step = smaller(most * radius(y), remaining)
+    # The last step takes exactly the time left, so that it leaves 0 and no rounding.
+    after = remaining - step
+    # What the subtraction has rounded away is kept, so that many steps cost the time no digits.
+    lost = lost + ((remaining - after) - step)
+    steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
+    rows = [*(total_of_powers(c, step) for c in y), after, lost, steps, step]
+    event_series, after_step = list[Any](), rows[: len(start)]
+    for event in events:
+        if not event.passage:
+            event_series = coefficients(event.function(time, state, k), SERIES_ORDER)
+        if model.always_absorbing and not event.passage:
+            ends = event.function(begin + step * unit, after_step, k)
+            rows.append(event.function(begin, start, k) * ends)
+        else:
+            rows.append(clearance(event, time, state, k, step))
+    return [*start, *clock], rows, event_series
+
+
+def compiled(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:
+    """Rows as a function of inputs."""
+    # No fast_math: it would see that nothing is lost in exact arithmetic, and it adds up in an
+    # order of its own.
+    return hy.cfunc(rows, vars=inputs, batch_size=WIDTH, opt_level=opt_level)
 
 
 DEPTHS, TRIALS = 4, 8

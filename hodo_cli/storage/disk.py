@@ -22,7 +22,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..machine import limit_memory, secret
+from ..machine import limit_memory
+from ..private import secret
 
 
 class BufferedFile(io.FileIO):

@@ -36,7 +36,7 @@ def run_sweep(
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
     progress.report(case.name, members * len(stored) / len(tasks))
-    for i, (chunk, outcome) in enumerate(pool.map(compute, missing), len(stored) + 1):
+    for i, (chunk, outcome) in enumerate(pool.map_brief(compute, missing), len(stored) + 1):
         progress.report(case.name, members * i / len(tasks))
         if isinstance(outcome, Exception):
             # A chunk that fails costs its own members; the sweep goes on and says how many.

@@ -1,0 +1,120 @@
+"""Compiled code on the disk: compiled once, the user's own, and no more than there is room for."""
+
+import fcntl
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from conftest import Hodo
+
+from hodo_cli import private
+from hodo_cli.private import kept_code
+
+COMPILE = """\
+import sys, time
+from hodo_cli.private import kept_code
+
+def compiled():
+    with open(sys.argv[1], "a") as file:
+        file.write("x")
+    time.sleep(0.3)
+    return [1, 2]
+
+print(kept_code("key", compiled))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the code, which is not there yet."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "hodo"
+
+
+def test_one_process_compiles_and_the_others_wait(folder: Path) -> None:
+    command = [sys.executable, "-c", COMPILE, str(folder.parent / "compiled")]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(4)]
+    assert {process.communicate()[0] for process in processes} == {"[1, 2]\n"}
+    assert (folder.parent / "compiled").read_text() == "x"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert (folder / "key.code").stat().st_mode & 0o777 == 0o600
+
+
+class Runs:
+    """What does something when it is unpickled."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.mkdir, ("run",)
+
+
+@pytest.mark.parametrize("damage", ["forged", "cut", "empty"])
+def test_code_that_this_user_has_not_stored_is_not_run(
+    folder: Path, damage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder.parent)
+    assert kept_code("key", lambda: "sound") == "sound"
+    file = folder / "key.code"
+    sound = file.read_bytes()
+    forged = sound[: private.SEAL] + pickle.dumps(Runs())
+    file.write_bytes({"forged": forged, "cut": sound[:-1], "empty": b""}[damage])
+    assert kept_code("key", lambda: "new") == "new"
+    assert kept_code("key", lambda: "other") == "new"
+    assert not Path("run").exists()
+
+
+def test_a_folder_that_others_can_reach_is_not_used(folder: Path) -> None:
+    assert kept_code("key", lambda: 1) == 1
+    folder.chmod(0o755)
+    assert kept_code("key", lambda: 2) == 2
+    folder.chmod(0o700)
+    (folder / "link.code").symlink_to(folder / "key.code")
+    assert kept_code("link", lambda: 3) == 3
+    assert kept_code("key", lambda: 4) == 1
+
+
+def test_a_process_that_was_stopped_while_it_compiled_holds_up_no_other_for_long(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(private, "PATIENCE", 0.1)
+    assert kept_code("key", lambda: 1) == 1
+    with (folder / "key.code").open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert kept_code("key", lambda: 2) == 2
+
+
+def test_the_code_that_was_used_last_stays(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(private, "MOST_BYTES", 25_000)
+    for name in "ab":
+        kept_code(name, lambda: bytes(10_000))
+        os.utime(folder / f"{name}.code", (1, 1 + ord(name)))
+    kept_code("a", bytes)  # is used, so that b is the oldest
+    kept_code("c", lambda: bytes(10_000))
+    assert sorted(os.listdir(folder)) == ["a.code", "c.code"]
+
+
+SWEEP = """\
+cases:
+  a: {model: tensor, inertia: [1, 0.8, 0.6], resistance: {diagonal: 0.003, off_diagonal: 0.001},
+      time: {end: 400}, error: off, initial: {p: 0, q: 0, G: 1},
+      sweep: {direction: {sphere: {count: 600, seed: 1}}}}
+"""
+
+
+@pytest.mark.heyoka
+def test_a_step_from_the_disk_gives_the_same_bits(folder: Path, hodo: Hodo) -> None:
+    (folder.parent / "x.yaml").write_text(SWEEP)
+    columns = []
+    for out in ("compiled", "loaded"):
+        assert hodo("run", "x.yaml", "--out", out).returncode == 0
+        stored = {path.name: path.read_bytes() for path in folder.iterdir()}
+        with h5py.File(folder.parent / out / "x.h5") as file:
+            columns.append({name: item[()] for name, item in file["a"].items()})
+    assert len(stored) == 2  # the step, and its event
+    assert columns[0].keys() == columns[1].keys()
+    for name, values in columns[0].items():
+        np.testing.assert_array_equal(values, columns[1][name], err_msg=name)
