@@ -107,6 +107,11 @@ def test_films_are_written_by_the_ends_of_their_names(folder: Path, tmp_path: Pa
     with Image.open(folder / "runs" / "figures" / "c" / "flip.gif") as film:
         assert film.n_frames == 30
         assert film.info["duration"] == 50
+        # The arrow of G is thin, and keeps its red among the areas.
+        for i in (1, 15, 28):
+            film.seek(i)
+            pixels = np.asarray(film.convert("RGB"), dtype=int)
+            assert (np.abs(pixels - (213, 94, 0)).max(axis=-1) < 30).sum() > 10
     # A kind that does not move has no film among all figures; asked for by name it is a mistake.
     assert not (folder / "runs" / "figures" / "c" / "plane.gif").exists()
     done = call(folder, "plot", "c.yaml", "plane", "--format", "gif")

@@ -70,7 +70,7 @@ class Film:
     seconds: float
     words: tuple[str, str]
 
-    def page(self, title: str = "", caption: str = "", back: str = "") -> str:
+    def page(self, title: str = "The body in space", caption: str = "", back: str = "") -> str:
         """The film in a page that plays, pauses, scrubs and turns it, and needs no other file."""
         shell = Template((Path(__file__).parent / "film.html").read_text(encoding="utf-8"))
         data = {
@@ -106,8 +106,11 @@ class Film:
             figure = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
             canvas: Any = FigureCanvasAgg(figure)
             if path.suffix == ".gif":
+                # By coverage: medians of the pixels lose the colours of thin lines.
                 first, *rest = (
-                    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(64)
+                    Image.fromarray(np.asarray(canvas.buffer_rgba()))
+                    .convert("RGB")
+                    .quantize(64, Image.Quantize.MAXCOVERAGE)
                     for _ in moving(self, figure)
                 )
                 pause = 1000 // FRAMES_A_SECOND
