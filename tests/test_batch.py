@@ -424,6 +424,40 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(config: Path) -> None:
         assert [str(case.attrs["status"]) for case in file.values()] == ["ok"] * 4
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems end no process with its parent")
+def test_a_worker_that_is_stopped_ends_with_its_run(config: Path) -> None:
+    config.write_text(CONFIG.replace("samples: 21", "samples: 400001"))
+    command = [*stress.HODO, "run", str(config), "--out", str(config.parent), "-j", "2"]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as parent:
+        while not (
+            workers := [
+                pid for pid in stress.members(parent.pid) if b"serve()" in command_line(pid)
+            ]
+        ):
+            assert parent.poll() is None
+        # It has asked for its end before it is given its first case.
+        while not any(config.parent.glob(".four.h5.*/[0-9]*.h5")):
+            assert parent.poll() is None
+        os.kill(workers[0], signal.SIGSTOP)
+        parent.kill()
+    assert stress.survivors(parent.pid) == []
+
+
+COMPUTES = "from hodo_cli.batch.digests import process_digest; print(process_digest())"
+
+
+@pytest.mark.heyoka
+def test_a_process_that_computes_with_other_libraries_has_another_digest() -> None:
+    hidden = {**os.environ, "PYTHONPATH": str(Path(__file__).parent / "without_heyoka")}
+    digests = [
+        subprocess.check_output([sys.executable, "-c", COMPUTES], env=environment, text=True)
+        for environment in (None, None, hidden)
+    ]
+    assert digests[0] == digests[1] != digests[2]
+
+
 def command_line(pid: int) -> bytes:
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes()

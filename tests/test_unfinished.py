@@ -13,6 +13,7 @@ from hodo_cli.storage.finished_cases import finished_cases, open_batch
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.staging import replacing, staging_folders
+from hodo_cli.storage.update import update
 from hodo_cli.storage.writer import Writer, publish_finished
 
 CONFIG = """\
@@ -204,3 +205,17 @@ def test_what_is_unfinished_is_as_private_as_its_result(path: Path) -> None:
     publish_finished(path)
     assert hashes(path) == {"first": "hash 1", "second": "hash 2"}
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+def test_a_change_leaves_what_dead_runs_have_finished(path: Path) -> None:
+    """And takes away what they have left behind with nothing in it."""
+    with run_of(path, {"first": stored(1)}):
+        pass
+    with suppress(KeyboardInterrupt), run_of(path, {}) as writer:
+        writer.add_chunk("stamp", 0, stored(1))
+        raise KeyboardInterrupt
+    (path.parent / ".a.h5.dead.partial").mkdir()
+    with update(path) as changes:
+        changes.write("first", Group({"note": "new"}, {}))
+    (folder,) = staging_folders(path)
+    assert [*folder.glob("part-stamp-0.h5")]
