@@ -73,6 +73,31 @@ def test_listed_times_are_the_samples_of_a_case_and_of_members() -> None:
     assert "values: [0.0, 10.0, " in swept.attrs["case"]
 
 
+@pytest.mark.engines
+@pytest.mark.parametrize("method", ["auto", "DOP853"])
+def test_the_steps_of_a_method_are_the_samples(method: str, tmp_path: Path, hodo: Hodo) -> None:
+    case = FIG4 | {"method": method, "time": {"end": 400, "steps": "yes"}}
+    data = api.run(case, to=tmp_path / "a.h5")
+    assert data.sizes["time"] == data.attrs["steps"] + 1
+    assert data.time.values[[0, -1]].tolist() == [0, 400]
+    assert (np.diff(data.time) > 0).all()
+    assert data.crossing_time.values == pytest.approx([305.358955166711], rel=1e-9)
+    fine = api.run(case | {"time": {"values": data.time.values}})
+    np.testing.assert_allclose(data.omega, fine.omega, rtol=0, atol=1e-14)
+    before = (tmp_path / "a.h5").read_bytes()
+    api.run(case, to=tmp_path / "a.h5")
+    assert (tmp_path / "a.h5").read_bytes() == before
+    assert hodo("compare", "a.h5", "a.h5").returncode == 0
+
+
+def test_the_closed_form_has_no_steps() -> None:
+    with pytest.raises(HodoError, match="the closed form takes no steps: name samples"):
+        api.run(FIG4 | {"damping": 0.1, "time": {"end": 1, "steps": "yes"}})
+    with pytest.raises(HodoError, match="the members of a sweep have one list of times"):
+        api.sweep(FIG4 | {"time": {"end": 1, "steps": "yes"},
+                          "sweep": {"damping.0": {"values": [1]}}})  # fmt: skip
+
+
 def test_several_cases_give_a_list_and_a_file_that_commands_read(
     tmp_path: Path, hodo: Hodo
 ) -> None:

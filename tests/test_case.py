@@ -97,7 +97,9 @@ def test_dump_is_complete_and_readable() -> None:
 @pytest.mark.parametrize(
     ("common", "own", "time"),
     [("end: 10, samples: 3", "values: [1, 2]", Time(end=2, samples=2, values=(1, 2))),
-     ("start: -1, values: [1, 2]", "end: 3, samples: 5", Time(start=-1, end=3, samples=5))],
+     ("start: -1, values: [1, 2]", "end: 3, samples: 5", Time(start=-1, end=3, samples=5)),
+     ("end: 4, samples: 7", "steps: yes", Time(end=4, steps="yes")),
+     ("end: 4, steps: yes", "samples: 7", Time(end=4, samples=7))],
 )  # fmt: skip
 def test_listed_times_and_even_ones_replace_each_other(common: str, own: str, time: Time) -> None:
     body = "model: linear-diag, inertia: [1, 2, 2], damping: 0, initial: {p: 1, q: 0, r: 0}"
@@ -245,6 +247,9 @@ LINES = [
          ".time.values.0: expected no time before start, 2, got 1"),
         ("time: {values: [1], samples: 3}", 34,
          ".time.samples: leave it out where values: gives the times"),
+        ("time: {end: 1, steps: yes, samples: 3}", 41,
+         ".time.samples: leave it out where steps: yes gives the times"),
+        ("time: {steps: true, end: 1}", 19, ".time.steps: expected yes or no, got true"),
         ("time: {end: -1}", 17, ".time.end: the span from 0 to -1 is not possible"),
         ("time: {start: -1e308, end: 1e308}", 32,
          ".time.end: the span from -1e+308 to 1e+308 is not possible"),
@@ -348,7 +353,7 @@ MESSAGES: list[tuple[str, list[str]]] = [
      ["2:99: cases.a.time.end: expected a finite number, got '1,5'; write 1.5"]),
     (f"cases:\n  a: {{{BODY}, time: {{end: 1,5}}}}\n",
      ["2:101: cases.a.time.5: unknown key; decimals are written with a point, as 1.5 (valid: "
-      "start, end, samples, values, unit)"]),
+      "start, end, samples, values, steps, unit)"]),
     # What follows from a mistake is not a second one.
     ("cases: {a: {model: linear-diag\n",
      ["2:1: not YAML: the { of line 1 is not closed, or lacks a comma"]),

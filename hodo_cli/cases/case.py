@@ -49,19 +49,27 @@ NAME_RULE = (
 @dataclass(frozen=True, kw_only=True)
 class Time:
     """Span and number of samples of a case; a single sample is taken at the end. `values` are the
-    times of the samples where they are not evenly spaced."""
+    times of the samples where they are not evenly spaced; where `steps` is "yes", the method's own
+    steps are the samples, and their number is not known here."""
 
     start: float = 0.0
     end: float
     samples: int = 1001
     unit: str = "1"
     values: tuple[float, ...] | None = None
+    steps: str = "no"
 
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that state it."""
-        span = ("values",) if self.values else ("end", "samples")
+        sampling = "steps" if self.steps == "yes" else "samples"
+        span = ("values",) if self.values else ("end", sampling)
         return {key: getattr(self, key) for key in ("start", *span, "unit")}
+
+    def listed(self, times: Iterable[float]) -> "Time":
+        """The same span with samples at just these times."""
+        values = tuple(map(float, times))
+        return replace(self, end=values[-1], samples=len(values), values=values, steps="no")
 
     def resampled(self, samples: int) -> "Time":
         """The same span with so many samples."""
@@ -212,6 +220,8 @@ def checked_case(name: str, block: Block) -> Case:
     mistakes += _store_mistakes(concrete_model, values)
     if system and (message := models.mistake_in(system)):
         mistakes.append((("model",), message))
+    if values.get("sweep") and values.get("time", {}).get("steps") == "yes":
+        mistakes.append((("time", "steps"), "the members of a sweep have one list of times"))
     if values.get("sweep") and not mistakes:
         mistakes += check_axes(values["sweep"], concrete_model, data)
     if mistakes:
@@ -282,6 +292,10 @@ def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
     for i, (before, after) in enumerate(pairwise(values or ())):
         if not before < after:
             yield ("time", "values", i + 1), f"expected a time after {before:g}, got {after:g}"
+    if time["steps"] == "yes" and (
+        others := [key for key in ("samples", "values") if time[key] is not None]
+    ):
+        yield ("time", others[0]), "leave it out where steps: yes gives the times"
     if values and values[0] < start:
         yield ("time", "values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
     if values:

@@ -280,14 +280,20 @@ def _merge(defaults: Block, block: Block) -> Block:
     return merged
 
 
+REPLACED_TIMES = {
+    "values": {"end", "samples", "steps"},
+    "end": {"values"},
+    "samples": {"values", "steps"},
+    "steps": {"samples", "values"},
+}
+"""The keys of `defaults: time:` that do not count where a case has one of its own: samples are
+listed, evenly spaced, or the steps of the method."""
+
+
 def _replaced_times(time: Block) -> set[str]:
-    """The inherited keys that a case's own `time:` replaces: samples are either listed or evenly
-    spaced."""
-    listed, spaced = {"values"}, {"end", "samples"}
-    replaced = (spaced if listed & time.keys() else set()) | (
-        listed if spaced & time.keys() else set()
-    )
-    return replaced - time.keys()
+    """The inherited keys that a case's own `time:` replaces."""
+    replaced = (REPLACED_TIMES.get(key, set()) for key, value in time.items() if value != "no")
+    return set().union(*replaced) - time.keys()
 
 
 def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:

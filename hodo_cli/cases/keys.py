@@ -47,6 +47,11 @@ SPAN = Table(
             "time",
             None,
         ),
+        "steps": Key(
+            Choice("yes", "no"),
+            "yes, instead of samples: the stored times are the steps that the method takes",
+            default="no",
+        ),
         "unit": Key(Text(), "unit of time, where the data have one", default="1"),
     }
 )

@@ -80,6 +80,8 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     omega = group.variables["omega"].data
     if omega.dtype.kind != "f" or omega.shape[1:] != (3,):
         raise HodoError(f"{name} is damaged (its omega holds no vectors)")
+    if case.time.steps == "yes":
+        case = replace(case, time=case.time.listed(group.variables["time"].data))
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
     row = row_of(name, labelled, case) | {"events": events_of(group)}
     if (status := group.attributes.get("status")) != Status.OK:

@@ -182,7 +182,7 @@ def differing_settings(name: str, a: Group, b: Group) -> Iterator[VariableCompar
     for key in ours | theirs:
         if (
             key not in COMPUTED
-            and not key.startswith(("assumes", "time.values"))
+            and not key.startswith(("assumes", "time.values", "time.steps"))
             and ours.get(key) != theirs.get(key)
         ):
             yield VariableComparison(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")

@@ -11,7 +11,7 @@ from ..engines.protocol import Status
 from ..models.base import Model
 from .choice import choose
 from .error import measured_error
-from .solve import solve
+from .solve import solve, step_times
 from .trajectory import Trajectory
 
 ASKED = 1e-12
@@ -33,6 +33,9 @@ def integrate(case: Case) -> Trajectory:
     Raises HodoError if its method is not available here. A case that stops early comes back with
     status `timeout` or `failed` and the samples it reached.
     """
+    if case.time.steps == "yes":
+        times = step_times(case, choose(case)[0])
+        return replace(integrate(replace(case, time=case.time.listed(times))), case=case)
     judged = case.error == "on"
     motion = timed(solved(case))
     errors, kind = measured_error(motion) if judged else ({}, "none")

@@ -65,6 +65,37 @@ class AccuracyMonitor:
         """See `StepObserver.flush`."""
 
 
+@dataclass
+class StepTimes:
+    """A `StepObserver` that notes when each step ends."""
+
+    times: list[float]
+
+    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
+        """See `StepObserver.begin`."""
+        self.clock = clock
+
+    def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
+        """See `Observer`."""
+        self.times.append(self.clock.true(end))
+
+    def flush(self) -> None:
+        """See `StepObserver.flush`."""
+
+
+def step_times(case: Case, method: str) -> np.ndarray:
+    """The start of a case, the ends (n,) of the steps that a method takes, and the end of the case.
+
+    Raises HodoError for the closed form, which takes none.
+    """
+    if method == "exact":
+        raise HodoError(f"{case.name}: the closed form takes no steps: name samples, or a method")
+    observer, span = StepTimes([]), (case.time.start, case.time.end)
+    solve(case, method, case.precision, case.tol, np.array(span[1:]), observer)
+    inner = [time for time in observer.times if span[0] < time < span[1]]
+    return np.unique([*inner, *span])
+
+
 @np.errstate(all="ignore")  # what overflows ends a motion, and its status says so
 def solve(
     case: Case,
