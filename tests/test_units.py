@@ -203,3 +203,20 @@ def test_averaged_forms_refuse_what_only_another_unit_of_time_can_hold(model: st
     data = scaled(DATA[model], (1e-6, 1.0))
     with pytest.raises(hodo_cli.HodoError, match="take a shorter unit of time"):
         hodo_cli.run({"model": model, "form": "averaged", "time": {"end": 1e-6}} | data)
+
+
+@pytest.mark.heyoka
+def test_members_pass_in_any_unit_of_time() -> None:
+    def passages(rate: float) -> Any:
+        data = scaled(BODY | {"damping": DAMPING}, (1 / rate, 1.0))
+        axis = {"initial.q": {"linspace": [0.45 * rate, 0.55 * rate, 200]}}
+        time = {"end": 1000 / rate, "samples": 1}
+        return hodo_cli.sweep(
+            {"model": "linear-diag", "form": "averaged", "time": time, "sweep": axis} | data
+        )
+
+    here, there = passages(1.0), passages(2.0**-60)
+    assert (here["status"] == there["status"]).all()
+    np.testing.assert_allclose(
+        there["event_time"] * 2.0**-60, here["event_time"], rtol=1e-11, equal_nan=True
+    )

@@ -62,7 +62,7 @@ class Units:
         """The units for a model at the state `y` (m,) or (m, n), itself in units of 2**size, and at
         a moment if its equations contain the time."""
         if not model.degree:
-            return cls(0, clock_rate(model, k, y))
+            return cls(0, int(clock_rates(model, attributes(k), y)))
         with np.errstate(divide="ignore"):  # log2(0) = -inf: a term that is absent sets no unit
             lightest = np.log2(np.minimum(np.minimum(k["A1"], k["A2"]), k["A3"]))
             # In logarithms, because the products themselves may leave the range of doubles.
@@ -155,17 +155,18 @@ MODERATE = 16
 own unit of time."""
 
 
-def clock_rate(model: type[Model], k: Mapping[str, Any], y: np.ndarray) -> int:
-    """The rate, as a power of two, of the clock of a model without degrees; 0 for the case's own.
+def clock_rates(model: type[Model], k: SimpleNamespace, y: np.ndarray) -> np.ndarray:
+    """The rate (...), as a power of two, of the clock of motions with starts (m, ...), of a model
+    without degrees; 0 for the case's own.
 
     The coefficients of a series are powers of its rates: in seconds, those of a body that slows
     down in a million years are below the smallest double from the third on, and no event is found
     on what is left.
     """
     with np.errstate(all="ignore"):
-        rates = np.array(model.rhs(0.0, [*y], attributes(k)), dtype=float)
-    order = math.frexp(np.abs(rates).max(initial=0))[1] if np.isfinite(rates).all() else 0
-    return order if abs(order) > MODERATE else 0
+        rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*y], k)), dtype=float)
+        fastest, order = np.frexp(np.abs(rates).max(axis=0))
+    return np.where(np.isfinite(fastest) & (np.abs(order) > MODERATE), order, 0)
 
 
 def is_timed(system: Model, events: tuple[Event, ...] = ()) -> bool:

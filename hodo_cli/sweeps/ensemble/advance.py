@@ -7,6 +7,7 @@ import numpy as np
 
 from ...integration.crossings import time_to_zero
 from ...integration.driver import LIMIT, at_rest
+from ...integration.units import clock_rates
 from ...models.base import Event
 from .batch import PAUSE, BatchState
 from .motions import Ensemble, Outcome, Rejection
@@ -48,6 +49,8 @@ def advance(e: Ensemble, step: "TaylorStep") -> Outcome:
             decide_passages(e, e.event, batch.candidates, step, outcome)
     if e.model.degree and e.model.oriented:
         stop_at_rest(outcome)
+    if not e.model.degree:
+        outcome.reject(clock_rates(e.model, e.named(), e.start) != 0, Rejection.UNIT)
     outcome.reject(~np.isfinite(outcome.state).all(axis=0), Rejection.OUTGROWN)
     for state in (e.start, outcome.state):  # single cases refine what approximates the equations
         outcome.reject(~e.model.is_accurate(state, e.named(), e.tol), Rejection.COARSE)

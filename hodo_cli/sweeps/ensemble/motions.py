@@ -29,6 +29,7 @@ class Rejection(StrEnum):
     AT_REST = "starts at rest"
     UNEVEN = "starts with a component that is small beside another"
     SLOW = "too many steps"
+    UNIT = "rates far from 1 in the unit of time"
     OUTGROWN = "numbers beyond the largest double"
     COARSE = "equations that need finer data"
     UNCERTAIN = "the sign of an event's function is uncertain"
