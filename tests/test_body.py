@@ -3,6 +3,7 @@
 import base64
 import html
 import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -89,6 +90,35 @@ def test_the_box_has_the_moments_of_the_body(folder: Path) -> None:
     a, b, c = np.concatenate(faces).max(axis=0) ** 2
     moments = np.array([b + c, a + c, a + b])
     np.testing.assert_allclose(moments / moments[0], [1, 0.8, 0.6], rtol=1e-6)
+
+
+def test_the_box_of_a_full_tensor_is_turned_with_it() -> None:
+    """The same body in axes that are turned by 30 degrees about x3."""
+    c, s = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    omega = turn @ [0.8, 0.5, 0.74]
+    J = turn @ np.diag([1, 0.8, 0.6]) @ turn.T
+    motion = hodo.run(
+        {
+            "model": "torques",
+            "inertia": ((J + J.T) / 2).tolist(),
+            "kappa": 0.01,
+            "attitude": "yes",
+            "initial": dict(zip("pqr", omega.tolist(), strict=True)),
+            "time": {"end": 10, "samples": 201},
+        }
+    )
+    figure = hodo.plot(motion, kind="body")
+    parts = figure.film.parts
+    corners = np.concatenate([part.points for part in parts if part.role == "face"]) @ turn
+    a, b, c = corners.max(axis=0) ** 2
+    moments = np.array([b + c, a + c, a + b])
+    np.testing.assert_allclose(moments / moments[0], [1, 0.8, 0.6], rtol=1e-6)
+    # What body and fluid keep together is the same vector in any axes.
+    names = [f"total_space.{axis}" for axis in "xyz"]
+    panels = hodo.plot(motion, kind="series", variables=names).axes
+    total = np.stack([panel.lines[0].get_ydata() for panel in panels], axis=-1)
+    assert np.linalg.norm(total - total[0], axis=1).max() < 1e-4
 
 
 def test_a_page_of_a_film_is_small_and_asks_no_network(folder: Path) -> None:

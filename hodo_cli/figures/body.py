@@ -163,7 +163,7 @@ def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
         for length, values in ((1, motion.G[index]), (0.8, motion.omega[index]))
     )
     parts = [
-        *faces(motion.inertia),
+        *faces(motion.inertia, motion.principal_axes),
         *(
             Part("arrow", True, 0.7 * np.eye(3)[[i]], AXIS_COLOUR[i + 1], f"x{i + 1}")
             for i in range(3)
@@ -182,16 +182,17 @@ def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
     )
 
 
-def faces(A: np.ndarray) -> Iterator[Part]:
-    """The faces of the homogeneous box that has these moments of inertia (3,), of half length 0.6
-    along its longest side; a plate keeps a thickness that is seen."""
+def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[Part]:
+    """The faces of the homogeneous box that has these moments of inertia (3,) about its axes
+    (3, 3), row by row; it has half length 0.6 along its longest side, and a plate a thickness that
+    is seen."""
     # A1 = m (b^2 + c^2)/12, and so on: a^2 is proportional to A2 + A3 - A1.
     sides = np.sqrt(np.maximum(A.sum() - 2 * A, 0))
     half = 0.6 * np.maximum(sides / sides.max(), 0.03)
     square = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
     for axis in range(3):
         for sign in (1, -1):
-            corners = np.insert(square, axis, sign, axis=1) * half
+            corners = (np.insert(square, axis, sign, axis=1) * half) @ axes
             yield Part("face", True, corners, AXIS_COLOUR[axis + 1])
 
 

@@ -34,8 +34,8 @@ def vector_in_space(m: "Motion", name: str) -> np.ndarray:
 def momentum_with_fluid(m: "Motion") -> np.ndarray:
     """G - kappa omega' (n, 3) in body axes, omega' that of the free body: the momentum of body and
     fluid together, to first order in kappa. Raises KeyError for a body without a fluid."""
-    A, omega = m.inertia, m.omega
-    acceleration = np.cross(m.G, omega) / A
+    axes = m.principal_axes
+    acceleration = (np.cross(m.G, m.omega) @ axes.T / m.inertia) @ axes
     return np.asarray(m.G - m.case.system.constants["kappa"] * acceleration)
 
 

@@ -171,6 +171,13 @@ class Motion:
         return isinstance(body, BodyFrame) and body.principal_axes is not None
 
     @cached_property
+    def principal_axes(self) -> np.ndarray:
+        """The principal axes, row by row (3, 3), in the axes of vectors."""
+        if not self.is_turned:
+            return np.eye(3)
+        return np.asarray(self.case.system.principal_axes)  # type: ignore[attr-defined]
+
+    @cached_property
     def principal_omega(self) -> np.ndarray:
         """Angular velocity (n, 3) along the principal axes."""
         body = self.case.system
