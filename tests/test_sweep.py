@@ -535,16 +535,33 @@ def test_swept_trajectories_are_stored_with_the_times_of_their_samples(tmp_path:
         assert np.array_equal(paths["time"][:], expected)
 
 
+BESIDE = "damping: [0.001, 0.002, 0.003]"
+TORQUES = {
+    "fixed in space": f"space_torque: {{size: 0.01, direction: [1, 0, 2]}}, {BESIDE}",
+    "of a brake": f"brake: 0.004, {BESIDE}",
+    "of a brake that stops some": f"brake: 0.009, {BESIDE}",
+    "of a brake that stops all": f"brake: 0.03, torque: [0, 1e-3, 0], {BESIDE}",
+}
+
+
 @pytest.mark.heyoka
-def test_a_torque_fixed_in_space_turns_with_each_member() -> None:
-    """Its direction is part of the state, and the members go side by side."""
-    space = "space_torque: {size: 0.01, direction: [1, 0, 2]}, damping: [0.001, 0.002, 0.003]"
-    text = f"model: torques, inertia: [2, 1.5, 1], time: {{end: 100}}, error: off, {space}"
-    case = one(f"{text}, {BALL}, sweep: {{d: {{sphere: {{count: 60, seed: 3}}}}}}")
-    group = chunk.compute(chunk.Chunk(case, 0, 60))
-    assert group.attributes["rejections"].sum() == 0
-    assert (group.variables["crossings"].data > 0).any()
-    assert_members_are_single_cases(case, [0, 7, *range(20, 40)])
+@pytest.mark.parametrize("torque", TORQUES)
+def test_members_whose_state_is_larger_go_side_by_side(torque: str) -> None:
+    """The direction of a torque and the leg of a brake are part of the state; a limit of steps has
+    each member integrated by itself."""
+    text = f"model: torques, inertia: [2, 1.5, 1], time: {{end: 100}}, error: off, {BALL}"
+    case = one(f"{text}, {TORQUES[torque]}, sweep: {{d: {{sphere: {{count: 40, seed: 3}}}}}}")
+    group = chunk.compute(chunk.Chunk(case, 0, 40))
+    assert group.attributes["rejections"].sum() <= 1
+    alone = computed(replace(case, max_steps=10**6))
+    for name in ("status", "start_axis", "end_axis", "crossings", "crossing_to", "crossing_from"):
+        assert np.array_equal(group.variables[name].data, alone[name]), name
+    for name in ("omega", "crossing_time", "share"):
+        known = pytest.approx(alone[name], rel=1e-10, abs=1e-12, nan_ok=True)
+        assert group.variables[name].data == known, name
+    stopped = (alone["omega"] == 0).all(axis=1)
+    assert stopped.any() == ("stops" in torque)
+    assert stopped.all() == ("all" in torque)
 
 
 KEPT = "time: {end: 30, samples: 31}, error: off, store: [trajectory]"

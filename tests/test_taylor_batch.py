@@ -219,7 +219,7 @@ def test_a_step_clears_no_event_that_it_meets() -> None:
         out = np.empty((step.rows, n))
         step(columns, constants, out)
         length, clear = out[-2:]
-        D = step.event_series(columns, constants)
+        D = step.event_series(event, columns, constants)
         within = np.abs(power_series.value(D[:, :, None], length[:, None] * np.linspace(0, 1, 200)))
         assert (clear <= within.min(axis=1) * (1 + 1e-12)).all()
         assert (clear > 0.9 * np.abs(D[0])).mean() > 0.8

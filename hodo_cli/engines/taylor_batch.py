@@ -9,7 +9,7 @@ import hashlib
 import math
 import pickle
 from collections.abc import Sequence
-from functools import cached_property, lru_cache, partial, reduce
+from functools import lru_cache, partial, reduce
 from pathlib import Path
 from time import thread_time
 from typing import Any
@@ -112,7 +112,7 @@ class TaylorStep:
 
     def __init__(self, model: type[Model], structure: Structure, events: tuple[Event, ...]) -> None:
         self._problem = model, structure, events
-        self.events = events
+        self.events, self._series = events, dict[int, Any]()
         self._key = key_of(model, structure, events)
         self._step = kept_code(f"{self._key}-step", self._compiled_step)
         self.rows: int = self._step.nouts
@@ -130,19 +130,21 @@ class TaylorStep:
         """
         self._step(columns, pars=k, outputs=out, batch_parallel=False)
 
-    @cached_property
-    def _event(self) -> Any:
-        return kept_code(f"{self._key}-event", self._compiled_event)
+    def event_series(self, event: Event, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
+        """The coefficients (order + 1, n) of an event's function in powers of the time from the
+        columns' own, for arguments as of a step."""
+        index = [known.function for known in self.events].index(event.function)
+        if index not in self._series:
+            compiled_series = partial(self._compiled_series, self.events[index])
+            self._series[index] = kept_code(f"{self._key}-event{index}", compiled_series)
+        series = self._series[index]
+        k = k[: series.nparams]  # the last ones do not occur in it
+        return np.asarray(series(columns, pars=k, batch_parallel=False))
 
-    def _compiled_event(self) -> Any:
-        inputs, _, series = expressions(*self._problem)
-        return compiled(inputs, series, 1)  # few steps need it: not worth the optimiser's time
-
-    def event_series(self, columns: np.ndarray, k: np.ndarray) -> np.ndarray:
-        """The coefficients (order + 1, n) of the function of the event without a passage, in powers
-        of the time from the columns' own, for arguments as of a step."""
-        k = k[: self._event.nparams]  # the last ones do not occur in it
-        return np.asarray(self._event(columns, pars=k, batch_parallel=False))
+    def _compiled_series(self, event: Event) -> Any:
+        inputs, _, motions = expressions(*self._problem)
+        # Few steps need it: not worth the optimiser's time.
+        return compiled(inputs, coefficients(event.function(*motions), SERIES_ORDER), 1)
 
 
 def key_of(model: type[Model], structure: Structure, events: tuple[Event, ...]) -> str:
@@ -174,8 +176,8 @@ def size_of_rates(model: type[Model], structure: Structure) -> int:
 
 def expressions(
     model: type[Model], structure: Structure, events: tuple[Event, ...]
-) -> tuple[list[Any], list[Any], list[Any]]:
-    """The inputs of a step, its rows, and the series of its event without a passage."""
+) -> tuple[list[Any], list[Any], tuple[Any, list[Series], Any]]:
+    """The inputs of a step, its rows, and the time and the state as series, with the constants."""
     _, start, k = symbols(model, structure)
     remaining, lost, steps = clock = hy.make_vars("remaining", "lost", "steps")
     # The first parameter is the time of the end, from which the time left is counted; the last one
@@ -193,16 +195,14 @@ def expressions(
     lost = lost + ((remaining - after) - step)
     steps = steps + hy.select(hy.gt(remaining, 0.0), hy.expression(1.0), hy.expression(0.0))
     rows = [*(total_of_powers(c, step) for c in y), after, lost, steps, step]
-    event_series, after_step = list[Any](), rows[: len(start)]
+    after_step = rows[: len(start)]
     for event in events:
-        if not event.passage:
-            event_series = coefficients(event.function(time, state, k), SERIES_ORDER)
         if model.always_absorbing and not event.passage:
             ends = event.function(begin + step * unit, after_step, k)
             rows.append(event.function(begin, start, k) * ends)
         else:
             rows.append(clearance(event, time, state, k, step))
-    return [*start, *clock], rows, event_series
+    return [*start, *clock], rows, (time, state, k)
 
 
 def compiled(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:

@@ -701,10 +701,9 @@ def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
         "state": ("p", "q", "r", *own),
         "state_degree": {name: power for name, power in own.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
-        # A step of many motions does not end at an event, and knows the sign of D only.
-        "batchable": not (
-            own.keys() - terms.SPACE.own.keys() or in_any_axes or terms.ROTOR in chosen
-        ),
+        # One event at most may change the equations of many motions, and they have no other labels
+        # than the sign of D.
+        "batchable": not (terms.QUADRATIC_AXES in chosen or in_any_axes or terms.ROTOR in chosen),
         "fixed_in_space": tuple(terms.SPACE.own) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
     }

@@ -28,7 +28,7 @@ def step_of(e: Ensemble) -> "TaylorStep":
     from ...engines import taylor_batch  # heyoka may be missing
 
     # Its code is the same whether the event ends a motion or not.
-    watched = (event._replace(terminal=False) for event in (e.event, e.passing) if event)
+    watched = (event._replace(terminal=False) for event in (e.passing, e.event) if event)
     return taylor_batch.build(e.model, e.structure, tuple(watched))  # type: ignore[arg-type]
 
 

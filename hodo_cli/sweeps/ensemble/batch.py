@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ...engines.polynomial import TAYLOR, Zeros, isolate, rounding, to_bernstein
 from ...engines.protocol import uneven
 from ...integration.choice import MANY_STEPS
 from ...integration.trajectory import Occurrence
@@ -112,12 +114,17 @@ class BatchState:
         if self.ensemble.times.size:
             self.history.append(self.now[:length].copy())
         self.now, self.next = self.next, self.now
+        passed = np.empty(0, dtype=np.int64)
         for row, event in enumerate(self.step.events, length + 1):
             columns = np.flatnonzero(self.now[row] < 0)
             if columns.size and event.passage:
-                self.go_through(event, columns)
+                passed = self.passing(event, columns)
             elif columns.size and self.ensemble.event is not None:
                 self.note_candidates(self.ensemble.event, columns)
+        # Behind the search for zeros in the same steps, since it changes their units.
+        for column in passed.tolist():
+            self.restart(column)
+        self.renew(passed)
 
     def sample(self) -> None:
         """Enter the states at the sample times within the steps since the last pause: a sample is a
@@ -162,24 +169,43 @@ class BatchState:
         values = (event.function(times_of(y, params, m), [*y[:m]], k) for y in ends)
         return np.asarray(np.multiply(*values) < 0)
 
-    def go_through(self, event: Event, columns: np.ndarray) -> None:
-        """Restart the motions that have passed an event in the step just taken.
+    def passing(self, event: Event, columns: np.ndarray) -> np.ndarray:
+        """Those of some columns that have passed an event in the step just taken.
 
-        The formulas of its passage begin from any state behind its zero, so that this need not be
-        found.
+        Of averaged motions the formulas of a passage begin from any state behind the zero, which is
+        singular; others end their step at the first zero.
         """
-        passed = columns[self.changes_sign(event, columns)]
-        for column in passed.tolist():
-            self.restart(event, column)
-        self.renew(passed)
+        if self.ensemble.model.degree:
+            return self.cut_at_zero(event, columns)
+        return np.asarray(columns[self.changes_sign(event, columns)])
 
-    def restart(self, event: Event, column: int) -> None:
+    def cut_at_zero(self, event: Event, columns: np.ndarray) -> np.ndarray:
+        """Let the steps just taken end at the first zero of an event's function; returns those of
+        the columns where there is one."""
+        m = self.m
+        before, params = (a.take(columns, axis=1) for a in (self.next, self.params))
+        steps = CandidateSteps(before[: m + TIME_ROWS], self.now[m + TIME_ROWS, columns], params)
+        powers = powers_within(self.step, event, steps)
+        zeros = zeros_of(powers, rounding(powers, TAYLOR))
+        row, first = np.unique(zeros.row, return_index=True)
+        passed, place = columns[row], zeros.x[first] * steps.length[row]
+        begin, k, rate = steps.before[:, row], params[:NUMBER, row], units_of(params)[1][row]
+        self.now[m : m + 2, passed] = exact_difference(begin[m], place)
+        self.now[m + 1, passed] += begin[m + 1]
+        self.now[m + TIME_ROWS, passed] = place
+        cut = shortened(begin, k, place, rate)
+        self.now[:m, passed] = columnwise(partial(states_after, self.step), *cut)
+        self.now[m, passed[~zeros.sure[first]]] = np.nan
+        return np.asarray(passed[zeros.sure[first]])
+
+    def restart(self, column: int) -> None:
         """Put a motion behind its passage of an event, in the case's own units."""
-        e, m = self.ensemble, self.m
+        e, m, event = self.ensemble, self.m, self.ensemble.passing
         now, params = self.now[:, [column]], self.params[:, [column]]
         number, end = int(params[NUMBER, 0]), float(params[END, 0])
         state = rescaled(e.model, now[:m].T, units_of(params)[0]) if e.model.degree else now[:m].T
         k = namespace(e.structure, e.constants[:, number].tolist())
+        assert event is not None
         assert event.passage is not None
         try:
             passage = event.passage(float(times_of(now, params, m)[0]), state[0].tolist(), k)
@@ -316,6 +342,20 @@ def states_after(step: "TaylorStep", columns: np.ndarray, k: np.ndarray) -> np.n
     out = np.empty((step.rows, columns.shape[1]))
     step(columns, k, out)
     return out[: len(columns) - TIME_ROWS]
+
+
+def powers_within(step: "TaylorStep", event: Event, steps: CandidateSteps) -> np.ndarray:
+    """The series (k, order + 1) of an event's function in steps, in powers of the part of each
+    step."""
+    series = columnwise(partial(step.event_series, event), steps.before, steps.params[:NUMBER])
+    return np.asarray(series.T * steps.length[:, None] ** np.arange(len(series)))
+
+
+def zeros_of(powers: np.ndarray, noise: np.ndarray) -> Zeros:
+    """The zeros in [0, 1] of series (k, order + 1), with the bounds (k,) of their rounding."""
+    # Row by row: one product of all would round as the number of rows happens to be.
+    matrix = to_bernstein(TAYLOR, powers.shape[1] - 1, powers.dtype)
+    return isolate(np.matmul(powers[:, None], matrix)[:, 0], noise)
 
 
 def columnwise(

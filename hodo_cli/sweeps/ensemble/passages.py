@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...engines.polynomial import TAYLOR, isolate, to_bernstein
 from ...engines.series import value
 from ...models.base import Event
 from ...models.constants import namespace
@@ -16,11 +15,13 @@ from .batch import (
     STRIDE,
     CandidateSteps,
     columnwise,
+    powers_within,
     shortened,
     states_after,
     time_reached,
     times_of,
     units_of,
+    zeros_of,
 )
 from .motions import Ensemble, Outcome, Passages, Rejection
 
@@ -47,8 +48,10 @@ def decide_passages(
     """
     outcome.first = e.side(event, e.span[0], e.start)
     outcome.last = e.side(event, e.span[1], outcome.state)
+    # A brake has brought these to rest, where no sign is left.
+    resting = (outcome.state[:3] == 0).all(axis=0)
     # With an uncertain sign a motion is not accepted, whatever zeros it has.
-    certain = (outcome.first != 0) & (event.terminal | (outcome.last != 0))
+    certain = (outcome.first != 0) & (event.terminal | resting | (outcome.last != 0))
     steps = steps_of(candidates, certain & ~e.is_one_sided(event))
     if steps is not None:
         zeros, undecided = zeros_within(e, event, steps, step)
@@ -67,7 +70,8 @@ def decide_passages(
     outcome.reject(passed.motion[passed.direction != -before], Rejection.UNCERTAIN)
     sign = outcome.first.copy()
     sign[passed.motion] = passed.direction  # of several, the last one counts
-    outcome.reject((sign != outcome.last) | (outcome.first == 0), Rejection.UNCERTAIN)
+    contradicted = (sign != outcome.last) & ~resting
+    outcome.reject(contradicted | (outcome.first == 0), Rejection.UNCERTAIN)
 
 
 def steps_of(candidates: list[CandidateSteps], certain: np.ndarray) -> CandidateSteps | None:
@@ -86,17 +90,14 @@ def zeros_within(
 ) -> tuple[Passages, np.ndarray]:
     """The zeros in steps that may have some, and the motions that are undecided."""
     before, params, m = steps.before, steps.params, len(e.start)
-    series = columnwise(step.event_series, before, params[:NUMBER])
     k = namespace(e.structure, list(params[1:STRIDE]))
     noise = e.uncertainty(event, times_of(before, params, m), before[:m], k)
-    order = len(series) - 1
-    powers = series.T * steps.length[:, None] ** np.arange(order + 1)
-    # Row by row: one product of all would round as the number of rows happens to be.
-    bernstein = np.matmul(powers[:, None], to_bernstein(TAYLOR, order, series.dtype))[:, 0]
-    zeros = isolate(bernstein, noise)
+    powers = powers_within(step, event, steps)
+    zeros = zeros_of(powers, noise)
     row = zeros.row[zeros.sure]
     place = zeros.x[zeros.sure] * steps.length[row]
-    slope = value(series[1:, row] * np.arange(1, order + 1)[:, None], place)
+    rise = powers[row, 1:].T * np.arange(1, powers.shape[1])[:, None]
+    slope = value(rise, zeros.x[zeros.sure]) / steps.length[row]
     before, params = before[:, row], params[:, row]
     size, rate = units_of(params)
     begin, rest = time_reached(params[END], before[m], before[m + 1], rate)
