@@ -25,7 +25,7 @@ from ..results.motion import Motion
 from ..schema.kinds import unknown
 from ..text import abridged
 from .geometry import stretches, windings
-from .sheet import Look, Sheet, check_tex, letters, text_size, title_lines
+from .sheet import LETTER, Look, Sheet, check_tex, letters, text_size, title_lines
 
 COLUMN, PAGE = 84 / 25.4, 174 / 25.4
 """Widths of a journal's column and page, inches."""
@@ -41,16 +41,16 @@ YELLOW = "#F0E442"
 GREY, PALE_GREY = "#666666", "#8A8A8A"
 AXIS_COLOUR = {1: BLUE, 2: GREEN, 3: ORANGE, 4: PURPLE, 5: RED, 0: "#555555", -1: PALE_GREY}
 
-# Neighbours differ in colour and in line, so that they are told apart in grey print too.
+# All differ in line too, so that they are told apart in grey print.
 CYCLE = (
     (BLUE, "-"),
     (RED, (0, (5, 1.5))),
     (GREEN, (0, (5, 1.5, 1, 1.5))),
     (PURPLE, (0, (1, 1))),
-    (ORANGE, "-"),
-    (SKY, (0, (5, 1.5))),
-    (BLACK, (0, (1, 1))),
-    (GREY, "-"),
+    (ORANGE, (0, (10, 1.5))),
+    (SKY, (0, (2.5, 1))),
+    (BLACK, (0, (6, 1.5, 1, 1.5, 1, 1.5))),
+    (GREY, (0, (1, 2.5))),
 )
 DEFAULT_CYCLE = matplotlib.rcParamsDefault["axes.prop_cycle"]
 
@@ -189,7 +189,20 @@ def palette(
 def mark_points(
     axes: Axes, ends: np.ndarray, crossings: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]
 ) -> None:
-    """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they are inside."""
+    """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they are inside; of several
+    crossings each has its number in time."""
+    for i, point in enumerate(crossings if len(crossings) > 1 else []):
+        if inside(point[None])[0]:
+            note = axes.annotate(
+                str(i + 1),
+                pair(point),
+                (3, 3),
+                textcoords="offset points",
+                size="x-small",
+                zorder=7,
+                path_effects=HALO,
+            )
+            note.set_in_layout(False)
     for style, points in ((START, ends[:1]), (END, ends[1:]), (CROSSING, crossings)):
         shown = points[inside(points)]
         for artist in axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False):
@@ -213,6 +226,8 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
     of_time = "" if unit == "1" else f" {unit}"
     # With its last zeros, which tell how exact a printed number is.
     times = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
+    if len(times) > 1 == len(motions):
+        times = [f"{time} ({i})" for i, time in enumerate(times, 1)]
     crossings = abridged(times, CROSSINGS_NAMED)
     end, crossing = "end", "$D = 0$"
     if len({float(motion.time[-1]) for motion in motions}) == 1:
@@ -266,6 +281,11 @@ def plane_curve(
             [points[segment] for segment in segments], colors=shades, linewidths=width, alpha=0.85
         )
     )
+
+
+def filled(label: str, length: float) -> str:
+    """The label of an axis in lines of a length in inches."""
+    return textwrap.fill(label, int(72 * length / (LETTER * text_size("axes.labelsize"))))
 
 
 def line_width(motion: Motion) -> float:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import HodoError
 from ..models import rigid_body
-
-Outline = Sequence[tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -70,6 +69,10 @@ def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
     return places
 
 
+RIM = 0.93
+"""How far from the middle of the unit sphere a name may stand, so that all of it is within."""
+
+
 def beside(
     curves: Sequence[np.ndarray], lines: Sequence[np.ndarray], away: float = 0.09
 ) -> list[np.ndarray]:
@@ -84,8 +87,18 @@ def beside(
     for place in freest(curves):
         around = place + ring
         clear = np.linalg.norm(around[:, None] - every[None], axis=-1).min(axis=1)
-        places.append(around[clear.argmax()])
+        places.append(around[np.where(np.hypot(*around.T) < RIM, clear, -1).argmax()])
     return places
+
+
+def check_zoom(zoom: float, nearest: float) -> None:
+    """Raise HodoError if curves that come no nearer to the origin than `nearest` are not in a panel
+    that ends at `zoom`."""
+    if nearest >= zoom:
+        raise HodoError(
+            f"zoom: {zoom:g} shows nothing: the curves come no nearer to the origin than "
+            f"{nearest:.4g}"
+        )
 
 
 def clearest(points: np.ndarray, candidates: np.ndarray, enough: float = math.inf) -> int:
@@ -151,23 +164,11 @@ def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
     return circles
 
 
-def sectors(K: float) -> tuple[tuple[float, float], Outline, Outline]:
-    """Within the unit square of (w_s^2, w_l^2): the end of the line of slope K, and the regions
-    above and below it."""
-    end = (1.0, K) if K <= 1 else (1 / K, 1.0)
-    corner = [(1.0, 1.0)]
-    above = [(0.0, 0.0), end, *(corner if K <= 1 else []), (0.0, 1.0)]
-    below = [(0.0, 0.0), end, *(corner if K > 1 else []), (1.0, 0.0)]
-    return end, above, below
-
-
-def centroid(outline: Outline) -> tuple[float, float] | None:
-    """The centre of area of a polygon; None if it has no area."""
-    x, y = np.array(outline).T
-    cross = x * np.roll(y, -1) - y * np.roll(x, -1)
-    if not cross.sum():
-        return None
-    return (
-        float(((x + np.roll(x, -1)) * cross).sum() / (3 * cross.sum())),
-        float(((y + np.roll(y, -1)) * cross).sum() / (3 * cross.sum())),
-    )
+def within_separatrix(directions: np.ndarray, A: np.ndarray | None) -> np.ndarray:
+    """Whether D > 0 for directions (..., 3) of G of a body with moments A (3,); False without a
+    body."""
+    if A is None:
+        return np.zeros(directions.shape[:-1], dtype=bool)
+    omega = np.moveaxis(directions / A, -1, 0)
+    outer, inner = rigid_body.separatrix_terms(A, omega, rigid_body.inertia_order(A))
+    return np.asarray(outer > inner)

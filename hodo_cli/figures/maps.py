@@ -2,7 +2,6 @@
 
 import math
 import re
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,19 +9,33 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, LinearSegmentedColormap, ListedColormap, Normalize, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from .. import HodoError
 from ..cases.figure_block import averaged
-from ..models.rigid_body import BodyFrame
+from ..models.rigid_body import LABELS, BodyFrame
 from ..models.theory.possible_crossings import turning_momenta
 from ..results.dataset import Cases
 from ..sweeps.view import SweepView
-from .artists import BLACK, COLUMN, GREY, HALO, PAGE, RED, SEPARATRIX, hues, pair, styles
-from .geometry import View, edges, separatrix_circles
+from .artists import (
+    AXIS_COLOUR,
+    BLACK,
+    COLUMN,
+    GREY,
+    HALO,
+    PAGE,
+    PURPLE,
+    RED,
+    SEPARATRIX,
+    filled,
+    hues,
+    pair,
+    styles,
+)
+from .geometry import View, edges, separatrix_circles, within_separatrix
 from .sheet import Look, Sheet
 
 GAP = "#E4E4E4"
@@ -56,14 +69,15 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     values = [map_values(swept, spec, indices) for swept, indices in cells]
     # One scale for all panels, or equal colours would mean different values.
     all_values = np.concatenate([value.ravel() for value in values])
-    scale = Normalize(*(spec["range"] or (np.nanmin(all_values), np.nanmax(all_values))))
+    labelled = meanings(sweeps[0], spec["variable"])
+    scale, colours = colour_scale_of(spec, all_values, labelled)
     labels = [*spec["labels"], *[""] * len(cells)]
     panels = map_panels(sheet, [len(row) for row in rows], flat)
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
         title = label or ", ".join(position(swept, name, i) for name, i in indices.items())
         axes.set_title(title)
         # Rasterized: a million cells as vectors make a file that no reader opens.
-        look: Look = {"norm": scale, "cmap": hues(), "rasterized": True}
+        look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
         places = (map_sphere if flat else map_image)(axes, swept, spec, value, look)
         if flat:
             globe(sheet, axes, swept, value, look)
@@ -73,7 +87,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if flat:
         handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
     if np.isnan(all_values).any():
-        handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label="none"))
+        handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(spec["variable"])))
     if spec["theory"] is not None and not flat:
         look = {
             "color": THEORY["colors"],
@@ -83,16 +97,10 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         handles.append(Line2D([], [], **look, label="fluid and damping balance"))
     if spec["level"] is not None and not flat:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
-    meaning = map_label(sweeps, spec)
-    yes_or_no = np.isin(all_values, (0, 1)) | np.isnan(all_values)
-    if meaning.startswith(SHARE) and yes_or_no.all():
-        # Yes or no: a scale would show colours that no member has.
-        words = ((1, meaning.removeprefix(SHARE)), (0, "otherwise"))
-        handles += [Patch(fc=hues()(scale(value)), label=word) for value, word in words]
-    else:
-        labelled = meanings(sweeps[0], spec["variable"])
-        ticks = {value: word for value, word in labelled.items() if value in all_values}
-        colour_bar(sheet, scale, meaning, ticks)
+    words = words_of_values(map_label(sweeps, spec), labelled, all_values)
+    handles += [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
+    if not words:
+        colour_bar(sheet, ScalarMappable(scale, colours), map_label(sweeps, spec))
     sheet.legend = handles
 
 
@@ -109,10 +117,42 @@ def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[Sweep
     return sweeps
 
 
-def colour_bar(sheet: Sheet, scale: Normalize, label: str, ticks: Mapping[int, str]) -> None:
-    """The scale of all panels below them; `ticks` are words for its values, if it has any."""
+def colour_scale_of(
+    spec: Mapping[str, Any], values: np.ndarray, labelled: Mapping[int, str]
+) -> tuple[Normalize, Colormap]:
+    """The scale and the colours of a map: for an enclosed axis, or the share of one, the colours
+    that axes have in every figure."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if labelled:
+        labels = range(int(low), int(high) + 1)
+        colours = ListedColormap([AXIS_COLOUR.get(label, PURPLE) for label in labels])
+        return Normalize(low - 0.5, high + 0.5), colours
+    scale = Normalize(*(spec["range"] or (low, high)))
+    if (part := spec["variable"].rpartition(".")[2]) not in LABELS.values():
+        return scale, hues()
+    full = AXIS_COLOUR[int(part[1])]
+    pale = 0.12 * np.array(to_rgb(full)) + 0.88
+    return scale, LinearSegmentedColormap.from_list(part, [tuple(pale), full])
+
+
+def words_of_values(
+    meaning: str, labelled: Mapping[int, str], values: np.ndarray
+) -> dict[float, str]:
+    """The words for the values of a map where they are few: labels, or yes and no. A scale would
+    show colours that no member has."""
+    if labelled:
+        words = {value: word for value, word in labelled.items() if value in values}
+        return {value: f"{meaning}: {word}" for value, word in words.items()}
+    yes_or_no = np.isin(values, (0, 1)) | np.isnan(values)
+    if meaning.startswith(SHARE) and yes_or_no.all():
+        return {1: meaning.removeprefix(SHARE), 0: "otherwise"}
+    return {}
+
+
+def colour_bar(sheet: Sheet, scale: ScalarMappable, label: str) -> None:
+    """The scale of all panels below them."""
     bar = sheet.figure.colorbar(
-        ScalarMappable(scale, hues()),
+        scale,
         ax=sheet.figure.axes,
         location="bottom",
         fraction=0.04,
@@ -121,10 +161,7 @@ def colour_bar(sheet: Sheet, scale: Normalize, label: str, ticks: Mapping[int, s
         aspect=45,
         panchor=False,  # where `map_sphere` has it
     )
-    # At its size a letter is a seventeenth of an inch wide.
-    bar.set_label(textwrap.fill(label, int(17 * sheet.figure.get_figwidth())))
-    if ticks:
-        bar.set_ticks([*ticks], labels=[*ticks.values()])
+    bar.set_label(filled(label, sheet.figure.get_figwidth()))
 
 
 def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
@@ -232,8 +269,9 @@ def map_sphere(
     # title would be cut off when the map grows.
     axes.set(xticks=[], yticks=[], anchor="N")
     axes.spines["geo"].set(color=GREY, lw=0.6)
-    axes.pcolormesh(*sphere_cells(directions, values), **look)
-    for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
+    A = swept.body()
+    axes.pcolormesh(*sphere_cells(directions, values, A), **look)
+    for circle in separatrix_circles(A) if A is not None else []:
         axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3, path_effects=HALO)
     for i, direction in (
         (1, (1, 0, 0)),
@@ -279,10 +317,10 @@ def globe(sheet: Sheet, axes: Axes, swept: SweepView, values: np.ndarray, look: 
 
 
 def sphere_cells(
-    directions: np.ndarray, values: np.ndarray
+    directions: np.ndarray, values: np.ndarray, A: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges of longitude and latitude, and in each cell the value of the nearest direction of
-    `directions` (n, 3)."""
+    `directions` (n, 3), on its own side of the separatrix of a body with moments A (3,)."""
     # Late, because it loads half of SciPy, which no other figure needs.
     from scipy.spatial import cKDTree
 
@@ -291,8 +329,14 @@ def sphere_cells(
     middle = [(edge[1:] + edge[:-1]) / 2 for edge in (longitude, latitude)]
     along, up = np.meshgrid(*middle)
     cells = np.stack([np.cos(up) * np.cos(along), np.cos(up) * np.sin(along), np.sin(up)], axis=-1)
-    # By distance in space, which no pole or date line disturbs.
-    return longitude, latitude, values[cKDTree(directions).query(cells)[1]]
+    shown = np.empty(along.shape)
+    sides, cell_sides = (within_separatrix(points, A) for points in (directions, cells))
+    for side in np.unique(cell_sides):
+        starts = sides == side if (sides == side).any() else np.full(len(directions), True)
+        # By distance in space, which no pole or date line disturbs.
+        nearest = cKDTree(directions[starts]).query(cells[cell_sides == side])[1]
+        shown[cell_sides == side] = values[starts][nearest]
+    return longitude, latitude, shown
 
 
 def unbroken(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -336,19 +380,24 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         xscale="log" if all(even for _, even in ticks) else "linear",
         xlim=(x.min(), x.max()) if len(x) > 1 else None,
         xlabel=axis_name(sweeps[0], spec["x"]),
-        # Two lines of words, rather than one that is longer than the panel is high.
-        ylabel=textwrap.fill(map_label(sweeps, spec), 40),
+        # Lines that are no longer than the panel is high.
+        ylabel=filled(map_label(sweeps, spec), 0.55 * sheet.figure.get_figheight()),
     )
     handles: list[Line2D] = []
     if len(curves) > 1 or spec["labels"]:
         handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
-    missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label="none")
+    missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label=absence(spec["variable"]))
     sheet.legend = [*handles, *([missing] if lacking else [])]
 
 
 def _as_panels(spec: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of a curve under the names that `positions` reads from a map."""
     return {"panels": spec["by"], "at": spec["at"]}
+
+
+def absence(variable: str) -> str:
+    """The words for a member without a value."""
+    return "no crossing" if variable.startswith("crossing") else "no value"
 
 
 def curve_of(
@@ -375,17 +424,11 @@ def curve_of(
         column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in indices.items()
     }
     missing = ~np.isfinite(values)
-    bottom = axes.get_xaxis_transform()
-    axes.plot(
-        x[missing],
-        np.full(int(missing.sum()), 0.02),
-        transform=bottom,
-        ls="",
-        marker="x",
-        ms=4,
-        color=style["color"],
-        clip_on=False,  # whole at the ends of the axis too
-    )
+    look = {"ls": "", "marker": "x", "ms": 4, "color": style["color"], "clip_on": False}
+    bottom = np.full(int(missing.sum()), 0.02)
+    (crosses,) = axes.plot(x[missing], bottom, transform=axes.get_xaxis_transform(), **look)
+    # Whole at the ends of the axis too; without a cross they would take room as if at the origin.
+    crosses.set_in_layout(False)
     sheet.record(swept.name, name, shown)
     return bool(missing.any())
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Wedge
 
 from .. import HodoError
 from ..models import rigid_body
@@ -44,7 +44,7 @@ from .artists import (
     time_label,
     unit,
 )
-from .geometry import centroid, clearest, sectors
+from .geometry import check_zoom, clearest
 from .sheet import Look, Sheet
 
 
@@ -83,7 +83,9 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     limits = [
         1.05 * max(float(curve.max()) for curve in [*points.values(), *map(squares, others)]) or 1.0
     ]
-    limits += [] if zoom is None else [zoom]
+    if zoom is not None:
+        check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in points.values()))
+        limits.append(zoom)
     sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)))
     panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
     for axes, limit, form in zip(panels, limits, (NAME, LETTER), strict=False):
@@ -150,7 +152,7 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: 
 
 
 def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
-    """r^2 against p^2 for each body, with the line p^2 = K r^2, region A above it and B below,
+    """r^2 against p^2 for each body, with the line p^2 = K r^2, region A below it and B above,
     without scale."""
     bodies = spec["bodies"]
     sheet.figure.set_size_inches(
@@ -168,21 +170,25 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None
         sketch(axes, body)
         K = slope(body)
         value = r"\infty" if math.isinf(K) else f"{K:.3g}"
-        axes.set_title(f"{title}\n$K = {value}$, slope ${math.degrees(math.atan(K)):.3g}°$")
+        axes.set_title(f"{title}\n$K = {value}$")
 
 
 def sketch(axes: Axes, body: Sequence[float]) -> None:
     """The quadrants of one body."""
     largest, _, smallest = rigid_body.inertia_order(body)
-    end, above, below = sectors(slope(body))
-    for name, outline, axis in (("A", above, largest), ("B", below, smallest)):
-        axes.add_patch(Polygon(outline, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))
-        if centre := centroid(outline):
+    # The angle of the line above the horizontal axis, on which p^2 = K r^2 grows.
+    angle = math.degrees(math.atan2(1, slope(body)))
+    for name, axis, *ends in (("A", largest, 0, angle), ("B", smallest, angle, 90)):
+        axes.add_patch(Wedge((0, 0), 2, *ends, fc=AXIS_COLOUR[axis + 1], alpha=0.12, lw=0))
+        if ends[0] < ends[1]:
+            middle = math.radians(sum(ends) / 2)
+            centre = 0.6 * math.cos(middle), 0.6 * math.sin(middle)
             axes.text(*centre, f"{name}\nabout $x_{axis + 1}$", ha="center", va="center")
-    axes.plot([0, end[0]], [0, end[1]], color=BLACK, lw=1.4, clip_on=False)
+    end = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    axes.plot([0, 2 * end[0]], [0, 2 * end[1]], color=BLACK, lw=1.4)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[])
-    axes.set_xlabel(f"${'pqr'[smallest]}^2$", loc="right")
-    axes.set_ylabel(f"${'pqr'[largest]}^2$", loc="top", rotation=0)
+    axes.set_xlabel(f"${'pqr'[largest]}^2$", loc="right")
+    axes.set_ylabel(f"${'pqr'[smallest]}^2$", loc="top", rotation=0)
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -330,7 +336,8 @@ def event_marks(axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]) 
     first, last = spec["span"] or (motion.time[0], motion.time[-1])
     for when in [when for _, when in motion.events if first <= when <= last]:
         value = float(np.interp(when, motion.time, values))
-        text = f"${value:#.4g}$" if abs(value) > 1e-3 * peak else f"${time} = {when:#.4g}$"
+        ending = f"{value:#.4g}" if abs(value) > 1e-3 * peak else f"0$ at ${time} = {when:#.4g}"
+        text = f"${symbol(name)} = {ending}$"
         below = value > 0.9 * peak
         axes.plot(when, value, **END, clip_on=False, zorder=5)
         early = when - motion.time[0] < 0.4 * (motion.time[-1] - motion.time[0])
@@ -382,9 +389,16 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         mark_points(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
     axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
+    if vector_of(x) and vector_of(x) == vector_of(y):
+        axes.set(aspect="equal", adjustable="datalim")
     labels = [motion.label for motion in motions]
     handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []
     sheet.legend = handles + mark_handles(motions, spec["time"])
+
+
+def vector_of(variable: str) -> str:
+    """The vector that a variable is a component of; an empty string if it is none."""
+    return "omega" if variable in ("p", "q", "r") else variable.rpartition(".")[0]
 
 
 def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:

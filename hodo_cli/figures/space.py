@@ -46,6 +46,7 @@ from .artists import (
 from .geometry import (
     View,
     beside,
+    check_zoom,
     clearest,
     graticule,
     round_step,
@@ -78,6 +79,8 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
     space(main, sheet.scene(main, view, *names), motions, spec, reach, frame)
     if zoom is not None:
+        nearest = min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions)
+        check_zoom(zoom, nearest)
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
         near = np.full((2, 3), zoom)
         near[0] = clear_lengths(view, near[0], seen, 2.5 * zoom)
@@ -211,11 +214,11 @@ def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
         at = scene.view(counts[counts != 0, None] * step * np.eye(3)[i])
         axes.plot(at[:, 0], at[:, 1], ls="", marker=".", ms=2, color=GREY, zorder=1)
-        if counts[-1] > 0:
-            # The upright axis has its value to the right, the others below.
+        for count in range(1, counts[-1] + 1):
+            # The upright axis has its values to the right, the others below.
             axes.annotate(
-                f"{counts[-1] * step:.10g}",
-                pair(at[-1]),
+                f"{count * step:.10g}",
+                pair(scene.view(count * step * np.eye(3)[i])),
                 (4, 0) if i == 2 else (1, -6),
                 size="x-small",
                 color=GREY,
@@ -334,6 +337,10 @@ def draw_sphere(
     lengths = clear_lengths(view, np.full(3, 1.2), seen[np.isfinite(seen).all(axis=-1)], 2.2)
     for foot, length, name in zip(np.eye(3), lengths, arms, strict=True):
         arm(axes, scene, foot, length * foot, name, zorder=5 if view(foot)[2] > 0 else 1)
+    # Under the curves, which may run on it.
+    lines = [scene.add(circle, **SEPARATRIX) for circle in circles]
+    for line in lines:
+        on_sphere(axes, line, **SEPARATRIX)
     for curve in curves:
         times = {"time": curve.motion.time}
         components = zip(curve.columns, curve.directions.T, strict=True)
@@ -344,14 +351,14 @@ def draw_sphere(
             on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, points[:, :2], colours[code[0]], 0.15)
         start = scene.add(curve.directions[:1], **START)[0]
+        crossings = scene.add(curve.motion.at_crossings(curve.directions), **CROSSING)
+        mark_points(axes, np.empty((0, 2)), crossings[:, :2], everywhere)
         # In space its name stands beside its start, where it is on no side of the page.
         scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
         axes.plot(*start[:2], **START, alpha=1 if start[2] > 0 else 0.4, zorder=6)
-    # Over the curves, which run close beside it.
-    lines = [scene.add(circle, **SEPARATRIX) for circle in circles]
-    for line in lines:
-        on_sphere(axes, line, **SEPARATRIX)
-    for curve, free in zip(curves, beside(drawn, lines), strict=True):
+    # A single motion is named by its title.
+    named = curves if len(curves) > 1 or spec["kind"] != "sphere" else []
+    for curve, free in zip(named, beside(drawn, lines), strict=False):
         axes.text(*pair(free), curve.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
@@ -362,7 +369,8 @@ def draw_sphere(
     if spec["kind"] == "sphere" and (circles or not rotor):
         label = "separatrix" if rotor else "separatrix, $D = 0$"
         handles.append(Line2D([], [], **SEPARATRIX, label=label))
-    handles.append(Line2D([], [], **START, label="start"))
+    start, _, *crossing = mark_handles(motions, spec["time"])
+    handles += [start, *crossing]
     if spec["colour"] == "time":
         time_bar(sheet, [axes], motions[0], spec)
     sheet.legend = handles
