@@ -91,7 +91,7 @@ class Samples:
             with suppress(HodoError):
                 columns[quantity] = motion[quantity][at]
         lines = [f"{key} = %{{customdata[{i}]:.6g}}" for i, key in enumerate(columns)]
-        shown: Trace = {**name, "customdata": np.stack([*columns.values()], axis=-1)}
+        shown: Trace = {**name, "customdata": np.stack([*columns.values()], axis=-1).astype("f4")}
         if motion.classified:
             lines.append("encloses %{text}")
             shown["text"] = [LABELS[int(label)] for label in motion.labels[at]]
@@ -142,13 +142,10 @@ def how_to(sheet: Sheet) -> str:
 
 def packed(values: np.ndarray) -> dict[str, str]:
     """An array as plotly reads it: the bytes of its numbers, which are shorter than digits."""
-    shape = {"shape": ",".join(map(str, values.shape))} if values.ndim > 1 else {}
-    kind = {"f": "f8", "i": "i4"}[values.dtype.kind]
-    return {
-        "dtype": kind,
-        "bdata": b64encode(values.astype(f"<{kind}").tobytes()).decode(),
-        **shape,
-    }
+    shape = ",".join(map(str, values.shape))
+    kind = f"f{values.dtype.itemsize}"
+    data = b64encode(values.astype(f"<{kind}").tobytes()).decode()
+    return {"dtype": kind, "bdata": data, "shape": shape}
 
 
 def interactive(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> dict[str, Any]:
