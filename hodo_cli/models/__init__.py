@@ -155,9 +155,9 @@ def _class_mistake(form: type[Model]) -> str:
     for name in ("name", "form"):
         if not isinstance(getattr(form, name), str):
             return f"its {name} is no text: {getattr(form, name)!r}"
-    taken = {field.name for field in fields(form) if field.init}
-    if "__dataclass_fields__" not in vars(form) or form.keys.keys() != taken:
-        named = ", ".join(sorted(form.keys.keys() ^ taken))
+    field_names = {field.name for field in fields(form) if field.init}
+    if "__dataclass_fields__" not in vars(form) or form.keys.keys() != field_names:
+        named = ", ".join(sorted(form.keys.keys() ^ field_names))
         return f"it is a frozen dataclass with a field for each of its `keys`; see {named or 'it'}"
     return ""
 

@@ -71,28 +71,28 @@ def keys_of_form(form: type[Model]) -> dict[str, Key]:
 
 def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
     """The object of a form with these data, with an attitude where they name one."""
-    own = {name: value for name, value in data.items() if name != KEY}
-    system, attitude = form.of(own), data.get(KEY)
+    plain_data = {name: value for name, value in data.items() if name != KEY}
+    system, attitude = form.of(plain_data), data.get(KEY)
     if attitude in (None, "no"):
         return system
-    return with_attitude(type(system))(**own, attitude=attitude)  # type: ignore[arg-type, call-arg]
+    return with_attitude(type(system))(**plain_data, attitude=attitude)  # type: ignore[arg-type, call-arg]
 
 
 def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """What is wrong with a start whose parts are each right by themselves."""
-    given = data.get(KEY)
-    if not isinstance(given, Mapping):
+    """The mistakes of a start whose entries are each right by themselves."""
+    attitude = data.get(KEY)
+    if not isinstance(attitude, Mapping):
         return
-    ways = [name for name in ("initial", "euler", "align") if given[name] is not None]
+    ways = [name for name in ("initial", "euler", "align") if attitude[name] is not None]
     if form.start_attitude is not None:
         yield (KEY,), "the start of a top says where it points: write `attitude: yes`"
     elif len(ways) != 1:
         yield (KEY,), f"give one of initial, euler and align, not {' and '.join(ways) or 'none'}"
-    if given["initial"] is not None and not any(given["initial"]):
+    if attitude["initial"] is not None and not any(attitude["initial"]):
         yield (KEY, "initial"), "a quaternion of length 0 is no attitude"
-    if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", given["sequence"]):
+    if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", attitude["sequence"]):
         message = "expected three of X, Y, Z or of x, y, z, no two neighbours equal"
-        yield (KEY, "sequence"), f"{message}, got {given['sequence']!r}"
+        yield (KEY, "sequence"), f"{message}, got {attitude['sequence']!r}"
 
 
 def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tuple[Any, ...]:
@@ -156,16 +156,16 @@ def aligned(G: Sequence[Any]) -> tuple[Any, ...]:
     return across / size / (2 * sine), sine * y / across, -(sine * x / across), 0.0
 
 
-def quaternion_at_start(given: Any, G: Sequence[Any]) -> tuple[Any, ...]:
+def quaternion_at_start(attitude: Any, G: Sequence[Any]) -> tuple[Any, ...]:
     """The quaternion (4,) at the start, which the key `attitude` and G (3,) say."""
-    if not isinstance(given, Mapping):
+    if not isinstance(attitude, Mapping):
         return 1.0, 0.0, 0.0, 0.0
-    if given["euler"] is not None:
-        return of_euler(given["sequence"], given["euler"])
-    if given["align"] is not None:
+    if attitude["euler"] is not None:
+        return of_euler(attitude["sequence"], attitude["euler"])
+    if attitude["align"] is not None:
         return aligned(G)
-    length = math.hypot(*given["initial"])
-    return tuple(x / length for x in given["initial"])
+    length = math.hypot(*attitude["initial"])
+    return tuple(x / length for x in attitude["initial"])
 
 
 def angle_apart(difference: np.ndarray, Q: np.ndarray) -> np.ndarray:
@@ -206,31 +206,33 @@ def beside_attitude(event: Event) -> Event:
 
 
 class Oriented(Model):
-    """What stands before a form's own class where its cases name an attitude."""
+    """The class before a form's own where its cases name an attitude."""
 
     attitude: Any
     plain: ClassVar[type[Model]]
 
     @property
     def start(self) -> tuple[Any, ...]:
-        own = super().start[: len(self.plain.state)]
+        plain_start = super().start[: len(self.plain.state)]
         if not self.plain.fixed_in_space:
-            return (*own, *self._turned(own))
-        return tuple(self.starts(np.array(own[:3])).tolist())
+            return (*plain_start, *self._turned(plain_start))
+        return tuple(self.starts(np.array(plain_start[:3])).tolist())
 
     @property
     def extended_start(self) -> np.ndarray:
-        own = super().extended_start
-        return np.concatenate((own, np.array(self.start[len(own) :], dtype=own.dtype)))
+        plain_start = super().extended_start
+        return np.concatenate(
+            (plain_start, np.array(self.start[len(plain_start) :], dtype=plain_start.dtype))
+        )
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        own = super().starts(omega)[: len(self.plain.state)]
-        turned = [self._turned(y) for y in own.reshape(len(own), -1).T.tolist()]
-        quaternions = np.array(turned).T.reshape(4, *own.shape[1:])
+        plain_starts = super().starts(omega)[: len(self.plain.state)]
+        turned = [self._turned(y) for y in plain_starts.reshape(len(plain_starts), -1).T.tolist()]
+        quaternions = np.array(turned).T.reshape(4, *plain_starts.shape[1:])
         if self.plain.fixed_in_space:
             rows = [self.plain.state.index(name) for name in self.plain.fixed_in_space]
-            own[rows] = turned_back(quaternions, own[rows])
-        return np.concatenate((own, quaternions))
+            plain_starts[rows] = turned_back(quaternions, plain_starts[rows])
+        return np.concatenate((plain_starts, quaternions))
 
     def _turned(self, start: Sequence[Any]) -> tuple[Any, ...]:
         if self.plain.start_attitude is not None:
@@ -248,12 +250,12 @@ class Oriented(Model):
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The attitude too: that of the free body at the time of its clock."""
-        own, exponent = super().exact_states(t)
+        states, exponent = super().exact_states(t)
         inertia = np.array(self.inertia)  # type: ignore[attr-defined]
         start = np.array(self.start)
         free = free_attitude(inertia, start[:3], self.free_times(t))
         Q = product(start[-4:].astype(free.dtype), free)
-        return np.concatenate((own, Q), axis=1), exponent
+        return np.concatenate((states, Q), axis=1), exponent
 
     def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         return super().validity_warnings(t, y[:, :-4], tol)
@@ -273,17 +275,17 @@ def rebuilt(name: str, form: str, data: Mapping[str, Any]) -> Model:
     return system_of(import_module(__package__).find(name, form), data)
 
 
-def attitude_warnings(given: Any) -> list[str]:
-    """What the start of an attitude says against itself."""
-    if not isinstance(given, Mapping):
+def attitude_warnings(attitude: Any) -> list[str]:
+    """Warnings of the start of an attitude."""
+    if not isinstance(attitude, Mapping):
         return []
-    if given["initial"] is not None:
-        length = math.hypot(*given["initial"])
+    if attitude["initial"] is not None:
+        length = math.hypot(*attitude["initial"])
         unit = abs(length - 1) <= NORMED
         return [] if unit else [f"the attitude at the start has length {length:.9g}: it is made 1"]
-    if given["euler"] is None:
+    if attitude["euler"] is None:
         return []
-    sequence, middle = given["sequence"], given["euler"][1]
+    sequence, middle = attitude["sequence"], attitude["euler"][1]
     pole = math.sin(middle) if sequence[0] == sequence[2] else math.cos(middle)
     if abs(pole) > NORMED:
         return []
@@ -302,7 +304,7 @@ def with_attitude(plain: type[Model]) -> type[Model]:
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         return {**plain.output(t, y[:, :-4], k), KEY: y[:, -4:]}
 
-    own = {
+    attributes_of = {
         "__module__": plain.__module__,
         "__doc__": f"{plain.__name__} with an attitude.",
         "__annotations__": {KEY: Any},
@@ -317,4 +319,6 @@ def with_attitude(plain: type[Model]) -> type[Model]:
         "output": staticmethod(output),
         "is_accurate": staticmethod(lambda y, k, tol: plain.is_accurate(y[:-4], k, tol)),
     }
-    return dataclass(frozen=True)(type(f"{plain.__name__}WithAttitude", (Oriented, plain), own))
+    return dataclass(frozen=True)(
+        type(f"{plain.__name__}WithAttitude", (Oriented, plain), attributes_of)
+    )

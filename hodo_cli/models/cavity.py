@@ -82,19 +82,19 @@ def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None) 
 
     Raises ValueError, with a sentence, unless it is given in exactly one way.
     """
-    given = {name: value for name, value in (cavity or {}).items() if value is not None}
-    if alone is not None and given:
+    entries = {name: value for name, value in (cavity or {}).items() if value is not None}
+    if alone is not None and entries:
         raise ValueError("kappa is given, so leave out the cavity")
     if alone is not None:
         return alone
-    if set(given) == {"kappa"}:
-        return given["kappa"]
-    if set(given) in ({"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}):
-        kappa = given["density"] * shape_factor(given) / given["viscosity"]
+    if set(entries) == {"kappa"}:
+        return entries["kappa"]
+    if set(entries) in ({"density", "viscosity", "P0"}, {"density", "viscosity", "radius"}):
+        kappa = entries["density"] * shape_factor(entries) / entries["viscosity"]
         if isfinite(kappa):
             return kappa
         raise ValueError("kappa = rho P0/nu is too large a number")
-    named = f"not {', '.join(given)}" if given else "and none of them is given"
+    named = f"not {', '.join(entries)}" if entries else "and none of them is given"
     raise ValueError(f"the cavity is density, viscosity and P0 or radius, or kappa alone, {named}")
 
 
@@ -111,7 +111,7 @@ def velocity(inertia: Sequence[float], initial: Mapping[str, float | None]) -> t
 
 @dataclass(frozen=True)
 class Cavity(Model):
-    """What the forms share: the keys, their checks and the limits of the theory."""
+    """The part that the forms share: the keys, their checks and the limits of the theory."""
 
     inertia: tuple[float, float, float]
     initial: Mapping[str, float | None]
@@ -177,12 +177,12 @@ def heavy_fluid(cavity: Mapping[str, float | None] | None, A: np.ndarray) -> lis
         return []
     b = radius_of(cavity)
     mass = 4 / 3 * math.pi * b**3 * cavity["density"]
-    own = 0.4 * mass * b * b
-    if own <= A.min():
+    moment = 0.4 * mass * b * b
+    if moment <= A.min():
         return []
     return [
         f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid a mass of {mass:.5g} and a "
-        f"moment of inertia of {own:.5g}, more than the {A.min():g} of body and fluid together"
+        f"moment of inertia of {moment:.5g}, more than the {A.min():g} of body and fluid together"
     ]
 
 

@@ -96,8 +96,13 @@ class SymmetricCavity(Cavity):
 
     @cached_property
     def constants(self) -> Constants:
-        every = super().constants
-        return {"A": every["A1"], "C": every["A3"], "kappa": every["kappa"], "N3": every["N3"]}
+        of_body = super().constants
+        return {
+            "A": of_body["A1"],
+            "C": of_body["A3"],
+            "kappa": of_body["kappa"],
+            "N3": of_body["N3"],
+        }
 
     @property
     def warnings(self) -> list[str]:

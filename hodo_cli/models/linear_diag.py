@@ -18,7 +18,7 @@ from .theory.possible_crossings import Dissipation
 
 
 def damping_warnings(damping: Sequence[float]) -> list[str]:
-    """What coefficients of resistance say against a medium."""
+    """Warnings of coefficients that no medium has."""
     negative = ", ".join(f"lambda{i + 1} = {x:g}" for i, x in enumerate(damping) if x < 0)
     return [f"negative damping feeds energy in: {negative}"] if negative else []
 

@@ -64,8 +64,8 @@ def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
     near_1 = np.ldexp(omega, -np.frexp(np.abs(omega).max(axis=0))[1])
     outer, inner = separatrix_terms(A, near_1, order)
     total = outer + inner
-    part = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
-    return np.where(A[order[0]] == A[order[2]], np.inf, part)
+    ratio = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
+    return np.where(A[order[0]] == A[order[2]], np.inf, ratio)
 
 
 def separatrix_roots(A: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
@@ -141,13 +141,13 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     outer, inner = separatrix_terms(A, w, order)
     labels = np.where(outer > inner, largest + 1, smallest + 1)
     # In steady rotation about an axis of symmetry both terms are 0: G goes round nothing.
-    known = np.isfinite(outer + inner) & (outer + inner > 0)
+    turning = np.isfinite(outer + inner) & (outer + inner > 0)
     if A[largest] > A[middle] > A[smallest]:
-        known = np.isfinite(outer + inner) & (w != 0).any(axis=0)
+        turning = np.isfinite(outer + inner) & (w != 0).any(axis=0)
         with np.errstate(invalid="ignore"):  # what is infinite is undetermined anyway
             near = np.abs(margin(A, omega, order)) <= band
         labels = np.where(near, SEPARATRIX, labels)
-    return np.where(known, labels, UNDETERMINED).astype(np.int8)
+    return np.where(turning, labels, UNDETERMINED).astype(np.int8)
 
 
 def slope(A: Sequence[float] | np.ndarray) -> float:
@@ -216,18 +216,18 @@ def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> t
             "G stands for exactly one of p, q, r: leave that one out and give the other two"
         )
     with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
-        parts = (
+        momenta = (
             Decimal(A) * Decimal(w) for A, w in zip(inertia, omega, strict=True) if w is not None
         )
-        known = sum((part * part for part in parts), Decimal(0))
-        rest = Decimal(momentum) ** 2 - known
-        if rest < 0:
+        square = sum((momentum_part * momentum_part for momentum_part in momenta), Decimal(0))
+        remainder = Decimal(momentum) ** 2 - square
+        if remainder < 0:
             raise ValueError(
-                f"|G| is at least {known.sqrt():.6g} with the two given, "
+                f"|G| is at least {square.sqrt():.6g} with the two given, "
                 f"so G: {momentum:.6g} leaves no {missing[0]}"
             )
-        at = "pqr".index(missing[0])
-        omega[at] = float(rest.sqrt() / Decimal(inertia[at]))
+        index = "pqr".index(missing[0])
+        omega[index] = float(remainder.sqrt() / Decimal(inertia[index]))
     return tuple(omega)  # type: ignore[arg-type]
 
 
@@ -288,8 +288,8 @@ class BodyFrame(Model):
 
     @classmethod
     def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        more = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
-        return {"omega": y[:, :3], **more}
+        others = {name: y[:, i] for i, name in enumerate(cls.state) if name in cls.variables}
+        return {"omega": y[:, :3], **others}
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -303,8 +303,8 @@ class BodyFrame(Model):
         turning = np.moveaxis(omega, -1, 0)
         if len(self.state) == len(turning):
             return turning
-        more = [np.full(turning.shape[1:], value) for value in self.start[3:]]
-        return np.concatenate([turning, more])
+        others = [np.full(turning.shape[1:], value) for value in self.start[3:]]
+        return np.concatenate([turning, others])
 
     @cached_property
     def constants(self) -> Constants:

@@ -17,12 +17,12 @@ from .terms.torques import RESISTANCE, rates_under
 from .theory.possible_crossings import Dissipation
 
 
-def tensor_matrix(given: Sequence[Sequence[float]] | Mapping[str, float]) -> np.ndarray:
+def tensor_matrix(tensor: Sequence[Sequence[float]] | Mapping[str, float]) -> np.ndarray:
     """The tensor that a case gives, as a 3x3 array."""
-    if isinstance(given, Mapping):
-        on, off = given["diagonal"], given["off_diagonal"]
+    if isinstance(tensor, Mapping):
+        on, off = tensor["diagonal"], tensor["off_diagonal"]
         return np.array([[on, off, off], [off, on, off], [off, off, on]])
-    return np.array(given)
+    return np.array(tensor)
 
 
 def is_diagonal(I: np.ndarray) -> bool:
@@ -31,7 +31,7 @@ def is_diagonal(I: np.ndarray) -> bool:
 
 
 def tensor_warnings(I: np.ndarray) -> list[str]:
-    """What a tensor of resistance says against a medium."""
+    """Warnings of a tensor that no medium has."""
     values = np.linalg.eigvalsh(I / 2 + I.T / 2)
     messages = []
     if values[0] < -1e-12 * abs(values[-1]):

@@ -55,7 +55,7 @@ TERMS: Mapping[str, Term] = {
     "space_torque": terms.SPACE,
     "expression": terms.EXPRESSION,
 }
-"""What a case may name; a `cavity` is a kappa."""
+"""The terms that a case may name; a `cavity` is a kappa."""
 
 AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque", "rotor"}
 """The terms that the quadrature over a turn takes: functions of omega and the time without a
@@ -83,10 +83,10 @@ NEGATIVE = "a negative coefficient drives the body: write that as an expression"
 
 def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
     """The terms that a case names, in the order of TERMS."""
-    given = {name for name in TERMS if data.get(name) is not None}
+    names = {name for name in TERMS if data.get(name) is not None}
     if data.get("cavity") is not None:
-        given.add("kappa")
-    return tuple(name for name in TERMS if name in given)
+        names.add("kappa")
+    return tuple(name for name in TERMS if name in names)
 
 
 @dataclass(frozen=True)
@@ -220,8 +220,8 @@ class Torques(BodyFrame):
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
-        made = sum_of(terms_named(data), is_tensor(data["inertia"]))
-        return (made if cls.form == "full" else averaged_sum(made, terms_named(data)))(**data)  # type: ignore[arg-type]
+        form = sum_of(terms_named(data), is_tensor(data["inertia"]))
+        return (form if cls.form == "full" else averaged_sum(form, terms_named(data)))(**data)  # type: ignore[arg-type]
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -258,30 +258,30 @@ class Torques(BodyFrame):
 
     @cached_property
     def constants(self) -> Constants:
-        every: dict[str, Any] = {}
+        constants: dict[str, Any] = {}
         for term, entries in given_coefficients(vars(self)).items():
             factor = self.epsilon if term == "torque" else 1.0
-            for name, given in zip(TERMS[term].degree, entries, strict=True):
-                every |= law_constants(name, given, factor)
+            for name, entry in zip(TERMS[term].degree, entries, strict=True):
+                constants |= law_constants(name, entry, factor)
         if self.expression is not None:
             texts = {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
-            every |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
+            constants |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
         if self.brake is not None:
             omega = np.array(self.velocity(self.inertia, self.initial))
             momentum = float(np.linalg.norm(self.momentum(omega)))
             at_stop = 2 * (math.log(momentum) - LEGS * math.log(FALL))
-            every |= {"momentum_at_start": momentum, "ln_square_at_stop": at_stop}
+            constants |= {"momentum_at_start": momentum, "ln_square_at_stop": at_stop}
         if self.form != "full":
-            every |= weights_of_fluid(Body.of(self.inertia))
+            constants |= weights_of_fluid(Body.of(self.inertia))
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         if self.frame is None:
-            return {**every, **body_constants(self.inertia)}
+            return {**constants, **body_constants(self.inertia)}
         tensor, inverse = (
             tuple(matrix.ravel().tolist())
             for matrix in (self.frame.tensor, np.linalg.inv(self.frame.tensor))
         )
         return {
-            **every,
+            **constants,
             **body_constants(self.moments.tolist()),
             "tensor": tensor,
             "inverse": inverse,
@@ -322,19 +322,19 @@ class Torques(BodyFrame):
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         w = np.moveaxis(omega, -1, 0)
-        own = {
+        extra = {
             "brake": [np.linalg.norm(self.momentum(omega), axis=-1)],
             "quadratic_axes": [*np.where(w == 0, np.sign(self.slopes(w)), np.sign(w))],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }
-        more = (x for name in terms_named(vars(self)) for x in own.get(name, ()))
-        return np.stack([*w, *more])
+        columns = (x for name in terms_named(vars(self)) for x in extra.get(name, ()))
+        return np.stack([*w, *columns])
 
     @property
     def start(self) -> tuple[float, ...]:
         omega = super().start
         # An averaged form has variables of its own.
-        if self.form != "full" or not any(term.own for term in self.terms):
+        if self.form != "full" or not any(term.extra for term in self.terms):
             return omega
         return tuple(self.starts(np.array(omega)).tolist())
 
@@ -344,15 +344,20 @@ class Torques(BodyFrame):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        own = {name: 3 + i for i, name in enumerate(self.state[3:])}
+        places = {name: 3 + i for i, name in enumerate(self.state[3:])}
         events = [
-            Event("turned", Component(i, own[f"s{i + 1}"]), True, SignReversal(i, own[f"s{i + 1}"]))
+            Event(
+                "turned",
+                Component(i, places[f"s{i + 1}"]),
+                True,
+                SignReversal(i, places[f"s{i + 1}"]),
+            )
             for i in range(3)
-            if "s1" in own and any(first_values(self.quadratic_axes[i]))
+            if "s1" in places and any(first_values(self.quadratic_axes[i]))
         ]
-        if "leg" in own:
-            stop = BrakedLeg(own["leg"], self)
-            events.append(Event("stopped", LegEnd(own["leg"]), True, stop))
+        if "leg" in places:
+            stop = BrakedLeg(places["leg"], self)
+            events.append(Event("stopped", LegEnd(places["leg"]), True, stop))
         return tuple(events)
 
     @property
@@ -369,29 +374,29 @@ class Torques(BodyFrame):
 
     def slopes(self, w: np.ndarray) -> np.ndarray:
         """omega' (3, ...) at the start, whose signs are those of the components that begin at 0."""
-        smooth = [term for term in self.terms if not term.own]
+        smooth = [term for term in self.terms if not term.extra]
         k = attributes(self.constants)
         return np.array(np.broadcast_arrays(*rates_under(smooth, 0.0, [*w], k)))
 
     @property
     def direction(self) -> np.ndarray:
         """e of the torque fixed in space (3,), of length 1."""
-        given = np.array(self.space_torque["direction"] if self.space_torque else (1.0, 0, 0))
-        unit = given / np.abs(given).max()
+        direction = np.array(self.space_torque["direction"] if self.space_torque else (1.0, 0, 0))
+        unit = direction / np.abs(direction).max()
         return np.asarray(unit / np.linalg.norm(unit))
 
     @property
     def along_momentum(self) -> AlongMomentum | None:
         """The rates of a sum of equal damping and a brake, both constant; None for other sums."""
-        given = given_coefficients(vars(self))
-        rates = given.get("damping", (0.0,)) + given.get("brake", ())
+        coefficients = given_coefficients(vars(self))
+        rates = coefficients.get("damping", (0.0,)) + coefficients.get("brake", ())
         if (
             self.frame is not None
-            or given.keys() - {"damping", "brake"}
+            or coefficients.keys() - {"damping", "brake"}
             or not all(isinstance(x, float) for x in rates)
         ):
             return None
-        if len(set(given.get("damping", (0.0,)))) > 1 or not any(self.start):
+        if len(set(coefficients.get("damping", (0.0,)))) > 1 or not any(self.start):
             return None
         G = np.linalg.norm(np.array(self.inertia) * self.start[:3])
         return AlongMomentum.of(G, damping=rates[0], brake=self.brake or 0.0)
@@ -444,13 +449,13 @@ class Torques(BodyFrame):
 
     @property
     def dissipation(self) -> Dissipation | None:
-        given = given_coefficients(vars(self))
-        numbers = [x for entries in given.values() for x in entries]
-        if given.keys() & {"space_torque", "rotor", "expression"} or not all(
+        coefficients = given_coefficients(vars(self))
+        numbers = [x for entries in coefficients.values() for x in entries]
+        if coefficients.keys() & {"space_torque", "rotor", "expression"} or not all(
             isinstance(x, float) for x in numbers
         ):
             return None
-        damping, covered = np.array(given.get("damping", np.zeros(3))), True
+        damping, covered = np.array(coefficients.get("damping", np.zeros(3))), True
         if self.resistance is not None:
             I = tensor_matrix(self.resistance)
             if self.frame is not None:
@@ -458,9 +463,11 @@ class Torques(BodyFrame):
                 I = np.where(np.abs(I) > ROUNDING * np.abs(I).max(), I, 0)
             damping, covered = damping + np.diag(I) / self.moments, is_diagonal(I)
         zeros = (0.0, 0.0, 0.0)
-        quadratic, by_axes = (given.get(name, zeros) for name in ("quadratic", "quadratic_axes"))
-        torque = self.to_principal(self.epsilon * np.array(given.get("torque", zeros)))
-        (kappa,) = given.get("kappa", (0.0,))
+        quadratic, by_axes = (
+            coefficients.get(name, zeros) for name in ("quadratic", "quadratic_axes")
+        )
+        torque = self.to_principal(self.epsilon * np.array(coefficients.get("torque", zeros)))
+        (kappa,) = coefficients.get("kappa", (0.0,))
         return Dissipation(self.moments, damping, quadratic, by_axes, kappa, torque, covered)
 
     @property
@@ -562,8 +569,8 @@ def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
 def averaged_stop(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The end of an averaged motion, whose |G| the brake brings to 0 at a known rate."""
     mean = mean_elements(y, k)
-    left = float(mean["momentum"]) / float(coefficient_at(k, "brake", t))
-    return EventOutcome(float(t) + left, {"from": float(mean["enclosed_axis"])}, y)
+    time_left = float(mean["momentum"]) / float(coefficient_at(k, "brake", t))
+    return EventOutcome(float(t) + time_left, {"from": float(mean["enclosed_axis"])}, y)
 
 
 @dataclass(frozen=True)
@@ -607,8 +614,8 @@ class BrakedLeg:
     def against(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> float:
         """|N0|."""
         system, others = self.system, [term for term in self.system.terms if term != terms.BRAKE]
-        own = [value for i, value in enumerate(y) if i >= 3 and i != self.leg]
-        rates = rates_under(others, t, [*system.resting.tolist(), *own], k)[:3]
+        extra = [value for i, value in enumerate(y) if i >= 3 and i != self.leg]
+        rates = rates_under(others, t, [*system.resting.tolist(), *extra], k)[:3]
         # A omega', since -omega x G is 0 there.
         torque = system.momentum(np.array(rates, float)) - system.momentum(np.zeros(3))
         return float(np.linalg.norm(torque))
@@ -692,20 +699,20 @@ def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
     """The form of `Torques` whose equations have the terms of these names only, for bodies that are
     given by their principal moments, or by a tensor in any axes."""
     chosen = tuple(TERMS[name] for name in names)
-    own = {name: power for term in chosen for name, power in term.own.items()}
+    extra = {name: power for term in chosen for name, power in term.extra.items()}
     attributes_of = {
         "__module__": __name__,
         "__doc__": Torques.__doc__,
         "terms": chosen,
         "rhs": staticmethod(partial(rates_under, chosen)),
-        "state": ("p", "q", "r", *own),
-        "state_degree": {name: power for name, power in own.items() if power != 1},
+        "state": ("p", "q", "r", *extra),
+        "state_degree": {name: power for name, power in extra.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
         # One event at most may change the equations of many motions, and they have no other labels
         # than the sign of D.
         "batchable": not (terms.QUADRATIC_AXES in chosen or in_any_axes or terms.ROTOR in chosen),
-        "fixed_in_space": tuple(terms.SPACE.own) if terms.SPACE in chosen else (),
+        "fixed_in_space": tuple(terms.SPACE.extra) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
     }
-    made = type("Torques", (Torques,), attributes_of)
-    return dataclass(frozen=True)(made)
+    form = type("Torques", (Torques,), attributes_of)
+    return dataclass(frozen=True)(form)

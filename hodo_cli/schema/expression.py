@@ -90,36 +90,40 @@ def parse_expression(text: str, names: tuple[str, ...]) -> Tree:
         body = ast.parse(line, mode="eval").body
     except (SyntaxError, MemoryError, RecursionError) as error:
         # An offset of 0 is the end of the text.
-        at = indent + (getattr(error, "offset", None) or len(line) + 1) - 1
-        said = error.msg if isinstance(error, SyntaxError) else "too many nested parentheses"
+        position = indent + (getattr(error, "offset", None) or len(line) + 1) - 1
+        message = error.msg if isinstance(error, SyntaxError) else "too many nested parentheses"
         # Python's own words elsewhere speak of commas, or of nothing but invalid syntax.
-        known = re.search(r"[()]|parenthes", said)
-        raise _wrong(at, said if known else "an operand or an operator is missing") from None
+        parentheses = re.search(r"[()]|parenthes", message)
+        raise _wrong(
+            position, message if parentheses else "an operand or an operator is missing"
+        ) from None
     nodes = sum(isinstance(node, ast.expr) for node in ast.walk(body))
     if nodes > MOST_NODES:
         raise _wrong(indent, f"{nodes} numbers, names and operations, more than {MOST_NODES}")
     return _Walk(line, indent).tree(body, 1)
 
 
-def _wrong(at: int, sentence: str) -> Wrong:
+def _wrong(position: int, sentence: str) -> Wrong:
     """The mistake at a position, from 0, of an expression's text."""
-    return Wrong(((), f"column {at + 1} of the expression: {sentence}"))
+    return Wrong(((), f"column {position + 1} of the expression: {sentence}"))
 
 
 def _check_words(text: str, names: tuple[str, ...]) -> None:
     """That all of a text is numbers, known names and operators. Raises Wrong."""
-    valid, at = [*names, *FUNCTIONS], 0
-    while at < len(text):
-        word = _WORD.match(text, at)
+    valid, position = [*names, *FUNCTIONS], 0
+    while position < len(text):
+        word = _WORD.match(text, position)
         if word is None:
-            what = f"unexpected {text[at]!r}{'; a power is **' if text[at] == '^' else ''}"
-            number = text[at] in "0123456789"
-            raise _wrong(at, "no decimal number; a product needs its *" if number else what)
+            what = (
+                f"unexpected {text[position]!r}{'; a power is **' if text[position] == '^' else ''}"
+            )
+            number = text[position] in "0123456789"
+            raise _wrong(position, "no decimal number; a product needs its *" if number else what)
         if word["name"] and word["name"] not in valid:
-            raise _wrong(at, unknown("name", word["name"], valid))
+            raise _wrong(position, unknown("name", word["name"], valid))
         if word["number"] and not math.isfinite(float(word["number"])):
-            raise _wrong(at, "a number too large for a double")
-        at = word.end()
+            raise _wrong(position, "a number too large for a double")
+        position = word.end()
 
 
 @dataclass(frozen=True)
@@ -150,10 +154,10 @@ class _Walk:
                 return self.folded(node, "neg", self.tree(node.operand, level + 1))
             case ast.BinOp() if type(node.op) in _OPERATORS:
                 # A long sum leans to the left and is not nested for that.
-                left, word = self.tree(node.left, level), _OPERATORS[type(node.op)]
+                operand, word = self.tree(node.left, level), _OPERATORS[type(node.op)]
                 if word == "**":
-                    return self.folded(node, word, left, self.exponent(node.right))
-                return self.folded(node, word, left, self.tree(node.right, level + 1))
+                    return self.folded(node, word, operand, self.exponent(node.right))
+                return self.folded(node, word, operand, self.tree(node.right, level + 1))
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
                 name in FUNCTIONS
             ):

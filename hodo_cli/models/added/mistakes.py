@@ -22,17 +22,17 @@ def located(error: Exception, path: str) -> str:
     if isinstance(error, SyntaxError):
         return f"{error.filename or path}:{error.lineno or 1}: {error.msg}"
     folder = Path(path).resolve().parent
-    places = [
-        f"{at.filename}:{at.lineno}"
-        for at in traceback.extract_tb(error.__traceback__)
-        if at.filename == path or _is_beside(Path(at.filename).resolve(), folder)
+    lines = [
+        f"{frame.filename}:{frame.lineno}"
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename == path or _is_beside(Path(frame.filename).resolve(), folder)
     ]
     kind = "" if isinstance(error, HodoError) else f"{type(error).__name__}: "
     message = f"{kind}{error}".partition("\n")[0]
     if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
-        known = ", ".join(vars(error.obj))
-        message = f"there is no constant {error.name!r} (`constants` has: {known})"
-    return f"{places[-1] if places else f'{path}:1'}: {message}"
+        names = ", ".join(vars(error.obj))
+        message = f"there is no constant {error.name!r} (`constants` has: {names})"
+    return f"{lines[-1] if lines else f'{path}:1'}: {message}"
 
 
 def _is_beside(file: Path, folder: Path) -> bool:

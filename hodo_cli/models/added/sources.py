@@ -49,7 +49,7 @@ def texts_of(path: Path, text: bytes, module: str = "") -> dict[str, bytes]:
         texts[name] = text
         for imported in _imports(text, file.relative_to(folder).parent.parts):
             if imported[0] == package if package else imported[0] != "hodo_cli":
-                waiting += [(found, found.read_bytes()) for found in _files(folder, imported)]
+                waiting += [(source, source.read_bytes()) for source in _files(folder, imported)]
     return texts
 
 
@@ -72,7 +72,7 @@ def _imports(text: bytes, package: tuple[str, ...]) -> Iterator[tuple[str, ...]]
 def _files(folder: Path, name: tuple[str, ...]) -> Iterator[Path]:
     """The files in a folder that importing a module runs: its own, and those of its packages."""
     for i in range(1, len(name) + 1):
-        place = folder.joinpath(*name[:i])
-        for file in (place.with_suffix(".py"), place / "__init__.py"):
+        module = folder.joinpath(*name[:i])
+        for file in (module.with_suffix(".py"), module / "__init__.py"):
             if file.is_file():
                 yield file

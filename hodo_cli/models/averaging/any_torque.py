@@ -57,7 +57,7 @@ NEAR, NEARER = 1e-9, 1e-13
 """Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
 
 SAME_DRIFT = 1e-9
-"""What two drifts may differ by, relative to the larger, and be taken for equal."""
+"""The difference, relative to the larger, up to which two drifts are equal."""
 
 AT_ONCE = 2048
 """Samples whose periodic parts are computed at once: each takes a row of nodes."""
@@ -85,9 +85,9 @@ def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
         between = []
         for i in range(last):
             # Half of an odd place, which is known; beyond K by its mirror image, where cn < 0.
-            place = 2 * i + 1
-            sn, cn, dn = nodes[min(place, 2 * last - place)]
-            if place <= last:
+            odd = 2 * i + 1
+            sn, cn, dn = nodes[min(odd, 2 * last - odd)]
+            if odd <= last:
                 both = cn + dn
                 half = (
                     sn / ((1 + cn) * (1 + dn)) ** 0.5,
@@ -95,11 +95,11 @@ def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
                     (both / (1 + cn)) ** 0.5,
                 )
             else:
-                rest = m1 / (cn + dn)
+                ratio = m1 / (cn + dn)
                 half = (
                     ((1 + cn) / (1 + dn)) ** 0.5,
-                    sn * (rest / (1 + dn)) ** 0.5,
-                    (rest * (1 + cn)) ** 0.5,
+                    sn * (ratio / (1 + dn)) ** 0.5,
+                    (ratio * (1 + cn)) ** 0.5,
                 )
             between.append(half)
         nodes = [node for pair in zip(nodes, between, strict=False) for node in pair] + nodes[-1:]
@@ -138,8 +138,8 @@ def averaged_rates(full: Rhs, t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ..
         sum_o += across * cn * rate[2] - sense * middle * sn * rate[1]
     n = either(side, a - b, b - c) ** 0.5 / (a * b * c) ** 0.5 * root_e
     pace = turn_means(m, 1 - m).pace
-    of = 2 / len(turn)
-    rates = of * sum_e / root_e, of * sum_o / root_o
+    weight = 2 / len(turn)
+    rates = weight * sum_e / root_e, weight * sum_o / root_o
     return *rates, k.turning_scale * n * pace, 0 * side, 0 * sense
 
 
@@ -149,10 +149,10 @@ def about_axes(full: Rhs, t: Any, w: Sequence[Any], k: Any, side: Any) -> tuple[
     body = turning_body(k)
     about, middle, across = w
     sorted_w = either(side, about, across), middle, either(side, across, about)
-    given: list[Any] = [0, 0, 0]
+    components: list[Any] = [0, 0, 0]
     for axis, component in zip(body.order, sorted_w, strict=True):
-        given[axis] = body.parity * component
-    rates = full(t, given, k)
+        components[axis] = body.parity * component
+    rates = full(t, components, k)
     p, q, r = (body.parity * rates[axis] for axis in body.order)
     return either(side, p, r), q, either(side, r, p)
 
@@ -234,9 +234,12 @@ def through_with_torque(full: Rhs, t: Any, y: Sequence[Any], k: SimpleNamespace)
     )
     # The bands are right to NEAR, and on the way to the separatrix they change by EDGE only.
     view = SimpleNamespace(**turning_constants(body))
-    left = pass_separatrix(view, arrival, lambda _: bands, branch, predictable)
-    pair = (ln + by for ln, by in zip(left.in_order((ln_e, ln_o)), left.changes, strict=True))
-    return left.outcome(y, (*pair, k.turning_scale * left.phase, *left.region))
+    departure = pass_separatrix(view, arrival, lambda _: bands, branch, predictable)
+    pair = (
+        ln + change
+        for ln, change in zip(departure.in_order((ln_e, ln_o)), departure.changes, strict=True)
+    )
+    return departure.outcome(y, (*pair, k.turning_scale * departure.phase, *departure.region))
 
 
 def drives_alike(drift: Mapping[Region, float]) -> bool:
@@ -272,10 +275,10 @@ def stored_with_part(
         numbers, slow = in_doubles(k), slow_of(y.astype(float), k)
         part_e, part_o = np.empty((2, len(t)))
         for i in range(0, len(t), AT_ONCE):
-            at = slice(i, i + AT_ONCE)
-            some = SlowVariables(*(column[at] for column in slow))
+            rows = slice(i, i + AT_ONCE)
+            slow_rows = SlowVariables(*(column[rows] for column in slow))
             with np.errstate(all="ignore"):  # nothing turns any more
-                part_e[at], part_o[at] = part(t[at], some, numbers)
+                part_e[rows], part_o[rows] = part(t[rows], slow_rows, numbers)
         turning = slow.m1 > EDGE / 2
         turns = turn_frequency(body, unit * unit, side) / float(k.turning_scale)
         X_e, X_o = (
@@ -321,7 +324,7 @@ class AnyTorque(AveragedTurns):
     def equations(self) -> dict[str, Any]:
         """The constants of the equations, but for the unit of slow time."""
         body = self.body
-        own = {
+        turning = {
             "turning_axes": "".join(map(str, body.order)),
             "turning_nodes": str(self.nodes),  # type: ignore[attr-defined]
             "turning_mean": self.mean_start,
@@ -329,10 +332,10 @@ class AnyTorque(AveragedTurns):
             "turning_e": math.e,
             "turning_offset": logarithmic_offset(body),
         }
-        every = {**super().constants, "g": 0.0, **own}
+        constants = {**super().constants, "g": 0.0, **turning}
         # Those of the full form have been kept under the name of ours.
         vars(self).pop("constants")
-        return every
+        return constants
 
     @cached_property
     def constants(self) -> Constants:
@@ -402,7 +405,7 @@ def averaged_form(
     """The averaged form of a model that states only its full one: by quadrature, or by the rates of
     the same state and the periodic part where these are known."""
     part = part or partial(part_by_quadrature, full.rhs)
-    own = {
+    attributes_of = {
         "__module__": full.__module__,
         "__doc__": f"{full.__name__} averaged over the turns of its hodograph.",
         "__annotations__": {"at_separatrix": str, "nodes": int},
@@ -415,5 +418,5 @@ def averaged_form(
         "output": staticmethod(partial(stored_with_part, part)),
         "passage": staticmethod(partial(through_with_torque, full.rhs)),
     }
-    made = type(f"{full.__name__}Averaged", (AnyTorque, full), own)
-    return dataclass(frozen=True)(made)
+    averaged = type(f"{full.__name__}Averaged", (AnyTorque, full), attributes_of)
+    return dataclass(frozen=True)(averaged)

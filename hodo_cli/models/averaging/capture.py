@@ -25,7 +25,7 @@ from .free_turn import parity_of
 from .passage import CrossingPrediction, outcome, time_in_band
 
 FREE, STOP, OTHER, REVERSED = "free", "stop", "other-axis", "reversed"
-"""What happens at the separatrix: without a torque the motion goes through, else as the case
+"""The branches at the separatrix: without a torque the motion goes through, else as the case
 says."""
 
 AT_SEPARATRIX = Key(
@@ -44,7 +44,7 @@ Pair = tuple[Any, Any]
 """A quantity of the enclosed axis e, and that of the other axis o."""
 
 UNKNOWN = CrossingPrediction(math.nan, 0, math.nan, math.nan, 0.0)
-"""What is predicted of a passage whose phase is not known."""
+"""The prediction of a passage whose phase is not known."""
 
 WEAKNESS = 0.5
 """How far off a probability may be, in units of half of what a half turn changes u by there: it is
@@ -148,12 +148,12 @@ def pass_separatrix(
     time = float(arrival.time) + seconds
     phase = arrival.phase + math.pi / 2 * n * arrival.u / pull
     details = {"momentum": momentum(k, side, edge), "frequency": n}
-    known, region = UNKNOWN, None
+    prediction, region = UNKNOWN, None
     if branch == FREE:
         foreseen = outcome(pull, n, float(phase), time, rate or pull)
-        known = foreseen if predictable else UNKNOWN._replace(scatter=foreseen.scatter)
-        details |= known.details | {"sense": float(parity(k) * known.sense)}
-        region = -side, known.sense or 1
+        prediction = foreseen if predictable else UNKNOWN._replace(scatter=foreseen.scatter)
+        details |= prediction.details | {"sense": float(parity(k) * prediction.sense)}
+        region = -side, prediction.sense or 1
     else:
         drift = drift_by_region(bands(edge))
         shares = capture_shares(drift, arrival.region)
@@ -167,9 +167,9 @@ def pass_separatrix(
     there = bands(edge)[region]
     onward = time_in_band(2 * EDGE, there.drift)
     # The lag is spent near the middle axis, at the rate there.
-    beyond = there.changes(onward + known.lag, 2 * EDGE)
+    beyond = there.changes(onward + prediction.lag, 2 * EDGE)
     before = to_edge if region[0] == side else to_edge[::-1]
-    place = known.place if math.isfinite(known.place) else 0.0
+    place = prediction.place if math.isfinite(prediction.place) else 0.0
     return Departure(
         time,
         details,
@@ -177,13 +177,15 @@ def pass_separatrix(
         region[0] != side,
         (before[0] + beyond[0], before[1] + beyond[1]),
         math.pi * (place + 0.5) + math.pi / 2 * n * 2 * EDGE / there.drift,
-        arrival.time + (seconds + known.lag + onward),
+        arrival.time + (seconds + prediction.lag + onward),
     )
 
 
 def grown(amplitudes: Pair, changes: Pair) -> Pair:
     """Amplitudes after changes of the logarithms of their squares."""
-    first, second = (x * math.exp(by / 2) for x, by in zip(amplitudes, changes, strict=True))
+    first, second = (
+        x * math.exp(change / 2) for x, change in zip(amplitudes, changes, strict=True)
+    )
     return first, second
 
 
@@ -234,11 +236,11 @@ def capture_shares(drift: Mapping[Region, float], start: Region) -> dict[Region,
     turn = 2 * abs(drift[start])
     low = beyond if side > 0 else -beyond - turn
     arc = (sense, 1) if side > 0 else (1, sense)
-    parts, shares = [(low, low + turn, *arc)], dict.fromkeys(drift, 0.0)
+    intervals, shares = [(low, low + turn, *arc)], dict.fromkeys(drift, 0.0)
     for _ in range(MOST_HALF_TURNS):
-        if not parts:
+        if not intervals:
             break
-        low, high, s1, s3 = parts.pop()
+        low, high, s1, s3 = intervals.pop()
         low, high = low + theta[s1, s3], high + theta[s1, s3]
         # Above 0 the next arc lies about the same end of axis a, below about the same end of c.
         for bottom, top, region, onward in (
@@ -251,7 +253,7 @@ def capture_shares(drift: Mapping[Region, float], start: Region) -> dict[Region,
             if away and drift[region] * region[0] > 0:
                 shares[region] += (top - bottom) / turn
             else:
-                parts.append((bottom, top, *onward))
+                intervals.append((bottom, top, *onward))
     return shares
 
 

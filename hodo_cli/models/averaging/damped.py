@@ -56,9 +56,12 @@ def through_separatrix(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOut
     u = float(ln_e - ln_o + side * k.turning_offset)
     arrival = Arrival(t, region, u, amplitudes, scaled_phase / k.scale)
     predictable = k.mean_start == k.predictable == "yes"
-    left = pass_separatrix(k, arrival, lambda _: bands, FREE, predictable, max(map(abs, lam)))
-    pair = (ln + by for ln, by in zip(left.in_order((ln_e, ln_o)), left.changes, strict=True))
-    return left.outcome(y, (*pair, k.scale * left.phase, left.region[0]))
+    departure = pass_separatrix(k, arrival, lambda _: bands, FREE, predictable, max(map(abs, lam)))
+    pair = (
+        ln + change
+        for ln, change in zip(departure.in_order((ln_e, ln_o)), departure.changes, strict=True)
+    )
+    return departure.outcome(y, (*pair, k.scale * departure.phase, departure.region[0]))
 
 
 @dataclass(frozen=True)
@@ -93,8 +96,8 @@ class Damped(AveragedTurns):
     @property
     def sorted_coefficients(self) -> tuple[float, ...]:
         """lambda about the axes of largest, middle and smallest moment of inertia."""
-        given = self.coefficients
-        return tuple(given[axis] for axis in self.body.order)
+        lam = self.coefficients
+        return tuple(lam[axis] for axis in self.body.order)
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:

@@ -105,8 +105,8 @@ def fluid_band(k: Any, region: Region, amplitudes: Pair) -> SeparatrixRates:
 
 def fluid_bands(k: Any, side: int, amplitudes: Pair) -> Bands:
     """The mean rates in the four regions, at amplitudes on a side."""
-    of = {side: amplitudes, -side: amplitudes[::-1]}
-    return {region: fluid_band(k, region, of[region[0]]) for region in REGIONS}
+    by_side = {side: amplitudes, -side: amplitudes[::-1]}
+    return {region: fluid_band(k, region, by_side[region[0]]) for region in REGIONS}
 
 
 def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
@@ -127,11 +127,16 @@ def through_with_fluid(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOut
     def bands(amplitudes: Pair) -> Bands:
         return fluid_bands(k, side, (amplitudes[0] / unit, amplitudes[1] / unit))
 
-    left = pass_separatrix(k, arrival, bands, k.branch, k.mean_start == "yes")
+    departure = pass_separatrix(k, arrival, bands, k.branch, k.mean_start == "yes")
     # Without a lag the changes are so small that their squares are below every precision.
-    g, f = (x * (1 + by / 2) for x, by in zip(left.in_order((g, f)), left.changes, strict=True))
-    sense = left.region[1]
-    return left.outcome(y, (sense * g, f, sense * k.scale * left.phase, *left.region))
+    g, f = (
+        x * (1 + change / 2)
+        for x, change in zip(departure.in_order((g, f)), departure.changes, strict=True)
+    )
+    sense = departure.region[1]
+    return departure.outcome(
+        y, (sense * g, f, sense * k.scale * departure.phase, *departure.region)
+    )
 
 
 def fluid_part(k: Any, slow: SlowVariables) -> tuple[Any, Any]:

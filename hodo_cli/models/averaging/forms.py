@@ -220,7 +220,7 @@ def shifted(
 
     It is no correction any more where it takes the motion halfway to the separatrix.
     """
-    X_e, X_o = (value * (1 - more) for value, more in zip(slow.pair, part, strict=True))
+    X_e, X_o = (value * (1 - share) for value, share in zip(slow.pair, part, strict=True))
     w_e, w_o = body.weight(slow.side)
     with np.errstate(all="ignore"):  # of what is not turning there is no mean
         m1 = 1 - w_o * X_o / (w_e * X_e)

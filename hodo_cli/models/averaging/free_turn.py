@@ -79,9 +79,9 @@ class Body(NamedTuple):
 
     def unsort(self, vector: np.ndarray) -> np.ndarray:
         """The inverse of `sort`."""
-        given = np.empty_like(vector)
-        given[..., list(self.order)] = self.parity * vector
-        return given
+        unsorted = np.empty_like(vector)
+        unsorted[..., list(self.order)] = self.parity * vector
+        return unsorted
 
 
 def turning_body(k: Any) -> Body:
@@ -162,9 +162,9 @@ def phase_of(am: Any, m1: Any) -> Any:
     (...)."""
     levels = landen(m1)
     for a, b, _ in levels[:-1]:
-        more = np.arctan2(b * np.sin(am), a * np.cos(am))
+        increase = np.arctan2(b * np.sin(am), a * np.cos(am))
         # More and am are in the same quadrant; the arc tangent forgets whole turns.
-        am = am + more + 2 * np.pi * np.round((am - more) / (2 * np.pi))
+        am = am + increase + 2 * np.pi * np.round((am - increase) / (2 * np.pi))
     return am / 2**LANDEN
 
 

@@ -49,8 +49,8 @@ def slopes(m: Any, functions: Sequence[Any]) -> tuple[Any, Any]:
     """
     total, pace = functions
     cc = 0.5 - m * total
-    part = cc / (2 * (1 - m))
-    return cc * part - 2 * total, -m * part * pace
+    ratio = cc / (2 * (1 - m))
+    return cc * ratio - 2 * total, -m * ratio * pace
 
 
 def by_steps(m: Any, m1: Any, steps: int) -> tuple[Any, Any]:

@@ -89,9 +89,9 @@ def farthest_that_crosses(lam: Sequence[float], side: int) -> float:
     for all."""
     if (lam[0] - lam[2]) * side <= 0:
         return 0.0
-    rest = resting_shape(lam)
+    resting = resting_shape(lam)
     # Without a root of u', every shape moves as those near the separatrix do.
-    return -math.log(rest[1]) if rest and rest[0] == side else math.inf
+    return -math.log(resting[1]) if resting and resting[0] == side else math.inf
 
 
 class SeparatrixApproach(NamedTuple):
@@ -106,8 +106,8 @@ class SeparatrixApproach(NamedTuple):
 def separatrix_approach(lam: Sequence[float], side: int, u: Any) -> SeparatrixApproach:
     """The quadratures from u (...); meaningless, without a warning, beyond `farthest_that_crosses`.
     lam as sorted."""
-    at = np.asarray(u, dtype=float)[..., None] * FRACTIONS
-    mean = turn_means(np.exp(-at), -np.expm1(-at), LANDEN)
+    nodes = np.asarray(u, dtype=float)[..., None] * FRACTIONS
+    mean = turn_means(np.exp(-nodes), -np.expm1(-nodes), LANDEN)
     local = on_side(lam, side)
     with np.errstate(divide="ignore", invalid="ignore"):
         seconds = np.asarray(u, dtype=float)[..., None] * WEIGHTS / np.abs(shape_rate(local, mean))
@@ -140,7 +140,7 @@ def time_in_band(u: float, pull: float) -> float:
 
 
 class CrossingPrediction(NamedTuple):
-    """What is predicted of the true motion at its passage; times as that of the passage.
+    """The prediction of the true motion at its passage; times as that of the passage.
 
     `place` is s; `sense` that of the rotation about the new axis, 0 where it is undetermined, and
     then `predicted` is nan; `scatter` the rms over all phases of predicted - t*; `lag` that of the
@@ -155,12 +155,12 @@ class CrossingPrediction(NamedTuple):
 
     @property
     def details(self) -> dict[str, float]:
-        """What is stored of it."""
+        """The numbers stored with the passage, by name."""
         return {name: float(value) for name, value in self._asdict().items()}
 
 
 def outcome(pull: float, n: float, phase: float, time: float, small: float) -> CrossingPrediction:
-    """What is foreseen of a passage at `time` t* with frequency n and phase there.
+    """The prediction of a passage at `time` t* with frequency n and phase there.
 
     `small` is the rate of the perturbation, whose ratio to n is the parameter of averaging. Where
     that is not below 1 there is nothing to foresee: nan, and no lag.
@@ -221,8 +221,8 @@ def share_beyond(body: Body, side: int, u: float) -> float:
         return 0.0
     # Near u = 0 the integrand has a corner at psi = 0, which is an end of the quarter turn that
     # stands for all four.
-    psi, more = np.pi / 2 * FRACTIONS, math.exp(u)
-    B = (a - b) * (b - c) * (more - 1) / b * np.cos(psi) ** 2 + more * (b - c) * (
+    psi, growth = np.pi / 2 * FRACTIONS, math.exp(u)
+    B = (a - b) * (b - c) * (growth - 1) / b * np.cos(psi) ** 2 + growth * (b - c) * (
         a - c
     ) / c * np.sin(psi) ** 2
     return float(1 - (WEIGHTS * np.sqrt(B / (alpha + B))).sum())

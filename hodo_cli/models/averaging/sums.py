@@ -31,23 +31,23 @@ class MeanTurn(NamedTuple):
 
 
 def linear_means(lam: Sequence[Any], turn: MeanTurn) -> Rates:
-    """Those of linear resistance at rates about the body axes."""
+    """The rates under linear resistance at rates lam about the body axes."""
     l1, l2, l3 = (lam[axis] for axis in turn.body.order)
     return linear_rates((either(turn.side, l1, l3), l2, either(turn.side, l3, l1)), turn.mean)
 
 
 def damping_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """Those of damping."""
+    """The rates under damping."""
     return linear_means([coefficient_at(k, name, t) for name in terms.DAMPING.degree], turn)
 
 
 def resistance_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """Those of a tensor: the means of p q, q r and p r are 0."""
+    """The rates under a tensor of resistance: the means of p q, q r and p r are 0."""
     return linear_means((k.I11 / k.A1, k.I22 / k.A2, k.I33 / k.A3), turn)
 
 
 def fluid_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """Those of a fluid, which keeps G."""
+    """The rates under the torque of a fluid, which keeps G."""
     a, _, c = turn.body[:3]
     pairs = zip(k.turning_weights_a, k.turning_weights_c, strict=True)
     weights = [either(turn.side, above, below) for above, below in pairs]
@@ -57,7 +57,7 @@ def fluid_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
 
 
 def constant_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """Those of a torque that is constant in the body: its part about the enclosed axis."""
+    """The rates under a torque constant in the body, of its component about the enclosed axis."""
     a, _, c, order, parity = turn.body
     M = [parity * coefficient_at(k, name, t) for name in terms.CONSTANT.degree]
     about = either(
@@ -67,7 +67,7 @@ def constant_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
 
 
 def brake_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """Those of a brake, without a periodic part: |G| is constant over a turn."""
+    """The rates under a brake, without a periodic part: |G| is constant over a turn."""
     a, _, c = turn.body[:3]
     outer, inner = either(turn.side, a, c), either(turn.side, c, a)
     momentum = ((outer * turn.X_e + inner * turn.X_o) / (a - c)) ** 0.5
@@ -93,9 +93,9 @@ def rates_of_sum(names: Iterable[str], t: Any, y: Sequence[Any], k: Any) -> tupl
     m = k.turning_e ** (ln_o - ln_e - side * k.turning_offset)
     mean = turn_means(m, 1 - m)
     turn = MeanTurn(body, side, sense, m, mean, k.turning_e**ln_e, k.turning_e**ln_o)
-    parts = [CLOSED[name](t, turn, k) for name in names]
+    rates = [CLOSED[name](t, turn, k) for name in names]
     n = (either(side, a - b, b - c) * turn.X_e / (a * b * c)) ** 0.5
-    rate_e, rate_o = sum(part[0] for part in parts), sum(part[1] for part in parts)
+    rate_e, rate_o = sum(rate[0] for rate in rates), sum(rate[1] for rate in rates)
     return rate_e, rate_o, k.turning_scale * n * mean.pace, 0 * side, 0 * sense
 
 
@@ -116,8 +116,10 @@ def part_of_sum(
     strengths += [body.parity * torque[axis] for axis in body.order]
     for strength, unit in zip(strengths, np.eye(4), strict=False):
         if np.any(strength):
-            own = fluid_constants(body, unit[0], unit[1:].tolist(), 1.0)
-            total += strength * np.array(fluid_part(SimpleNamespace(a=a, b=b, c=c, **own), slow))
+            constants = fluid_constants(body, unit[0], unit[1:].tolist(), 1.0)
+            total += strength * np.array(
+                fluid_part(SimpleNamespace(a=a, b=b, c=c, **constants), slow)
+            )
     return total[0], total[1]
 
 

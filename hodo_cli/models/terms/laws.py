@@ -103,23 +103,27 @@ def coefficients_kind(unit: str) -> Either:
     return Either(one_each, Repeated(Either(number, mapping), length=3))
 
 
-def law(given: Any) -> tuple[str, tuple[Any, ...], tuple[Any, ...]]:
+def law(coefficient: Any) -> tuple[str, tuple[Any, ...], tuple[Any, ...]]:
     """The name, the values and the shape of a law as given in a case; no name for a number."""
-    if not isinstance(given, Mapping):
-        return ("polynomial", tuple(given), ()) if isinstance(given, tuple) else ("", (given,), ())
-    match given["law"]:
+    if not isinstance(coefficient, Mapping):
+        return (
+            ("polynomial", tuple(coefficient), ())
+            if isinstance(coefficient, tuple)
+            else ("", (coefficient,), ())
+        )
+    match coefficient["law"]:
         case "exponential":
-            return "exponential", (given["value"],), (given["rate"], math.e)
+            return "exponential", (coefficient["value"],), (coefficient["rate"], math.e)
         case "power":
-            return "power", (given["value"],), (given["rate"], given["exponent"])
-    return "polynomial", tuple(given["coefficients"]), ()
+            return "power", (coefficient["value"],), (coefficient["rate"], coefficient["exponent"])
+    return "polynomial", tuple(coefficient["coefficients"]), ()
 
 
-def law_constants(name: str, given: Any, factor: Any = 1.0) -> dict[str, Any]:
+def law_constants(name: str, coefficient: Any, factor: Any = 1.0) -> dict[str, Any]:
     """The constants of a coefficient as given in a case, times a factor."""
-    kind, values, shape = law(given)
+    kind, values, shape = law(coefficient)
     if not kind:
-        return {name: factor * given}
+        return {name: factor * coefficient}
     scaled = tuple(factor * value for value in values)
     return {name: scaled, f"{name}_law": kind} | ({f"{name}_shape": shape} if shape else {})
 
@@ -141,25 +145,25 @@ def slope_at(k: Any, name: str, t: Any) -> Any:
     return -rate * value if kind == "exponential" else last * rate * value / (1 + rate * t)
 
 
-def least_value(given: Any, start: float, end: float) -> float:
+def least_value(coefficient: Any, start: float, end: float) -> float:
     """The smallest value of a law between two times; of the laws other than polynomials all are
     monotonic."""
-    kind, values, _ = law(given)
+    kind, values, _ = law(coefficient)
     times = [start, end]
     if kind == "polynomial" and len(values) > 2:
         turns = np.roots([i * values[i] for i in range(len(values) - 1, 0, -1)]).real.tolist()
         times += [t for t in turns if start < t < end]
-    k = SimpleNamespace(**law_constants("c", given))
+    k = SimpleNamespace(**law_constants("c", coefficient))
     return min(float(coefficient_at(k, "c", t)) for t in times)
 
 
-def first_values(given: Any) -> tuple[Any, ...]:
+def first_values(coefficient: Any) -> tuple[Any, ...]:
     """The numbers of a law that carry the unit of its coefficient."""
-    return law(given)[1]
+    return law(coefficient)[1]
 
 
-def zero_of_base(given: Any) -> float:
+def zero_of_base(coefficient: Any) -> float:
     """The time at which the base of a power law is 0, before which it has no values; minus infinity
     for other laws."""
-    kind, _, shape = law(given)
+    kind, _, shape = law(coefficient)
     return -1 / shape[0] if kind == "power" and shape[0] else -math.inf

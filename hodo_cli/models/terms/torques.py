@@ -16,27 +16,27 @@ Components = tuple[Any, Any, Any]
 Function = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
 
 VARIABLES = ("p", "q", "r", "t")
-"""What an expression may contain."""
+"""The variables of an expression."""
 
 
-def unchanging(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Sequence[Any]:
+def unchanging(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Sequence[Any]:
     """The rates of state variables that only an event changes."""
-    return [0 * value for value in own]
+    return [0 * value for value in extra]
 
 
 class Term(NamedTuple):
-    """One torque N (3,) as a function of (t, omega, k, own), and the degree in the angular velocity
-    of what each of its constants multiplies.
+    """One torque N (3,) as a function of (t, omega, k, extra), and the degree in the angular
+    velocity of what each of its constants multiplies.
 
     `by_momentum` is set where the function gives N_i/A_i: of a torque that is proportional to the
-    angular momentum the moments of inertia drop out. `own` names the term's own state variables
+    angular momentum the moments of inertia drop out. `extra` names the term's own state variables
     with the powers of omega that they carry; `rates` are their derivatives.
     """
 
     function: Function
     degree: dict[str, int]
     by_momentum: bool = False
-    own: dict[str, int] = {}
+    extra: dict[str, int] = {}
     rates: Function = unchanging
 
 
@@ -93,28 +93,28 @@ def added(a: Sequence[Any], b: Sequence[Any]) -> Components:
 
 def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
     """The rates of omega, and of the terms' own variables behind it, under a sum of torques."""
-    w, left = y[:3], y[3:]
-    rates, torque, more = gyroscopic(w, k), None, list[Any]()
+    w, remaining = y[:3], y[3:]
+    rates, torque, extra_rates = gyroscopic(w, k), None, list[Any]()
     for term in terms:
-        own, left = left[: len(term.own)], left[len(term.own) :]
-        more += term.rates(t, w, k, own)
-        part = term.function(t, w, k, own)
+        extra, remaining = remaining[: len(term.extra)], remaining[len(term.extra) :]
+        extra_rates += term.rates(t, w, k, extra)
+        acceleration = term.function(t, w, k, extra)
         if term.by_momentum:
-            rates = added(rates, part)
+            rates = added(rates, acceleration)
         else:
-            torque = part if torque is None else added(torque, part)
+            torque = acceleration if torque is None else added(torque, acceleration)
     if torque is not None:
         rates = added(rates, accelerations(torque, k))
-    return *rates, *more
+    return *rates, *extra_rates
 
 
-def damping_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def damping_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """-lambda_i omega_i: a medium that resists each component of the angular momentum."""
     lam1, lam2, lam3 = (coefficient_at(k, name, t) for name in DAMPING.degree)
     return -(lam1 * w[0]), -(lam2 * w[1]), -(lam3 * w[2])
 
 
-def resistance_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def resistance_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """-I omega, with a tensor I."""
     p, q, r = w
     return (
@@ -124,20 +124,20 @@ def resistance_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> C
     )
 
 
-def quadratic_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def quadratic_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """-c_i |omega| omega_i."""
     size = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) ** 0.5
     c1, c2, c3 = (coefficient_at(k, name, t) for name in QUADRATIC.degree)
     return -(c1 * size * w[0]), -(c2 * size * w[1]), -(c3 * size * w[2])
 
 
-def quadratic_axes_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
-    """-c_i omega_i |omega_i|; `own` are the signs of omega_i, which an event turns over."""
+def quadratic_axes_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+    """-c_i omega_i |omega_i|; `extra` are the signs of omega_i, which an event turns over."""
     e1, e2, e3 = (coefficient_at(k, name, t) for name in QUADRATIC_AXES.degree)
     return (
-        -(e1 * own[0] * w[0] * w[0]),
-        -(e2 * own[1] * w[1] * w[1]),
-        -(e3 * own[2] * w[2] * w[2]),
+        -(e1 * extra[0] * w[0] * w[0]),
+        -(e2 * extra[1] * w[1] * w[1]),
+        -(e3 * extra[2] * w[2] * w[2]),
     )
 
 
@@ -161,9 +161,9 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
     )
 
 
-def cavity_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
-    """That of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with omega' and
-    omega'' of free motion, of a gyrostat where there is a rotor."""
+def cavity_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+    """The torque of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with
+    omega' and omega'' of free motion, of a gyrostat where there is a rotor."""
     kappa = coefficient_at(k, "kappa", t)
     if not (hasattr(k, "tensor") or hasattr(k, "h1")):
         return fluid_torque((k.A1, k.A2, k.A3), w, kappa)
@@ -175,13 +175,13 @@ def cavity_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Compo
     return kappa * x, kappa * y, kappa * z
 
 
-def body_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def body_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """A torque whose direction is constant in the body."""
     N1, N2, N3 = (coefficient_at(k, name, t) for name in CONSTANT.degree)
     return N1, N2, N3
 
 
-def brake_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def brake_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """-b G/|G|, which brings a free body to rest in the shortest time."""
     G = angular_momentum_of(w, k)
     size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
@@ -189,24 +189,24 @@ def brake_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Compon
     return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
 
 
-def rotor_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def rotor_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """-omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
     return cross((k.h1, k.h2, k.h3), w)
 
 
-def space_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
-    """F e, with e fixed in space; `own` is e in body axes."""
+def space_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+    """F e, with e fixed in space; `extra` is e in body axes."""
     size = coefficient_at(k, "F", t)
-    return size * own[0], size * own[1], size * own[2]
+    return size * extra[0], size * extra[1], size * extra[2]
 
 
-def direction_rates(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def direction_rates(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """gamma x omega: how a direction fixed in space turns in the body."""
-    x, y, z = cross(own, w)
+    x, y, z = cross(extra, w)
     return k.g * x, k.g * y, k.g * z
 
 
-def expression_torque(t: Any, w: Sequence[Any], k: Any, own: Sequence[Any]) -> Components:
+def expression_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """Three formulas in p, q, r and t, in the case's own units whatever those of the motion."""
     values = dict(zip(VARIABLES, [*(k.velocity_unit * x for x in w), t], strict=True))
     factor = k.time_unit / k.velocity_unit
@@ -227,13 +227,13 @@ QUADRATIC_AXES = Term(
     quadratic_axes_torque,
     dict.fromkeys(("e1", "e2", "e3"), 2),
     by_momentum=True,
-    own=dict.fromkeys(("s1", "s2", "s3"), 0),
+    extra=dict.fromkeys(("s1", "s2", "s3"), 0),
 )
-BRAKE = Term(brake_torque, {"brake": 0}, own={"leg": 1})
+BRAKE = Term(brake_torque, {"brake": 0}, extra={"leg": 1})
 SPACE = Term(
     space_torque,
     {"F": 0},
-    own=dict.fromkeys(("gamma1", "gamma2", "gamma3"), 0),
+    extra=dict.fromkeys(("gamma1", "gamma2", "gamma3"), 0),
     rates=direction_rates,
 )
 ROTOR = Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1))

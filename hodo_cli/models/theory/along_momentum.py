@@ -67,7 +67,7 @@ class AlongMomentum(NamedTuple):
     def clock(self, t: Any) -> ChangedClock:
         """g and s at times t >= 0 (...); at rest g is 0 and s stands still."""
         stop = self.stop
-        t, rest = np.minimum(t, stop), np.asarray(t) >= stop
+        t, stopped = np.minimum(t, stop), np.asarray(t) >= stop
         l, k, turning = self._roots
         k_signed = np.copysign(k, l)
         product, large = self.brake * self.drag, l + k_signed
@@ -90,7 +90,7 @@ class AlongMomentum(NamedTuple):
         area = np.where(brief, _area(self.damping * t, product * t * t) * t * t, area)
         E = a - self.brake * area
         return ChangedClock(
-            np.where(rest, 0, slope / (1 + self.drag * E)), E * _of_log(self.drag * E)
+            np.where(stopped, 0, slope / (1 + self.drag * E)), E * _of_log(self.drag * E)
         )
 
     def time_of_exposure(self, exposure: Any) -> Any:

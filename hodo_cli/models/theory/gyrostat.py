@@ -107,10 +107,10 @@ def _by_hand(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
     """The same for an axis without a pole: s = 1/A_i, G_i of the sign `side` what |G| leaves."""
     e = (A[i] - A) / A[i]
     others = np.divide(h, e, out=np.zeros_like(e), where=e != 0)
-    rest = momentum * momentum - (others * others).sum()
+    square = momentum * momentum - (others * others).sum()
     G = np.broadcast_to(others[:, None], (3, len(momentum))).copy()
     with np.errstate(invalid="ignore"):
-        G[i] = side * np.sqrt(np.where(rest > 0, rest, np.nan))
+        G[i] = side * np.sqrt(np.where(square > 0, square, np.nan))
     e, s = (np.where(np.isnan(G[i]), np.nan, x) for x in (e[:, None], 1 / A[i]))
     return np.stack([s, *e, *G])
 
@@ -118,18 +118,18 @@ def _by_hand(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
 def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     """The saddles of lowest and highest s, hence energy, for |G| = momentum (n,): (n, 2); one for
     both where there is one, or two of the same energy."""
-    every = steady_rotations(A, h, momentum)
-    is_saddle = every.kind == "s"
-    ends = [np.where(is_saddle, sign * every.s, np.inf).argmin(1) for sign in (1, -1)]
-    at = np.stack(ends, 1)
+    rotations = steady_rotations(A, h, momentum)
+    is_saddle = rotations.kind == "s"
+    ends = [np.where(is_saddle, sign * rotations.s, np.inf).argmin(1) for sign in (1, -1)]
+    chosen_rows = np.stack(ends, 1)
     missing = ~is_saddle.any(1)[:, None]
 
     def taken(values: np.ndarray) -> np.ndarray:
         wide = values.ndim == 3
-        chosen = np.take_along_axis(values, at[..., None] if wide else at, 1)
+        chosen = np.take_along_axis(values, chosen_rows[..., None] if wide else chosen_rows, 1)
         return np.where(missing[..., None] if wide else missing, np.nan, chosen)
 
-    return SteadyRotations(*map(taken, every))
+    return SteadyRotations(*map(taken, rotations))
 
 
 class Separation(NamedTuple):

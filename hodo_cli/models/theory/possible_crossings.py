@@ -130,16 +130,16 @@ def possible_crossings(terms: Dissipation, momentum: Any = np.inf) -> np.ndarray
 def axes_kept(terms: Dissipation, momentum: Any = np.inf) -> np.ndarray:
     """Whether (..., 3) a body axis is enclosed for ever once it is."""
     codes = possible_crossings(terms, momentum)
-    kept = np.zeros((*codes.shape, 3), dtype=bool)
+    absorbing = np.zeros((*codes.shape, 3), dtype=bool)
     largest = (codes == CrossingPattern.NONE) | (codes == CrossingPattern.TO_LARGEST)
     smallest = (codes == CrossingPattern.NONE) | (codes == CrossingPattern.TO_SMALLEST)
     positions = np.broadcast_to(outer_axes(terms.inertia), (*codes.shape, 2))
-    np.put_along_axis(kept, positions, np.stack([largest, smallest], -1), -1)
-    return kept
+    np.put_along_axis(absorbing, positions, np.stack([largest, smallest], -1), -1)
+    return absorbing
 
 
 def _outer(inertia: Any, values: Any) -> tuple[Any, Any]:
     """Those of values (..., 3) that belong to the axes of largest and smallest inertia."""
     inertia, values = np.broadcast_arrays(inertia, np.asarray(values, float))
-    taken = np.take_along_axis(values, outer_axes(inertia), -1)
-    return taken[..., 0], taken[..., 1]
+    outer = np.take_along_axis(values, outer_axes(inertia), -1)
+    return outer[..., 0], outer[..., 1]

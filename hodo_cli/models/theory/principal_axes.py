@@ -9,7 +9,7 @@ import numpy as np
 Tensor = tuple[tuple[float, ...], ...]
 
 ASYMMETRY = 1e-12
-"""What two entries of a symmetric tensor may differ by, relative to the largest: rounding."""
+"""The relative difference of two entries of a symmetric tensor that is rounding."""
 
 
 class PrincipalAxes(NamedTuple):

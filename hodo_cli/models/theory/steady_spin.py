@@ -55,11 +55,11 @@ def tilt_growth_by_equations(system: Model) -> np.ndarray | None:
     k, omega = attributes(system.constants), speed * np.eye(3)
     along = np.diagonal(jacobian(model, k, 0.0, omega)).T  # J_ii (i, axis)
     rates = np.array(np.broadcast_arrays(*model.rhs(0.0, [*omega], k))) / speed
-    own = np.diag(rates)
-    growth = (along.sum(axis=0) - np.diag(along)) / 2 - own
-    scale = np.maximum(np.abs(along).max(axis=0), np.abs(own))
+    along_axis = np.diag(rates)
+    growth = (along.sum(axis=0) - np.diag(along)) / 2 - along_axis
+    scale = np.maximum(np.abs(along).max(axis=0), np.abs(along_axis))
     growth = np.where(np.abs(growth) <= 4 * np.finfo(float).eps * scale, 0, growth)
-    across = np.abs(rates - np.diag(own)).max(axis=0)
+    across = np.abs(rates - np.diag(along_axis)).max(axis=0)
     A = np.array([system.constants[name] for name in ("A1", "A2", "A3")])
     steady = (across == 0) & (np.sort(A)[1] != A)
     return np.where(steady, growth, np.nan) if steady.any() else None

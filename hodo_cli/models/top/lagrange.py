@@ -117,7 +117,9 @@ class Top(Model):
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
         for name in ("mu", "m", "a", "b"):
-            if (given := data.get(name)) is not None and start <= (zero := zero_of_base(given)):
+            if (coefficient := data.get(name)) is not None and start <= (
+                zero := zero_of_base(coefficient)
+            ):
                 yield (name,), f"the base of its power law is 0 at tau = {zero:.6g}: start later"
                 return
         if not law(data["mu"])[0]:
@@ -152,8 +154,8 @@ class Top(Model):
     def warnings(self) -> list[str]:
         return [
             f"{name} has a negative coefficient: where {name}(tau) < 0 the torque feeds energy in"
-            for name, given in (("a", self.a), ("b", self.b))
-            if min(first_values(given)) < 0
+            for name, coefficient in (("a", self.a), ("b", self.b))
+            if min(first_values(coefficient)) < 0
         ]
 
 
@@ -237,7 +239,7 @@ class AveragedTop(Nutating):
             return rates
         change = slope_at(k, "mu", t) / now.mu
         by_mu = drift_by_mu(y, now, change, mean, (X, w))
-        return tuple(rate + more for rate, more in zip(rates, by_mu, strict=True))
+        return tuple(rate + by_change for rate, by_change in zip(rates, by_mu, strict=True))
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
@@ -346,8 +348,8 @@ class AveragedU(Nutating):
 def constant_mu(form: str, data: Mapping[str, Any], *others: str) -> Iterator[Mistake]:
     """The mistakes of a form in which mu is constant and other torques do not occur."""
     for name in ("mu", *others):
-        given = data.get(name)
-        if given is not None and (name != "mu" or law(given)[0]):
+        coefficient = data.get(name)
+        if coefficient is not None and (name != "mu" or law(coefficient)[0]):
             wanted = "takes a constant mu" if name == "mu" else f"has no {name}"
             yield (name,), f"form {form} {wanted}; forms averaged and full have it"
 
