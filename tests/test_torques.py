@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import call
+from scipy.integrate import solve_ivp
 
 import hodo_cli as hodo
 from hodo_cli import HodoError
@@ -312,7 +313,7 @@ def test_any_coefficient_may_vary(key: str, values: list[float], member: Any) ->
             {"brake": 0.002, "damping": MEDIUM},
             ["one crossing at most, x1 to x3", "stops after 250.238 to 304.98"],
         ),
-        ({"damping": MEDIUM, "torque": [0, 0, 0.001]}, []),
+        ({"damping": MEDIUM, "torque": [0, 0.001, 0.001]}, []),
         ({"damping": {"law": "exponential", "value": 0.01, "rate": 1}}, []),
     ],
 )
@@ -321,6 +322,55 @@ def test_classify_says_what_theory_foretells(terms: Any, predictions: list[str])
     assert len(told) == len(predictions)
     for sentence, pattern in zip(told, predictions, strict=True):
         assert re.match(pattern, sentence)
+
+
+@pytest.mark.parametrize(
+    ("torque", "words"),
+    [
+        ([0.05, 0, 0], "x1 at 0.5: stable"),
+        ([0, 0.04, 0], "x2 at 0.5: unstable"),
+        ([0, 0.004, 0], "x2 at 0.05: stable"),
+    ],
+)
+def test_a_torque_against_damping_holds_a_rotation(torque: Any, words: str) -> None:
+    ds = run(C, 400, torque=torque, damping=0.1)
+    assert ds.attrs["predictions"] == f"the torque holds a rotation about {words}"
+    axis = int(words[1]) - 1
+    is_held = np.abs(np.delete(ds.omega.data[-1], axis)).max() < 1e-6
+    assert is_held == ("unstable" not in words)
+
+
+def test_predictions_carry_the_units_of_the_case() -> None:
+    time = {"end": 10, "samples": 11, "unit": "s"}
+    common = {"time": time, "inertia_unit": "kg m^2"}
+    stopped = run(C, 10, kappa=0.01, brake=0.01, **common).attrs["predictions"].splitlines()
+    assert stopped[-1].endswith(" s")
+    turning = run(C, 10, kappa=0.03, damping=MEDIUM, **common).attrs["predictions"]
+    assert turning.count(" kg m^2/s") == 3
+
+
+@pytest.mark.parametrize(
+    ("start", "torque"),
+    [
+        ((0.5, 0, 0), (0, 0, 0)),
+        ((0, 0, 0), (0.01, 0, 0)),
+        ((0, 0, 0), (0.01, 0.02, 0)),
+        ((0, 0, 0), (0.01, -0.02, 0.03)),
+        ((0.3, 0.4, 0), (0, 0, 0)),
+    ],
+)
+def test_drag_by_axes_begins_at_its_corners(start: Any, torque: Any) -> None:
+    """Of components that are 0 at the start some leave it, at once or later, and others never."""
+    A = np.array(BODY)
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        return (np.cross(A * w, w) + torque) / A - 0.1 * w * np.abs(w)
+
+    sure = solve_ivp(rates, (0, 20), start, method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
+    initial = dict(zip("pqr", start, strict=True))
+    ds = run(initial, 20, quadratic_axes=0.1, torque=list(torque))
+    assert ds.attrs["status"] == "ok"
+    assert ds.omega.data[-1] == pytest.approx(sure, abs=1e-9)
 
 
 def test_nothing_is_undecided_behind_a_stop() -> None:

@@ -18,7 +18,7 @@ from ..models import rigid_body
 from ..progress import Progress
 from ..results.layout import MOMENTUM, RECORDED, label_group
 from ..results.motion import motion_of
-from ..results.units import units_of_case
+from ..results.units import sentence_of_case, units_of_case
 from ..storage.group import Group, Report
 from ..storage.provenance import history_line, typed
 from ..storage.update import update
@@ -127,7 +127,7 @@ def row_of(name: str, labelled: Classification, case: Case) -> dict[str, Any]:
         "end": ends[1],
         "growth": growth(labelled.growth),
         "final": "" if labelled.final is None else rigid_body.LABELS[labelled.final],
-        "predictions": list(labelled.predictions),
+        "predictions": [sentence_of_case(words, case) for words in labelled.predictions],
         "crossings": table,
         "units": {name: units_of_case(words, case) for name, words in CROSSING_UNITS.items()},
         "warnings": list(labelled.warnings),

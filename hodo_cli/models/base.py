@@ -197,7 +197,8 @@ class Model:
 
     @property
     def predictions(self) -> list[str]:
-        """What theory says of the motion, from the data alone."""
+        """What theory says of the motion, from the data alone: sentences, with units in words
+        behind their numbers, as in "stops after 12.5 [time]"."""
         return []
 
     @property

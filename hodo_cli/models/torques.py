@@ -42,6 +42,7 @@ from .theory.possible_crossings import (
     turning_momenta,
 )
 from .theory.principal_axes import PrincipalAxes, principal_axes
+from .theory.steady_spin import driven_spin
 
 TERMS: Mapping[str, Term] = {
     "damping": terms.DAMPING,
@@ -74,6 +75,10 @@ WEAK_ROTOR = 1e-8
 BEHIND_ZERO = 1e-30
 """The part of |omega| at which a component goes on behind its zero: on the side that it enters, so
 that the same zero is not met again."""
+
+PROBE = 1e-4
+"""The length of a step, in units of the rotation or of what starts it, that shows where a component
+goes which begins at 0."""
 
 AT_REST = -(2**12)
 """The exponent of a motion that has stopped, as of one that has decayed beyond every double."""
@@ -324,11 +329,12 @@ class Torques(BodyFrame):
         w = np.moveaxis(omega, -1, 0)
         extra = {
             "brake": [np.linalg.norm(self.momentum(omega), axis=-1)],
-            "quadratic_axes": [*np.where(w == 0, np.sign(self.slopes(w)), np.sign(w))],
+            "quadratic_axes": [*np.sign(w)],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }
         columns = (x for name in terms_named(vars(self)) for x in extra.get(name, ()))
-        return np.stack([*w, *columns])
+        y = np.stack([*w, *columns])
+        return y if self.quadratic_axes is None else self.off_corners(y)
 
     @property
     def start(self) -> tuple[float, ...]:
@@ -353,7 +359,10 @@ class Torques(BodyFrame):
                 SignReversal(i, places[f"s{i + 1}"]),
             )
             for i in range(3)
-            if "s1" in places and any(first_values(self.quadratic_axes[i]))
+            # What stays 0 is at its event all the time.
+            if "s1" in places
+            and any(first_values(self.quadratic_axes[i]))
+            and self.start[places[f"s{i + 1}"]]
         ]
         if "leg" in places:
             stop = BrakedLeg(places["leg"], self)
@@ -372,11 +381,22 @@ class Torques(BodyFrame):
             return ()
         return (Event("stopped", amplitude_at_stop, True, averaged_stop),)
 
-    def slopes(self, w: np.ndarray) -> np.ndarray:
-        """omega' (3, ...) at the start, whose signs are those of the components that begin at 0."""
-        smooth = [term for term in self.terms if not term.extra]
-        k = attributes(self.constants)
-        return np.array(np.broadcast_arrays(*rates_under(smooth, 0.0, [*w], k)))
+    def off_corners(self, y: np.ndarray) -> np.ndarray:
+        """Starts (m, ...) whose components that are 0 stand on the side that they enter, with its
+        sign; one that stays 0 has the sign 0."""
+        # Two short steps: the first slope is 0 where only another component drives this one, or
+        # where a law of time begins with 0.
+        w, ahead = y[:3], y.copy()
+        for i in range(2):
+            k, t = attributes(self.constants), i * PROBE
+            rates = np.array(np.broadcast_arrays(*type(self).rhs(t, [*ahead], k)[:3], w[0])[:3])
+            fastest = np.maximum(np.abs(w).max(0), np.sqrt(np.abs(rates).max(0)))
+            ahead[:3] += PROBE / np.where(fastest > 0, fastest, 1) * rates
+        first, sides = self.state.index("s1"), np.where(w == 0, np.sign(ahead[:3]), np.sign(w))
+        y[first : first + 3] = sides
+        size = BEHIND_ZERO * np.abs(ahead[:3]).sum(0)
+        y[:3] = np.where(w == 0, sides * size, w)
+        return y
 
     @property
     def direction(self) -> np.ndarray:
@@ -483,8 +503,10 @@ class Torques(BodyFrame):
         # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
         if named == ("brake", "rotor") and isinstance(self.brake, float):
             terms = Dissipation(self.moments)
-        if terms is None or any(terms.torque):
+        if terms is None:
             return crossings
+        if any(terms.torque):
+            return [*crossings, *rotation_held(terms)] if self.brake is None else crossings
         return [*crossings, *self.stop_foretold(terms)]
 
     def stop_foretold(self, terms: Dissipation) -> list[str]:
@@ -497,8 +519,8 @@ class Torques(BodyFrame):
             for rate in (max(terms.damping), min(terms.damping))
         )
         if first == last:
-            return [f"stops after {first:.15g}"] if math.isfinite(first) else []
-        return [f"stops after {first:.6g} to {last:.6g}"]
+            return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []
+        return [f"stops after {first:.6g} to {last:.6g} [time]"]
 
     @property
     def warnings(self) -> list[str]:
@@ -633,9 +655,21 @@ def crossings_foretold(terms: Dissipation) -> list[str]:
     pattern = CrossingPattern(int(possible_crossings(terms)))
     if pattern is CrossingPattern.THERE_AND_BACK:
         turning = turning_momenta(terms)
-        band = f"{up} only above |G| = {turning.fluid:.6g}, {down} only below {turning.damping:.6g}"
-        return [f"{band}; on the mean the sense turns at {turning.mean:.6g}"]
+        fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning)
+        band = f"{up} only above |G| = {fluid}, {down} only below {damping}"
+        return [f"{band}; on the mean the sense turns at {mean}"]
     return [at_most_one[pattern]] if pattern in at_most_one else []
+
+
+def rotation_held(terms: Dissipation) -> list[str]:
+    """The rotation that a torque along one axis holds against damping alone, in a sentence."""
+    axes = np.flatnonzero(terms.torque)
+    others = (*terms.quadratic, *terms.quadratic_axes, terms.kappa)
+    if len(axes) != 1 or any(others) or not terms.covered or not terms.damping[axes[0]] > 0:
+        return []
+    omega, stable = (x[axes[0]] for x in driven_spin(terms.inertia, terms.damping, terms.torque))
+    word = "stable" if stable else "unstable"
+    return [f"the torque holds a rotation about x{axes[0] + 1} at {omega:.6g} [time^-1]: {word}"]
 
 
 def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -25,7 +25,7 @@ from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import LENGTHS, Label
 from ..models.rigid_body import BodyFrame
 from ..storage.group import Attribute, Group, Variable
-from .units import units_of_case
+from .units import sentence_of_case, units_of_case
 
 # Attributes
 
@@ -398,6 +398,6 @@ def label_group(labelled: Classification, case: Case) -> Group:
         variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
     texts = {
         "classify_warnings": "\n".join(labelled.warnings),
-        "predictions": "\n".join(labelled.predictions),
+        "predictions": "\n".join(sentence_of_case(words, case) for words in labelled.predictions),
     }
     return Group(texts, with_units(variables, case))

@@ -28,6 +28,20 @@ def units_of_case(stated: str, case: Case) -> str:
     return written(total)
 
 
+STATED_UNITS = re.compile(rf" \[((?:{INERTIA}|{TIME_WORD})[^\]]*)\]")
+"""Units in words behind a number of a sentence: "stops after 12.5 [time]"."""
+
+
+def sentence_of_case(sentence: str, case: Case) -> str:
+    """A sentence of a model with the units behind its numbers in the units of a case."""
+
+    def unit(match: re.Match[str]) -> str:
+        units = units_of_case(match[1], case)
+        return "" if units == "1" else f" {units}"
+
+    return STATED_UNITS.sub(unit, sentence)
+
+
 def factors(text: str) -> dict[str, int]:
     """The units in a product such as "kg m^2/s" with their powers; none in "1". A text that is no
     such product counts as one unit."""
