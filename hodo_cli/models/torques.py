@@ -19,7 +19,7 @@ from .base import Constants, Event, EventOutcome, Model, mistake_of
 from .cavity import CAVITY, coefficient, heavy_fluid, reynolds_warning, weak
 from .constants import attributes
 from .linear_diag import damping_warnings
-from .rigid_body import INITIAL, BodyFrame, body_constants, complete, is_tensor
+from .rigid_body import INITIAL, BodyFrame, body_constants, complete, enclosed_axis, is_tensor
 from .tensor import Tensor, is_diagonal, tensor_matrix, tensor_warnings
 from .terms import torques as terms
 from .terms.laws import (
@@ -30,7 +30,7 @@ from .terms.laws import (
     law_constants,
     zero_of_base,
 )
-from .terms.torques import Term, angular_momentum_of, rates_under
+from .terms.torques import Term, accelerations, angular_momentum_of, rates_under, rotor_of
 from .theory.along_momentum import AlongMomentum
 from .theory.closed_form import free_motion, free_time, scaled_motion
 from .theory.gyrostat import region_labels, separations
@@ -450,22 +450,8 @@ class Torques(BodyFrame):
             return None
         A, omega = np.array(self.inertia), np.array(self.start[:3])
         at_stop = free_motion(A, omega, np.array([along.clock(along.stop).s]))[0]
-        return "stopped", EventOutcome(float(along.stop), self.stop_details(at_stop), ())
-
-    def stop_details(self, omega: np.ndarray) -> dict[str, float]:
-        """The details of a stop as they are stored: the direction of G (3,), and the label."""
-        G = self.momentum(omega)
-        direction = {f"G{i}": float(x) for i, x in enumerate(G / np.linalg.norm(G), 1)}
-        return direction | {"from": float(self.enclosed(self.to_principal(omega)[None])[0])}
-
-    @property
-    def resting(self) -> np.ndarray:
-        """omega (3,) where G is 0."""
-        if self.rotor is None:
-            return np.zeros(3)
-        return -np.linalg.solve(
-            np.diag(self.moments) if self.frame is None else self.frame.tensor, np.array(self.rotor)
-        )
+        details = stop_details(A * at_stop, self.enclosed(at_stop[None])[0])
+        return "stopped", EventOutcome(float(along.stop), details, ())
 
     @property
     def dissipation(self) -> Dissipation | None:
@@ -583,6 +569,12 @@ class SignReversal:
         return EventOutcome(float(t), None, state, t)
 
 
+def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
+    """The details of a stop as they are stored: the direction of G (3,), and the label."""
+    direction = {f"G{i}": float(x) for i, x in enumerate(G / np.linalg.norm(G), 1)}
+    return direction | {"from": float(label)}
+
+
 def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
     """ln X_e of an averaged motion, less what it is when a brake has all but stopped the body."""
     return y[0] - k.ln_square_at_stop
@@ -627,20 +619,33 @@ class BrakedLeg:
             state = [*y]
             state[self.leg] = size
             return EventOutcome(float(t), None, state, t)
-        details = self.system.stop_details(np.array([float(x) for x in y[:3]]))
-        resting = [0 * size + float(x) for x in self.system.resting]
-        state = [*resting, *y[3:]]
+        details = stop_details(np.array(G, float), self.label(np.array(y[:3], float), k))
+        state = [*(0 * size + x for x in resting(k)), *y[3:]]
         state[self.leg] = 0 * size
         return EventOutcome(float(t + size / force), details, state, math.inf)
 
+    def label(self, omega: np.ndarray, k: SimpleNamespace) -> Any:
+        """The label of the direction of G at the stop."""
+        if self.system.rotor is None and self.system.frame is None:
+            # One event serves many bodies.
+            return enclosed_axis((k.A1, k.A2, k.A3), omega, 0.0)
+        return self.system.enclosed(self.system.to_principal(omega)[None])[0]
+
     def against(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> float:
         """|N0|."""
-        system, others = self.system, [term for term in self.system.terms if term != terms.BRAKE]
+        others = [term for term in self.system.terms if term != terms.BRAKE]
         extra = [value for i, value in enumerate(y) if i >= 3 and i != self.leg]
-        rates = rates_under(others, t, [*system.resting.tolist(), *extra], k)[:3]
+        rates = rates_under(others, t, [*resting(k), *extra], k)[:3]
         # A omega', since -omega x G is 0 there.
-        torque = system.momentum(np.array(rates, float)) - system.momentum(np.zeros(3))
+        still = angular_momentum_of((0.0, 0.0, 0.0), k)
+        torque = np.subtract(angular_momentum_of(rates, k), still).astype(float)
         return float(np.linalg.norm(torque))
+
+
+def resting(k: Any) -> Sequence[Any]:
+    """omega (3,) where G is 0."""
+    rotor = rotor_of(k)
+    return (0.0, 0.0, 0.0) if rotor is None else accelerations([-x for x in rotor], k)
 
 
 def crossings_foretold(terms: Dissipation) -> list[str]:
