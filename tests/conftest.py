@@ -103,7 +103,5 @@ def classified(case: Any) -> tuple[Any, Any]:
 
 def exact_motion(case: Any, times: np.ndarray) -> np.ndarray:
     """The angular velocity (n, 3) at times (n,) of a `Case` with a closed form."""
-    from hodo_cli.engines import exact  # late, because a leg hides heyoka first
-
-    state, exponent = exact.exact_scaled(case, times)
+    state, exponent = case.system.exact_states(times - case.time.start)
     return np.asarray(np.ldexp(state, exponent[:, np.newaxis]))

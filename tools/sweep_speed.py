@@ -8,13 +8,16 @@ speed drifts slows all of them alike, and a sweep is compared with the plain loo
 Run by `make speed`.
 """
 
+import ctypes
 import os
+import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial, reduce
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +30,7 @@ from hodo_cli.cases.config import parse
 from hodo_cli.engines import taylor_batch
 from hodo_cli.sweeps.members import prepare
 
+PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
 ROUNDS = 3
 MEMBERS = 200_000
 FEW = 2_000
@@ -127,9 +131,19 @@ def cost(command: list[str], folder: Path) -> Cost:
     assert running.stderr is not None
     said = running.stderr.read()
     _, status, used = os.wait4(running.pid, 0)
+    wall = time.perf_counter() - began
     if status:
         sys.exit(f"{' '.join(command)} failed:\n{said.decode()}")
-    return Cost(time.perf_counter() - began, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024)
+    processes = [used, *orphans()]
+    cpu = sum(process.ru_utime + process.ru_stime for process in processes)
+    return Cost(wall, cpu, max(process.ru_maxrss for process in processes) * 1024)
+
+
+def orphans() -> Iterator[resource.struct_rusage]:
+    """What the workers have used that a command has left behind."""
+    with suppress(ChildProcessError):
+        while True:
+            yield os.wait4(-1, 0)[2]
 
 
 def sweep(
@@ -156,6 +170,8 @@ def middle(costs: list[Cost]) -> Cost:
 
 def main(members: int, rounds: int, growing: list[int]) -> None:
     """Print the tables."""
+    # Workers that outlive their command are then those of this process.
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
     with tempfile.TemporaryDirectory() as name:
         beside(Path(name), members, rounds)
         print()

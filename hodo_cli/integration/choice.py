@@ -7,7 +7,6 @@ import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
-from ..engines import exact
 from ..models.base import Model
 from ..models.constants import attributes, jacobian, rescaled
 from .solve import solve
@@ -43,7 +42,7 @@ def best(case: Case, precision: str) -> tuple[str, str]:
     """
     if precision == "quadruple":
         return "taylor", "quadruple precision"
-    if exact.applies(case):
+    if case.system.has_closed_form:
         return "exact", "closed form"
     if not engines.have_taylor():
         return "collocation", "heyoka is not installed"

@@ -9,7 +9,6 @@ import numpy as np
 
 from .. import HodoError, engines
 from ..cases.case import Case
-from ..engines import exact
 from ..engines.polynomial import TAYLOR
 from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
 from ..models.base import Model
@@ -183,7 +182,7 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Tra
 
     Raises HodoError if the case has none, or for another precision.
     """
-    if not exact.applies(case):
+    if not case.system.has_closed_form:
         raise HodoError(
             f"{case.name}: method exact needs torques along G: equal damping, a brake, or both"
         )
@@ -201,7 +200,8 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Tra
         if perf_counter() > control.deadline:
             control.give_up(Status.TIMEOUT, f"max_seconds: stopped after {case.max_seconds:g} s")
             break
-        samples.add(*exact.exact_scaled(case, times[i : i + SAMPLES_AT_ONCE].astype(fp)))
+        block: np.ndarray = times[i : i + SAMPLES_AT_ONCE].astype(fp)
+        samples.add(*case.system.exact_states(block - case.time.start))
     if end := case.system.exact_end:
         kind, outcome = end
         time = case.time.start + outcome.time
