@@ -442,6 +442,7 @@ def test_a_signal_ends_a_reading_that_hangs(tmp_path: Path) -> None:
 
     def hang(name: str) -> str:
         (tmp_path / name).write_text(str(os.getpid()))
+        time.sleep(0.3)  # Python ignores what is raised while it forks
         os.kill(os.getppid(), signal.SIGUSR1)
         time.sleep(1000)
         return ""

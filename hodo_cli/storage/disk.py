@@ -198,8 +198,8 @@ def _lines_of_child(
     child = os.fork()
     if child == 0:
         _look_and_exit(theirs, list_parts, problem_of, patience, memory, known)
-    os.close(theirs)
     try:
+        os.close(theirs)
         with open(ours, "rb") as pipe:
             return [json.loads(line) for line in pipe if line.endswith(b"\n")]
     finally:

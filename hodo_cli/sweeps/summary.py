@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import NOT_OF_A_CASE
 from ..batch.pool import Pool
 from ..cases.case import Case
 from ..engines import extended
@@ -70,6 +71,8 @@ def probe(task: SampledMembers) -> list[MemberError]:
     for end in task.ends:
         try:
             errors.append(member_error(task.case, end))
+        except NOT_OF_A_CASE:
+            raise
         except Exception as error:  # of whatever kind, since the sweep itself is computed
             errors.append(MemberError(problem=str(error) or type(error).__name__))
     return errors
