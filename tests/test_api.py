@@ -286,7 +286,8 @@ def test_trajectories_are_samples_whatever_else_is_stored() -> None:
     made = api.sweep(given)
     assert made.omega.dims == ("damping.2", "time", "axis")
     single = api.run({**FIG4, "damping": [0.005, 0.004, 0.004]}, classify=False)
-    np.testing.assert_array_equal(made.omega[1], single.omega)
+    # A member goes side by side with others, in steps that round differently: 1e-14 over 1000.
+    np.testing.assert_allclose(made.omega[1], single.omega, rtol=0, atol=1e-12)
     assert set(made.data_vars) == {"omega", "crossing_time", "status"}
 
 
