@@ -98,6 +98,8 @@ CHECKS = [
     ("free", "{kind: conserved, of: [G, T]}", "reproduced", 0),
     ("slow", "{kind: conserved, of: [p, q]}", "reproduced", 0),
     ("slow", "{kind: formula, of: r, formula: exp(-t/10)}", "reproduced", 0),
+    ("{case: slow, time: {values: [1, 2]}}", "{kind: formula, of: r, formula: exp(-t/10)}",
+     "reproduced", 0),
     ("slow", "{kind: formula, of: T, formula: 0.6*r**2/2}", "reproduced", 0),
     ("slow", "{kind: formula, of: r, formula: 1 - t/100, within: 0.6}", "reproduced", 0.9 - E1),
     ("slow", "{kind: formula, of: r, formula: 1 - t/100}", "contradicted", 0.9 - E1),

@@ -265,13 +265,33 @@ KEY_BY_KEY = ("time", "assumes")
 """The keys of which a case changes single entries, and takes the others over."""
 
 
+REPLACED_TIMES = {
+    "values": {"end", "samples", "steps"},
+    "end": {"values"},
+    "samples": {"values", "steps"},
+    "steps": {"samples", "values"},
+}
+"""The keys of `time:` that do not count where one of the others is changed: samples are listed,
+evenly spaced, or the steps of the method."""
+
+
+def replaced_entries(key: str, changes: Mapping[str, Any]) -> set[str]:
+    """The common entries of a key that do not count beside a case's own."""
+    times = REPLACED_TIMES if key == "time" else {}
+    replaced = (times.get(name, set()) for name, value in changes.items() if value != "no")
+    return set().union(*replaced) - changes.keys()
+
+
 def variation(case: Case, changes: Mapping[str, Any]) -> Case:
     """A case with other values at some keys, under its own name. Raises Wrong with all that is
     wrong with these."""
     block, entries = Block(), case.entries
     for key, value in {**entries, **changes}.items():
         common = entries.get(key) if key in KEY_BY_KEY else None
-        merged = {**common, **value} if common and isinstance(value, Mapping) else value
+        merged = value
+        if common and isinstance(value, Mapping):
+            replaced = replaced_entries(key, value)
+            merged = {name: common[name] for name in common if name not in replaced} | {**value}
         block.put(key, merged, Place(1, 1), Place(1, 1), inherited=key not in changes)
     return checked_case(case.name, block)
 

@@ -23,6 +23,7 @@ from .case import (
     checked_case,
     note,
     read_mapping,
+    replaced_entries,
     variation,
 )
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
@@ -275,25 +276,9 @@ def _merge(defaults: Block, block: Block) -> Block:
         case_values, common = block.get(key), defaults.get(key)
         if isinstance(case_values, Block) and isinstance(common, Block):
             merged[key] = _merge(common, case_values)
-            for name in _replaced_times(case_values) if key == "time" else ():
+            for name in replaced_entries(key, case_values):
                 merged[key].pop(name, None)
     return merged
-
-
-REPLACED_TIMES = {
-    "values": {"end", "samples", "steps"},
-    "end": {"values"},
-    "samples": {"values", "steps"},
-    "steps": {"samples", "values"},
-}
-"""The keys of `defaults: time:` that do not count where a case has one of its own: samples are
-listed, evenly spaced, or the steps of the method."""
-
-
-def _replaced_times(time: Block) -> set[str]:
-    """The inherited keys that a case's own `time:` replaces."""
-    replaced = (REPLACED_TIMES.get(key, set()) for key, value in time.items() if value != "no")
-    return set().union(*replaced) - time.keys()
 
 
 def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
