@@ -261,9 +261,9 @@ def test_every_kind_of_check_is_tried() -> None:
 
 @pytest.mark.engines
 def test_every_quantity_is_computed(stored: Path) -> None:
-    of_body = {"p", "q", "r", "G", "T", "x", "y", "x1_direction", "separatrix_distance", "turns",
-               "crossings", "first_crossing", "area_largest", "area_smallest", "growth_largest",
-               "growth_smallest"}  # fmt: skip
+    of_body = {"p", "q", "r", "G", "T", "x", "y", "x1_direction", "tilt", "separatrix_distance",
+               "turns", "crossings", "first_crossing", "area_largest", "area_smallest",
+               "growth_largest", "growth_smallest"}  # fmt: skip
     of_top = {"Gz", "H", "r", "u1", "u2", "u3", "rebound_u3"}
     names = {"turning": of_body, "top": of_top, "stopping": {"x", "y", "end_of_spin"}}
     assert set(claim_block.QUANTITY_NAMES) == set().union(*names.values())
