@@ -301,8 +301,10 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     """The columns (1,) of the labels of a single case, and whether they are certain."""
     case, omega = motion.case, motion.variables["omega"]
     classification = classify(case, motion.method, motion.tol, motion.error, omega)
-    ends = np.array([case.system.start[:3], motion.variables["omega"][-1]], dtype=float)
-    nearest = body_of(case).separation(ends).min()
+    body = body_of(case)
+    # In true size only where a rotor sets a scale: elsewhere a decayed motion would be 0 there.
+    last = motion.omega[-1] if body.rotor_momentum is None else motion.variables["omega"][-1]
+    nearest = body.separation(np.array([body.start[:3], last], dtype=float)).min()
     member = np.zeros(len(classification.crossings), dtype=np.int64)
     columns = columns_of(CROSSING_COLUMNS, classification.crossings)
     crossings = {name: variable.data for name, variable in columns.items()}
