@@ -19,11 +19,11 @@ from . import HodoError
 from .batch.memory import check_memory
 from .batch.pool import pool
 from .cases.case import Case
-from .cases.config import composed, parse
+from .cases.config import composed_text, parse
 from .cases.figure_block import FIGURE_KINDS, check_figure
 from .commands.classify import classified, classify_results
 from .commands.resume import case_digest
-from .commands.run import execute, finish, plans
+from .commands.run import execute, finished_case, plans
 from .figures import draw
 from .figures.artists import user_parameters
 from .progress import Progress
@@ -93,7 +93,7 @@ def run(
 def _integrated(made: Case, classify: bool) -> xr.Dataset:
     """The dataset of a case, without a file."""
     check_memory(made)
-    group = finish(made)
+    group = finished_case(made)
     if classify and (labels := classified(made.name, group)[0]) is not None:
         group = group.with_addition(labels)
     return dataset(group)
@@ -106,7 +106,7 @@ def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> lis
     named = {case.name: case for case in cases}
     if len(named) < len(cases):
         raise HodoError("two of the cases have one name: make each a Case with its own")
-    config = parse(composed(named), str(path))
+    config = parse(composed_text(named), str(path))
     execute(plans([config], path.parent, (), force=False, jobs=jobs), jobs, quiet=True)
     if classify and (problems := classify_results([path])[1]):
         raise HodoError("\n".join(problems))

@@ -13,7 +13,7 @@ import numpy as np
 import xarray
 
 from hodo_cli.figures.costs import draw_bench
-from hodo_cli.figures.sheet import STYLE, save
+from hodo_cli.figures.sheet import SHEET_STYLE, save
 from hodo_cli.results.trials import TRIAL_VERDICTS
 from hodo_cli.text import magnitude, seconds
 
@@ -47,7 +47,7 @@ if __name__ == "__main__":
     print("\n".join(f"| {' | '.join(row)} |" for row in rows(bench)))
     sheet = draw_bench(bench, TRIAL_VERDICTS)
     # Letters as text take a fifth of the bytes that their outlines do.
-    sheet.figure.parameters = {**STYLE, "svg.fonttype": "none"}
+    sheet.figure.parameters = {**SHEET_STYLE, "svg.fonttype": "none"}
     save(sheet, Path(sys.argv[2]))
     # A tenth of a point is finer than any screen.
     text = re.sub(r"(\d\.\d)\d+", r"\1", Path(sys.argv[2]).read_text(encoding="utf-8"))

@@ -219,7 +219,7 @@ def _case_check(
     return partial(check_sweep, case)
 
 
-def composed(cases: Mapping[str, Case], **sections: Any) -> str:
+def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:
     """The text of a case file with these cases, complete, and other sections as plain values; one
     line an entry."""
     sections["cases"] = {name: case.entries for name, case in cases.items()}

@@ -124,7 +124,9 @@ class Judge:
             name: self._decide(claim["check"], of_member)
             for name, of_member in zip(varied, by_member, strict=True)
         }
-        return gridded(claim, findings) if claim["share"] is None else sampled(claim, findings)
+        return (
+            gridded(claim, findings) if claim["share"] is None else sampled_verdict(claim, findings)
+        )
 
     def _decide(self, check: Mapping[str, Any], motions: Sequence[Any]) -> Finding:
         """The finding of one check on one set of motions, or of a trend on the motions of each
@@ -242,7 +244,7 @@ def gridded(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdic
     return Verdict(claim, verdict, findings[worst].number, words, contrary)
 
 
-def sampled(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
+def sampled_verdict(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
     """The verdict over a sample of the motions that the statement is about."""
     holds = sum(f.holds for f in findings.values())
     share = holds / len(findings)

@@ -140,13 +140,15 @@ def try_cases(config: Config, cases: Sequence[Case], jobs: int, quiet: bool) -> 
                 raise outcome
             else:
                 trials[case.name], spent = outcome
-                progress.say(f"{case.name}: {counted(trials[case.name])} ({seconds(spent)})")
+                progress.say(
+                    f"{case.name}: {count_of_trials(trials[case.name])} ({seconds(spent)})"
+                )
                 progress.done(case.name)
     names = tuple(case.name for case in cases)
     return Bench(names, methods, tols, tuple(trial for name in names for trial in trials[name]))
 
 
-def counted(trials: Sequence[Trial]) -> str:
+def count_of_trials(trials: Sequence[Trial]) -> str:
     """How many of the trials have each verdict."""
     counts = {word: sum(trial.status == word for trial in trials) for word in TRIAL_VERDICTS}
     return ", ".join(f"{count} {word}" for word, count in counts.items() if count)

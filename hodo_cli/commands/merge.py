@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import HodoError
 from ..cases.case import Case, dump, parse_case, read_mapping
-from ..cases.config import composed, parse
+from ..cases.config import composed_text, parse
 from ..schema.mistakes import Mistakes
 from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.hdf5 import ResultFile, open_run
@@ -93,7 +93,7 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase]) 
     }
     title = ", ".join(unique(config.title for config in configs if config.title))
     references = "; ".join(unique(config.references for config in configs if config.references))
-    return composed(cases, title=title, references=references, figures=figures, **statements)
+    return composed_text(cases, title=title, references=references, figures=figures, **statements)
 
 
 def unique(entries: Iterable[Any]) -> list[Any]:

@@ -332,7 +332,7 @@ def outcomes(
     """Each case with its group to be stored, or the error that left none: single cases, then the
     sweeps."""
     single = [case for case in cases if not case.sweep]
-    yield from pool.map(finish, progress.starting(single, attrgetter("name")))
+    yield from pool.map(finished_case, progress.starting(single, attrgetter("name")))
     writer.store()  # sweeps take long, and short cases wait for others
     for case in cases:
         if case.sweep:
@@ -348,7 +348,7 @@ def outcomes(
                 yield case, error
 
 
-def finish(case: Case) -> Group:
+def finished_case(case: Case) -> Group:
     """A case integrated, as it is stored. Raises HodoError if its method is not available here."""
     return case_group(integrate(case), case_digest(case))
 

@@ -21,12 +21,12 @@ from ..results.dataset import MOTION_DIMS, Cases, case_in, is_sweep, motions_of,
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
-from .artists import finish, parameters
+from .artists import finish_figure, matplotlib_parameters
 from .body import body
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import FILMS, STYLE, Drawing, Sheet, check_tex, lighten, save, text_size
+from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, check_tex, lighten, save, text_size
 from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def draw(
     spec = {**with_time_symbol(spec, cases), "scale_cases": scale}
     check(spec, cases)
     style = merged_style(spec["style"])
-    look = {**STYLE, **rc, **parameters(style)}
+    look = {**SHEET_STYLE, **rc, **matplotlib_parameters(style)}
     with matplotlib.style.context(["default", look]):
         drawing = Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06))
         drawing.parameters = look
@@ -85,7 +85,7 @@ def draw(
         sheet.units, sheet.time = column_units(spec, cases), spec.get("time", "t")
         DRAW[spec["kind"]](sheet, spec, cases)
         sheet.remarks = remarks_on(spec, cases)
-        finish(sheet, spec, style)
+        finish_figure(sheet, spec, style)
         lighten(drawing)
     return sheet
 

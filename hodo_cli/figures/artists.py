@@ -68,7 +68,7 @@ TIME_COLOURS = 64
 START: Look = {"ls": "", "marker": "o", "ms": 4, "mfc": "white", "mec": BLACK, "mew": 0.6}
 END: Look = {"ls": "", "marker": "s", "ms": 2.8, "mfc": BLACK, "mec": BLACK, "mew": 0.6}
 CROSSING: Look = {"ls": "", "marker": "D", "ms": 3.6, "mfc": YELLOW, "mec": BLACK, "mew": 0.6}
-LAW: Look = {"color": BLACK, "lw": 1.0, "ls": (0, (5, 2)), "zorder": 4}
+LAW_LOOK: Look = {"color": BLACK, "lw": 1.0, "ls": (0, (5, 2)), "zorder": 4}
 SEPARATRIX: Look = {"color": BLACK, "lw": 0.7, "ls": (0, (3, 2))}
 HALO = [patheffects.withStroke(linewidth=1.5, foreground="white")]
 
@@ -368,7 +368,7 @@ def user_parameters() -> Look:
     return {name: current[name] for name in names if current[name] != default[name]}
 
 
-def parameters(style: Mapping[str, Any]) -> Look:
+def matplotlib_parameters(style: Mapping[str, Any]) -> Look:
     """The parameters of matplotlib that a style sets. Raises HodoError for a style sheet or a
     family of fonts that is not there."""
     given = {
@@ -426,7 +426,7 @@ def font_parameters(family: str) -> Look:
     return letters_alone | formulas | {"mathtext.fallback": "stix"}
 
 
-def finish(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any]) -> None:
+def finish_figure(sheet: Sheet, spec: Mapping[str, Any], style: Mapping[str, Any]) -> None:
     """Give a drawn figure its size, title, scales, letters and legend.
 
     Raises HodoError for a text that is not TeX, or a logarithmic axis with values below zero.

@@ -31,7 +31,7 @@ from ..storage.staging import replacing
 from .artists import AXIS_COLOUR, BLACK, GREY, PAGE, PURPLE, RED, arrow, pair
 from .geometry import View
 from .plane import within_span
-from .sheet import STYLE, Look, Sheet, without_tex
+from .sheet import SHEET_STYLE, Look, Sheet, without_tex
 
 MOST_SAMPLES = 3000
 """The samples of a film: with 65 bytes each in a page, it has less than 300 kB."""
@@ -45,7 +45,7 @@ REACH = 1.2
 
 
 @dataclass(frozen=True)
-class Part:
+class MovingPart:
     """Part of a moving picture: a face of the body, the trail of a point or an arrow from the
     centre to it, through points (n, 3) in axes of the body or of space; a point a sample, or one
     that stays."""
@@ -65,7 +65,7 @@ class Film:
     time: np.ndarray
     attitude: np.ndarray
     matrices: np.ndarray
-    parts: Sequence[Part]
+    parts: Sequence[MovingPart]
     view: tuple[float, float]
     seconds: float
     words: tuple[str, str]
@@ -102,7 +102,7 @@ class Film:
         """
         if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
             raise HodoError("MP4 needs ffmpeg, which is not installed; GIF needs no other program")
-        with matplotlib.style.context(["default", STYLE]), replacing(path) as draft:
+        with matplotlib.style.context(["default", SHEET_STYLE]), replacing(path) as draft:
             figure = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
             canvas: Any = FigureCanvasAgg(figure)
             if path.suffix == ".gif":
@@ -111,14 +111,14 @@ class Film:
                     Image.fromarray(np.asarray(canvas.buffer_rgba()))
                     .convert("RGB")
                     .quantize(64, Image.Quantize.MAXCOVERAGE)
-                    for _ in moving(self, figure)
+                    for _ in moving_artists(self, figure)
                 )
                 pause = 1000 // FRAMES_A_SECOND
                 first.save(draft, "gif", save_all=True, append_images=rest, duration=pause, loop=0)
                 return
             writer = FFMpegWriter(FRAMES_A_SECOND, extra_args=["-f", "mp4", "-pix_fmt", "yuv420p"])
             with writer.saving(figure, str(draft), FILM_DPI):
-                for _ in moving(self, figure):
+                for _ in moving_artists(self, figure):
                     writer.grab_frame()
 
 
@@ -165,13 +165,13 @@ def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
     parts = [
         *faces(motion.inertia, motion.principal_axes),
         *(
-            Part("arrow", True, 0.7 * np.eye(3)[[i]], AXIS_COLOUR[i + 1], f"x{i + 1}")
+            MovingPart("arrow", True, 0.7 * np.eye(3)[[i]], AXIS_COLOUR[i + 1], f"x{i + 1}")
             for i in range(3)
         ),
-        Part("trail", True, G, RED),
-        Part("trail", False, turned.apply(omega), PURPLE),
-        Part("arrow", False, turned.apply(omega), PURPLE, "ω"),
-        Part("arrow", False, turned.apply(G), RED, "G"),
+        MovingPart("trail", True, G, RED),
+        MovingPart("trail", False, turned.apply(omega), PURPLE),
+        MovingPart("arrow", False, turned.apply(omega), PURPLE, "ω"),
+        MovingPart("arrow", False, turned.apply(G), RED, "G"),
     ]
     symbol, of = without_tex(f"${spec['time']}$"), motion.units("time")
     words = (f"{symbol} = ", "" if of == "1" else f" {of}")
@@ -182,7 +182,7 @@ def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
     )
 
 
-def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[Part]:
+def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[MovingPart]:
     """The faces of the homogeneous box that has these moments of inertia (3,) about its axes
     (3, 3), row by row; it has half length 0.6 along its longest side, and a plate a thickness that
     is seen."""
@@ -193,7 +193,7 @@ def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[Part]:
     for axis in range(3):
         for sign in (1, -1):
             corners = (np.insert(square, axis, sign, axis=1) * half) @ axes
-            yield Part("face", True, corners, AXIS_COLOUR[axis + 1])
+            yield MovingPart("face", True, corners, AXIS_COLOUR[axis + 1])
 
 
 def draw_moment(axes: Axes, film: Film, i: int) -> None:
@@ -219,7 +219,7 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
     axes.set_title(f"{film.words[0]}{film.time[i]:.4g}{film.words[1]}", color=BLACK)
 
 
-def moving(film: Film, figure: Figure) -> Iterator[None]:
+def moving_artists(film: Film, figure: Figure) -> Iterator[None]:
     """Draw the pictures of a film into a figure, one after another, at even steps of time."""
     axes = figure.add_axes((0, 0, 1, 0.94))
     count = max(2, round(film.seconds * FRAMES_A_SECOND))

@@ -29,7 +29,7 @@ from .artists import (
     filled,
     styles,
 )
-from .sheet import STYLE, Drawing, Sheet
+from .sheet import SHEET_STYLE, Drawing, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
 """The look of counted shares, on the line of the calculated ones."""
@@ -127,7 +127,7 @@ VERDICT_COLOUR = (GREEN, SKY, YELLOW, "#BBBBBB", GREY, RED)
 def draw_bench(trials: Group, verdicts: Sequence[str]) -> Sheet:
     """The figure of trials as they are stored, over case, method and tolerance: work against
     precision where there are several tolerances, else the map of verdicts."""
-    with matplotlib.style.context(["default", STYLE]):
+    with matplotlib.style.context(["default", SHEET_STYLE]):
         sheet = Sheet(Drawing(layout="constrained"))
         if len(trials.variables["tol"].data) > 1:
             work_precision(sheet, trials)

@@ -52,7 +52,7 @@ LAYOUT = {
     "hovermode": "closest",
 }  # fmt: skip
 
-SYMBOLS = {"o": "circle", ".": "circle", "s": "square", "D": "diamond", "x": "x", "+": "cross"}
+MARKERS = {"o": "circle", ".": "circle", "s": "square", "D": "diamond", "x": "x", "+": "cross"}
 
 PIXELS = 1.6
 """Pixels of a screen for a point of print, so that lines are as heavy beside letters."""
@@ -191,7 +191,7 @@ def numbered(name: str, i: int) -> str:
 def blank_like(trace: Trace) -> Trace:
     """A trace without a point in the panel of another one, for entries of the legend."""
     place: Trace = {key: trace[key] for key in ("scene", "xaxis", "yaxis") if key in trace}
-    return {**coordinates(np.full((1, 3 if "scene" in place else 2), np.nan)), **place}
+    return {**point_coordinates(np.full((1, 3 if "scene" in place else 2), np.nan)), **place}
 
 
 def domains(panels: Sequence[Axes]) -> Iterator[dict[str, list[float]]]:
@@ -202,7 +202,7 @@ def domains(panels: Sequence[Axes]) -> Iterator[dict[str, list[float]]]:
         yield {"x": x, "y": y}
 
 
-def coordinates(points: np.ndarray) -> Trace:
+def point_coordinates(points: np.ndarray) -> Trace:
     """A trace of points (n, 2) or (n, 3)."""
     kind = "scatter" if points.shape[1] == 2 else "scatter3d"
     return {"type": kind, **dict(zip("xyz", points.T, strict=False))}
@@ -213,7 +213,7 @@ def coordinates(points: np.ndarray) -> Trace:
 
 def stroke_traces(stroke: Stroke, samples: Samples) -> Iterator[Trace]:
     """The traces of a curve, one a colour with gaps where it has others, of marks, or of words."""
-    trace, texts = coordinates(stroke.points), [*map(without_tex, stroke.texts)]
+    trace, texts = point_coordinates(stroke.points), [*map(without_tex, stroke.texts)]
     shades = [colour_name(colour) for colour in stroke.colours]
     if stroke.look.get("ls") == "":
         trace |= line_look(stroke.look) | {"hoverinfo": "text" if texts else "skip", "text": texts}
@@ -232,14 +232,14 @@ def stroke_traces(stroke: Stroke, samples: Samples) -> Iterator[Trace]:
         index = np.concatenate([[*range(len(stroke.code))[piece], -1] for piece in own])[:-1]
         points = np.where(index[:, np.newaxis] < 0, np.nan, stroke.points[index])
         look = line_look({**stroke.look, "color": shades[code]})
-        yield coordinates(points) | look | samples.pointer(record, index)
+        yield point_coordinates(points) | look | samples.pointer(record, index)
 
 
 def line_look(look: Mapping[str, Any]) -> Trace:
     """The line and marks of a trace, and the group of its legend, by the names of `Line2D`."""
     colour, dash = colour_name(look.get("color", "black")), dash_of(look.get("ls", "-"))
     line = {"color": colour, "dash": dash, "width": PIXELS * look.get("lw", 1.0)}
-    symbol = SYMBOLS.get(look.get("marker", ""), "")
+    symbol = MARKERS.get(look.get("marker", ""), "")
     if not symbol:
         return {"mode": "lines", "line": line, "legendgroup": f"{colour} {dash}"}
     fill, edge = (colour_name(look.get(key, colour)) for key in ("mfc", "mec"))
@@ -330,7 +330,7 @@ def area_trace(axes: Axes, patch: Patch) -> Trace:
     *colour, alpha = to_rgba(patch.get_facecolor())
     shades = ",".join(str(round(255 * part)) for part in colour)
     look = {"fill": "toself", "fillcolor": f"rgba({shades},{alpha:g})", "line": {"width": 0}}
-    return {**coordinates(points), **look, "mode": "lines", "hoverinfo": "skip"}
+    return {**point_coordinates(points), **look, "mode": "lines", "hoverinfo": "skip"}
 
 
 def cell_traces(mesh: QuadMesh) -> Iterator[Trace]:

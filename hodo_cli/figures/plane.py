@@ -25,7 +25,7 @@ from .artists import (
     END,
     GREY,
     HALO,
-    LAW,
+    LAW_LOOK,
     PAGE,
     SEPARATRIX,
     axis_handles,
@@ -223,7 +223,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
     handles = case_handles(names, style_names) if len(names) > 1 else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
-    handles += [Line2D([], [], **LAW, label=law) for law in spec["formula"].values()]
+    handles += [Line2D([], [], **LAW_LOOK, label=law) for law in spec["formula"].values()]
     sheet.legend = handles
 
 
@@ -244,7 +244,7 @@ def series_curve(
     if law := spec["formula"].get(variable):
         values = formula_values(motion, law)[samples]
         sheet.record(panel, f"{motion.label}, {law}", {"time": times, variable: values})
-        axes.plot(times, values, **LAW)
+        axes.plot(times, values, **LAW_LOOK)
     if spec["passages"] == "yes":
         passage_marks(axes, motion, variable, style)
     else:

@@ -31,7 +31,7 @@ from .geometry import View
 
 Look = dict[str, Any]
 
-STYLE: Look = {
+SHEET_STYLE: Look = {
     "font.family": "STIXGeneral", "mathtext.fontset": "stix",
     # All sizes follow that of the font: `medium` is 8.4 points, `small` 7.
     "font.size": 8.4, "axes.labelsize": "medium", "axes.titlesize": "medium",
@@ -115,7 +115,7 @@ class Drawing(Figure):
     """A figure with parameters of matplotlib of its own, in which it is drawn and saved wherever
     that is. A notebook shows it by itself, whatever backend it has: as an image, or moving."""
 
-    parameters: Look = STYLE
+    parameters: Look = SHEET_STYLE
     film: Any = None
     """The `body.Film` of a figure that moves."""
 

@@ -22,7 +22,7 @@ WIDE = 1400
 LINK_NAMES = {".html": "turn and zoom", ".gif": "animation (GIF)", ".mp4": "film (MP4)"}
 """The names of links to files that are no plain format of the figure."""
 
-Row = Sequence[str]
+Cells = Sequence[str]
 """Cells of a table, as HTML."""
 
 
@@ -120,21 +120,23 @@ def section_html(section: Section) -> str:
     cards = "".join(card(section, figure) for figure in section["figures"])
     data = f'<a href="{address(section["file"])}">{escape(Path(section["file"]).name)}</a>'
     tables = (
-        table("What the text says", STATEMENTS, statement_rows(section)),
-        table("Errata", ERRATA, erratum_rows(section)),
-        table("Enclosed axes and crossings of the separatrix", CROSSINGS, crossing_rows(section)),
-        table("Cases", CASES, map(case_row, cases)),
+        html_table("What the text says", STATEMENTS, statement_rows(section)),
+        html_table("Errata", ERRATA, erratum_rows(section)),
+        html_table(
+            "Enclosed axes and crossings of the separatrix", CROSSINGS, crossing_rows(section)
+        ),
+        html_table("Cases", CASE_COLUMNS, map(case_row, cases)),
     )
     return (
         f'<section id="{anchor(name)}"><h2>{escape(section["title"])}</h2>'
         f"<p>{escape(section['references'])}</p>"
-        f'<p class="soft">Data: {data}, {counted(cases)}</p>'
+        f'<p class="soft">Data: {data}, {case_count(cases)}</p>'
         f'<div class="figures">{cards}</div>{"".join(tables)}'
         '<p><a href="#top">Back to the top</a></p></section>'
     )
 
 
-def counted(cases: Sized) -> str:
+def case_count(cases: Sized) -> str:
     """The number of cases in words."""
     return "1 case" if len(cases) == 1 else f"{len(cases)} cases"
 
@@ -181,7 +183,7 @@ def numbers_of_cases(section: Section, figure: Section) -> str:
         return ""
     error = max((e for case in shown if not math.isnan(e := case["error"])), default=math.nan)
     total = seconds(sum(case["run_time"] for case in shown))
-    summary = f"{counted(shown)}: error {magnitude(error)}, run time {total}"
+    summary = f"{case_count(shown)}: error {magnitude(error)}, run time {total}"
     rows = []
     for case in shown:
         name = escape(case["name"])
@@ -193,7 +195,7 @@ def numbers_of_cases(section: Section, figure: Section) -> str:
     return f"<details><summary>{summary}</summary>{bare_table(header, rows)}</details>"
 
 
-def accuracy(case: Section) -> Row:
+def accuracy(case: Section) -> Cells:
     """The cells of error and run time of a case."""
     error = f"{magnitude(case['error'])} ({case['error_kind']})"
     return [cell(error, "n"), cell(seconds(case["run_time"]), "n")]
@@ -222,14 +224,14 @@ STATEMENTS = (
 )
 ERRATA = ("where", "printed", "should be", "verdict", "shown by", "figures")
 CROSSINGS = ("case", "start", "end", "crossing time", "error", "from", "to", "|G|", "figures")
-CASES = (
+CASE_COLUMNS = (
     *("case", "model", "method", "steps", "error", "run time", "parameters"),
     "notes and warnings",
 )
 """The heads of the tables."""
 
 
-def statement_rows(section: Section) -> Iterable[Row]:
+def statement_rows(section: Section) -> Iterable[Cells]:
     """The statements with their verdicts, and their words as the text has them."""
     for claim in section["statements"]:
         original = f"<br><i>{escape(claim['original'])}</i>" if claim["original"] else ""
@@ -244,7 +246,7 @@ def statement_rows(section: Section) -> Iterable[Row]:
         ]
 
 
-def erratum_rows(section: Section) -> Iterable[Row]:
+def erratum_rows(section: Section) -> Iterable[Cells]:
     """The misprints with what shows them."""
     for erratum in section["errata"]:
         texts = (erratum[key] for key in ("text", "should_be", "verdict", "evidence"))
@@ -255,7 +257,7 @@ def erratum_rows(section: Section) -> Iterable[Row]:
         ]
 
 
-def crossing_rows(section: Section) -> Iterable[Row]:
+def crossing_rows(section: Section) -> Iterable[Cells]:
     """The separatrix crossings of the classified cases, with the enclosed axes at start and end."""
     for case in section["cases"]:
         ends, name = [*map(cell, case["ends"])], case["name"]
@@ -267,7 +269,7 @@ def crossing_rows(section: Section) -> Iterable[Row]:
             place = ""
 
 
-def case_row(case: Section) -> Row:
+def case_row(case: Section) -> Cells:
     """A case with its model, method, accuracy, parameters and notes."""
     words = (case["method"], case["steps"])
     notes = cell("; ".join(case["notes"]), "text")
@@ -283,13 +285,13 @@ def cell(text: str, kind: str = "", place: str = "") -> str:
     return f"<td{attributes}>{escape(text)}</td>"
 
 
-def table(title: str, header: Sequence[str], rows: Iterable[Row]) -> str:
+def html_table(title: str, header: Sequence[str], rows: Iterable[Cells]) -> str:
     """A table under its title, which is its caption too; nothing without rows."""
     body = [*rows]
     return f"<h3>{title}</h3>{bare_table(header, body, title)}" if body else ""
 
 
-def bare_table(header: Sequence[str], rows: Iterable[Row], title: str = "") -> str:
+def bare_table(header: Sequence[str], rows: Iterable[Cells], title: str = "") -> str:
     """A table that scrolls by itself."""
     caption = f"<caption>{title}</caption>" if title else ""
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in header)

@@ -11,7 +11,7 @@ from ..cases.figure_block import PAGE_DATA
 
 Section = dict[str, Any]
 
-FIGURE = {
+STORED_FIGURE = {
     "name": "", "caption": "", "about": "", "problem": "", "files": [""], "size": [0],
     "assumed": [""], "cases": [""],
 }  # fmt: skip
@@ -29,7 +29,7 @@ ERRATUM = {
 }  # fmt: skip
 SECTION = {
     "name": "", "title": "", "references": "", "file": "", "paper": False,
-    "figures": [FIGURE], "statements": [STATEMENT], "errata": [ERRATUM], "cases": [CASE],
+    "figures": [STORED_FIGURE], "statements": [STATEMENT], "errata": [ERRATUM], "cases": [CASE],
 }  # fmt: skip
 """The shape of a section: the types of its values, by an example."""
 

@@ -42,7 +42,7 @@ that magnify errors."""
 AFFORDABLE = 1e4
 """The most Taylor steps that are taken in quadruple precision, some 0.2 ms each."""
 
-PATIENCE = 10.0
+PATIENCE_OF_TRIALS = 10.0
 """Seconds that auto may take for any case; the papers' cases take milliseconds."""
 
 LONG = 1.0
@@ -190,7 +190,7 @@ def trial(
         method=motion.method,
         status=verdict(motion, error, sure.floor),
         error=error,
-        crossing_error=crossing_error(motion, sure),
+        crossing_error=error_of_crossings(motion, sure),
         run_time=run_time,
         compile_time=max(first - run_time, 0.0),
         steps=motion.steps,
@@ -231,7 +231,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
     return "inaccurate, as stated" if any(remarks(compared(motion), errors)) else "SILENT"
 
 
-def crossing_error(motion: Trajectory, sure: ReferenceMotion) -> float:
+def error_of_crossings(motion: Trajectory, sure: ReferenceMotion) -> float:
     """The largest relative error of a crossing's time; infinite if the crossings are not the true
     ones."""
     if not (sure.crossings and motion.whole):
@@ -257,6 +257,6 @@ def trials_of(
         warnings.simplefilter("ignore")  # of SciPy's solvers and overflows: the verdicts count them
         sure = truth(case)
         for method, tol in tried:
-            patience = PATIENCE if method == "auto" else max_seconds
+            patience = PATIENCE_OF_TRIALS if method == "auto" else max_seconds
             trials.append(trial(case, sure, method, tol, repeats, patience))
     return trials, perf_counter() - began
