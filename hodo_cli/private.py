@@ -9,12 +9,12 @@ import warnings
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, BinaryIO
 
-HAVE_FLOCK = find_spec("fcntl") is not None
+from .machine import HAVE_FLOCK
+
 if HAVE_FLOCK:
     import fcntl
 
@@ -86,13 +86,13 @@ def _opened_itself(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0))
 
 
-MOST_BYTES = 256 << 20
+MOST_CODE = 256 << 20
 """What all of it takes at most: some 25 steps of the largest models, or 250 of others."""
 
 PATIENCE = 30.0
 """Seconds for which a process waits for another to compile, which may have been stopped."""
 
-LOOKS = 0.02
+LOCK_POLL = 0.02
 """Seconds between two looks whether it has."""
 
 SEAL = 32
@@ -136,7 +136,7 @@ def _locked(file: Path) -> BinaryIO:
             except BlockingIOError:
                 if monotonic() > deadline:
                     raise
-                sleep(LOOKS)
+                sleep(LOCK_POLL)
         failed.pop_all()
     return stream
 
@@ -154,9 +154,9 @@ def _store(stream: BinaryIO, content: bytes) -> None:
 
 
 def _remove_oldest(folder: Path) -> None:
-    """Leave the code that was used last, up to MOST_BYTES."""
+    """Leave the code that was used last, up to MOST_CODE."""
     total = 0
     for file in sorted(folder.glob("*.code"), key=os.path.getmtime, reverse=True):
         total += file.stat().st_size
-        if total > MOST_BYTES:
+        if total > MOST_CODE:
             file.unlink()

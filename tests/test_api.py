@@ -227,7 +227,7 @@ def test_curves_of_a_sweep_show_its_values_and_where_there_is_none() -> None:
         np.testing.assert_array_equal(none.get_xdata(), made["damping.2"].values[np.isnan(values)])
     over = {"variable": "crossing_time", "x": "damping.2", "y": "damping.0"}
     (words,) = api.plot(made, kind="map", **over).legends
-    assert [text.get_text() for text in words.get_texts()] == ["none"]
+    assert [text.get_text() for text in words.get_texts()] == ["no crossing"]
     mean = api.plot(made, kind="curve", variable="crossing_G", x="damping.2").axes[0]
     assert mean.get_ylabel() == "|G| at it, mean over damping.0"
     several = api.plot([made, made], kind="curve", variable="end_axis.x1", x="damping.2")

@@ -21,7 +21,7 @@ from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory
-from hodo_cli.models.averaging import capture, fluid, free_turn, quadrature
+from hodo_cli.models.averaging import capture, fluid, free_turn, means
 from hodo_cli.models.averaging.forms import either
 from hodo_cli.models.averaging.passage import crossing_table, crossing_time
 from hodo_cli.models.cavity_averaged import AveragedTriaxial
@@ -321,7 +321,7 @@ def test_the_periodic_part_of_the_fluid_is_that_of_its_quadrature() -> None:
         assert isinstance(unit, float)
         small = slow._replace(X=slow.X / unit**2, Y=slow.Y / unit**2)
         closed = np.array(fluid.fluid_part(attributes(k), small)) * np.array(slow.pair) / unit
-        X, Y = quadrature.periodic_part(BODY, torque, slow, 256)
+        X, Y = means.periodic_part(BODY, torque, slow, 256)
         assert closed == pytest.approx([X, Y] if slow.side > 0 else [Y, X], rel=1e-13)
 
 

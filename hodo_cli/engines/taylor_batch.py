@@ -119,7 +119,9 @@ class TaylorStep:
 
     def _compiled_step(self) -> Any:
         inputs, rows, _ = expressions(*self._problem)
-        return compiled(inputs, rows, 1 if size_of_rates(*self._problem[:2]) > OPTIMISED else 3)
+        return compiled_function(
+            inputs, rows, 1 if size_of_rates(*self._problem[:2]) > OPTIMISED else 3
+        )
 
     def __call__(self, columns: np.ndarray, k: np.ndarray, out: np.ndarray) -> None:
         """Step columns (m + 3, n) to `out`, with the parameters k (c + 2, n): the end's time, the
@@ -144,7 +146,7 @@ class TaylorStep:
     def _compiled_series(self, event: Event) -> Any:
         inputs, _, motions = expressions(*self._problem)
         # Few steps need it: not worth the optimiser's time.
-        return compiled(inputs, coefficients(event.function(*motions), SERIES_ORDER), 1)
+        return compiled_function(inputs, coefficients(event.function(*motions), SERIES_ORDER), 1)
 
 
 def key_of(model: type[Model], structure: Structure, events: tuple[Event, ...]) -> str:
@@ -205,7 +207,7 @@ def expressions(
     return [*start, *clock], rows, (time, state, k)
 
 
-def compiled(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:
+def compiled_function(inputs: list[Any], rows: list[Any], opt_level: int) -> Any:
     """Rows as a function of inputs."""
     # No fast_math: it would see that nothing is lost in exact arithmetic, and it adds up in an
     # order of its own.
@@ -317,7 +319,7 @@ def majorant_beyond(
 
     Raises NotImplementedError where the function has no majorant.
     """
-    inputs = [Majorant(partial(size_of, series)) for series in (time, *state)]
+    inputs = [Majorant(partial(term_size, series)) for series in (time, *state)]
     sums = [total_of_powers(coefficients(series, SERIES_ORDER), step) for series in inputs]
     whole = [Majorant(partial(constant, total)) for total in sums]
     of_series, of_sums = (event.function(y[0], y[1:], k) for y in (inputs, whole))
@@ -326,7 +328,7 @@ def majorant_beyond(
     return (1 + BOUND_ROUNDING) * of_sums[0] - own
 
 
-def size_of(series: Series, k: int) -> Any:
+def term_size(series: Series, k: int) -> Any:
     """|c_k| of a series."""
     return size(series[k])
 

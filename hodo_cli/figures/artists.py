@@ -397,7 +397,7 @@ def sheet_in_file(path: str) -> Mapping[str, Any]:
     mistakes: list[str] = []
     listener = logging.Handler()
     # matplotlib logs a mistake in a style sheet, and goes on without the line.
-    listener.emit = lambda record: mistakes.append(record.getMessage())  # type: ignore[method-assign]
+    setattr(listener, "emit", lambda record: mistakes.append(record.getMessage()))  # noqa: B010
     logger = logging.getLogger("matplotlib")
     logger.addHandler(listener)
     try:

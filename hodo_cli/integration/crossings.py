@@ -329,11 +329,11 @@ def _nearest(signs: SignChanges, first: int, last: int) -> float:
 # distance from a saddle's hodograph has one extremum between two of them at most; there its slope
 # shows it.
 
-PLACES = 17
+VIEWED = 17
 """Places in a step, its ends among them. A step is a part of a turn, in which the distance has few
 extrema."""
 
-HALVINGS = 64
+SIDE_HALVINGS = 64
 """Halvings of an interval in search of a change: beyond the digits of a long double."""
 
 
@@ -355,7 +355,7 @@ def nearest_margin(margins: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(np.isnan(sizes), np.inf, sizes).min(-1))
 
 
-class View(NamedTuple):
+class StepView(NamedTuple):
     """Places of steps, each (k,): label, margin, |G|, and the rate by x at which the nearest
     boundary comes nearer, relative to |omega|; the value and the slope by x for both saddles
     (k, 2)."""
@@ -384,35 +384,41 @@ class RegionSearch(CrossingSearch):
             return
         series, times = extended(self.series[:n]), extended(self.times[:n])
         b, _ = self._bernstein(self.along_axes(series), times)
-        row, x = np.repeat(np.arange(n), PLACES), np.tile(np.linspace(0, 1, PLACES), n)
+        row, x = (
+            np.repeat(np.arange(n), VIEWED),
+            np.tile(np.linspace(0, 1, VIEWED), n),
+        )
         # In double for all: long double is ten times slower.
         view = self._view(b.astype(float), row, x)
-        clear = (view.margin > self.uncertainty).reshape(n, PLACES).all(1)
-        labels = view.label.reshape(n, PLACES)
+        clear = (view.margin > self.uncertainty).reshape(n, VIEWED).all(1)
+        labels = view.label.reshape(n, VIEWED)
         clear &= (labels == labels[:, :1]).all(1) & ~self._turns(view, n).any((1, 2))
         if not clear.all():
             self._search_steps(b[~clear], times[~clear])
 
-    def _turns(self, view: View, n: int) -> np.ndarray:
-        """Whether (n, PLACES - 1, 2) the value of a saddle comes nearer to 0 after one place, and
+    def _turns(self, view: StepView, n: int) -> np.ndarray:
+        """Whether (n, VIEWED - 1, 2) the value of a saddle comes nearer to 0 after one place, and
         goes away from it before the next, without a change of sign."""
-        value = view.value.reshape(n, PLACES, 2)
-        nearing = value * view.slope.reshape(n, PLACES, 2)
+        value = view.value.reshape(n, VIEWED, 2)
+        nearing = value * view.slope.reshape(n, VIEWED, 2)
         same_side = value[:, :-1] * value[:, 1:] > 0
         return np.asarray((nearing[:, :-1] < 0) & (nearing[:, 1:] > 0) & same_side)
 
     def _search_steps(self, b: np.ndarray, times: np.ndarray) -> None:
         """Note the places of steps, the extrema between them, and where the label changes."""
         n, fp = len(b), b.dtype
-        row, x = np.repeat(np.arange(n), PLACES), np.tile(np.linspace(0, 1, PLACES, dtype=fp), n)
+        row, x = (
+            np.repeat(np.arange(n), VIEWED),
+            np.tile(np.linspace(0, 1, VIEWED, dtype=fp), n),
+        )
         turns = np.argwhere(self._turns(self._view(b, row, x), n))
-        low, saddle = turns[:, 1] / fp.type(PLACES - 1), turns[:, 2]
+        low, saddle = turns[:, 1] / fp.type(VIEWED - 1), turns[:, 2]
 
         def sign(row: np.ndarray, x: np.ndarray) -> np.ndarray:
             view, at = self._view(b, row, x), np.arange(len(row))
             return np.asarray(view.value[at, saddle] * view.slope[at, saddle] < 0)
 
-        extrema = bisected(sign, turns[:, 0], low, low + 1 / fp.type(PLACES - 1))
+        extrema = bisected(sign, turns[:, 0], low, low + 1 / fp.type(VIEWED - 1))
         row, x = np.concatenate((row, turns[:, 0])), np.concatenate((x, extrema))
         order = np.lexsort((x, row))
         row, x = row[order], x[order]
@@ -428,7 +434,7 @@ class RegionSearch(CrossingSearch):
         order = np.lexsort((x, row))
         self._note_places(b, row[order], x[order], vanishes[order], times)
 
-    def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> View:
+    def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
         degree = b.shape[2] - 1
         w = np.matmul(b[row], weights(x, degree)[:, :, None])[:, :, 0]
@@ -448,7 +454,7 @@ class RegionSearch(CrossingSearch):
             falling = np.abs((G * A * change).sum(-1)) / square
         rate = np.where(label == UNSEPARATED, falling, nearest)
         momentum = np.sqrt(square)
-        return View(label, nearest_margin(margins), momentum, rate, apart.value, slope)
+        return StepView(label, nearest_margin(margins), momentum, rate, apart.value, slope)
 
     def _note_places(
         self, b: np.ndarray, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, times: np.ndarray
@@ -465,7 +471,7 @@ class RegionSearch(CrossingSearch):
 
 def bisected(holds: Any, row: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Where (k,) between two places of rows a property of (row, x) ends that holds at the first."""
-    for _ in range(HALVINGS if len(row) else 0):
+    for _ in range(SIDE_HALVINGS if len(row) else 0):
         middle = (low + high) / 2
         still = holds(row, middle)
         low, high = np.where(still, middle, low), np.where(still, high, middle)

@@ -75,7 +75,8 @@ def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
     system, attitude = form.of(plain_data), data.get(KEY)
     if attitude in (None, "no"):
         return system
-    return with_attitude(type(system))(**plain_data, attitude=attitude)  # type: ignore[arg-type, call-arg]
+    form = with_attitude(type(system))  # type: ignore[arg-type]
+    return form(**plain_data, attitude=attitude)  # type: ignore[call-arg]
 
 
 def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -66,7 +66,7 @@ LEGS, LEGS_WITH_ROTOR, FALL = 14, 8, 8
 """How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it, with
 a rotor, whose h hides what is left of G, to 6e-8."""
 
-ROUNDING = 1e-13
+TENSOR_ROUNDING = 1e-13
 """The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
 
 WEAK_ROTOR = 1e-8
@@ -226,7 +226,9 @@ class Torques(BodyFrame):
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Model:
         form = sum_of(terms_named(data), is_tensor(data["inertia"]))
-        return (form if cls.form == "full" else averaged_sum(form, terms_named(data)))(**data)  # type: ignore[arg-type]
+        if cls.form == "full":
+            return form(**data)
+        return averaged_sum(form, terms_named(data))(**data)  # type: ignore[arg-type]
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -466,7 +468,7 @@ class Torques(BodyFrame):
             I = tensor_matrix(self.resistance)
             if self.frame is not None:
                 I = self.frame.axes @ I @ self.frame.axes.T
-                I = np.where(np.abs(I) > ROUNDING * np.abs(I).max(), I, 0)
+                I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
             damping, covered = damping + np.diag(I) / self.moments, is_diagonal(I)
         zeros = (0.0, 0.0, 0.0)
         quadratic, by_axes = (

@@ -31,7 +31,7 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     The rates belong to a free body, beside which a torque turns G slowly.
     """
     omega, A = motion.principal_omega, motion.inertia
-    rotor = motion.case.system.rotor_momentum if motion.has_rotor else 0.0  # type: ignore[attr-defined]
+    rotor = getattr(motion.case.system, "rotor_momentum") if motion.has_rotor else 0.0  # noqa: B009
     size = np.abs(omega).max(initial=0) or 1.0
     w = omega / size
     G = A * w + rotor / size

@@ -12,14 +12,12 @@ import stat
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 
 from .. import BatchError
-from ..machine import RESOURCES
+from ..machine import HAVE_FLOCK, RESOURCES
 from .disk import refusal
 
-HAVE_FLOCK = find_spec("fcntl") is not None
 if HAVE_FLOCK:
     import fcntl
 

@@ -46,8 +46,7 @@ from .free_turn import (
     turn_frequency,
     turning_body,
 )
-from .means import turn_means
-from .quadrature import NODES, Torque, mean_rates, nodes_for, periodic_part
+from .means import NODES, Torque, mean_rates, nodes_for, periodic_part, turn_means
 
 STEADY = 1200.0
 """By how much ln X_o is below ln X_e for an exact rotation about the enclosed axis: the transverse
@@ -69,7 +68,7 @@ NODES_KEY = Key(
 )
 
 Rhs = Callable[[Any, Sequence[Any], Any], Sequence[Any]]
-Part = Callable[[Any, SlowVariables, SimpleNamespace], tuple[np.ndarray, np.ndarray]]
+PeriodicPart = Callable[[Any, SlowVariables, SimpleNamespace], tuple[np.ndarray, np.ndarray]]
 
 
 def quarter_turn(m1: Any, halvings: int) -> list[tuple[Any, Any, Any]]:
@@ -265,7 +264,7 @@ def mean_elements(y: Sequence[Any], k: SimpleNamespace) -> dict[str, np.ndarray]
 
 
 def stored_with_part(
-    part: Part, t: np.ndarray, y: np.ndarray, k: SimpleNamespace
+    part: PeriodicPart, t: np.ndarray, y: np.ndarray, k: SimpleNamespace
 ) -> dict[str, np.ndarray]:
     """The stored variables, with the periodic part unless the case has named a branch."""
     body = turning_body(k)
@@ -348,7 +347,7 @@ class AnyTorque(AveragedTurns):
         return self.equations | {"turning_scale": min(pace or 1.0, 1.0)}
 
     def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
-        part: Part = type(self).__dict__["part"].__func__
+        part: PeriodicPart = type(self).__dict__["part"].__func__
         return part(0.0, slow, attributes(self.equations))
 
     def states(self, slow: SlowVariables) -> np.ndarray:
@@ -400,7 +399,7 @@ def logarithms(slow: SlowVariables) -> tuple[Any, Any]:
 
 @cache
 def averaged_form(
-    full: type[BodyFrame], rates: Rhs | None = None, part: Part | None = None
+    full: type[BodyFrame], rates: Rhs | None = None, part: PeriodicPart | None = None
 ) -> type[BodyFrame]:
     """The averaged form of a model that states only its full one: by quadrature, or by the rates of
     the same state and the periodic part where these are known."""

@@ -20,9 +20,8 @@ from .forms import (
     with_part,
 )
 from .free_turn import LANDEN, Body, SlowVariables, turn_frequency
-from .means import linear_rates, turn_means
+from .means import damped_part, linear_rates, turn_means
 from .passage import on_side
-from .quadrature import damped_part
 
 NEVER = -1e4
 """ln X_o of an exact rotation about the enclosed axis: it stays one, and exp of it is 0."""

@@ -11,8 +11,7 @@ from ..terms.laws import coefficient_at
 from .fluid import fluid_constants, fluid_part
 from .forms import either
 from .free_turn import Body, SlowVariables, turning_body
-from .means import Means, fluid_loss, fluid_weights, linear_rates, turn_means
-from .quadrature import damped_part
+from .means import Means, damped_part, fluid_loss, fluid_weights, linear_rates, turn_means
 
 Rates = tuple[Any, Any]
 """(ln X_e)' and (ln X_o)'."""

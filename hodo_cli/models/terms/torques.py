@@ -43,7 +43,7 @@ class Term(NamedTuple):
 def gyroscopic(w: Sequence[Any], k: Any) -> Components:
     """The angular acceleration by -omega x A omega; of degree 2 by the constant g."""
     if hasattr(k, "tensor"):
-        turning = cross(times(k.tensor, w), w)
+        turning = vector_product(times(k.tensor, w), w)
         return accelerations((k.g * turning[0], k.g * turning[1], k.g * turning[2]), k)
     p, q, r = w
     return (
@@ -60,7 +60,7 @@ def times(matrix: Sequence[Any], v: Sequence[Any]) -> Components:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
-def cross(a: Sequence[Any], b: Sequence[Any]) -> Components:
+def vector_product(a: Sequence[Any], b: Sequence[Any]) -> Components:
     """The vector product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
@@ -168,10 +168,10 @@ def cavity_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Com
     if not (hasattr(k, "tensor") or hasattr(k, "h1")):
         return fluid_torque((k.A1, k.A2, k.A3), w, kappa)
     G = angular_momentum_of(w, k)
-    turning = cross(G, w)
+    turning = vector_product(G, w)
     first = accelerations(turning, k)
-    second = accelerations(added(cross(turning, w), cross(G, first)), k)
-    x, y, z = added(second, cross(w, first))
+    second = accelerations(added(vector_product(turning, w), vector_product(G, first)), k)
+    x, y, z = added(second, vector_product(w, first))
     return kappa * x, kappa * y, kappa * z
 
 
@@ -191,7 +191,7 @@ def brake_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Comp
 
 def rotor_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """-omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
-    return cross((k.h1, k.h2, k.h3), w)
+    return vector_product((k.h1, k.h2, k.h3), w)
 
 
 def space_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
@@ -202,7 +202,7 @@ def space_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Comp
 
 def direction_rates(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
     """gamma x omega: how a direction fixed in space turns in the body."""
-    x, y, z = cross(extra, w)
+    x, y, z = vector_product(extra, w)
     return k.g * x, k.g * y, k.g * z
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-Tensor = tuple[tuple[float, ...], ...]
+InertiaTensor = tuple[tuple[float, ...], ...]
 
 ASYMMETRY = 1e-12
 """The relative difference of two entries of a symmetric tensor that is rounding."""
@@ -22,7 +22,7 @@ class PrincipalAxes(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def principal_axes(tensor: Tensor) -> PrincipalAxes:
+def principal_axes(tensor: InertiaTensor) -> PrincipalAxes:
     """The principal axes of a tensor of inertia, each numbered as that of the given axes which it
     is near: those of a diagonal tensor are the given ones.
 
