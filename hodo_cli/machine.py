@@ -14,9 +14,6 @@ HAVE_LIMITS = find_spec("resource") is not None
 if HAVE_LIMITS:
     import resource
 
-HAVE_FLOCK = find_spec("fcntl") is not None
-"""Whether files are locked by the system: Windows has other locks."""
-
 RESOURCES = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF),
     *(errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM),

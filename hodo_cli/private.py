@@ -9,11 +9,13 @@ import warnings
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, BinaryIO
 
-from .machine import HAVE_FLOCK
+HAVE_FLOCK = find_spec("fcntl") is not None
+"""Whether the system locks files: Windows has other locks."""
 
 if HAVE_FLOCK:
     import fcntl

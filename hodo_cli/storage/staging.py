@@ -15,7 +15,8 @@ from functools import partial
 from pathlib import Path
 
 from .. import BatchError
-from ..machine import HAVE_FLOCK, RESOURCES
+from ..machine import RESOURCES
+from ..private import HAVE_FLOCK
 from .disk import refusal
 
 if HAVE_FLOCK:
