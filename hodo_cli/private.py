@@ -91,7 +91,7 @@ def _opened_itself(path: str, flags: int) -> int:
 MOST_CODE = 256 << 20
 """What all of it takes at most: some 25 steps of the largest models, or 250 of others."""
 
-PATIENCE = 30.0
+LOCK_PATIENCE = 30.0
 """Seconds for which a process waits for another to compile, which may have been stopped."""
 
 LOCK_POLL = 0.02
@@ -130,7 +130,7 @@ def _locked(file: Path) -> BinaryIO:
     flags = os.O_CREAT | os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     with ExitStack() as failed:
         stream = failed.enter_context(open(os.open(file, flags, 0o600), "r+b"))
-        deadline = monotonic() + PATIENCE
+        deadline = monotonic() + LOCK_PATIENCE
         while HAVE_FLOCK:
             try:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -283,12 +283,12 @@ def test_a_failure_says_that_the_good_result_is_kept(config: Path) -> None:
 def test_a_bug_in_one_case_is_that_case_s_own(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    finish = run_command.finish
+    finish = run_command.finished_case
 
     def buggy(case: Case) -> Group:
         return finish(case) if case.name != "b" else 1 / 0  # type: ignore[return-value]
 
-    monkeypatch.setattr(run_command, "finish", buggy)
+    monkeypatch.setattr(run_command, "finished_case", buggy)
     done = run(config)
     assert done.exit_code == 1
     assert "Traceback" in done.stderr
@@ -343,7 +343,7 @@ def test_what_an_interrupted_batch_has_finished_is_taken_in_at_once(config: Path
     cases, result = parse(CONFIG, "x").cases, config.with_suffix(".h5")
     with suppress(KeyboardInterrupt), Writer(result, {}) as writer:
         for name in "ab":
-            writer.add(name, run_command.finish(cases[name]))
+            writer.add(name, run_command.finished_case(cases[name]))
         raise KeyboardInterrupt
     assert not result.exists()
     done = run(config, "--case", "a", "-v")
@@ -492,9 +492,9 @@ cases = load(sys.argv[1]).cases
 def peak():
     return int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1])
 
-classify.classified("small", run.finish(cases["small"]))
+classify.classified("small", run.finished_case(cases["small"]))
 before = peak()
-classify.classified("large", run.finish(cases["large"]))
+classify.classified("large", run.finished_case(cases["large"]))
 print((peak() - before) * 1024)
 """
 

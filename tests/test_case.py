@@ -808,6 +808,7 @@ def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
     parts = [types[rule["type"]]] if "type" in rule else []
     parts += [value in rule["enum"]] if "enum" in rule else []
     parts += [value == rule["const"]] if "const" in rule else []
+    parts += [len(value) <= rule["maxLength"]] if "maxLength" in rule else []
     parts += [any(conforms(value, part, root) for part in rule["anyOf"])] if "anyOf" in rule else []
     parts += (
         [sum(conforms(value, part, root) for part in rule["oneOf"]) == 1] if "oneOf" in rule else []
@@ -844,8 +845,8 @@ KNOWN_WORDS = set(
     re.findall(
         r"\S+",
         """$schema $defs $ref title description default type enum const anyOf oneOf allOf if then
-        pattern items minItems maxItems minimum maximum exclusiveMinimum exclusiveMaximum required
-        properties additionalProperties propertyNames minProperties""",
+        pattern maxLength items minItems maxItems minimum maximum exclusiveMinimum exclusiveMaximum
+        required properties additionalProperties propertyNames minProperties""",
     )
 )
 

@@ -12,6 +12,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -180,7 +181,9 @@ def answers(address: str) -> bool:
             await there.identity()
 
     with suppress(OSError, TypeError, TimeoutError):
-        asyncio.run(ask())
+        # In a thread of its own: a browser of other tests may have left a loop in this one.
+        with ThreadPoolExecutor() as threads:
+            threads.submit(asyncio.run, ask()).result()
         return True
     return False
 

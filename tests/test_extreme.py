@@ -44,7 +44,7 @@ def test_there_are_enough_cases_and_each_says_what_is_extreme() -> None:
 @pytest.mark.parametrize("name", [name for name in CASES if name not in LONG])
 def test_auto_is_right_or_says_so(name: str) -> None:
     case = CASES[name]
-    result = trials.trial(case, trials.truth(case), "auto", None, 1, trials.PATIENCE)
+    result = trials.trial(case, trials.truth(case), "auto", None, 1, trials.PATIENCE_OF_TRIALS)
     assert result.status not in ("SILENT", "timeout"), result
     assert result.drift != result.drift or result.drift <= max(1e-13, 30 * result.floor)
     if name == "middle-axis":
@@ -65,7 +65,7 @@ def test_auto_needs_no_taylor_series(name: str, monkeypatch: pytest.MonkeyPatch)
     assert trajectory.method in ("exact", "collocation")
     assert trajectory.status == "ok"
     assert trajectory.error < (1e-7 if name == "horizon-1e8" else 1e-11)
-    assert perf_counter() - began < trials.PATIENCE
+    assert perf_counter() - began < trials.PATIENCE_OF_TRIALS
 
 
 def test_ten_million_samples_do_not_cost_ten_million_comparisons() -> None:

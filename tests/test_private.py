@@ -80,7 +80,7 @@ def test_a_folder_that_others_can_reach_is_not_used(folder: Path) -> None:
 def test_a_process_that_was_stopped_while_it_compiled_holds_up_no_other_for_long(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(private, "PATIENCE", 0.1)
+    monkeypatch.setattr(private, "LOCK_PATIENCE", 0.1)
     assert kept_code("key", lambda: 1) == 1
     with (folder / "key.code").open() as file:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -88,7 +88,7 @@ def test_a_process_that_was_stopped_while_it_compiled_holds_up_no_other_for_long
 
 
 def test_the_code_that_was_used_last_stays(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(private, "MOST_BYTES", 25_000)
+    monkeypatch.setattr(private, "MOST_CODE", 25_000)
     for name in "ab":
         kept_code(name, lambda: bytes(10_000))
         os.utime(folder / f"{name}.code", (1, 1 + ord(name)))

@@ -88,7 +88,7 @@ def motion(model: str, form: str, unit: tuple[float, float]) -> Motion:
 def factor(unit: str) -> float:
     """By what a number grows whose unit is a product of powers of s and kg m^2."""
     powers = factors(unit)
-    assert powers.keys() <= {"s", "kg", "m"}, unit
+    assert powers.keys() <= {"s", "kg", "m", "rad"}, unit
     inertia = powers.get("kg", 0)
     assert powers.get("m", 0) == 2 * inertia, unit
     return float(SECOND ** powers.get("s", 0) * MOMENT**inertia)

@@ -85,8 +85,9 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
         times = data.variables["crossing_time"].data
         if (np.diff(times) < 0).any():
             data = data.isel(crossing=np.argsort(times, kind="stable"))
-    transposed = any(v.dims == ("axis", "time") for v in data.variables.values())
-    return data.transpose(..., "time", "axis") if transposed else data
+    transposed = any(v.dims[1:] == ("time",) for v in data.variables.values())
+    order = "time", "axis", "quaternion"
+    return data.transpose(..., *order, missing_dims="ignore") if transposed else data
 
 
 def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
