@@ -41,6 +41,7 @@ def turned_case(**terms: Any) -> dict[str, Any]:
     return changed
 
 
+@pytest.mark.heyoka
 def test_a_free_body_with_a_rotor_ends_where_a_reference_does() -> None:
     ds = run(60, rotor=ROTOR.tolist())
     omega = [1.0499167946853625, 0.056006466803144380, 0.32589708185917879]
@@ -92,6 +93,7 @@ def test_a_brake_stops_G_and_not_the_body() -> None:
     assert after.sum() > 100
 
 
+@pytest.mark.heyoka
 def test_media_act_on_the_turning_body_at_the_stop() -> None:
     # |G|' = -b + lambda h.G/|G| there: the damping of omega = -h/A is a torque lambda h.
     ds = run(300, rotor=[0, 0, 0.3], brake=0.01, damping=0.004, method="taylor")
