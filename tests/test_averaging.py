@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from hodo_cli.models.averaging import free_turn, means, passage, quadrature
+from hodo_cli.models.averaging import free_turn, means, passage
 from hodo_cli.models.terms.torques import fluid_torque
 
 Triple = tuple[float, float, float]
@@ -125,9 +125,9 @@ def test_slow_variables_and_their_periodic_part() -> None:
     assert [slow.X, slow.Y, passage.shape_distance(slow.m1), 1 - slow.m1] == pytest.approx(
         [0.296, 0.171424, 0.54621943462551054, 0.57913513513513514], rel=1e-15
     )
-    closed = quadrature.damped_part(BODY, LAM4, slow)
+    closed = means.damped_part(BODY, LAM4, slow)
     assert closed == pytest.approx((0.00080351012296, -0.00138743114381), rel=1e-11)
-    series = quadrature.periodic_part(
+    series = means.periodic_part(
         BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow
     )
     for whole, value, part in zip(series, slow[:2], closed, strict=True):
@@ -186,11 +186,11 @@ def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> Non
         means.fluid_weights(*BODY[:3], 1.0, slow.side), m, means.turn_means(m, slow.m1), X_e, X_o
     )
     assert closed == pytest.approx(loss, rel=1e-14)
-    dX, dY = quadrature.mean_rates(
+    dX, dY = means.mean_rates(
         BODY,
         lambda w: np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), -1),
         slow,
-        quadrature.nodes_for(slow.m1),
+        means.nodes_for(slow.m1),
     )
     assert [dX, dY] == pytest.approx([0.6 * loss, -loss], rel=1e-13)
 
@@ -265,7 +265,7 @@ def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
 
 
 def mean_elements(lam: Sequence[float], slow: free_turn.SlowVariables) -> free_turn.SlowVariables:
-    (X_e, X_o), (dX_e, dX_o) = slow.pair, quadrature.damped_part(BODY, lam, slow)
+    (X_e, X_o), (dX_e, dX_o) = slow.pair, means.damped_part(BODY, lam, slow)
     X_e, X_o = X_e * (1 - dX_e), X_o * (1 - dX_o)
     X, Y = (X_e, X_o) if slow.side > 0 else (X_o, X_e)
     w_e, w_o = BODY.weight(slow.side)
