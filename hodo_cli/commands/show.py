@@ -129,8 +129,8 @@ def computed_by(run: ResultFile, rows: Sequence[Mapping[str, Any]]) -> str:
     models = ", ".join(dict.fromkeys(f"{row['model']} ({row['form']})" for row in rows))
     commit = str(run.attributes.get("git_commit", ""))[:10]
     program = f"{run.attributes.get('source', 'hodo')}{f' (commit {commit})' if commit else ''}"
-    motions = f"{len(rows)} motion{'s' if len(rows) > 1 else ''}"
-    return f"With {program}, {motions} of {models} were computed: {'; '.join(phrases)}."
+    subject, verb = (f"{len(rows)} motions", "were") if len(rows) > 1 else ("1 motion", "was")
+    return f"With {program}, {subject} of {models} {verb} computed: {'; '.join(phrases)}."
 
 
 def measured(rows: Mapping[str, Mapping[str, Any]]) -> str:
