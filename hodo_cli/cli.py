@@ -49,6 +49,10 @@ class Hodo(click.Group):
                 try:
                     return super().invoke(ctx)
                 finally:  # a full device is noticed here, not when Python ends
+                    try:
+                        sys.stderr.flush()
+                    except (OSError, ValueError):  # what is left in it would decide the exit status
+                        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
                     sys.stdout.flush()
         except (HodoError, BatchError) as error:
             if ctx.params["traceback"]:
