@@ -117,13 +117,8 @@ class Case:
 
         Raises HodoError, one line for each mistake: the key, and what is right.
         """
-        if not NAME.fullmatch(name):
-            raise HodoError(f"{NAME_RULE}, not {shown(name)}")
-        block = Block()
-        for key, value in entries.items():
-            block.put(key, value, Place(1, 1), Place(1, 1))
         try:
-            return checked_case(name, block)
+            return checked_case(name, Block(entries))
         except Wrong as error:
             raise HodoError(str(error)) from None
 
@@ -162,15 +157,9 @@ def parse_case(text: str) -> Case:
     """The case in a text written by `dump`. Raises HodoError, one line for each mistake."""
     mistakes = Mistakes("case")
     block = read_mapping(text, mistakes)
-    name = block.pop("name", None)
-    if not isinstance(name, str) or not NAME.fullmatch(name):
-        raise mistakes.fatal(Place(1, 1), f"{NAME_RULE}, not {shown(name)}")
-    try:
-        case = checked_case(name, block)
-    except Wrong as error:
-        note(error.mistakes, block, (), Place(1, 1), mistakes)
-        raise mistakes.error() from None
-    mistakes.raise_any()  # a key that is given twice, say
+    case = noted_case(block.pop("name", None), block, (), Place(1, 1), mistakes)
+    mistakes.raise_any()
+    assert case is not None
     return case
 
 
@@ -199,8 +188,22 @@ def note(
         mistakes.add(where, sentence, ("defaults", *path) if inherited else (*label, *path))
 
 
-def checked_case(name: str, block: Block) -> Case:
+def noted_case(
+    name: Any, block: Block, label: KeyPath, place: Place, mistakes: Mistakes
+) -> Case | None:
+    """The case that a merged block describes, which stands at `place` and is called `label`; None,
+    and its mistakes are noted, if it has any."""
+    try:
+        return checked_case(name, block)
+    except Wrong as error:
+        note(error.mistakes, block, label, place, mistakes)
+    return None
+
+
+def checked_case(name: Any, block: Block) -> Case:
     """The case that a merged block describes. Raises Wrong with all that is wrong with it."""
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise Wrong(((), f"{NAME_RULE}, not {shown(name)}"))
     model, keys = keys_in(block)
     entries, mistakes = _entries_taken(block, model, keys)
     values, more = check_keys(keys, entries)
@@ -282,18 +285,23 @@ def replaced_entries(key: str, changes: Mapping[str, Any]) -> set[str]:
     return set().union(*replaced) - changes.keys()
 
 
+def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> Block:
+    """A case's own entries over those of `defaults` or of another case, which are marked as
+    inherited."""
+    block = Block(own).over(common)
+    for key in KEY_BY_KEY:
+        ours, theirs = own.get(key), common.get(key)
+        if isinstance(ours, Mapping) and isinstance(theirs, Mapping):
+            block[key] = Block(ours).over(theirs)
+            for name in replaced_entries(key, ours):
+                block[key].pop(name, None)
+    return block
+
+
 def variation(case: Case, changes: Mapping[str, Any]) -> Case:
     """A case with other values at some keys, under its own name. Raises Wrong with all that is
     wrong with these."""
-    block, entries = Block(), case.entries
-    for key, value in {**entries, **changes}.items():
-        common = entries.get(key) if key in KEY_BY_KEY else None
-        merged = value
-        if common and isinstance(value, Mapping):
-            replaced = replaced_entries(key, value)
-            merged = {name: common[name] for name in common if name not in replaced} | {**value}
-        block.put(key, merged, Place(1, 1), Place(1, 1), inherited=key not in changes)
-    return checked_case(case.name, block)
+    return checked_case(case.name, merged(case.entries, changes))
 
 
 def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -306,16 +314,14 @@ def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
     no double; stored times that do not rise, or stand beside an end. Values set end and samples."""
     if time is None:
         return
-    values, start = time["values"], time["start"]
-    if values and (others := [key for key in ("end", "samples") if time[key] is not None]):
-        yield ("time", others[0]), "leave it out where values: gives the times"
-    for i, (before, after) in enumerate(pairwise(values or ())):
+    values, start = time["values"] or (), time["start"]
+    for key, words in (("values", "values:"), ("steps", "steps: yes")):
+        others = [name for name in ("end", "samples", "values") if name in REPLACED_TIMES[key]]
+        if time[key] not in (None, "no") and (idle := [o for o in others if time[o] is not None]):
+            yield ("time", idle[0]), f"leave it out where {words} gives the times"
+    for i, (before, after) in enumerate(pairwise(values)):
         if not before < after:
             yield ("time", "values", i + 1), f"expected a time after {before:g}, got {after:g}"
-    if time["steps"] == "yes" and (
-        others := [key for key in ("samples", "values") if time[key] is not None]
-    ):
-        yield ("time", others[0]), "leave it out where steps: yes gives the times"
     if values and values[0] < start:
         yield ("time", "values", 0), f"expected no time before start, {start:g}, got {values[0]:g}"
     if values:
@@ -347,12 +353,11 @@ def _entries_taken(
     entries: dict[str, Any] = {}
     mistakes: list[Mistake] = []
     for key, value in block.items():
-        takers = _takers(model, key) if model and key not in keys else ""
-        if key in keys:
-            entries[key] = value
-        elif key in block.inherited or (model is None and ("model" in block or key in all_keys())):
+        is_other = model is None and ("model" in block or key in all_keys())
+        if key not in keys and (key in block.inherited or is_other):
             continue
-        elif takers:
+        if key not in keys and model and (takers := _takers(model, key)):
+            # Likeness alone would take one model's key for another's: torque for store.
             word = other_word(key, keys)
             hint = f"; did you mean {word!r}?" if word else ""
             mistakes.append(((WrongKey(key),), f"is a key of {takers}{hint}"))

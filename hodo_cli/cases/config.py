@@ -15,15 +15,14 @@ from ..schema.write import write
 from ..text import file_name_fault
 from . import claim_block
 from .case import (
-    KEY_BY_KEY,
     NAME,
     NAME_RULE,
     Case,
     check_sweep,
-    checked_case,
+    merged,
     note,
+    noted_case,
     read_mapping,
-    replaced_entries,
     variation,
 )
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
@@ -130,17 +129,12 @@ def text_of(path: Path, name: str) -> str:
         raise HodoError(f"{shown_name}: {reason}{near}") from None
     if raw.startswith(b"\x89HDF"):
         raise HodoError(f"{name}: a result, where a case file (*.yaml) is expected")
-    mistakes = Mistakes(name)
     if len(raw) > MAX_BYTES:
-        raise mistakes.fatal(Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file")
-    try:
-        # Editors on Windows put a byte order mark before the text.
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        column = error.start - raw.rfind(b"\n", 0, error.start)
-        message = f"not UTF-8 text (byte {raw[error.start]:#04x})"
-        raise mistakes.fatal(Place(line, column), message) from None
+        raise Mistakes(name).fatal(
+            Place(1, 1), f"larger than {MAX_BYTES // 10**6} MB; split the file"
+        )
+    # Editors on Windows put a byte order mark before the text. `read` refuses what is no UTF-8.
+    return raw.decode("utf-8-sig", errors="surrogateescape")
 
 
 def no_case(globs: Sequence[str], names: Iterable[str]) -> HodoError:
@@ -171,10 +165,14 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     if "cases" in sections and not named:
         faults.append((("cases",), "there is no case"))
     entries, case_faults = _entries("cases", named)
-    blocks = {case: _merge(defaults, block) for case, block in entries.items()}
+    blocks = {case: merged(defaults, block) for case, block in entries.items()}
     for override in overrides:
         apply_override(override, blocks, mistakes)
-    cases = _checked(blocks, named.value_places, mistakes)
+    cases = {
+        case: made
+        for case, block in blocks.items()
+        if (made := noted_case(case, block, ("cases", case), named.places[case][1], mistakes))
+    }
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
     case_check = partial(_case_check, cases, named)
@@ -236,19 +234,6 @@ def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:
     return "\n".join([*lines, ""])
 
 
-def _checked(
-    blocks: Mapping[str, Block], places: Mapping[str, Place], mistakes: Mistakes
-) -> dict[str, Case]:
-    """The cases without a mistake; the mistakes of the others are noted."""
-    cases: dict[str, Case] = {}
-    for name, block in blocks.items():
-        try:
-            cases[name] = checked_case(name, block)
-        except Wrong as error:
-            note(error.mistakes, block, ("cases", name), places[name], mistakes)
-    return cases
-
-
 def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Block], list[Mistake]]:
     """The entries of a section that have a proper name and are mappings, and the mistakes in the
     others."""
@@ -262,23 +247,6 @@ def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Block], 
         else:
             entries[name] = value
     return entries, mistakes
-
-
-def _merge(defaults: Block, block: Block) -> Block:
-    """A case's own entries over all defaults, which are marked as inherited."""
-    merged = block.copy()
-    for key, value in defaults.items():
-        if key not in block:
-            merged.put(
-                key, value, defaults.key_places[key], defaults.value_places[key], inherited=True
-            )
-    for key in KEY_BY_KEY:
-        case_values, common = block.get(key), defaults.get(key)
-        if isinstance(case_values, Block) and isinstance(common, Block):
-            merged[key] = _merge(common, case_values)
-            for name in replaced_entries(key, case_values):
-                merged[key].pop(name, None)
-    return merged
 
 
 def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:

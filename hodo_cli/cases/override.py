@@ -57,24 +57,20 @@ def _replaced(node: Any, kind: Kind | None, path: Sequence[str], new: Any, place
     if isinstance(node, int | float) and isinstance(kind, ListOf) and kind.takes(node):
         # `damping: 0.004` has no component 2 until it is written out.
         node = (node,) * (kind.length or 1)
-    if isinstance(node, tuple):
-        node = Items(list(node), [place] * len(node))
-    if isinstance(node, Items):
+    if kinds.is_list(node):
         if not head.isdecimal() or int(head) >= len(node):
             raise ValueError(
                 f"there is no {head!r} in a list whose positions are 0 to {len(node) - 1}"
             )
-        items, i = node.copy(), int(head)
+        items, i = Items(node, getattr(node, "places", [place] * len(node))), int(head)
         items[i], items.places[i] = _replaced(node[i], None, tail, new, place), place
         return items
     if not isinstance(node, Block) and node not in (None, kinds.REQUIRED):
         raise ValueError(f"there is no {head!r} in {kinds.shown(node)}")
-    block = node.copy() if isinstance(node, Block) else Block()
+    block = Block(node) if isinstance(node, Block) else Block()
     key = kind.keys.get(head) if isinstance(kind, Table) else None
     old = block.get(head, key.default if key else None)
     value = _replaced(old, key.kind if key else None, tail, new, place)
-    if tail and head in block:
-        block.put(head, value, block.key_places[head], block.value_places[head])
-    else:
-        block.put(head, value, place, place)
+    places = block.places[head] if tail and head in block else (place, place)
+    block.put(head, value, *places)
     return block

@@ -10,7 +10,8 @@ Source: YAML 1.2.2, section 10.3 (core schema).
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 import yaml
@@ -39,6 +40,9 @@ _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
+UNDECODED = range(0xDC80, 0xDD00)
+"""The characters by which Python stands for bytes that are no UTF-8 ("surrogateescape")."""
+
 OPENED = {
     "while parsing a flow sequence": "the [",
     "while parsing a flow mapping": "the {",
@@ -54,38 +58,32 @@ class Block(dict[str, Any]):
     A value that is itself a mapping or list in block style has the place of its key.
     """
 
-    def __init__(self) -> None:
-        self.key_places: dict[str, Place] = {}
-        self.value_places: dict[str, Place] = {}
-        self.inherited: set[str] = set()
+    def __init__(self, entries: Mapping[str, Any] = MappingProxyType({})) -> None:
+        """A copy of a mapping, of another block with its places."""
+        super().__init__(entries)
+        self.places: dict[str, tuple[Place, Place]] = {**getattr(entries, "places", {})}
+        self.inherited: set[str] = {*getattr(entries, "inherited", ())}
 
-    def put(
-        self, key: str, value: Any, key_place: Place, value_place: Place, inherited: bool = False
-    ) -> None:
+    def put(self, key: str, value: Any, key_place: Place, value_place: Place) -> None:
         """Set one entry."""
         self[key] = value
-        self.key_places[key] = key_place
-        self.value_places[key] = value_place
-        (self.inherited.add if inherited else self.inherited.discard)(key)
+        self.places[key] = key_place, value_place
+        self.inherited.discard(key)
 
-    def copy(self) -> "Block":
-        """A shallow copy, places included."""
-        new = Block()
-        for key, value in self.items():
-            new.put(key, value, self.key_places[key], self.value_places[key], key in self.inherited)
-        return new
+    def over(self, common: Mapping[str, Any]) -> "Block":
+        """These entries, and those of `common` that are lacking here, marked as inherited."""
+        merged = Block({**common, **self})
+        merged.places = Block(common).places | self.places
+        merged.inherited = {*common} - {*self}
+        return merged
 
 
 class Items(list[Any]):
     """A list that knows the places of its values."""
 
-    def __init__(self, values: list[Any] | None = None, places: list[Place] | None = None) -> None:
-        super().__init__(values or [])
-        self.places = places or []
-
-    def copy(self) -> "Items":
-        """A shallow copy, places included."""
-        return Items(list(self), list(self.places))
+    def __init__(self, values: Iterable[Any] = (), places: Iterable[Place] = ()) -> None:
+        super().__init__(values)
+        self.places = [*places]
 
 
 def locate(root: Any, path: KeyPath, place: Place) -> tuple[Place, bool]:
@@ -95,7 +93,8 @@ def locate(root: Any, path: KeyPath, place: Place) -> tuple[Place, bool]:
     for part in path:
         if isinstance(node, Block) and isinstance(part, str) and part in node:
             inherited = inherited or part in node.inherited
-            place = (node.key_places if isinstance(part, WrongKey) else node.value_places)[part]
+            key_place, value_place = node.places[part]
+            place = key_place if isinstance(part, WrongKey) else value_place
             node = node[part]
         elif isinstance(node, Items) and isinstance(part, int) and part < len(node):
             place, node = node.places[part], node[part]
@@ -113,28 +112,27 @@ def read(text: str, mistakes: Mistakes, override: str = "") -> Any:
     reader = _Reader(text, mistakes, override)
     # PyYAML refuses such a character too, but its error has no line and column.
     if bad := _UNPRINTABLE.search(text):
-        line, column = (
-            text.count("\n", 0, bad.start()) + 1,
-            bad.start() - text.rfind("\n", 0, bad.start()),
-        )
-        reader.fail(
-            Place(line, column, override), f"the character U+{ord(bad[0]):04X} is not allowed"
-        )
+        line = text.count("\n", 0, bad.start()) + 1
+        column, code = bad.start() - text.rfind("\n", 0, bad.start()), ord(bad[0])
+        message = f"the character U+{code:04X} is not allowed"
+        if code in UNDECODED:
+            message = f"not UTF-8 text (byte {code - 0xDC00:#04x})"
+        reader.fail(Place(line, column, override), message)
     try:
         return reader.document()
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         place = reader.place(mark) if mark else Place(1, 1, override)
         raise mistakes.fatal(place, f"not YAML: {_reason(error, mark, text, override)}") from None
-    except yaml.YAMLError as error:
-        raise mistakes.fatal(Place(1, 1, override), f"not YAML: {error}") from None
 
 
-def _reason(error: yaml.MarkedYAMLError, mark: yaml.Mark | None, text: str, override: str) -> str:
+def _reason(error: Any, mark: yaml.Mark | None, text: str, override: str) -> str:
     """Why PyYAML refuses a text; the usual mistakes in plainer words than its own."""
+    if mark is None:
+        return str(error)
     # The end of a text may be a line beyond its last.
-    lines = text.split("\n")[mark.line : mark.line + 1] if mark else []
-    if mark and any("\t" in line[: mark.column + 1] for line in lines):
+    lines = text.split("\n")[mark.line : mark.line + 1]
+    if any("\t" in line[: mark.column + 1] for line in lines):
         return "a tab; indent with spaces"
     if error.problem == "mapping values are not allowed in this context":
         return "a second ': ' on one line: indent a new key, or put the text in quotes"
@@ -168,46 +166,47 @@ class _Reader:
 
     def document(self) -> Any:
         """The value of the one document; None where there is none."""
-        root, documents = None, 0
-        for event in self.events:
-            if isinstance(event, yaml.DocumentStartEvent):
-                place = self.place(event.start_mark)
-                if documents:
-                    self.fail(place, "a second document starts here; one is allowed")
-                documents += 1
-                root, _ = self.value(next(self.events), (), place)
+        root = None
+        starts = (event for event in self.events if isinstance(event, yaml.DocumentStartEvent))
+        for number, start in enumerate(starts):
+            place = self.place(start.start_mark)
+            if number:
+                self.fail(place, "a second document starts here; one is allowed")
+            root, _ = self.value(next(self.events), (), place)
         return root
 
     def value(self, event: Any, path: KeyPath, outer: Place) -> tuple[Any, Place]:
         """The value that begins with an event, and its place."""
-        place = self.place(event.start_mark)
+        place, before = self.place(event.start_mark), self.count
+        self.count += 1
+        if self.count > MAX_VALUES:
+            self.fail(place, f"more than {MAX_VALUES} values", path)
+        if isinstance(event, yaml.AliasEvent):
+            return self.alias(event, path, place), place
+        if event.tag:
+            self.fail(place, f"the tag {shown(event.tag)} is not allowed here", path)
+        if event.anchor:
+            self.anchors[event.anchor] = None
         if isinstance(event, yaml.ScalarEvent):
             value = self.scalar(event, path, place)
             # An empty value has no place of its own: the parser's mark stands behind the next line
             # break.
             place = place if event.value or not path else outer
-        elif isinstance(event, yaml.AliasEvent):
-            value = self.alias(event, path, place)
         else:
-            value, place = self.collection(event, path, place, outer)
-        self.count += 1
-        if self.count > MAX_VALUES:
-            self.fail(place, f"more than {MAX_VALUES} values", path)
+            # A value in block style begins a line below its key, where no reader looks for the
+            # mistake.
+            if path and isinstance(path[-1], str) and not event.flow_style:
+                place = outer
+            value = self.collection(event, path, place)
+        if event.anchor:
+            self.anchors[event.anchor] = (value, self.count - before)
         return value, place
 
     def scalar(self, event: Any, path: KeyPath, place: Place) -> Any:
-        self.refuse_tag(event, path, place)
         if _UNPRINTABLE.search(event.value):
             self.mistakes.add(place, "control characters are not allowed in text", path)
-        unquoted = event.implicit[0]
-        value = resolve_scalar(event.value) if unquoted else event.value
-        if event.anchor:
-            self.anchors[event.anchor] = (value, 1)
-        return value
-
-    def refuse_tag(self, event: Any, path: KeyPath, place: Place) -> None:
-        if event.tag:
-            self.fail(place, f"the tag {shown(event.tag)} is not allowed here", path)
+        is_unquoted = event.implicit[0]
+        return resolve_scalar(event.value) if is_unquoted else event.value
 
     def alias(self, event: Any, path: KeyPath, place: Place) -> Any:
         anchored = self.anchors.get(event.anchor)
@@ -222,24 +221,11 @@ class _Reader:
         self.count += size
         return value
 
-    def collection(
-        self, event: Any, path: KeyPath, place: Place, outer: Place
-    ) -> tuple[Block | Items, Place]:
-        """A list or mapping, and its place."""
+    def collection(self, event: Any, path: KeyPath, place: Place) -> Block | Items:
         if len(path) >= MAX_DEPTH:
             self.fail(place, f"nested deeper than {MAX_DEPTH} levels")
-        self.refuse_tag(event, path, place)
-        if event.anchor:
-            self.anchors[event.anchor] = None
-        # A value in block style begins a line below its key, where no reader looks for the mistake.
-        if path and isinstance(path[-1], str) and not event.flow_style:
-            place = outer
-        before = self.count
         is_mapping = isinstance(event, yaml.MappingStartEvent)
-        value = self.mapping(path) if is_mapping else self.items(path, place)
-        if event.anchor:
-            self.anchors[event.anchor] = (value, self.count - before)
-        return value, place
+        return self.mapping(path) if is_mapping else self.items(path, place)
 
     def items(self, path: KeyPath, place: Place) -> Items:
         items = Items()
@@ -254,23 +240,20 @@ class _Reader:
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             key, key_place = self.key(event, path)
             key_path = (*path, key)
-            first = block.key_places.get(key)
-            if first:
-                message = f"duplicate key; the first is in line {first.line}"
-                self.mistakes.add(key_place, message, key_path)
             value, value_place = self.value(next(self.events), key_path, key_place)
-            # The first of two equal keys counts.
-            if not first:
+            if key in block:
+                message = f"duplicate key; the first is in line {block.places[key][0].line}"
+                self.mistakes.add(key_place, message, key_path)
+            else:
                 block.put(key, value, key_place, value_place)
         return block
 
     def key(self, event: Any, path: KeyPath) -> tuple[str, Place]:
         """A key is the text as written, whatever it looks like: `404:` is the name "404"."""
         place = self.place(event.start_mark)
-        if isinstance(event, yaml.AliasEvent):
-            self.fail(place, "a key is plain text, not an alias", path)
         if not isinstance(event, yaml.ScalarEvent):
-            self.fail(place, "a key is plain text, not a list or mapping", path)
+            what = "an alias" if isinstance(event, yaml.AliasEvent) else "a list or mapping"
+            self.fail(place, f"a key is plain text, not {what}", path)
         key: str = event.value
         if len(key) > MAX_KEY or _UNPRINTABLE.search(key):
             self.fail(place, f"a key is printable text of at most {MAX_KEY} characters", path)
