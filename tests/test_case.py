@@ -1007,7 +1007,7 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
         ("{kind: map, cases: paths, variable: omega.x1, x: damping.2, y: damping.0}",
          "figures.f.variable: unknown variable 'omega.x1'"),
         ("{kind: series, cases: [one, late], variables: [T]}",
-         "figures.f.cases.1: the time of one is in '1', and that of late in 'min': one axis has"),
+         "figures.f.cases.1: the unit of time is '1' in one, and 'min' in late: one axis has"),
         ("{kind: hodograph, cases: [one, grid]}",
          "figures.f.cases.1: case grid is a sweep, which only map and curve draw"),
         ("{kind: hodograph, cases: top}",

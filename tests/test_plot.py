@@ -679,11 +679,11 @@ def test_several_crossings_are_numbered_in_picture_and_legend(runs: Path) -> Non
         ),
         (
             "kind: map, cases: s, variable: crossings, x: u, y: u",
-            "y: u is on the horizontal axis already",
+            "y: u is the axis of 'x' already",
         ),
         (
             "kind: map, cases: s, variable: crossings, x: u, y: v, panels: v",
-            "panels: v is an axis of the panels already",
+            "panels: v is the axis of 'y' already",
         ),
         (
             "kind: sphere, cases: a, style: {wdth: 1}",

@@ -298,11 +298,9 @@ def drawable(case: Case) -> Drawable:
     sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
     lengths = {axis.name: len(axis) for axis in axes}
     times = case.time.start, case.time.end
+    units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
     attitude = "attitude" in (case.store or variables)
-    return Drawable(
-        case.name, stored, vectors, times, case.time.unit, lengths, sphere, case.inertia_unit,
-        attitude,
-    )  # fmt: skip
+    return Drawable(case.name, stored, vectors, times, units, lengths, sphere, attitude)
 
 
 def _figures(

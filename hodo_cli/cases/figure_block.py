@@ -1,6 +1,7 @@
 """What each kind of figure takes: the keys of an entry in a case file's `figures:` block, besides
 `kind`."""
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -23,6 +24,7 @@ from ..schema.kinds import (
     Table,
     Text,
     Variant,
+    Wrong,
     WrongKey,
     expected,
     unknown,
@@ -52,13 +54,6 @@ class DrawnFigure:
     warnings: tuple[str, ...] = ()
 
 
-DRAWN_CASES = Key(NAMES, "cases to draw, in this order")
-LEGEND = Key(
-    NAMES, "names of the cases in the legend, in their order (default: their own)", default=()
-)
-TITLE = Key(
-    Text(), "short title above the panels, so that a picture alone says what it shows", default=""
-)
 DERIVED = (
     *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H"),
     *("x1_direction", "tilt", "separatrix_distance", "psi", "theta", "phi"),
@@ -80,22 +75,26 @@ COLOUR_NAMES = ("blue", "orange", "green", "sky", "red", "purple", "black", "gre
 LINE_NAMES = ("solid", "dashed", "dotted")
 """The words of a style; the drawing says how each looks."""
 
-STYLES = Key(
-    NAMES,
-    "colour and line of each case, such as `red`, `blue dashed` or `grey dotted`, in their order "
-    "(default: a palette)",
-    default=(),
-)
-CAPTION = Key(Text(), "what the figure shows; assumptions and misprints of its cases", default="")
-TIME_SYMBOL = Key(
-    Text(), r"symbol of time, in TeX (default: t where time has a unit, else \tau)", default=None
-)
 VIEW = Key(
     vector(2),
     "direction of view: elevation above the x1 x2 plane, azimuth from x1",
     "degree",
     (24.0, 35.0),
 )
+
+
+@dataclass(frozen=True)
+class Interval(ListOf):
+    """Two numbers, the lower one first."""
+
+    def check(self, value: Any) -> tuple[Any, ...]:
+        ends = super().check(value)
+        if not ends[0] < ends[1]:
+            raise Wrong(((), f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"))
+        return ends
+
+
+INTERVAL = Interval(Number(), length=2, title="2 numbers")
 
 
 class StyleSheet(Text):
@@ -166,8 +165,8 @@ LOOK = {
 
 SCALES = {
     "log": Key(ListOf(Choice("x", "y"), alone=True), "the axes that are logarithmic", default=None),
-    "xlim": Key(vector(2), "left and right end of each panel", default=None),
-    "ylim": Key(vector(2), "lower and upper end of each panel", default=None),
+    "xlim": Key(INTERVAL, "left and right end of each panel", default=None),
+    "ylim": Key(INTERVAL, "lower and upper end of each panel", default=None),
     "xlabel": Key(Text(), "label of the horizontal axis, its formulas in TeX", default=None),
     "ylabel": Key(Text(), "label of the vertical axis", default=None),
 }
@@ -175,16 +174,38 @@ SCALES = {
 
 KINDS_WITHOUT_SCALES = ("hodograph", "sphere", "axis-trace", "body", "quadrant-sketch")
 
-STYLE = Key(Table(LOOK | SCALES), "look of the figure, besides the file's `style`", default=None)
-OF_CASES = {
-    "cases": DRAWN_CASES,
-    "labels": LEGEND,
-    "title": TITLE,
-    "caption": CAPTION,
-    "style": STYLE,
+LABELLED = {
+    "labels": Key(
+        NAMES, "names of the cases in the legend, in their order (default: their own)", default=()
+    ),
+    "title": Key(
+        Text(),
+        "short title above the panels, so that a picture alone says what it shows",
+        default="",
+    ),
+    "caption": Key(
+        Text(), "what the figure shows; assumptions and misprints of its cases", default=""
+    ),
+    "style": Key(
+        Table(LOOK | SCALES), "look of the figure, besides the file's `style`", default=None
+    ),
 }
-STYLED = OF_CASES | {"styles": STYLES}
-TIMED = STYLED | {"time": TIME_SYMBOL}
+OF_CASES = {"cases": Key(NAMES, "cases to draw, in this order")} | LABELLED
+STYLED = OF_CASES | {
+    "styles": Key(
+        NAMES,
+        "colour and line of each case, such as `red`, `blue dashed` or `grey dotted`, in their "
+        "order (default: a palette)",
+        default=(),
+    ),
+}
+TIME = {
+    "time": Key(
+        Text(),
+        r"symbol of time, in TeX (default: t where time has a unit, else \tau)",
+        default=None,
+    ),
+}
 
 COLOUR = "what the colour of the curve shows"
 ZOOM = "adds a panel that shows the neighbourhood of the origin up to this size"
@@ -194,7 +215,7 @@ INSET = Table(
         "panel": Key(Text(), "panel that holds it: a variable or, with `panels: case`, a case"),
         "case": Key(Text(), "case drawn in it"),
         "variables": Key(NAMES, "variables drawn in it"),
-        "span": Key(vector(2), "part of the time axis drawn (default: all)", "time", None),
+        "span": Key(INTERVAL, "part of the time axis drawn (default: all)", "time", None),
         "box": Key(
             vector(4),
             "left, bottom, width, height within the panel, as fractions",
@@ -203,80 +224,9 @@ INSET = Table(
     }
 )
 
-HODOGRAPH = {
-    "colour": Key(Choice("axis", "time", "case"), COLOUR, default="axis"),
-    "view": VIEW,
-    "projections": Key(
-        ListOf(Choice("x1x2", "x1x3", "x2x3")),
-        "planes onto which the curve is projected, a panel each",
-        default=(),
-    ),
-    "zoom": Key(Number(above=0), ZOOM, "moment of inertia / time", None),
-}
-
 SPHERE = {
     "colour": Key(Choice("axis", "time", "case"), COLOUR, default="case"),
     "view": VIEW,
-}
-
-HERPOLHODE = {"colour": Key(Choice("axis", "time", "case"), COLOUR, default="case")}
-
-AXIS_TRACE = SPHERE | {
-    "axes": Key(
-        ListOf(Choice("x1", "x2", "x3")), "axes of the body, a curve each", default=("x3",)
-    ),
-}
-
-BODY = {
-    "view": VIEW,
-    "moments": Key(
-        ListOf(Number()), "times that are printed, a panel each (default: start, middle and end)",
-        "time", (),
-    ),
-    "span": Key(vector(2), "part of the time axis to show (default: all)", "time", None),
-    "seconds": Key(Number(above=0), "how long the film lasts", "s", 20.0),
-}  # fmt: skip
-
-QUADRANTS = {
-    "scale_with": Key(NAMES, "figures of this file that share one scale with this one", default=()),
-    "zoom": Key(Number(above=0), ZOOM, "1/time^2", None),
-}
-
-SKETCH = {
-    "bodies": Key(
-        ListOf(vector(3, above=0)), "principal moments of inertia of each body, a panel each"
-    ),
-    "labels": Key(NAMES, "title of each panel, in the order of `bodies`", default=()),
-    "title": TITLE,
-    "caption": CAPTION,
-    "style": STYLE,
-}
-
-SERIES = {
-    "variables": Key(NAMES, "variables of the result, components such as `omega.x1`, or `D/2T`"),
-    "panels": Key(
-        Choice("variable", "case"), "one panel a variable, or one panel a case", default="variable"
-    ),
-    "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),
-    "span": Key(vector(2), "part of the time axis to draw (default: all)", "time", None),
-    "level": Key(Number(), "draws a horizontal line at this value", default=None),
-    "formula": Key(
-        Each(FORMULA, "variables to formulas"),
-        "laws to hold curves against, drawn dashed over those of the variables: "
-        "`{G: 0.9*exp(-0.004*t)}`",
-        default={},
-    ),
-    "passages": Key(
-        Choice("yes", "no"),
-        "mark crossings, and the true ones that an averaged motion predicts",
-        default="no",
-    ),
-    "insets": Key(ListOf(INSET), "enlargements inside panels", default=()),
-}
-
-PHASE = {
-    "x": Key(Text(), "variable on the horizontal axis, named as in a series"),
-    "y": Key(Text(), "variable on the vertical axis"),
 }
 
 SWEPT_VARIABLE = Key(
@@ -285,80 +235,154 @@ SWEPT_VARIABLE = Key(
     "(`end_axis.x1`); averaged over the axes that are not drawn",
 )
 
-MAP = {
-    "cases": Key(NAMES, "sweeps to draw, a row of panels each"),
-    "labels": LEGEND,
-    "title": TITLE,
-    "caption": CAPTION,
-    "style": STYLE,
-    "variable": SWEPT_VARIABLE,
-    "x": Key(
-        Text(),
-        "axis of the sweep on the horizontal axis "
-        "(default, if y is left out too: an equal-area map of the sphere)",
-        default=None,
-    ),
-    "y": Key(Text(), "axis of the sweep on the vertical axis", default=None),
-    "panels": Key(Text(), "axis of the sweep that the panels follow", default=None),
-    "at": Key(
-        ListOf(Integer(least=0), least=0),
-        "positions on that axis, counted from zero (default: all)",
-        default=(),
-    ),
-    "range": Key(
-        vector(2), "ends of the colour scale (default: those of the values)", default=None
-    ),
-    "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
-    "theory": Key(
-        Choice("turning"),
-        "turning: over two axes, draws where fluid and damping balance on the mean at the start, so"
-        " that the sense of crossings turns there",
-        default=None,
-    ),
-}
-
-CURVE = {
-    "cases": Key(NAMES, "sweeps to draw, each a curve or a curve an entry of `by`"),
-    "labels": LEGEND,
-    "title": TITLE,
-    "caption": CAPTION,
-    "style": STYLE,
-    "variable": SWEPT_VARIABLE,
-    "x": Key(Text(), "axis of the sweep on the horizontal axis"),
-    "by": Key(Text(), "axis of the sweep of which each entry is a curve", default=None),
-    "at": Key(
-        ListOf(Integer(least=0), least=0),
-        "positions on `by`, counted from zero (default: all)",
-        default=(),
-    ),
-    "level": Key(Number(), "draws a horizontal line at this value", default=None),
-}
-
 GROUPS = {
     "groups": Key(ListOf(Integer(least=1)), "how many of the cases make up each line"),
     "small": Key(ListOf(Number(above=0)), "the small parameter of each case"),
     "parameter": Key(Text(), "symbol of the small parameter, in TeX", default=r"\varepsilon"),
 }
 
-ERROR_ORDER = GROUPS | {"against": Key(NAMES, "the case that each of the cases is compared with")}
-
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
-    "hodograph": TIMED | HODOGRAPH,
-    "sphere": TIMED | SPHERE,
-    "herpolhode": TIMED | HERPOLHODE,
-    "axis-trace": TIMED | AXIS_TRACE,
-    "body": OF_CASES | {"time": TIME_SYMBOL} | BODY,
-    "quadrants": OF_CASES | {"time": TIME_SYMBOL} | QUADRANTS,
-    "quadrant-sketch": SKETCH,
-    "series": TIMED | SERIES,
-    "phase": TIMED | PHASE,
-    "invariants": TIMED,
-    "map": MAP,
-    "curve": CURVE,
-    "order": STYLED | ERROR_ORDER,
+    "hodograph": STYLED
+    | TIME
+    | {
+        "colour": Key(Choice("axis", "time", "case"), COLOUR, default="axis"),
+        "view": VIEW,
+        "projections": Key(
+            ListOf(Choice("x1x2", "x1x3", "x2x3")),
+            "planes onto which the curve is projected, a panel each",
+            default=(),
+        ),
+        "zoom": Key(Number(above=0), ZOOM, "moment of inertia / time", None),
+    },
+    "sphere": STYLED | TIME | SPHERE,
+    "herpolhode": STYLED
+    | TIME
+    | {"colour": Key(Choice("axis", "time", "case"), COLOUR, default="case")},
+    "axis-trace": STYLED
+    | TIME
+    | SPHERE
+    | {
+        "axes": Key(
+            ListOf(Choice("x1", "x2", "x3")), "axes of the body, a curve each", default=("x3",)
+        ),
+    },
+    "body": OF_CASES
+    | TIME
+    | {
+        "view": VIEW,
+        "moments": Key(
+            ListOf(Number()),
+            "times that are printed, a panel each (default: start, middle and end)",
+            "time",
+            (),
+        ),
+        "span": Key(INTERVAL, "part of the time axis to show (default: all)", "time", None),
+        "seconds": Key(Number(above=0), "how long the film lasts", "s", 20.0),
+    },
+    "quadrants": OF_CASES
+    | TIME
+    | {
+        "scale_with": Key(
+            NAMES, "figures of this file that share one scale with this one", default=()
+        ),
+        "zoom": Key(Number(above=0), ZOOM, "1/time^2", None),
+    },
+    "quadrant-sketch": {
+        "bodies": Key(
+            ListOf(vector(3, above=0)), "principal moments of inertia of each body, a panel each"
+        ),
+    }
+    | LABELLED
+    | {
+        "labels": Key(NAMES, "title of each panel, in the order of `bodies`", default=()),
+    },
+    "series": STYLED
+    | TIME
+    | {
+        "variables": Key(
+            NAMES, "variables of the result, components such as `omega.x1`, or `D/2T`"
+        ),
+        "panels": Key(
+            Choice("variable", "case"),
+            "one panel a variable, or one panel a case",
+            default="variable",
+        ),
+        "columns": Key(Integer(least=1, most=6), "panels in a row", default=2),
+        "span": Key(INTERVAL, "part of the time axis to draw (default: all)", "time", None),
+        "level": Key(Number(), "draws a horizontal line at this value", default=None),
+        "formula": Key(
+            Each(FORMULA, "variables to formulas"),
+            "laws to hold curves against, drawn dashed over those of the variables: "
+            "`{G: 0.9*exp(-0.004*t)}`",
+            default={},
+        ),
+        "passages": Key(
+            Choice("yes", "no"),
+            "mark crossings, and the true ones that an averaged motion predicts",
+            default="no",
+        ),
+        "insets": Key(ListOf(INSET), "enlargements inside panels", default=()),
+    },
+    "phase": STYLED
+    | TIME
+    | {
+        "x": Key(Text(), "variable on the horizontal axis, named as in a series"),
+        "y": Key(Text(), "variable on the vertical axis"),
+    },
+    "invariants": STYLED | TIME,
+    "map": {
+        "cases": Key(NAMES, "sweeps to draw, a row of panels each"),
+    }
+    | LABELLED
+    | {
+        "variable": SWEPT_VARIABLE,
+        "x": Key(
+            Text(),
+            "axis of the sweep on the horizontal axis "
+            "(default, if y is left out too: an equal-area map of the sphere)",
+            default=None,
+        ),
+        "y": Key(Text(), "axis of the sweep on the vertical axis", default=None),
+        "panels": Key(Text(), "axis of the sweep that the panels follow", default=None),
+        "at": Key(
+            ListOf(Integer(least=0), least=0),
+            "positions on that axis, counted from zero (default: all)",
+            default=(),
+        ),
+        "range": Key(
+            INTERVAL, "ends of the colour scale (default: those of the values)", default=None
+        ),
+        "level": Key(Number(), "over two axes: draws the contour of this value", default=None),
+        "theory": Key(
+            Choice("turning"),
+            "turning: over two axes, draws where fluid and damping balance on the mean at the "
+            "start, so that the sense of crossings turns there",
+            default=None,
+        ),
+    },
+    "curve": {
+        "cases": Key(NAMES, "sweeps to draw, each a curve or a curve an entry of `by`"),
+    }
+    | LABELLED
+    | {
+        "variable": SWEPT_VARIABLE,
+        "x": Key(Text(), "axis of the sweep on the horizontal axis"),
+        "by": Key(Text(), "axis of the sweep of which each entry is a curve", default=None),
+        "at": Key(
+            ListOf(Integer(least=0), least=0),
+            "positions on `by`, counted from zero (default: all)",
+            default=(),
+        ),
+        "level": Key(Number(), "draws a horizontal line at this value", default=None),
+    },
+    "order": STYLED
+    | GROUPS
+    | {"against": Key(NAMES, "the case that each of the cases is compared with")},
     "cost": STYLED | GROUPS,
-    "share": TIMED,
+    "share": STYLED | TIME,
 }
+"""The keys of each kind of figure, besides `kind`."""
+
 FIGURE = Variant("kind", FIGURE_KINDS, "what is drawn")
 
 
@@ -381,15 +405,7 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         for word, known in ((colour, COLOUR_NAMES), (line or "solid", LINE_NAMES)):
             if word not in known:
                 yield ("styles", i), unknown(f"colour or line {word!r}", word, known)
-    intervals: dict[KeyPath, Any] = {(key,): values.get(key) for key in ("range", "span")}
-    intervals |= {
-        ("insets", i, "span"): of["span"] for i, of in enumerate(values.get("insets", ()))
-    }
     style = values.get("style") or {}
-    intervals |= {("style", key): style.get(key) for key in ("xlim", "ylim")}
-    for path, ends in intervals.items():
-        if ends and not ends[0] < ends[1]:
-            yield path, f"expected the lower end first, got {ends[0]:g}, {ends[1]:g}"
     if values.get("kind") in KINDS_WITHOUT_SCALES or _is_flat(values):
         message = f"the panels of a {values['kind']} have no scales"
         yield from ((("style", key), message) for key in SCALES if style.get(key) is not None)
@@ -403,12 +419,10 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     for name in values.get("formula", ()):
         if name not in (drawn := values.get("variables", ())):
             yield ("formula", WrongKey(name)), unknown(f"variable {name!r}", name, drawn)
-    if values.get("kind") == "map":
-        yield from _map_axis_mistakes(values.get("x"), values.get("y"), values.get("panels"))
     if several:
         yield from _group_mistakes(values, len(several))
-    if values.get("kind") == "curve" and (by := values.get("by")) and by == values.get("x"):
-        yield ("by",), f"{by} is on the horizontal axis already"
+    if values.get("kind") in SWEPT_KINDS:
+        yield from _axis_mistakes(values)
 
 
 def _group_mistakes(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
@@ -423,23 +437,25 @@ def _group_mistakes(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
 @dataclass(frozen=True)
 class Drawable:
     """The properties of a case on which figures rest, known before it is run and from its dataset:
-    its name, its variables and which of them are vectors, its first and last time and their unit,
-    the lengths of a sweep's axes and which of them is a sphere, and the unit of its moments of
-    inertia."""
+    its name, its variables and which of them are vectors, its first and last time, its units of
+    time and of moments of inertia, the lengths of a sweep's axes and which of them is a sphere, and
+    whether it has an attitude."""
 
     name: str
     stored: Sequence[str]
     vectors: Sequence[str]
     times: tuple[float, float]
-    unit: str
+    units: Mapping[str, str]
     axes: Mapping[str, int]
-    sphere: str = ""
-    inertia_unit: str = "1"
-    attitude: bool = False
+    sphere: str
+    attitude: bool
 
 
 SWEPT_KINDS = ("map", "curve", "share")
 """The kinds that draw sweeps."""
+
+AXIS_KEYS = ("x", "y", "by", "panels")
+"""The keys that name axes of a sweep."""
 
 KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
 """The kinds that draw what follows from the angular velocity in body axes."""
@@ -457,22 +473,16 @@ def check_drawn(
     Unless `steady`, the times of cases and the lengths of axes may be others for a single run, and
     no figure is wrong by them.
     """
-    kind, wrong = values.get("kind"), False
-    for i, name in enumerate(values.get("cases", ())):
-        if message := _unfit(kind, cases[name]):
-            yield ("cases", i), message
-            wrong = True
-    if wrong:
+    kind, drawn = values.get("kind"), [cases[name] for name in values.get("cases", ())]
+    unfit = [(("cases", i), _unfit(kind, case)) for i, case in enumerate(drawn)]
+    if any(message for _, message in unfit):
+        yield from (mistake for mistake in unfit if mistake[1])
         return
-    drawn = [cases[name] for name in values.get("cases", ())]
     for i, case in enumerate(drawn):
-        if case.unit != drawn[0].unit:
-            units = f"{drawn[0].unit!r}, and that of {case.name} in {case.unit!r}"
-            yield ("cases", i), f"the time of {drawn[0].name} is in {units}: one axis has one unit"
-        if case.inertia_unit != drawn[0].inertia_unit:
-            units = f"{drawn[0].inertia_unit!r}, and those of {case.name} in {case.inertia_unit!r}"
-            message = f"the moments of inertia of {drawn[0].name} are in {units}"
-            yield ("cases", i), f"{message}: one axis has one unit"
+        for what, unit in case.units.items():
+            if unit != (first := drawn[0].units[what]):
+                message = f"the unit of {what} is {first!r} in {drawn[0].name}, and {unit!r} in"
+                yield ("cases", i), f"{message} {case.name}: one axis has one unit"
     if kind in SWEPT_KINDS:
         for case in drawn:
             yield from _swept_mistakes(values, case, steady)
@@ -552,16 +562,14 @@ def _inset_mistakes(
 
 def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
     """Mistakes: spans that lie outside the times of a case drawn over them."""
-    intervals: list[tuple[KeyPath, tuple[float, float] | None, str]] = [
+    spans: list[tuple[KeyPath, Any, str]] = [
         (("span",), values.get("span"), name) for name in values.get("cases", ())
     ]
     for i, inset in enumerate(values.get("insets", ())):
-        intervals.append((("insets", i, "span"), inset["span"], inset["case"]))
-    for path, span, name in intervals:
-        if span is None or span[0] >= span[1] or name not in cases:
-            continue
-        start, end = cases[name].times
-        if span[1] < start or span[0] > end:
+        spans.append((("insets", i, "span"), inset["span"], inset["case"]))
+    for path, span, name in spans:
+        start, end = cases[name].times if name in cases else (-math.inf, math.inf)
+        if span and (span[1] < start or span[0] > end):
             yield path, f"holds no time of case {name}, which goes from {start:g} to {end:g}"
 
 
@@ -569,7 +577,7 @@ def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> 
     """Mistakes: variables, axes and positions that a sweep does not have."""
     if "variable" in values:
         yield from _swept_variable_mistakes(values, case)
-    for key in ("x", "y", "by", "panels"):
+    for key in AXIS_KEYS:
         if (name := values.get(key)) is None:
             continue
         if name not in case.axes:
@@ -602,7 +610,7 @@ def _swept_variable_mistakes(values: Mapping[str, Any], case: Drawable) -> Itera
 
 def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> list[str]:
     """The axes of a sweep over which a figure averages: those that it does not draw."""
-    drawn = {values.get(key) for key in ("x", "y", "by", "panels")}
+    drawn = {values.get(key) for key in AXIS_KEYS}
     if values.get("kind") == "map" and values.get("x") is None:
         drawn.add(sphere)
     return [name for name in axes if name not in drawn]
@@ -618,12 +626,13 @@ def _axis_of_positions(values: Mapping[str, Any]) -> str:
     return {"map": "panels", "curve": "by"}.get(str(values.get("kind")), "")
 
 
-def _map_axis_mistakes(x: str | None, y: str | None, panels: str | None) -> Iterator[Mistake]:
-    """Mistakes: axes of a map that are missing, or stand twice."""
-    if (x is None) != (y is None):
-        missing, present = ("x", "y") if x is None else ("y", "x")
-        yield (), f"missing '{missing}': a map has x and y, or neither (it has {present})"
-    elif x is not None and x == y:
-        yield ("y",), f"{y} is on the horizontal axis already"
-    if panels is not None and panels in (x, y):
-        yield ("panels",), f"{panels} is an axis of the panels already"
+def _axis_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Mistakes: axes of a map that are missing, and axes that are drawn twice."""
+    given = {key: values[key] for key in AXIS_KEYS if values.get(key) is not None}
+    if values["kind"] == "map" and len(pair := given.keys() & {"x", "y"}) == 1:
+        (missing,) = {"x", "y"} - pair
+        yield (), f"missing '{missing}': a map has x and y, or neither (it has {''.join(pair)})"
+    firsts: dict[str, str] = {}
+    for key, name in given.items():
+        if (first := firsts.setdefault(name, key)) != key:
+            yield (key,), f"{name} is the axis of '{first}' already"

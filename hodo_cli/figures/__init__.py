@@ -153,9 +153,8 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
             times = float(values.min()), float(values.max())
     sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
     attitude = not axes and "attitude" in data.variables
-    return Drawable(
-        name, list(stored), vectors, times, unit, axes, sphere, case.inertia_unit, attitude
-    )
+    units = {"time": unit, "moments of inertia": case.inertia_unit}
+    return Drawable(name, list(stored), vectors, times, units, axes, sphere, attitude)
 
 
 def render(
