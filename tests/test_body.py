@@ -51,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def film_in(folder: Path, name: str) -> dict[str, Any]:
     """What the page of a film knows, its numbers by parts."""
     text = (folder / "runs" / "figures" / "c" / f"{name}.html").read_text(encoding="utf-8")
-    (line,) = re.findall("^const film = (.*);$", text, re.MULTILINE)
+    (line,) = re.findall("^const data = (.*);$", text, re.MULTILINE)
     film = json.loads(line)
 
     def numbers(text: str, width: int) -> np.ndarray:
@@ -177,7 +177,7 @@ def test_a_notebook_plays_it(folder: Path) -> None:
     data = hodo.open(folder / "runs" / "c.h5")["flip"]
     frame = hodo.plot(data, kind="body")._repr_html_()
     assert frame.startswith("<iframe srcdoc=")
-    assert "const film = {" in html.unescape(frame)
+    assert "const data = {" in html.unescape(frame)
     assert len(frame) < 300_000
     assert hodo.plot(data, kind="phase", x="p", y="q")._repr_html_() is None
 

@@ -1,4 +1,4 @@
-"""Figures that turn: the values of the printed ones, in a page that a browser shows by itself."""
+"""Figures in pages of their own: as printed, and what is in space turns."""
 
 import base64
 import csv
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from conftest import call
@@ -79,255 +78,180 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "runs" / "figures"
 
 
-def decoded(value: Any) -> Any:
-    """A part of a figure with its arrays as plotly reads them."""
-    if isinstance(value, list):
-        return [decoded(item) for item in value]
-    if not isinstance(value, dict):
-        return value
-    if "bdata" not in value:
-        return {key: decoded(item) for key, item in value.items()}
-    array = np.frombuffer(base64.b64decode(value["bdata"]), value["dtype"])
-    shape = [*map(int, value.get("shape", "-1").split(","))]
-    return array.reshape(shape)
-
-
-def turned(folder: Path, name: str) -> dict[str, Any]:
-    """The data and layout of a figure in its page."""
+def data_in(folder: Path, name: str) -> dict[str, Any]:
+    """What the page of a figure knows, its numbers by strokes."""
     text = (folder / "test" / f"{name}.html").read_text(encoding="utf-8")
-    (line,) = [line for line in text.splitlines() if line.startswith("const figure = ")]
-    return dict(decoded(json.loads(line.removeprefix("const figure = ").removesuffix(";"))))
+    (line,) = re.findall("^const data = (.*);$", text, re.MULTILINE)
+    data = json.loads(line)
+
+    def numbers(text: str | None) -> np.ndarray | None:
+        return None if text is None else np.frombuffer(base64.b64decode(text), "<f4")
+
+    for stroke in strokes(data):
+        stroke |= {key: numbers(stroke[key]) for key in ("points", "code", "time")}
+        stroke["points"] = stroke["points"].reshape(-1, 3)
+    return dict(data)
 
 
-def curves(figure: dict[str, Any], *names: str) -> list[dict[str, Any]]:
-    """The traces that are curves of samples: those that the pointer finds. Those of a name."""
-    traces = [t for t in figure["data"] if t["mode"].startswith("lines") and "name" in t]
-    shown = [trace for trace in traces if not trace["showlegend"]]
-    return [trace for trace in shown if not names or trace["name"] in names]
+def strokes(data: dict[str, Any]) -> list[dict[str, Any]]:
+    """All that a page draws in space."""
+    return [stroke for panel in data["panels"] for stroke in panel.get("strokes", ())]
 
 
-def points(traces: list[dict[str, Any]]) -> set[tuple[float, ...]]:
-    """All points of some traces, without the gaps."""
-    table = [np.stack([t[axis] for axis in "xyz" if axis in t], axis=-1) for t in traces]
-    return {tuple(row) for rows in table for row in rows.tolist() if not np.isnan(row).any()}
-
-
-def printed(folder: Path, name: str, *columns: str) -> set[tuple[float, ...]]:
-    """The values of a printed figure in some columns of its table."""
+def printed(folder: Path, name: str, *columns: str) -> np.ndarray:
+    """The values of a printed figure in some columns of its table, where it has them all."""
     with open(folder / "test" / f"{name}.csv", encoding="utf-8", newline="") as file:
         rows = [[row[column] for column in columns] for row in csv.DictReader(file)]
-    return {tuple(map(float, row)) for row in rows if all(row) and "nan" not in row}
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_plotly_knows_all_that_a_figure_says(folder: Path, name: str) -> None:
-    """Its script leaves out in silence what it does not know; its Python library refuses it."""
-    go.Figure(turned(folder, name))
+    return np.array([[*map(float, row)] for row in rows if all(row) and "nan" not in row])
 
 
 @pytest.mark.parametrize(
     ("name", "columns"),
     [
-        ("space", ("G.x1", "G.x2", "G.x3")),
-        ("ball", ("G.x1/|G|", "G.x2/|G|", "G.x3/|G|")),
-        ("trace", ("x1_space.x", "x1_space.y", "x1_space.z")),
-        ("plane", ("p", "q")),
-        ("late", ("p", "time")),
-        ("corner", ("p^2", "K r^2")),
-        ("herpolhode", ("omega across G, 1", "omega across G, 2")),
+        ("space", ("time", "G.x1", "G.x2", "G.x3")),
+        ("ball", ("time", "G.x1/|G|", "G.x2/|G|", "G.x3/|G|")),
+        ("trace", ("time", "x1_space.x", "x1_space.y", "x1_space.z")),
     ],
 )
 def test_a_curve_is_the_printed_one_point_by_point(
     folder: Path, name: str, columns: tuple[str, ...]
 ) -> None:
-    """The parts by enclosed axis share the sample where one ends and the next begins."""
+    data = data_in(folder, name)
+    curve, *others = [stroke for stroke in strokes(data) if stroke["time"] is not None]
+    assert [other["name"] for other in others] == ["x3"] * (name == "trace")
     expected = printed(folder, name, *columns)
     assert len(expected) > 400
-    drawn = points(curves(turned(folder, name), *["x1"] * (name == "trace")))
-    assert drawn == expected
-
-
-@pytest.mark.parametrize(
-    ("name", "columns"), [("time", ("T", "D/2T", "G.x1")), ("bounds", ("T", "G2", "D/2T"))]
-)
-def test_panels_are_the_printed_ones_point_by_point(
-    folder: Path, name: str, columns: tuple[str, ...]
-) -> None:
-    by_panel = curves(turned(folder, name), "fig4")
-    assert len({trace["xaxis"] for trace in by_panel}) == 3
-    for trace, column in zip(by_panel, columns, strict=True):
-        assert points([trace]) == printed(folder, name, "time", column)
+    drawn = np.column_stack([curve["time"], curve["points"]])
+    np.testing.assert_allclose(drawn, expected, rtol=1e-7, atol=1e-7)
 
 
 def test_colours_part_a_curve_at_its_crossing(folder: Path) -> None:
-    about = curves(turned(folder, "space"))
-    assert len(about) == 2
-    (shared,) = points(about[:1]) & points(about[1:])
-    assert shared in printed(folder, "space", "G.x1", "G.x2", "G.x3")
-    # The entries of the legend stand for them.
-    entries = [t for t in turned(folder, "space")["data"] if t["showlegend"]]
-    groups = {entry["name"]: entry["legendgroup"] for entry in entries}
-    assert [trace["legendgroup"] for trace in about] == [groups["about x1"], groups["about x3"]]
+    (curve,) = [stroke for stroke in strokes(data_in(folder, "space")) if stroke["name"] == "fig4"]
+    shades = [curve["colours"][int(code)] for code in curve["code"]]
+    change = shades.index("#bf8200")
+    assert {*shades[:change]} == {"#0072b2"}
+    assert {*shades[change:]} == {"#bf8200"}
+    assert curve["time"][change - 1] < 305.36 < curve["time"][change]
+    (own,) = [stroke for stroke in strokes(data_in(folder, "own")) if stroke["name"] == "fig4"]
+    assert own["colours"] == ["#bf8200"]
 
 
-def test_bounds_regions_and_levels_are_drawn_too(folder: Path) -> None:
-    """What a reader compares a curve with, where it is printed."""
-    bounds = turned(folder, "bounds")["data"]
-    assert sum(trace.get("fill") == "toself" for trace in bounds) == 2
-    grey = [trace for trace in bounds if trace.get("line", {}).get("color") == "#666666"]
-    assert len([trace for trace in grey if not trace["showlegend"]]) == 4
-    (level,) = [t for t in bounds if t.get("line", {}).get("dash") == "dash" and len(t["x"]) == 2]
-    np.testing.assert_allclose(level["y"], 0, atol=1e-12)
-    corner = turned(folder, "corner")
-    assert sum(trace.get("fill") == "toself" for trace in corner["data"]) == 2
-    assert {"A (about x1)", "B (about x3)"} <= {n["text"] for n in corner["layout"]["annotations"]}
-    sketch = turned(folder, "sketch")
-    assert "A<br>about x1" in {note["text"] for note in sketch["layout"]["annotations"]}
-    ball = [trace for trace in turned(folder, "ball")["data"] if len(trace["x"]) == 361]
-    assert len(ball) == 2
-    contour = [
-        t for t in turned(folder, "flat")["data"] if t["mode" if "mode" in t else "type"] == "lines"
-    ]
-    assert contour
+def test_marks_tell_what_they_are(folder: Path) -> None:
+    marks = [stroke for stroke in strokes(data_in(folder, "space")) if stroke["look"].get("mec")]
+    assert [mark["look"]["marker"] for mark in marks] == ["o", "s", "D"]
+    ((words,),) = [mark["texts"] for mark in marks if mark["texts"]]
+    assert words.startswith("crossing of D = 0 at 305.3589")
+    names = {text for stroke in strokes(data_in(folder, "space")) for text in stroke["texts"]}
+    assert {"G1", "G2", "G3", "0.2", "0.4"} <= names
+    circles = [s for s in strokes(data_in(folder, "ball")) if len(s["points"]) == 361]
+    assert len(circles) == 2
 
 
-def test_panels_stand_where_they_are_printed(folder: Path) -> None:
-    layout = turned(folder, "near")["layout"]
-    main, near = (layout[name]["domain"] for name in ("scene", "scene2"))
-    assert main["x"][1] < near["x"][0]
-    assert (
-        layout["xaxis3"]["domain"][1] < near["x"][0] or layout["yaxis3"]["domain"][1] < near["y"][0]
-    )
-    assert layout["scene2"]["xaxis"]["range"] == [-0.1, 0.1]
-    assert layout["coloraxis"]["colorbar"]["title"]["text"] == "τ [–]"
-
-
-def test_curves_of_sweeps_have_their_errors_and_gaps(folder: Path) -> None:
-    figure = turned(folder, "lines")
-    drawn = curves(figure, "damping.0 = 0.004", "damping.0 = 0.005")
-    assert len(drawn) == 2
-    assert points(drawn) == printed(folder, "lines", "damping.2", "crossing_time")
-    crosses = [t for t in figure["data"] if t.get("marker", {}).get("symbol") == "x"]
-    missing = [t for t in crosses if not t["showlegend"]]
-    assert len(missing) == 2
-    assert figure["layout"]["xaxis"]["title"]["text"] == "λ3"
-    assert "<br>" in figure["layout"]["yaxis"]["title"]["text"]
-    assert sum(len(t["x"]) for t in missing) == 12 - len(points(drawn))
-
-
-def test_maps_are_the_printed_ones(folder: Path) -> None:
-    figure = turned(folder, "flat")
-    gaps, cells = [trace for trace in figure["data"] if trace.get("type") == "heatmap"]
-    values = cells["z"][np.isfinite(cells["z"])]
-    assert {(v,) for v in values} == printed(folder, "flat", "crossing_time")
-    np.testing.assert_array_equal(np.isnan(gaps["z"]), np.isfinite(cells["z"]))
-    assert cells["zmin"] == values.min()
-    figure = turned(folder, "round")
-    clouds = [trace for trace in figure["data"] if trace.get("text") and trace["mode"] == "markers"]
-    assert points(clouds) == printed(folder, "round", "G.x1/|G|", "G.x2/|G|", "G.x3/|G|")
-    texts = [text for trace in clouds for text in trace["text"]]
+def test_a_map_of_the_sphere_is_on_the_sphere(folder: Path) -> None:
+    data = data_in(folder, "round")
+    clouds = [stroke for stroke in strokes(data) if stroke["look"].get("ls") == ""]
+    points = np.concatenate([cloud["points"] for cloud in clouds])
+    directions = printed(folder, "round", "G.x1/|G|", "G.x2/|G|", "G.x3/|G|")
+    np.testing.assert_allclose(points, directions, atol=1e-7)
+    texts = [text for cloud in clouds for text in cloud["texts"]]
     values = {value for (value,) in printed(folder, "round", "crossing_time")}
     assert {text for text in texts if text != "none"} == {f"{value:.6g}" for value in values}
     # The same number has the same colour in every panel, and none has the grey of gaps.
-    shades = [shade for trace in clouds for shade in trace["marker"]["color"]]
+    shades = [cloud["colours"][int(code)] for cloud in clouds for code in cloud["code"]]
     assert {shade for shade, text in zip(shades, texts, strict=True) if text == "none"} == {
         "#e4e4e4"
     }
     assert len({*zip(texts, shades, strict=True)}) == len({*texts})
-    assert len([trace for trace in figure["data"] if len(trace["x"]) == 361]) == 4
-
-
-def test_scales_are_the_printed_ones(folder: Path) -> None:
-    """T and G^2 fall by more than a decade; D/2T changes its sign."""
-    layout = turned(folder, "bounds")["layout"]
-    axes = [layout[f"yaxis{i}"] for i in ("", 2, 3)]
-    assert [axis["type"] for axis in axes] == ["log", "log", "linear"]
-    assert [axis["title"]["text"] for axis in axes] == ["T [–]", "G<sup>2</sup> [–]", "D/2T [–]"]
-
-
-def test_styles_are_the_printed_ones(folder: Path) -> None:
-    (line,) = {tuple(t["line"].items())[:2] for t in curves(turned(folder, "bounds"), "fig4")}
-    assert dict(line) == {"color": "#009e73", "dash": "dot"}
-    (curve,) = curves(turned(folder, "own"))
-    assert curve["line"]["color"] == "#bf8200"
-
-
-def test_the_pointer_tells_time_invariants_and_axis(folder: Path) -> None:
-    figure = turned(folder, "space")
-    first, last = curves(figure)
-    for i, name in enumerate(["time", "G", "T", "D"]):
-        assert f"{name} = %{{customdata[{i}]" in first["hovertemplate"]
-    assert first["customdata"][0, 0] == 0
-    assert last["customdata"][-1, 0] == 1000
-    G = np.linalg.norm([first[axis][0] for axis in "xyz"])
-    assert first["customdata"][0, 1] == pytest.approx(G)
-    assert {*first["text"]} == {"x1", "x3"} or {*first["text"]} == {"x1"}
-    assert {*last["text"]} == {"x3"}
-    texts = [text for t in figure["data"] if t["mode"] == "markers" for text in t.get("text", ())]
-    assert len(texts) == 1
-    assert texts[0].startswith("crossing of D = 0 at 305.3589")
+    assert len([stroke for stroke in strokes(data) if len(stroke["points"]) == 361]) == 4
 
 
 def test_a_caption_speaks_of_the_figure_in_its_page(folder: Path) -> None:
-    for name, words in (("space", "Drag to turn"), ("round", "on the sphere"), ("time", "enlarge")):
-        assert words in (folder / "test" / f"{name}.html").read_text(encoding="utf-8")
+    words = {"space": "Drag to turn", "round": "on the sphere", "time": "both scales"}
+    for name, text in words.items():
+        assert text in (folder / "test" / f"{name}.html").read_text(encoding="utf-8")
     # A caption that ends a script is text.
     assert "&lt;/script&gt;&lt;b&gt;&amp;" in (folder / "test" / "space.html").read_text()
 
 
-def test_the_script_lies_once_beside_the_page(folder: Path) -> None:
-    assert (folder / "plotly.js").stat().st_size > 1_000_000
-    for path in (folder / "test").glob("*.html"):
-        text = path.read_text(encoding="utf-8")
-        assert '<script src="../plotly.js">' in text
-        assert "http" not in text
-        assert len(text) < 1_000_000
+def test_a_page_is_small_and_asks_no_network(folder: Path) -> None:
+    for name in NAMES:
+        text = (folder / "test" / f"{name}.html").read_text(encoding="utf-8")
+        assert len(text) < 400_000
+        assert text.count("</script>") == 1
+        assert not re.search(r'(src|href)="(?!data:|#|\.\./index)', text)
 
 
 SIZES = [(1400, False), (800, True), (390, False)]
+
+
+PICTURES = "[...document.querySelectorAll('#figure canvas')].map((c) => c.toDataURL())"
 
 
 @pytest.mark.parametrize(("width", "dark"), SIZES)
 def test_a_hodograph_turns_in_a_browser(reader, folder: Path, width: int, dark: bool) -> None:
     window = reader(folder / "test" / "space.html", width, dark=dark)
     page = window.page
-    page.wait_for_selector("#figure canvas")
-    eye = "JSON.stringify(document.getElementById('figure')._fullLayout.scene.camera.eye)"
-    before = page.evaluate(eye)
-    # The field of view is fixed from top to bottom: a narrow page looks from farther away.
-    assert (np.linalg.norm([*json.loads(before).values()]) > 2.5) == (width == 390)
-    window.drag((width // 3, 400), (width // 2, 480))
-    page.wait_for_function(f"{eye} !== {before!r}")
+    pictures = [page.evaluate(PICTURES)]
+    box = page.locator("#figure canvas").bounding_box()
+    x, y = (int(box[at] + box[size] / 2) for at, size in (("x", "width"), ("y", "height")))
+    window.drag((x, y), (x + 60, y + 40))
+    pictures.append(page.evaluate(PICTURES))
+    page.mouse.wheel(0, -200)
+    page.wait_for_function(f"JSON.stringify({PICTURES}) !== {json.dumps(pictures[1])!r}")
+    assert pictures[0] != pictures[1]
+    page.mouse.dblclick(x, y)
+    assert page.evaluate(PICTURES) == pictures[0]
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert window.is_clean()
 
 
-def test_series_enlarge_and_tell_in_a_browser(reader, folder: Path) -> None:
-    window = reader(folder / "test" / "time.html")
-    page = window.page
-    page.wait_for_selector(".nsewdrag")
-    box = page.locator(".nsewdrag").first.bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] - 8)
-    page.wait_for_selector(".hoverlayer text")
-    told = " ".join(page.locator(".hoverlayer text").all_text_contents())
-    assert "time = " in told
-    assert "encloses x" in told
-    span = "document.getElementById('figure')._fullLayout.xaxis.range.map(Number)"
-    low, high = page.evaluate(span)
-    x, y = int(box["x"]), int(box["y"])
-    window.drag((x + 20, y + 20), (x + 120, y + 80))
-    page.wait_for_function(f"{span}[1] - {span}[0] < {(high - low) / 2}")
+def test_panels_turn_where_they_are_printed(reader, folder: Path) -> None:
+    """The canvas lies over the printed panel, whose scale the pointer reads beside it."""
+    page = reader(folder / "test" / "near.html").page
+    box = "(e) => { const { x, y, width } = e.getBoundingClientRect(); return [x, y, width]; }"
+    figure = page.locator("#figure").evaluate(box)
+    panels = page.locator("#figure canvas").evaluate_all(f"(all) => all.map({box})")
+    data = data_in(folder, "near")
+    assert [panel.get("reach") for panel in data["panels"][:2]] == [None, 0.1]
+    for (x, _, width), panel in zip(panels, data["panels"], strict=False):
+        assert x == pytest.approx(figure[0] + panel["box"][0] * figure[2], abs=1)
+        assert width == pytest.approx(panel["box"][2] * figure[2], abs=2)
+
+
+def test_the_pointer_tells_values(reader, folder: Path) -> None:
+    """Of a crossing in space its time; over a plane panel its scales, over the printed tick 1."""
+    window = reader(folder / "test" / "space.html")
+    page, reading = window.page, "document.getElementById('reading').textContent"
+    at = """(marker) => {
+        const stroke = data.panels[0].strokes.find((s) => s.look.marker === marker);
+        const { left, top } = document.querySelector("canvas").getBoundingClientRect();
+        return [left + stroke.seen[0][0], top + stroke.seen[0][1]];
+    }"""
+    page.mouse.move(*page.evaluate(at, "D"))
+    assert page.evaluate(reading).startswith("crossing of D = 0 at 305.3589")
+    page.mouse.move(*page.evaluate(at, "o"))
+    # The start: G = A omega.
+    assert page.evaluate(reading).startswith(
+        "fig4, τ = 0.00000, G1 [–] = 0.80000, G2 [–] = 0.40000"
+    )
     assert window.is_clean()
 
-
-def test_no_button_sends_data_elsewhere(reader, folder: Path) -> None:
-    window = reader(folder / "test" / "plane.html")
-    window.page.wait_for_selector(".modebar-btn")
-    titles = window.page.eval_on_selector_all(
-        ".modebar-btn", "buttons => buttons.map((button) => button.dataset.title)"
-    )
-    assert titles
-    assert not [title for title in titles if re.search("share|studio|cloud", title, re.I)]
+    window = reader(folder / "test" / "bounds.html")
+    page, panel = window.page, data_in(folder, "bounds")["panels"][0]
+    assert [scale["log"] for scale in panel["scales"]] == [False, True]
+    box = page.locator("#figure").bounding_box()
+    left, bottom, width, height = panel["box"]
+    across, up = left + 0.25 * width, bottom + 0.5 * height
+    page.mouse.move(box["x"] + across * box["width"], box["y"] + (1 - up) * box["height"])
+    words = dict(part.split(" = ") for part in page.evaluate(reading).split(", "))
+    low, high = panel["scales"][1]["ends"]
+    assert float(words["τ [–]"]) == pytest.approx(250, rel=0.01)
+    assert float(words["T [–]"]) == pytest.approx(np.sqrt(low * high), rel=0.03)
+    before = box["width"]
+    page.evaluate("size.value = 3; size.dispatchEvent(new Event('input'))")
+    assert page.locator("#figure").bounding_box()["width"] > 2 * before
+    assert page.evaluate("document.documentElement.scrollWidth") <= 1400
+    assert window.is_clean()
 
 
 @pytest.mark.parametrize(("width", "dark"), SIZES)
@@ -382,9 +306,8 @@ def test_the_keyboard_passes_the_index(reader, folder: Path) -> None:
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_a_checker_has_nothing_serious_against_the_pages(reader, folder: Path, dark: bool) -> None:
-    for path in (folder / "index.html", folder / "test" / "time.html"):
-        page = reader(path, dark=dark).page
-        page.wait_for_load_state("load")
+    for name in ("index", "test/time", "test/space"):
+        page = reader(folder / f"{name}.html", dark=dark).page
         faults = Axe().run(page).response["violations"]
         serious = [
             (fault["id"], [node["html"] for node in fault["nodes"]])

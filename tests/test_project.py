@@ -23,7 +23,6 @@ IMPORTERS = {
     "heyoka": "engines/taylor.py engines/taylor_batch.py",
     "matplotlib": "figures/ api.py",
     "netCDF4": "",
-    "plotly": "figures/interactive.py",
     "scipy": "engines/scipy_ivp.py figures/maps.py results/in_space.py",
     "tqdm": "progress.py",
     "xarray": "results/dataset.py api.py",

@@ -35,9 +35,6 @@ from .sweep_block import AXIS_LABELS
 FORMATS = ("png", "svg", "pdf", "csv", "html", "gif", "mp4")
 """The formats that a figure is written in."""
 
-SCRIPT = "plotly.js"
-"""The script that all figures in HTML share, in the folder above theirs."""
-
 PAGE_DATA = "page.json"
 """The data of a result for the page, in the folder of its figures."""
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.pool import Pool, pool
 from ..cases.config import Config, load, parse
-from ..cases.figure_block import FORMATS, PAGE_DATA, SCRIPT, DrawnFigure
+from ..cases.figure_block import FORMATS, PAGE_DATA, DrawnFigure
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
@@ -266,9 +266,6 @@ class Folder:
         for file, entry in entries.items():
             if entry["digest"] != self._digest(name, entry["cases"], file):
                 return None
-        # An HTML file that stands by itself shows nothing.
-        if "html" in self._formats and not (self.path.parent / SCRIPT).exists():
-            return None
         # A kind that cannot be turned has no file in HTML.
         files = tuple(self.path / file for file in entries if (self.path / file).exists())
         messages = dict.fromkeys(line for entry in entries.values() for line in entry["warnings"])
@@ -282,11 +279,11 @@ class Folder:
         config, the cases that it has asked for, and the code that draws."""
         spec = self.config.figure(name)
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
-        versions = library_version("matplotlib"), library_version("plotly")
+        version = library_version("matplotlib")
         sheet = bytes_digest(Path(spec["style"].get("sheet", "no sheet")))
         return content_digest(
             (self.checksums.get(case, ABSENT) for case in cases),
-            repr((spec, others, versions, sheet, bytes_digest(self.path / file))),
+            repr((spec, others, version, sheet, bytes_digest(self.path / file))),
         )
 
 

@@ -139,11 +139,12 @@ def _config_of(run: ResultFile) -> Config | None:
 
 @cache
 def package_digest() -> str:
-    """The digest of all sources of hodo, of models that are not its own, and of the libraries that
-    compute."""
+    """The digest of all sources of hodo, its pages and scripts too, of models that are not its own,
+    and of the libraries that compute."""
     sources = hashlib.sha256((library_digest() + models.added_models_digest()).encode())
-    for file in sorted(PACKAGE.rglob("*.py")):
-        sources.update(file.read_bytes())
+    for file in sorted(PACKAGE.rglob("*.*")):
+        if file.suffix in (".py", ".html", ".css", ".js"):
+            sources.update(file.read_bytes())
     return sources.hexdigest()
 
 

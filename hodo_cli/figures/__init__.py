@@ -8,8 +8,10 @@ them all; `cases.figure_block` declares the keys that each takes.
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import matplotlib.style
 import numpy as np
@@ -21,10 +23,12 @@ from ..results.dataset import MOTION_DIMS, Cases, case_in, is_sweep, motions_of,
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
+from ..storage.staging import replacing
 from .artists import finish_figure, matplotlib_parameters
 from .body import body
 from .costs import cost, error_order, share
 from .maps import sweep_curve, sweep_map
+from .pages import figure_page
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
 from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, check_tex, lighten, save, text_size
 from .space import axis_trace, herpolhode, hodograph, sphere
@@ -188,11 +192,11 @@ def _files(
             if film is None:
                 continue
             film.write(path)
-        elif path.suffix != ".html":
-            save(sheet, path, about=caption)
+        elif path.suffix == ".html":
+            back = f"../index.html#{quote(path.parent.name)}-{quote(name)}"
+            page = film.page if film else partial(figure_page, sheet)
+            with replacing(path) as draft:
+                draft.write_text(page(name, caption, back), encoding="utf-8")
         else:
-            # Late, because plotly's script is long, and wanted where figures turn.
-            from .interactive import write_interactive
-
-            write_interactive(sheet, spec, cases, path, name)
+            save(sheet, path, about=caption)
         yield path

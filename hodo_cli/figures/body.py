@@ -2,17 +2,14 @@
 as a film.
 
 What is drawn stands once, as a list of parts in axes of the body or of space; the printed picture
-here and the script of the page (`film.html`) know no more than faces, trails and arrows.
+here and the script of the page (`film.js`) know no more than faces, trails and arrows.
 """
 
-import json
 import math
-from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import matplotlib.style
@@ -30,6 +27,7 @@ from ..results.motion import Motion
 from ..storage.staging import replacing
 from .artists import AXIS_COLOUR, BLACK, GREY, PAGE, PURPLE, RED, arrow, pair
 from .geometry import View
+from .pages import own_page
 from .plane import within_span
 from .sheet import SHEET_STYLE, Look, Sheet, without_tex
 
@@ -72,22 +70,12 @@ class Film:
 
     def page(self, title: str = "The body in space", caption: str = "", back: str = "") -> str:
         """The film in a page that plays, pauses, scrubs and turns it, and needs no other file."""
-        shell = Template((Path(__file__).parent / "film.html").read_text(encoding="utf-8"))
         data = {
-            "time": packed32(self.time - self.time[0]),
-            "start": float(self.time[0]),
-            "attitude": packed32(self.attitude),
-            "parts": [asdict(part) | {"points": packed32(part.points)} for part in self.parts],
+            "time": self.time - self.time[0], "start": float(self.time[0]),
+            "attitude": self.attitude, "parts": [*map(asdict, self.parts)],
             "view": self.view, "seconds": self.seconds, "words": self.words, "reach": REACH,
         }  # fmt: skip
-        link = f'<p><a href="{escape(back)}">All figures</a> <b>{escape(title)}</b></p>'
-        return shell.substitute(
-            title=escape(title),
-            head=link if back else "",
-            caption=escape(caption),
-            # A name may hold what ends a script.
-            film=json.dumps(data).replace("</", "<\\/"),
-        )
+        return own_page("film", data, title, caption, back)
 
     def frame(self) -> str:
         """The page in a frame, as a notebook shows it."""
@@ -120,11 +108,6 @@ class Film:
             with writer.saving(figure, str(draft), FILM_DPI):
                 for _ in moving_artists(self, figure):
                     writer.grab_frame()
-
-
-def packed32(values: np.ndarray) -> str:
-    """Numbers as the bytes of 32-bit ones, finer than any screen."""
-    return b64encode(values.astype("<f4").tobytes()).decode()
 
 
 def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
@@ -198,7 +181,7 @@ def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[MovingPart]:
 
 def draw_moment(axes: Axes, film: Film, i: int) -> None:
     """Draw the film's sample i into a panel."""
-    view = View.toward(film.view)
+    view = View(film.view)
     for part in film.parts:
         seen = view(part.points @ film.matrices[i].T if part.of_body else part.points)
         x, y, near = seen.T

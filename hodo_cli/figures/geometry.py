@@ -4,6 +4,7 @@ Numbers only."""
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,21 +14,19 @@ from ..models import rigid_body
 
 @dataclass(frozen=True)
 class View:
-    """An orthographic view, so that all axes have one scale.
+    """An orthographic view, so that all axes have one scale, from an elevation above the x1 x2
+    plane and an azimuth from x1, degrees."""
 
-    The rows of `matrix` (3, 3) are the directions right, up and toward the reader, in body axes.
-    """
+    angles: tuple[float, float]
 
-    matrix: np.ndarray
-
-    @classmethod
-    def toward(cls, angles: tuple[float, float]) -> "View":
-        """The view from an elevation above the x1 x2 plane and an azimuth from x1, degrees."""
-        e, a = (math.radians(angle) for angle in angles)
+    @cached_property
+    def matrix(self) -> np.ndarray:
+        """The directions right, up and toward the reader (3, 3), in body axes."""
+        e, a = map(math.radians, self.angles)
         right = (-math.sin(a), math.cos(a), 0)
         up = (-math.sin(e) * math.cos(a), -math.sin(e) * math.sin(a), math.cos(e))
         near = (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
-        return cls(np.array([right, up, near]))
+        return np.array([right, up, near])
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) in body axes as (right, up, toward the reader)."""

@@ -305,10 +305,10 @@ def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def globe(sheet: Sheet, axes: Axes, swept: SweepView, values: np.ndarray, look: Look) -> None:
     """Keep the sphere of a map for figures that turn, a dot a direction, seen as it is printed."""
-    scene, directions = sheet.scene(axes, View.toward((0, 0))), swept.directions()
+    scene, directions = sheet.scene(axes, View((0, 0)), (), globe=True), swept.directions()
     texts = [f"{value:.6g}" if math.isfinite(value) else "none" for value in values]
     shades = look["cmap"].with_extremes(bad=GAP)(look["norm"](np.ma.masked_invalid(values)))
-    dots: Look = {"ls": "", "marker": "o", "ms": 2.5}
+    dots: Look = {"ls": "", "marker": "o", "ms": 3, "mec": GREY, "mew": 0.3}
     scene.add(directions, shades[:, :3], np.arange(len(values)), texts, **dots)
     for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
         scene.add(circle, **SEPARATRIX)

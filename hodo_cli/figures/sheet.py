@@ -68,26 +68,29 @@ class DrawnCurve:
 
 @dataclass(frozen=True)
 class Stroke:
-    """A curve, marks or words of a panel: points (n, k), the position (n,) of each one's colour
-    among colours (m, 3), and the look by the names of `Line2D`. Texts stand at the points of a
-    line; the pointer tells those of marks."""
+    """A curve, marks or words in space: points (n, 3), the position (n,) of each one's colour among
+    colours (m, 3), and the look by the names of `Line2D`. Texts stand at the points of a line; the
+    pointer tells those of marks, and of a curve that has them its name and times (n,)."""
 
     points: np.ndarray
     colours: np.ndarray
     code: np.ndarray
     look: Look
     texts: Sequence[str] = ()
+    name: str = ""
+    time: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Scene:
     """What a panel shows of space, from a direction: it is printed in this view, and turned where a
-    reader can turn it. Without names its coordinates are not told; `reach` is where the panel ends
-    on each axis, None if it shows all."""
+    reader can turn it. It has the names of its coordinates; `reach` is where the panel ends on each
+    axis, None if it shows all; a globe hides its far side."""
 
     view: View
     names: Sequence[str] = ()
     reach: float | None = None
+    globe: bool = False
     strokes: list[Stroke] = field(default_factory=list)
 
     def add(
@@ -96,6 +99,8 @@ class Scene:
         colours: np.ndarray | None = None,
         code: np.ndarray | None = None,
         texts: Sequence[str] = (),
+        name: str = "",
+        time: np.ndarray | None = None,
         **look: Any,
     ) -> np.ndarray:
         """Add a curve, marks or words in space, in colours[code] or in that of the look; returns
@@ -103,7 +108,7 @@ class Scene:
         if colours is None:
             colours = np.array([to_rgb(look.get("mfc", look.get("color", "black")))])
         code = np.zeros(len(points), dtype=int) if code is None else code
-        self.strokes.append(Stroke(points, colours, code, look, texts))
+        self.strokes.append(Stroke(points, colours, code, look, texts, name, time))
         return self.view(points)
 
 
@@ -179,9 +184,9 @@ class Sheet:
             DrawnCurve(panel, curve, {name: np.asarray(value) for name, value in values.items()})
         )
 
-    def scene(self, axes: Axes, view: View, *names: str, reach: float | None = None) -> Scene:
-        """A panel that shows space in a view, with the names of its coordinates."""
-        return self.scenes.setdefault(axes, Scene(view, names, reach))
+    def scene(self, axes: Axes, view: View, names: Sequence[str], **kind: Any) -> Scene:
+        """A panel that shows space in a view, with the names of its coordinates; see `Scene`."""
+        return self.scenes.setdefault(axes, Scene(view, names, **kind))
 
     def csv(self) -> str:
         """What the figure shows: a row for each sample of each curve, a column for each quantity,

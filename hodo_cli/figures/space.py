@@ -60,7 +60,7 @@ from .sheet import Look, Scene, Sheet
 def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The curve of G in body axes; beside it, if wanted, its neighbourhood of the origin and its
     projections."""
-    motions, view = motions_of(cases, spec["cases"], spec["labels"]), View.toward(spec["view"])
+    motions, view = motions_of(cases, spec["cases"], spec["labels"]), View(spec["view"])
     planes, zoom = spec["projections"], spec["zoom"]
     for motion in motions:
         G1, G2, G3 = motion.G.T
@@ -77,14 +77,14 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     frame = extent(np.concatenate([seen, *(view(arms)[:, :2] for arms in tips(reach))]))
     main, *others = hodograph_panels(sheet, frame, 1 + (zoom is not None) + len(planes))
     names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
-    space(main, sheet.scene(main, view, *names), motions, spec, reach, frame)
+    space(main, sheet.scene(main, view, names), motions, spec, reach, frame)
     if zoom is not None:
         nearest = min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions)
         check_zoom(zoom, nearest)
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
         near = np.full((2, 3), zoom)
         near[0] = clear_lengths(view, near[0], seen, 2.5 * zoom)
-        scene = sheet.scene(others[0], view, *names, reach=zoom)
+        scene = sheet.scene(others[0], view, names, reach=zoom)
         space(others[0], scene, motions, spec, near, window)
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
@@ -161,7 +161,8 @@ def space(
     # The longest curve first, so that it does not bury the short ones.
     for place, motion in sorted(enumerate(motions), key=lambda item: -windings(item[1].G)):
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
-        seen = scene.add(motion.G, colours, code, lw=line_width(motion))
+        samples: Look = {"name": motion.label, "time": motion.time, "lw": line_width(motion)}
+        seen = scene.add(motion.G, colours, code, **samples)
         space_curve(axes, seen, colours, code, line_width(motion), near)
         ends = [scene.add(motion.G[[i]], **look)[0] for i, look in ((0, START), (-1, END))]
         times = [f"crossing of D = 0 at {time:.12g}" for time in motion.crossing_time]
@@ -212,8 +213,11 @@ def body_axes(axes: Axes, scene: Scene, reach: np.ndarray) -> None:
     for i, (tip, tail) in enumerate(zip(*tips(reach), strict=True)):
         arm(axes, scene, tail, tip, f"G_{i + 1}")
         counts = np.arange(-int(reach[1, i] / step), int(0.87 * reach[0, i] / step) + 1)
-        at = scene.view(counts[counts != 0, None] * step * np.eye(3)[i])
-        axes.plot(at[:, 0], at[:, 1], ls="", marker=".", ms=2, color=GREY, zorder=1)
+        places = counts[counts != 0]
+        texts = [f"{count * step:.10g}" if count > 0 else "" for count in places]
+        dots: Look = {"marker": ".", "ms": 2, "color": GREY}
+        at = scene.add(places[:, None] * step * np.eye(3)[i], texts=texts, lw=0, size=6, **dots)
+        axes.plot(at[:, 0], at[:, 1], ls="", **dots, zorder=1)
         for count in range(1, counts[-1] + 1):
             # The upright axis has its values to the right, the others below.
             axes.annotate(
@@ -327,8 +331,8 @@ def draw_sphere(
 ) -> None:
     """Curves on the unit sphere, with the names of its three arms, and the separatrix (n, 3)."""
     sheet.figure.set_size_inches(COLUMN, 1.08 * COLUMN)
-    axes, view = sheet.figure.subplots(), View.toward(spec["view"])
-    scene = sheet.scene(axes, view)
+    axes, view = sheet.figure.subplots(), View(spec["view"])
+    scene = sheet.scene(axes, view, arms, globe=True)
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
     for line in graticule():
         on_sphere(axes, scene.add(line, **GRATICULE), **GRATICULE)
@@ -341,23 +345,25 @@ def draw_sphere(
     lines = [scene.add(circle, **SEPARATRIX) for circle in circles]
     for line in lines:
         on_sphere(axes, line, **SEPARATRIX)
+    # A single motion is named by its title.
+    named = curves if len(curves) > 1 or spec["kind"] != "sphere" else []
     for curve in curves:
         times = {"time": curve.motion.time}
         components = zip(curve.columns, curve.directions.T, strict=True)
         sheet.record(spec["kind"], curve.label, times | dict(components))
         colours, code = palette(curve.motion, spec["colour"], curve.style, spec["styles"])
-        points = scene.add(curve.directions, colours, code, lw=1.1)
+        samples: Look = {"name": curve.label, "time": curve.motion.time, "lw": 1.1}
+        points = scene.add(curve.directions, colours, code, **samples)
         for piece in stretches(code):
             on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, points[:, :2], colours[code[0]], 0.15)
         start = scene.add(curve.directions[:1], **START)[0]
         crossings = scene.add(curve.motion.at_crossings(curve.directions), **CROSSING)
         mark_points(axes, np.empty((0, 2)), crossings[:, :2], everywhere)
-        # In space its name stands beside its start, where it is on no side of the page.
-        scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
+        if named:
+            # In space it stands beside the start, where it is on no side of the page.
+            scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
         axes.plot(*start[:2], **START, alpha=1 if start[2] > 0 else 0.4, zorder=6)
-    # A single motion is named by its title.
-    named = curves if len(curves) > 1 or spec["kind"] != "sphere" else []
     for curve, free in zip(named, beside(drawn, lines), strict=False):
         axes.text(*pair(free), curve.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
