@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -44,46 +45,54 @@ those of the hidden folder beside the file need some."""
 @dataclass(frozen=True)
 class Plan:
     """What `hodo run` does with one config: the cases asked for, the reasons why some of them run,
-    and the results that it keeps. `obsolete` are the stored cases that the config does not have any
-    more, and whether they stay.
+    and the results that are `stored`: of a case that is kept the one that is still right.
 
-    `old` holds the stored results of cases to be rerun; they are kept if the run stops before them.
+    The stored results of cases to be rerun are kept if the run stops before them. `prune` drops
+    those that the config does not have any more.
     """
 
     config: Config
     path: Path
-    asked: tuple[str, ...]
+    asked: Sequence[str]
     reasons: dict[str, str]
-    reused: dict[str, FinishedCase]
-    old: dict[str, FinishedCase]
-    obsolete: dict[str, bool]
+    stored: dict[str, FinishedCase]
     prune: bool = False
 
+    @property
+    def old(self) -> dict[str, FinishedCase]:
+        """The stored results of cases to be rerun."""
+        return {name: item for name, item in self.stored.items() if name in self.reasons}
+
+    @property
+    def dropped(self) -> set[str]:
+        """The stored cases that go: those that have left the config, with `prune`, and any of them
+        that is damaged, which cannot be copied into the new file."""
+        left = self.stored.keys() - self.config.cases
+        return {name for name in left if self.prune or self.stored[name].damage}
+
     def lines(self) -> list[str]:
-        """For each case that is asked for, why it runs or not; and for each result that goes,
-        why."""
+        """For each case that is asked for, why it runs or not; and for each stored one that has
+        left the config, whether it stays."""
         does = {
             name: f"will run: {self.reasons[name]}{self._chunks_kept(name)}"
             if name in self.reasons
             else IS_KEPT
             for name in self.asked
         }
-        does |= {name: LEFT_AND_KEPT if stays else LEFT for name, stays in self.obsolete.items()}
+        left = (name for name in self.stored if name not in self.config.cases)
+        does |= {name: LEFT if name in self.dropped else LEFT_AND_KEPT for name in left}
         return [f"{name}: {what}" for name, what in does.items()]
 
     def _chunks_kept(self, name: str) -> str:
         """The chunks that an interrupted run of a sweep has left, counted in words; "" for none."""
-        case = self.config.cases[name]
-        if not case.sweep or self.reasons[name] == FORCED:
-            return ""
-        (sweep_id,) = self._sweep_ids([name])
-        folders = staging_folders(self.path)
-        kept = {chunk.name for folder in folders for chunk in chunks_in(folder, sweep_id)}
+        sweep_ids = () if self.reasons[name] == FORCED else self._sweep_ids([name])
+        places = product(staging_folders(self.path), sweep_ids)
+        kept = {chunk.name for folder, sweep_id in places for chunk in chunks_in(folder, sweep_id)}
         if not kept:
             return ""
         from ..sweeps.chunk import chunks
 
-        return f"; {len(kept)} of its {len(list(chunks(case)))} chunks are kept"
+        return f"; {len(kept)} of its {len([*chunks(self.config.cases[name])])} chunks are kept"
 
     def execute(
         self, pool: Pool, progress: Progress, fail_fast: bool = False
@@ -97,49 +106,52 @@ class Plan:
         result cannot be written.
         """
         self._announce(progress)
-        before = labelled(self.path, self.old)
+        before, old = labelled(self.path, self.old), self.old
         with Writer(self.path, self._root_attributes(), tuple(self.config.cases)) as writer:
-            # Removed by another process since the plan was made: they have to run after all.
-            lost = [name for name, done in self.reused.items() if not self._keep(writer, done)]
-            # What has left the config cannot be run again.
-            pending = dict.fromkeys(
-                [*self.reasons, *(name for name in lost if name not in self.obsolete)]
-            )
-            if not self.prune:
-                writer.keep_all_chunks()
-            writer.unfinished |= self._sweep_ids(self.config.cases.keys() - self.reused.keys())
-            # Chunks of a sweep that is stored whole may be left from a loss of power.
-            writer.unfinished -= self._sweep_ids(self.config.cases.keys() & self.reused.keys())
+            pending = self._take_over(writer)
             cases = [self.config.cases[name] for name in pending]
             rows: dict[str, dict[str, Any]] = {}
             for case, outcome in outcomes(cases, pool, writer, self, progress):
+                name = case.name
                 group = failure(case, outcome) if isinstance(outcome, Exception) else outcome
                 is_ok = group.attributes["status"] == "ok"
-                rows[case.name] = {key: group.attributes[key] for key in SUMMARY}
-                done = partial(progress.done, case.name, problem(group, outcome))
-                if self._holds(case.name, group) and self._keep(writer, self.old[case.name]):
-                    del pending[case.name]
-                    done()
-                elif is_ok or not self._had_ended_well(case.name):
-                    writer.add(case.name, group, done)
-                    del pending[case.name]
+                rows[name] = {key: group.attributes[key] for key in SUMMARY}
+                ended = problem(group, outcome)
+                if not is_ok and name in old and old[name].attributes.get("status") == "ok":
+                    progress.done(name, f"{ended}; its earlier result is kept")
                 else:
-                    stays = "; its earlier result is kept"
-                    progress.done(case.name, problem(group, outcome) + stays)
+                    pending.remove(name)
+                    if self._holds(name, group) and self._keep(writer, old[name]):
+                        progress.done(name, ended)
+                    else:
+                        writer.add(name, group, partial(progress.done, name, ended))
                 if is_ok:
-                    writer.unfinished -= self._sweep_ids([case.name])
-                if fail_fast and not is_ok:
+                    writer.unfinished -= self._sweep_ids([name])
+                elif fail_fast:
                     break
             # Cases that the batch has not reached keep the results that they had.
-            for name in pending:
-                if name in self.old:
-                    writer.keep(self.old[name])
+            for name in old.keys() & pending:
+                writer.keep(old[name])
         still = labelled(self.path, before)
         if gone := [name for name in before if name not in still]:
             names = ", ".join(abridged(gone, NAMES_LISTED))
             message = f"the labels of {names} are gone with the old results"
             progress.say(f"{message}: hodo classify {self.path}")
         return self._rows(rows)
+
+    def _take_over(self, writer: Writer) -> list[str]:
+        """Hand the results that are kept to the writer; the names of the cases that run."""
+        gone = self.reasons.keys() | self.dropped
+        kept = {name: item for name, item in self.stored.items() if name not in gone}
+        if not self.prune:
+            writer.keep_all_chunks()
+        writer.unfinished |= self._sweep_ids(self.config.cases.keys() - kept.keys())
+        # Chunks of a sweep that is stored whole may be left from a loss of power.
+        writer.unfinished -= self._sweep_ids(self.config.cases.keys() & kept.keys())
+        # Removed by another process since the plan was made: they have to run after all, unless
+        # they have left the config.
+        lost = [name for name, item in kept.items() if not self._keep(writer, item)]
+        return [*self.reasons, *(name for name in lost if name in self.config.cases)]
 
     def _announce(self, progress: Progress) -> None:
         """Print which results go and, if asked, what runs; and the warnings that the data give."""
@@ -170,11 +182,9 @@ class Plan:
 
     def _keep(self, writer: Writer, done: FinishedCase) -> bool:
         """Take over a result, with the remarks that the case has now."""
-        if done.name in self.obsolete:
-            return writer.keep(done)
-        case = self.config.cases[done.name]
-        is_same = done.attributes.get("hash") == case_digest(case)
-        return writer.keep(done, dump(case) if is_same else "")
+        case = self.config.cases.get(done.name)
+        is_same = case is not None and done.attributes.get("hash") == case_digest(case)
+        return writer.keep(done, dump(case) if case and is_same else "")
 
     def _sweep_ids(self, names: Iterable[str]) -> set[str]:
         """The digests by which the stored chunks of the sweeps among these cases are known."""
@@ -184,22 +194,16 @@ class Plan:
     def _holds(self, name: str, group: Group) -> bool:
         """Whether the earlier result of a case has the numbers, the hash and the config of a new
         one."""
-        old = self.old.get(name)
-        if not old or old.damage or group.late:
-            return False
-        if old.attributes.get("hash") != group.attributes["hash"]:
+        old, digest_of_case = self.old.get(name), group.attributes["hash"]
+        if not old or old.damage or group.late or old.attributes.get("hash") != digest_of_case:
             return False
         attributes = {k: v for k, v in group.attributes.items() if k not in ("run_time", "case")}
         with suppress(HodoError), open_run(old.file) as run:
+            is_ours = run.attributes.get(CONFIG_PATH) == path_from(self.config, self.path)
             stored = run.read(name)
-            if run.attributes.get(CONFIG_PATH) != path_from(self.config, self.path):
-                return False
-            return holds(stored, replace(group, attributes=attributes, report=stored.report))
+            new = replace(group, attributes=attributes, report=stored.report)
+            return is_ours and holds(stored, new)
         return False
-
-    def _had_ended_well(self, name: str) -> bool:
-        """Whether there is a result that a failure must not replace."""
-        return name in self.old and self.old[name].attributes.get("status") == "ok"
 
 
 def execute(
@@ -264,7 +268,7 @@ def plans(
                 from ..sweeps.columns import stored_bytes
 
                 check_disk(case, stored_bytes(case), out)
-        if (plan.reasons or not all(plan.obsolete.values())) and not force:
+        if (plan.reasons or plan.dropped) and not force:
             check_writable(plan.path)
     return [plan for plan in made if plan.asked]
 
@@ -300,30 +304,17 @@ def plan_of(
 
     Raises HodoError as `finished_cases` does, or, without `force`, as `check_origin` does.
     """
-    done = (
-        finished_cases(path)
-        if force
-        else finished_cases(path, partial(check_origin, config, remedy=ELSEWHERE))
-    )
-    asked = dict.fromkeys(config.matching(globs))
-    reasons: dict[str, str] = {}
-    reused: dict[str, FinishedCase] = {}
-    for name, case in config.cases.items():
-        stored = [(item, why(case, item, force)) for item in done.get(name, [])]
-        if name not in asked and stored:
-            reused[name] = stored[0][0]
-        elif name not in asked:
-            continue
-        elif fresh := [item for item, reason in stored if not reason]:
-            reused[name] = fresh[0]
+    check = partial(check_origin, config, remedy=ELSEWHERE)
+    done = finished_cases(path) if force else finished_cases(path, check)
+    asked, reasons = config.matching(globs), {}
+    stored = {name: items[0] for name, items in done.items()}
+    for name in asked:
+        doubts = [(why(config.cases[name], item, force), item) for item in done.get(name, ())]
+        if fresh := [item for reason, item in doubts if not reason]:
+            stored[name] = fresh[0]
         else:
-            reasons[name] = stored[0][1] if stored else why(case, None, force)
-    old = {name: done[name][0] for name in reasons if name in done}
-    gone = {name: items[0] for name, items in done.items() if name not in config.cases}
-    # A damaged one cannot be copied into the new file.
-    obsolete = {name: not prune and not item.damage for name, item in gone.items()}
-    reused |= {name: gone[name] for name, stays in obsolete.items() if stays}
-    return Plan(config, path, tuple(asked), reasons, reused, old, obsolete, prune)
+            reasons[name] = doubts[0][0] if doubts else why(config.cases[name], None, force)
+    return Plan(config, path, asked, reasons, stored, prune)
 
 
 def outcomes(
