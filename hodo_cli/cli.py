@@ -457,10 +457,9 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
     from .commands import compare
     from .results.agreement import Tolerance
 
-    lines = compare.compare_results(a, b, Tolerance(rtol, atol))
-    rows = [{**vars(line), "differs": line.differs} for line in lines]
+    rows = compare.compare_results(a, b, Tolerance(rtol, atol))
     click.echo(text.as_json(rows) if as_json else tables.comparison_table(rows))
-    if any(line.differs for line in lines):
+    if any(row["differs"] for row in rows):
         sys.exit(3)
 
 

@@ -6,8 +6,8 @@ and `atol`.
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,33 +32,34 @@ from ..storage.hdf5 import ResultFile, open_run
 from ..storage.provenance import typed
 from .resume import result_named, warn_of_changes
 
-COMPUTED = ("name", "time.samples", "store", "error", "note", "method", "precision", "tol")
-"""Settings that may differ between a result and its reference: they say how the motion is computed,
-sampled and remarked upon, not which one it is."""
+COMPUTED = (
+    *("name.", "time.samples.", "time.values.", "time.steps.", "store.", "error.", "note."),
+    *("assumes.", "method.", "precision.", "tol."),
+)
+"""Settings that may differ between a result and its reference, as their paths begin: they say how
+the motion is computed, sampled and remarked upon, not which one it is."""
+
+Row = dict[str, Any]
+
+Line = tuple[str, float, str]
+"""The comparison of one variable, or of an attribute that differs: its name, `scaled`, and `place`.
+
+`scaled` is max|a - b| over the difference allowed: above 1 it is a difference, and infinite where
+there is no degree (labels, counts, missing variables). `place` says where it is the largest, or why
+the two cannot be compared.
+"""
 
 
-@dataclass(frozen=True)
-class VariableComparison:
-    """The comparison of one variable of one case.
-
-    `scaled` is max|a - b| over the difference allowed: above 1 it is a difference, and infinite
-    where there is no degree (labels, counts, missing variables). `place` says where it is the
-    largest, or why the two cannot be compared.
-    """
-
-    case: str
-    variable: str
-    scaled: float
-    place: str
-
-    @property
-    def differs(self) -> bool:
-        """Whether this is a difference."""
-        # So that nan differs.
-        return not self.scaled <= 1
+def comparison_row(case: str, variable: str, scaled: float, place: str) -> Row:
+    """The row of the table for one variable of a case."""
+    # So that nan differs.
+    differs = not scaled <= 1
+    return {
+        "case": case, "variable": variable, "scaled": scaled, "place": place, "differs": differs
+    }  # fmt: skip
 
 
-def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[VariableComparison]:
+def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Row]:
     """The result `a` against the reference `b`, as `compare` does it; each may be named by its
     config."""
     (ours, config), (theirs, reference_config) = map(result_named, (a, b))
@@ -69,25 +70,22 @@ def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[VariableComp
         return compare(run, reference, tolerance)
 
 
-def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[VariableComparison]:
+def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Row]:
     """Every case and variable of the reference `b` in `a`, and the cases that `a` alone has.
 
     Raises HodoError if the files share no case: they are then not results of the same experiment.
     """
-    ours, theirs = a.cases(), b.cases()
-    if not set(ours) & set(theirs):
+    ours, theirs = dict.fromkeys(a.cases()), dict.fromkeys(b.cases())
+    if not ours.keys() & theirs.keys():
         raise HodoError(f"{a.path} and {b.path} have no case in common")
-    lines: list[VariableComparison] = []
-    for name in theirs:
-        if name in ours:
-            lines += one_case(name, sound(a, name), sound(b, name), tolerance)
+    rows: list[Row] = []
+    for name in theirs | ours:
+        if name in ours and name in theirs:
+            lines = compared_case(sound(a, name), sound(b, name), tolerance)
         else:
-            lines.append(VariableComparison(name, "", math.inf, f"missing in {a.path}"))
-    return lines + [
-        VariableComparison(name, "", math.inf, f"missing in {b.path}")
-        for name in ours
-        if name not in theirs
-    ]
+            lines = [("", math.inf, f"missing in {(b if name in ours else a).path}")]
+        rows += [comparison_row(name, *line) for line in lines]
+    return rows
 
 
 def sound(run: ResultFile, name: str) -> Group:
@@ -107,38 +105,62 @@ def damage_of(variables: Mapping[str, Variable]) -> str:
     return wrong_labels(variables)
 
 
-def one_case(name: str, a: Group, b: Group, tolerance: Tolerance) -> Iterator[VariableComparison]:
+def compared_case(a: Group, b: Group, tolerance: Tolerance) -> list[Line]:
     """The lines of one case. An attribute has one only if it differs, and how the case was computed
     only if a value does: a reference may be computed otherwise, to the same values."""
-    lines = [*variable_lines(name, a, b, tolerance)]
-    if any(line.differs for line in lines):
-        yield from differing_computation(name, a, b)
-    yield from lines
-
-
-def differing_computation(name: str, a: Group, b: Group) -> Iterator[VariableComparison]:
-    """Lines for the method and tolerance where two stored cases ask for others: the precision is
-    not told, because references have a higher one. None for a case that cannot be read, which has
-    a line of its own."""
-    try:
+    cases = []
+    with suppress(HodoError):
         cases = [parse_case(str(group.attributes.get("case", ""))) for group in (a, b)]
-    except HodoError:
-        return
+    lines = [
+        *differing_settings(cases, a, b),
+        *((name, math.inf, place) for name, place in differing_attributes(a, b)),
+        *compared_variables(a, b, tolerance),
+    ]
+    if any(not scaled <= 1 for _, scaled, _ in lines):
+        lines = [*differing_computation(cases, a, b), *lines]
+    return lines
+
+
+def differing_computation(cases: Sequence[Case], a: Group, b: Group) -> Iterator[Line]:
+    """Lines for the method and tolerance where two stored cases ask for others: the precision is
+    not told, because references have a higher one."""
     for key in ("method", "tol"):
         asked = [getattr(case, key) for case in cases]
-        if asked[0] != asked[1]:
-            got = [group.attributes.get(key) for group in (a, b)]
+        if len({*asked}) > 1:
+            got = (group.attributes.get(key) for group in (a, b))
             ours, theirs = (g if a is None else a for a, g in zip(asked, got, strict=True))
-            yield VariableComparison(name, key, math.inf, f"{ours}, not {theirs}")
+            yield key, math.inf, f"{ours}, not {theirs}"
 
 
-def variable_lines(
-    name: str, a: Group, b: Group, tolerance: Tolerance
-) -> Iterator[VariableComparison]:
-    """Every difference in one case, and a line for each of its variables."""
-    yield from differing_settings(name, a, b)
-    for attribute, place in differing_attributes(a, b):
-        yield VariableComparison(name, attribute, math.inf, place)
+def differing_settings(cases: Sequence[Case], a: Group, b: Group) -> Iterator[Line]:
+    """The parameters in which two stored cases differ, and a method that a case does not allow."""
+    if not cases:
+        if a.attributes.get("case") != b.attributes.get("case"):
+            yield "case", math.inf, "damaged, or of another version of hodo"
+        return
+    ours, theirs = (settings("", case.entries) for case in cases)
+    for key in ours | theirs:
+        if not f"{key}.".startswith(COMPUTED) and ours.get(key) != theirs.get(key):
+            yield key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}"
+    # A sweep names how its members were integrated, so its method says nothing about the case.
+    method, asked = str(a.attributes.get("method", "")), cases[0].method
+    methods = AUTOMATIC if asked == "auto" else (asked,)
+    if method not in methods and "members" not in a.attributes:
+        yield "method", math.inf, f"{method}, where the case asks for {asked}"
+
+
+def settings(path: str, value: Any) -> dict[str, Any]:
+    """Every setting within a value by its path."""
+    if isinstance(value, tuple):
+        value = dict(enumerate(value))
+    if not isinstance(value, Mapping):
+        return {path: value}
+    inner = (settings(f"{path}.{key}".lstrip("."), item) for key, item in value.items())
+    return dict(entry for entries in inner for entry in entries.items())
+
+
+def compared_variables(a: Group, b: Group, tolerance: Tolerance) -> Iterator[Line]:
+    """A line for each variable of a case."""
     times = [
         group.variables["time"].data if "time" in group.variables else np.empty(0)
         for group in (a, b)
@@ -149,67 +171,19 @@ def variable_lines(
     for key, reference in b.variables.items():
         if key not in a.variables:
             what = "missing: not classified" if key in of_labels else "missing"
-            yield VariableComparison(name, key, math.inf, what)
+            yield key, math.inf, what
             continue
         ours = a.variables[key].data
         if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
             ours = ours[rows]
-        if key in ERRORS:
-            if values_alike(a, b) and not same_errors(key, a, b):
-                place = largest_at(key, (), ours, reference, b.variables)
-                yield VariableComparison(
-                    name, key, math.inf, place or "of another order of magnitude"
-                )
-            continue
-        allowed = allowed_difference(key, b, tolerance)
-        scaled, index = scaled_difference(ours, reference.data, allowed)
-        place = largest_at(key, index, ours, reference, b.variables) if scaled else "equal"
-        yield VariableComparison(name, key, scaled, place)
-
-
-def differing_settings(name: str, a: Group, b: Group) -> Iterator[VariableComparison]:
-    """The parameters in which two stored cases differ, and a method that a case does not allow."""
-    try:
-        ours, theirs = (
-            settings(parse_case(str(group.attributes.get("case", "")))) for group in (a, b)
-        )
-    except HodoError:
-        if a.attributes.get("case") != b.attributes.get("case"):
-            yield VariableComparison(
-                name, "case", math.inf, "damaged, or of another version of hodo"
-            )
-        return
-    for key in ours | theirs:
-        if (
-            key not in COMPUTED
-            and not key.startswith(("assumes", "time.values", "time.steps"))
-            and ours.get(key) != theirs.get(key)
-        ):
-            yield VariableComparison(name, key, math.inf, f"{ours.get(key)}, not {theirs.get(key)}")
-    # A sweep names how its members were integrated, so its method says nothing about the case.
-    method, asked = str(a.attributes.get("method", "")), ours["method"]
-    methods = AUTOMATIC if asked == "auto" else (asked,)
-    if method not in methods and "members" not in a.attributes:
-        yield VariableComparison(
-            name, "method", math.inf, f"{method}, where the case asks for {asked}"
-        )
-
-
-def settings(case: Case) -> dict[str, Any]:
-    """Every setting of a case by its path."""
-
-    def flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-        if isinstance(value, Mapping):
-            for key, item in value.items():
-                yield from flat(f"{path}.{key}" if path else str(key), item)
-        elif isinstance(value, list | tuple) and path != "store":
-            for i, item in enumerate(value):
-                yield from flat(f"{path}.{i}", item)
-        else:
-            yield path, value
-
-    common = {of.name: getattr(case, of.name) for of in fields(case) if of.name != "data"}
-    return dict(flat("", {**case.data, **common, "time": case.time.entries}))
+        if key not in ERRORS:
+            allowed = allowed_difference(key, b, tolerance)
+            scaled, index = scaled_difference(ours, reference.data, allowed)
+            place = largest_at(key, index, ours, reference, b.variables) if scaled else "equal"
+            yield key, scaled, place
+        elif values_alike(a, b) and not same_errors(key, a, b):
+            place = largest_at(key, (), ours, reference, b.variables)
+            yield key, math.inf, place or "of another order of magnitude"
 
 
 LABELS_STORED = ("enclosed_axis", *CROSSING_COLUMNS, "growth_rate", "final_axis")
@@ -221,12 +195,9 @@ def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     has no times."""
     if not len(ours):
         return np.empty(0, dtype=np.intp)
-    after = np.clip(np.searchsorted(ours, theirs), 1, max(len(ours) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(ours) - 1)
-    return np.asarray(
-        np.where(np.abs(ours[before] - theirs) <= np.abs(ours[after] - theirs), before, after)
-    )
+    # From half a step on the next position is the nearest. Damaged times are no numbers, or fall.
+    positions = np.rint(np.nan_to_num(np.interp(theirs, ours, np.arange(len(ours)))))
+    return np.asarray(np.clip(positions, 0, len(ours) - 1), dtype=np.intp)
 
 
 def scaled_difference(
@@ -273,23 +244,16 @@ def largest_at(
     if not index:
         return ""
     where = [
-        f"{dim} = {printed_coordinate(coordinates[dim].data[i])}"
+        f"{dim} = {printed(coordinates[dim], coordinates[dim].data[i], 10)}"
         if dim in coordinates and dim != name
         else f"{dim} {i}"
         for dim, i in zip(b.dims, index, strict=True)
     ]
-    return (
-        f"{', '.join(where)}: {printed_value(b, a[index])}, not {printed_value(b, b.data[index])}"
-    )
+    return f"{', '.join(where)}: {printed(b, a[index])}, not {printed(b, b.data[index])}"
 
 
-def printed_coordinate(value: object) -> str:
-    """A coordinate to ten digits."""
-    return f"{value:.10g}" if isinstance(value, np.floating) else str(value)
-
-
-def printed_value(variable: Variable, value: object) -> str:
+def printed(variable: Variable, value: object, digits: int = 17) -> str:
     """A value as the table prints it; a label by its meaning."""
     if "flag_values" in variable.attrs and isinstance(value, np.integer):
         return rigid_body.LABELS.get(int(value), str(value))
-    return f"{value:.17g}" if isinstance(value, np.floating) else str(value)
+    return f"{value:.{digits}g}" if isinstance(value, np.floating) else str(value)
