@@ -33,6 +33,7 @@ from hodo_cli.figures import geometry, maps
 from hodo_cli.integration.classify import cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
+from hodo_cli.models import constants as flat
 from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress
 from hodo_cli.results import layout
@@ -274,16 +275,20 @@ def test_members_are_prepared_at_once_as_one_by_one(
     text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case, every = one(text), np.arange(999)
-    each, _, _ = members.member_inputs(case, every)
-    calls, inputs = [], members.inputs
-    monkeypatch.setattr(members, "inputs", lambda *given: calls.append(1) or inputs(*given))
+    singles = [*members.members_as_cases(case, every, 2)]
+    ready = [i for i in every if not any(type(case.system).check(singles[i].data))]
+    calls, described = [], members.described
+    monkeypatch.setattr(members, "described", lambda *given: calls.append(1) or described(*given))
     found = members.prepare(case, every)
     at = np.concatenate([some.positions for some in found])
-    assert sorted(at) == [i for i in every if each[i].start is not None]
+    assert sorted(at) == ready
     for some in found:
         for i, *numbers in zip(some.positions, some.constants.T, some.start.T, strict=True):
-            assert (some.structure, some.events) == (each[i].structure, each[i].events)
-            assert [tuple(x.tolist()) for x in numbers] == [each[i].constants, each[i].start]
+            system = singles[i].system
+            assert some.structure == flat.structure(system.constants)
+            assert some.events == (*system.run_events, *system.class_events)
+            known = [flat.flatten(system.constants), system.start]
+            assert [x.tolist() for x in numbers] == [[*of] for of in known]
     # Those that are refused go one by one, and the others in a part for each way they take.
     assert len(calls) < 100 + len(every) - len(at)
 

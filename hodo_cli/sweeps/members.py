@@ -3,7 +3,7 @@
 import math
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -20,21 +20,6 @@ FEWEST_COLUMN = 16
 """Members below which each by itself takes less time to prepare than all at once."""
 
 
-class Inputs(NamedTuple):
-    """The data of members with one combination of the values that vary otherwise than over a
-    sphere, or with a column of many, and the system that they describe.
-
-    Where they describe no body or no start, `start` is None and only the data are set.
-    """
-
-    data: Mapping[str, Any]
-    structure: Structure = ()
-    constants: tuple[Any, ...] = ()
-    start: tuple[Any, ...] | None = None
-    events: tuple[Event, ...] = ()
-    system: Model | None = None
-
-
 class Prepared(NamedTuple):
     """Members that can share a compiled step: their positions (k,), the structure and the events
     that they have in common, and their constants (c, k) and starts (m, k)."""
@@ -46,11 +31,12 @@ class Prepared(NamedTuple):
     start: np.ndarray
 
     @classmethod
-    def of(cls, shared: Inputs, positions: np.ndarray, start: Iterable[Any]) -> "Prepared":
-        """The members at some positions with these inputs, and with starts of their own."""
-        n = len(positions)
-        constants, starts = (rows(numbers, n) for numbers in (shared.constants, tuple(start)))
-        return cls(positions, shared.structure, shared.events, constants, starts)
+    def of(cls, system: Model, positions: np.ndarray, start: Iterable[Any]) -> "Prepared":
+        """The members at some positions that a system describes, with starts of their own."""
+        k, n = system.constants, len(positions)
+        events = (*system.run_events, *system.class_events)
+        numbers, starts = (rows(values, n) for values in (flatten(k), tuple(start)))
+        return cls(positions, structure(k), events, numbers, starts)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -61,22 +47,20 @@ def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
     return array
 
 
-def inputs(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Inputs:
+Described = tuple[Mapping[str, Any], Model | None]
+"""The data of members with one combination of the values that vary otherwise than over a sphere, or
+with a column of many, and the system that they describe; None where they describe no body or no
+start."""
+
+
+def described(case: Case, paths: Sequence[KeyPath], values: Sequence[Any]) -> Described:
     """The data of members with one combination of values, or columns of many, at the paths that
     vary."""
     data = case.data
     for path, new in zip(paths, values, strict=True):
         data = put(data, path, new)
     model = type(case.system)
-    if any(model.check(data)):
-        return Inputs(data)
-    return of_system(data, model(**data))
-
-
-def of_system(data: Mapping[str, Any], system: Model) -> Inputs:
-    """The inputs of members with these data, of which a model makes this system."""
-    k, events = system.constants, (*system.run_events, *system.class_events)
-    return Inputs(data, structure(k), tuple(flatten(k)), system.start, events, system)
+    return data, None if any(model.check(data)) else model(**data)
 
 
 def combinations(
@@ -105,28 +89,19 @@ def combinations(
     return paths, values, combination, sphere[0].directions(sphere[1]) if sphere else None
 
 
-def member_inputs(
-    case: Case, members: np.ndarray
-) -> tuple[list[Inputs], np.ndarray, np.ndarray | None]:
-    """The inputs of each combination that occurs among members (n,), the position (n,) of each
-    member's combination, and its direction (n, 3), if any."""
-    paths, values, combination, direction = combinations(case, members)
-    return [inputs(case, paths, row) for row in values.T.tolist()], combination, direction
-
-
 def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
     """Members (n,) as their motions begin; those without a body or a start are left out."""
     paths, values, combination, direction = combinations(case, members)
     if direction is None:
         every = np.arange(len(members))
         return alike(prepared_by_branch(case, paths, values[:, combination], every))
-    sets = [inputs(case, paths, row) for row in values.T.tolist()]
+    sets = [described(case, paths, row) for row in values.T.tolist()]
     omega = velocities(sets, combination, direction)
     return alike(
-        Prepared.of(shared, own, shared.system.starts(omega[own]))
-        for i, shared in enumerate(sets)
+        Prepared.of(system, own, system.starts(omega[own]))
+        for i, (_, system) in enumerate(sets)
         for own in [np.flatnonzero(combination == i)]
-        if shared.system is not None
+        if system is not None
     )
 
 
@@ -145,9 +120,9 @@ def prepared_by_branch(
         yield together
         return
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
-        single = inputs(case, paths, row)
-        if single.start is not None:
-            yield Prepared.of(single, position, single.start)
+        _, system = described(case, paths, row)
+        if system is not None:
+            yield Prepared.of(system, position, system.start)
 
 
 def prepared_at_once(
@@ -159,8 +134,8 @@ def prepared_at_once(
         return None
     try:
         with np.errstate(all="ignore"):  # columns refuse what is not finite
-            shared = inputs(case, paths, [Column(row) for row in values[:, positions]])
-        return None if shared.start is None else Prepared.of(shared, positions, shared.start)
+            _, system = described(case, paths, [Column(row) for row in values[:, positions]])
+        return None if system is None else Prepared.of(system, positions, system.start)
     except TypeError:
         return None
 
@@ -181,40 +156,32 @@ def joined(kind: list[Prepared]) -> Prepared:
     return Prepared(positions, kind[0].structure, kind[0].events, constants, start)
 
 
-def velocities(sets: list[Inputs], combination: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def velocities(
+    sets: Sequence[Described], combination: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
     """The angular velocities (n, 3) at the start that have these directions (n, 3) of G, and |G| of
-    the data; nan for data that describe no body or no start."""
-    if any(shared.system is not None and has_own_momentum(shared.system) for shared in sets):
-        return special_velocities(sets, combination, direction)
-    A = np.array([shared.data["inertia"] for shared in sets])
-    omega = np.full((len(sets), 3), np.nan)
-    for row, shared in zip(omega, sets, strict=True):
-        if shared.system is not None:
-            row[:] = shared.system.velocity(shared.data["inertia"], shared.data["initial"])
-    G = np.linalg.norm(A * omega, axis=1)
-    return np.asarray(G[combination, None] * direction / A[combination])
+    the data of their combination (n,); nan for data that describe no body or no start."""
+    omega = np.full(direction.shape, np.nan)
+    for i, (data, system) in enumerate(sets):
+        if system is None:
+            continue
+        own, A = combination == i, np.array(data["inertia"])
+        start = np.array(system.velocity(data["inertia"], data["initial"]))
+        if has_own_momentum(system):
+            # G is linear in omega.
+            zero, unit = system.momentum(np.zeros(3)), system.momentum(np.eye(3))
+            G = np.linalg.norm(system.momentum(start)) * direction[own]
+            omega[own] = np.linalg.solve((unit - zero).T, (G - zero).T).T
+        else:
+            omega[own] = np.linalg.norm(A * start, axis=-1) * direction[own] / A
+    return omega
 
 
-def has_own_momentum(system: Model) -> bool:
+def has_own_momentum(system: Model) -> TypeGuard[BodyFrame]:
     """Whether G of a body is not A omega along the axes of its case."""
     return isinstance(system, BodyFrame) and not (
         system.rotor_momentum is None and system.principal_axes is None
     )
-
-
-def special_velocities(
-    sets: list[Inputs], combination: np.ndarray, direction: np.ndarray
-) -> np.ndarray:
-    """`velocities` of bodies with a rotor, or given by full tensors of inertia."""
-    omega = np.full(direction.shape, np.nan)
-    for i, shared in enumerate(sets):
-        if isinstance(body := shared.system, BodyFrame):
-            start = np.array(body.velocity(shared.data["inertia"], shared.data["initial"]))
-            # G is linear in omega.
-            zero, unit = body.momentum(np.zeros(3)), body.momentum(np.eye(3))
-            G = np.linalg.norm(body.momentum(start)) * direction[combination == i]
-            omega[combination == i] = np.linalg.solve((unit - zero).T, (G - zero).T).T
-    return omega
 
 
 def member(case: Case, number: int, samples: int = 2) -> Case:
@@ -224,14 +191,14 @@ def member(case: Case, number: int, samples: int = 2) -> Case:
 
 def members_as_cases(case: Case, numbers: np.ndarray, samples: int) -> Iterator[Case]:
     """Members as cases of their own."""
-    sets, combination, direction = member_inputs(case, numbers)
+    paths, values, combination, direction = combinations(case, numbers)
+    sets = [described(case, paths, row) for row in values.T.tolist()]
     time = case.time.resampled(samples)
     common = replace(case, time=time, sweep=None, store=(), error="off")
     omega = None if direction is None else velocities(sets, combination, direction)
     for i, number in enumerate(numbers):
-        shared = sets[combination[i]]
-        data = shared.data
-        if omega is not None and shared.start is not None:
+        data, system = sets[combination[i]]
+        if omega is not None and system is not None:
             # The other ways to give the start (|G|, x and y) make way for the components.
             start = dict.fromkeys(data["initial"]) | dict(
                 zip("pqr", omega[i].tolist(), strict=True)
@@ -249,8 +216,8 @@ def warnings_of_ends(case: Case) -> list[str]:
     last = math.prod(shape(case)) - 1
     numbers: dict[str, int] = {}
     for number in sorted({0, last}):
-        (single,), _, _ = member_inputs(case, np.array([number]))
-        if single.start is not None:
-            for warning in member(case, number).system.warnings:
+        single = member(case, number)
+        if not any(type(case.system).check(single.data)):
+            for warning in single.system.warnings:
                 numbers.setdefault(warning, number)
     return [f"member {number} of {last + 1}: {warning}" for warning, number in numbers.items()]

@@ -12,7 +12,7 @@ from ..integration.trajectory import Trajectory
 from .chunk import crossing_columns, ensemble_of, other_method
 from .ensemble.advance import advance, step_of
 from .ensemble.motions import Ensemble
-from .members import Prepared, alike, of_system
+from .members import Prepared, alike
 
 FEWEST = 32
 """Single cases of one kind, below which each by itself takes less time than compiling the step."""
@@ -50,8 +50,7 @@ def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]
     kinds: dict[Hashable, list[Prepared]] = {}
     for i, case in enumerate(cases):
         if watches_separatrix(case):
-            inputs = of_system(case.data, case.system)
-            single = Prepared.of(inputs, np.array([i]), inputs.start or ())
+            single = Prepared.of(case.system, np.array([i]), case.system.start)
             kinds.setdefault((type(case.system), case.time, case.tol), []).append(single)
     for group in (group for singles in kinds.values() for group in alike(singles)):
         if len(group.positions) >= FEWEST:
