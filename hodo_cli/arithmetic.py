@@ -41,18 +41,14 @@ def _kept(values: np.ndarray) -> "Column":
     return Column(values)
 
 
-def _operator(operation: Callable[[Any, Any], Any], then: Callable[[np.ndarray], Any]) -> Any:
-    """An operator with a column on its left, and with one on its right."""
-
-    def result(left: Any, right: Any) -> Any:
-        if not all(isinstance(x, Column | float | int) for x in (left, right)):
-            return NotImplemented
-        return then(operation(of_members(left), of_members(right)))
-
-    return result, lambda right, left: result(left, right)
+OPERATORS = {
+    *(np.add, np.subtract, np.multiply, np.divide, np.negative, np.absolute),
+    *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
+}
+"""Those of numpy's operators that have the digits of Python's; a power has not."""
 
 
-class Column:
+class Column(np.lib.mixins.NDArrayOperatorsMixin):
     """A finite number of each of n members, which passes for a number of one.
 
     Its arithmetic is that of Python's floats, bit for bit. BranchDivergence is raised where a
@@ -61,35 +57,20 @@ class Column:
     or mix members is a TypeError.
     """
 
-    __array_ufunc__ = None
-    __hash__ = None  # type: ignore[assignment]
-
     def __init__(self, values: np.ndarray) -> None:
         self.values = values
 
-    __add__, __radd__ = _operator(operator.add, _kept)
-    __sub__, __rsub__ = _operator(operator.sub, _kept)
-    __mul__, __rmul__ = _operator(operator.mul, _kept)
-    __truediv__, __rtruediv__ = _operator(operator.truediv, _kept)
-    # Python turns a comparison round where the column is on its right.
-    __lt__ = _operator(operator.lt, _agreed)[0]
-    __le__ = _operator(operator.le, _agreed)[0]
-    __gt__ = _operator(operator.gt, _agreed)[0]
-    __ge__ = _operator(operator.ge, _agreed)[0]
-    __eq__ = _operator(operator.eq, _agreed)[0]
-    __ne__ = _operator(operator.ne, _agreed)[0]
-
-    def __pow__(self, exponent: Any) -> Any:
-        return power(self, exponent)
-
-    def __rpow__(self, base: Any) -> Any:
-        return power(base, self)
-
-    def __neg__(self) -> "Column":
-        return Column(-self.values)
-
-    def __abs__(self) -> "Column":
-        return Column(np.abs(self.values))
+    def __array_ufunc__(self, operation: np.ufunc, method: str, *operands: Any, **_: Any) -> Any:
+        # A number on the left of a comparison comes as an array of no dimensions.
+        numbers = [x[()] if isinstance(x, np.ndarray) else x for x in operands]
+        if not all(isinstance(x, Column | float | int) for x in numbers):
+            return NotImplemented
+        if operation is np.power:
+            return power(*numbers)
+        if operation not in OPERATORS or method != "__call__":
+            return NotImplemented
+        result = operation(*map(of_members, numbers))
+        return _agreed(result) if result.dtype == bool else _kept(result)
 
     def __bool__(self) -> bool:
         return _agreed(self.values != 0)

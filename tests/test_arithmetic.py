@@ -64,6 +64,7 @@ def test_functions_of_columns_are_those_of_numbers(x: list[float]) -> None:
     [
         (lambda x: x < 2, [True, False, False]),
         (lambda x: x >= 2, [False, True, True]),
+        (lambda x: np.float64(2) > x, [True, False, False]),
         (lambda x: x == 3, [False, False, True]),
         (lambda x: max(x, 1.5), [False, True, True]),
         (lambda x: bool(x - 1), [False, True, True]),
