@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arithmetic import cos, hypot, sin, sqrt
 from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
-from .base import Event, EventOutcome, Label, Model, Passage
+from .base import Bound, Event, EventOutcome, Label, Model, Passage
 from .theory.attitude import free_attitude, product
 
 KEY = "attitude"
@@ -179,31 +179,25 @@ def angle_apart(difference: np.ndarray, Q: np.ndarray) -> np.ndarray:
     return np.asarray(2 * np.arcsin(np.minimum(sine, 1)))
 
 
-@dataclass(frozen=True)
-class WithoutAttitude:
-    """A function of the state of a model as one of the state with an attitude."""
-
-    function: Callable[..., Any]
-
-    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        return self.function(t, y[:-4], k)
+def without_attitude(
+    function: Callable[..., Any], t: Any, y: Sequence[Any], k: SimpleNamespace
+) -> Any:
+    """A function of the state of a model, of the state with an attitude."""
+    return function(t, y[:-4], k)
 
 
-@dataclass(frozen=True)
-class KeptAttitude:
-    """A passage of a model as one that keeps the attitude."""
-
-    passage: Passage
-
-    def __call__(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
-        outcome = self.passage(t, y[:-4], k)
-        return outcome._replace(state=[*outcome.state, *y[-4:]])
+def keeping_attitude(
+    passage: Passage, t: Any, y: Sequence[Any], k: SimpleNamespace
+) -> EventOutcome:
+    """A passage of a model, of the state with an attitude."""
+    outcome = passage(t, y[:-4], k)
+    return outcome._replace(state=[*outcome.state, *y[-4:]])
 
 
 def beside_attitude(event: Event) -> Event:
     """An event of a model as one of the model with an attitude."""
-    passage = event.passage and KeptAttitude(event.passage)
-    return event._replace(function=WithoutAttitude(event.function), passage=passage)
+    passage = event.passage and Bound(keeping_attitude, (event.passage,))
+    return event._replace(function=Bound(without_attitude, (event.function,)), passage=passage)
 
 
 class Oriented(Model):

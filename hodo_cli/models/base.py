@@ -65,6 +65,18 @@ class Event(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Bound:
+    """A function with its first arguments: as `functools.partial`, but equal to another one of the
+    same function and arguments, so that one compilation serves both."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+    def __call__(self, *others: Any) -> Any:
+        return self.function(*self.arguments, *others)
+
+
+@dataclass(frozen=True)
 class Model:
     """One form of a model: the class states its equations, an object of it the numbers of one case.
 

@@ -24,9 +24,10 @@ from .averaging.fluid import (
 from .averaging.forms import MEAN_START, AveragedTurns, either, turning_constants
 from .averaging.free_turn import SlowVariables
 from .base import Constants, Event, Label, Model
-from .cavity import Cavity, coefficient
+from .cavity import Cavity
 from .constants import attributes
 from .rigid_body import BodyFrame
+from .terms.fluid import coefficient
 
 
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -96,13 +97,9 @@ class SymmetricCavity(Cavity):
 
     @cached_property
     def constants(self) -> Constants:
-        of_body = super().constants
-        return {
-            "A": of_body["A1"],
-            "C": of_body["A3"],
-            "kappa": of_body["kappa"],
-            "N3": of_body["N3"],
-        }
+        A, _, C = self.inertia
+        kappa = coefficient(self.cavity, self.kappa)
+        return {"A": A, "C": C, "kappa": kappa, "N3": self.applied[2]}
 
     @property
     def warnings(self) -> list[str]:

@@ -3,14 +3,13 @@ the Jacobian of its equations."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from .base import Constants, Event, Model
+from .base import Bound, Constants, Event, Model
 
 Structure = tuple[tuple[str, int | str], ...]
 """What of the constants is structure: each name with its length (0 for a plain number), or its
@@ -131,34 +130,26 @@ def _is_lost(function: Callable[..., Any], y: Sequence[Any], k: Any) -> bool:
         return True  # what such a time disturbs contains it
 
 
-@dataclass(frozen=True)
-class InLegTime:
+def in_leg_time(function: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
     """A function (t, y, k) of the case's own time as one of the time of a leg."""
-
-    function: Callable[[Any, Sequence[Any], Any], Any]
-
-    def __call__(self, s: Any, y: Sequence[Any], k: Any) -> Any:
-        return self.function(k.time_start + s * k.time_unit, y, k)
+    return function(k.time_start + s * k.time_unit, y, k)
 
 
-@dataclass(frozen=True)
-class InLegUnit(InLegTime):
+def in_leg_unit(rhs: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> Any:
     """Rates by the time of a leg, of equations whose constants are those of the case's own time."""
-
-    def __call__(self, s: Any, y: Sequence[Any], k: Any) -> Any:
-        return [rate * k.time_unit for rate in super().__call__(s, y, k)]
+    return [rate * k.time_unit for rate in in_leg_time(rhs, s, y, k)]
 
 
 @cache
 def of_leg_time(model: type[Model]) -> type[Model]:
     """The same equations as a model whose rates are functions of the time of a leg."""
-    rhs = staticmethod((InLegTime if model.degree else InLegUnit)(model.rhs))
-    return type(f"{model.__name__}OfLegTime", (model,), {"rhs": rhs})
+    rhs = Bound(in_leg_time if model.degree else in_leg_unit, (model.rhs,))
+    return type(f"{model.__name__}OfLegTime", (model,), {"rhs": staticmethod(rhs)})
 
 
 def events_of_leg_time(events: tuple[Event, ...]) -> tuple[Event, ...]:
     """The same events as functions of the time of a leg."""
-    return tuple(event._replace(function=InLegTime(event.function)) for event in events)
+    return tuple(event._replace(function=Bound(in_leg_time, (event.function,))) for event in events)
 
 
 def structure_of_leg_time(form: Structure) -> Structure:

@@ -2,29 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
-
-import numpy as np
 
 from ..schema.kinds import Key, vector
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
-from .base import Constants
-from .rigid_body import INERTIA, INITIAL, BodyFrame
+from .rigid_body import INERTIA, INITIAL
+from .terms.body import BodyUnderTorques
 from .terms.torques import DAMPING, rates_under
-from .theory.closed_form import free_time, scaled_motion
-from .theory.possible_crossings import Dissipation
-
-
-def damping_warnings(damping: Sequence[float]) -> list[str]:
-    """Warnings of coefficients that no medium has."""
-    negative = ", ".join(f"lambda{i + 1} = {x:g}" for i, x in enumerate(damping) if x < 0)
-    return [f"negative damping feeds energy in: {negative}"] if negative else []
 
 
 @dataclass(frozen=True)
-class LinearDiag(BodyFrame):
+class LinearDiag(BodyUnderTorques):
     """A rigid body in a medium that resists each component of its angular momentum linearly.
 
     A1 p' + (A3 - A2) q r = -lambda1 A1 p
@@ -61,29 +50,6 @@ class LinearDiag(BodyFrame):
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         return rates_under((DAMPING,), t, y, k)
-
-    @cached_property
-    def constants(self) -> Constants:
-        return {**super().constants, **dict(zip(DAMPING.degree, self.damping, strict=True))}
-
-    @property
-    def has_closed_form(self) -> bool:
-        return self.form == "full" and len(set(self.damping)) == 1
-
-    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        omega = np.array(self.start[:3])
-        return scaled_motion(np.array(self.inertia), omega, self.damping[0], t)
-
-    def free_times(self, t: np.ndarray) -> np.ndarray:
-        return free_time(self.damping[0], t)
-
-    @property
-    def dissipation(self) -> Dissipation:
-        return Dissipation(self.inertia, self.damping)
-
-    @property
-    def warnings(self) -> list[str]:
-        return damping_warnings(self.damping)
 
 
 @dataclass(frozen=True)

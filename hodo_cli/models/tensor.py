@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,42 +10,13 @@ from ..schema.kinds import Either, Key, Number, Table, matrix
 from . import rigid_body
 from .averaging.damped import Damped
 from .averaging.forms import MEAN_START
-from .base import Constants
-from .rigid_body import INERTIA, INITIAL, BodyFrame
-from .terms.torques import RESISTANCE, rates_under
-from .theory.possible_crossings import Dissipation
-
-
-def tensor_matrix(tensor: Sequence[Sequence[float]] | Mapping[str, float]) -> np.ndarray:
-    """The tensor that a case gives, as a 3x3 array."""
-    if isinstance(tensor, Mapping):
-        on, off = tensor["diagonal"], tensor["off_diagonal"]
-        return np.array([[on, off, off], [off, on, off], [off, off, on]])
-    return np.array(tensor)
-
-
-def is_diagonal(I: np.ndarray) -> bool:
-    """Whether a tensor has no entries besides those of its diagonal."""
-    return not (I - np.diag(np.diag(I))).any()
-
-
-def tensor_warnings(I: np.ndarray) -> list[str]:
-    """Warnings of a tensor that no medium has."""
-    values = np.linalg.eigvalsh(I / 2 + I.T / 2)
-    messages = []
-    if values[0] < -1e-12 * abs(values[-1]):
-        named = ", ".join(f"{value:.6g}" for value in values)
-        messages.append(
-            f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"
-        )
-    # A tensor given in decimals, turned into other axes, is symmetric to its last digits.
-    if np.abs(I - I.T).max() > 1e-9 * np.abs(I).max():
-        messages.append("the tensor is not symmetric")
-    return messages
+from .rigid_body import INERTIA, INITIAL
+from .terms.body import BodyUnderTorques, is_diagonal
+from .terms.torques import RESISTANCE, rates_under, tensor_matrix
 
 
 @dataclass(frozen=True)
-class Tensor(BodyFrame):
+class Tensor(BodyUnderTorques):
     """A rigid body in a medium that resists its angular velocity through a constant tensor I.
 
     A1 p' + (A3 - A2) q r = -(I11 p + I12 q + I13 r)      and cyclically
@@ -93,16 +63,6 @@ class Tensor(BodyFrame):
         """I as a 3x3 array."""
         return tensor_matrix(self.resistance)
 
-    @cached_property
-    def constants(self) -> Constants:
-        entries = zip(RESISTANCE.degree, self.matrix.ravel().tolist(), strict=True)
-        return {**super().constants, **dict(entries)}
-
-    @property
-    def dissipation(self) -> Dissipation:
-        lam = tuple((np.diag(self.matrix) / np.array(self.inertia)).tolist())
-        return Dissipation(self.inertia, lam, covered=is_diagonal(self.matrix))
-
     @property
     def final_axis(self) -> int | None:
         """The axis that is enclosed in the end, when the rotation has become slower than its
@@ -118,10 +78,6 @@ class Tensor(BodyFrame):
         root = np.sqrt(A)
         _, vectors = np.linalg.eigh(I / np.outer(root, root))
         return int(rigid_body.enclosed_axis(A, vectors[:, 0] / root, 1e-12))
-
-    @property
-    def warnings(self) -> list[str]:
-        return tensor_warnings(self.matrix)
 
 
 @dataclass(frozen=True)

@@ -15,24 +15,31 @@ from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import averaged_form, looked_up, mean_elements
 from .averaging.free_turn import Body
 from .averaging.sums import CLOSED, part_of_sum, rates_of_sum, weights_of_fluid
-from .base import Constants, Event, EventOutcome, Model, mistake_of
-from .cavity import CAVITY, coefficient, heavy_fluid, reynolds_warning, weak
+from .base import Bound, Constants, Event, EventOutcome, Model, mistake_of
 from .constants import attributes
-from .linear_diag import damping_warnings
 from .rigid_body import INITIAL, BodyFrame, body_constants, complete, enclosed_axis, is_tensor
-from .tensor import Tensor, is_diagonal, tensor_matrix, tensor_warnings
+from .tensor import Tensor
 from .terms import torques as terms
+from .terms.body import BodyUnderTorques, coefficients_of, terms_named
+from .terms.fluid import CAVITY, coefficient
 from .terms.laws import (
     coefficient_at,
     coefficient_kind,
     coefficients_kind,
     first_values,
-    law_constants,
+    is_law,
     zero_of_base,
 )
-from .terms.torques import Term, accelerations, angular_momentum_of, rates_under, rotor_of
+from .terms.torques import (
+    TERMS,
+    Term,
+    accelerations,
+    angular_momentum_of,
+    rates_under,
+    rotor_of,
+)
 from .theory.along_momentum import AlongMomentum
-from .theory.closed_form import free_motion, free_time, scaled_motion
+from .theory.closed_form import free_motion
 from .theory.gyrostat import region_labels, separations
 from .theory.possible_crossings import (
     CrossingPattern,
@@ -44,20 +51,6 @@ from .theory.possible_crossings import (
 from .theory.principal_axes import PrincipalAxes, principal_axes
 from .theory.steady_spin import driven_spin
 
-TERMS: Mapping[str, Term] = {
-    "damping": terms.DAMPING,
-    "resistance": terms.RESISTANCE,
-    "quadratic": terms.QUADRATIC,
-    "quadratic_axes": terms.QUADRATIC_AXES,
-    "kappa": terms.FLUID,
-    "torque": terms.CONSTANT,
-    "brake": terms.BRAKE,
-    "rotor": terms.ROTOR,
-    "space_torque": terms.SPACE,
-    "expression": terms.EXPRESSION,
-}
-"""The terms that a case may name; a `cavity` is a kappa."""
-
 AVERAGED = frozenset(TERMS) - {"quadratic_axes", "space_torque", "rotor"}
 """The terms that the quadrature over a turn takes: functions of omega and the time without a
 corner."""
@@ -65,9 +58,6 @@ corner."""
 LEGS, LEGS_WITH_ROTOR, FALL = 14, 8, 8
 """How often |G| falls by a factor before a brake has all but stopped the body: to 2e-13 of it, with
 a rotor, whose h hides what is left of G, to 6e-8."""
-
-TENSOR_ROUNDING = 1e-13
-"""The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
 
 WEAK_ROTOR = 1e-8
 """The part of |G| below which a rotor counts as none."""
@@ -80,22 +70,11 @@ PROBE = 1e-4
 """The length of a step, in units of the rotation or of what starts it, that shows where a component
 goes which begins at 0."""
 
-AT_REST = -(2**12)
-"""The exponent of a motion that has stopped, as of one that has decayed beyond every double."""
-
 NEGATIVE = "a negative coefficient drives the body: write that as an expression"
 
 
-def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
-    """The terms that a case names, in the order of TERMS."""
-    names = {name for name in TERMS if data.get(name) is not None}
-    if data.get("cavity") is not None:
-        names.add("kappa")
-    return tuple(name for name in TERMS if name in names)
-
-
 @dataclass(frozen=True)
-class Torques(BodyFrame):
+class Torques(BodyUnderTorques):
     """A rigid body under any sum of torques.
 
     A omega' + omega x G = N, the sum of what the case names:
@@ -244,10 +223,9 @@ class Torques(BodyFrame):
         initial = data.get("initial")
         if "rotor" in named and initial and initial.get("G") is not None:
             yield ("initial",), "two starts of a body with a rotor have one |G|: give p, q and r"
-        if "brake" in named and inertia and initial:
+        if "brake" in named and inertia and initial and not any(data.get("rotor") or ()):
             with suppress(ValueError):  # said by the check above
-                omega = cls.velocity(inertia, initial)
-                if not any(omega) and not any(data.get("rotor") or ()):
+                if not any(cls.velocity(inertia, initial)):
                     yield ("brake",), "a body at rest has no direction to brake in"
         if cls.form != "full":
             if is_tensor(inertia):
@@ -258,7 +236,7 @@ class Torques(BodyFrame):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        for name, entries in given_coefficients(data).items():
+        for name, entries in coefficients_of(data).items():
             zero = max(map(zero_of_base, entries), default=-math.inf)
             if start <= zero:
                 yield (name,), f"the base of its power law is 0 at t = {zero:.6g}: start later"
@@ -266,10 +244,6 @@ class Torques(BodyFrame):
     @cached_property
     def constants(self) -> Constants:
         constants: dict[str, Any] = {}
-        for term, entries in given_coefficients(vars(self)).items():
-            factor = self.epsilon if term == "torque" else 1.0
-            for name, entry in zip(TERMS[term].degree, entries, strict=True):
-                constants |= law_constants(name, entry, factor)
         if self.expression is not None:
             texts = {f"expression{i}": text for i, text in enumerate(self.expression, 1)}
             constants |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
@@ -280,19 +254,17 @@ class Torques(BodyFrame):
             constants |= {"momentum_at_start": momentum, "ln_square_at_stop": at_stop}
         if self.form != "full":
             constants |= weights_of_fluid(Body.of(self.inertia))
-        # heyoka counts parameters up to the last that the equations use: that has to come last.
+        constants |= super().constants
         if self.frame is None:
-            return {**constants, **body_constants(self.inertia)}
-        tensor, inverse = (
-            tuple(matrix.ravel().tolist())
-            for matrix in (self.frame.tensor, np.linalg.inv(self.frame.tensor))
+            return constants
+        # heyoka counts parameters up to the last that the equations use: that has to come last.
+        tensor = self.frame.tensor
+        matrices = {"tensor": tensor, "inverse": np.linalg.inv(tensor)}
+        return (
+            constants
+            | body_constants(self.moments.tolist())
+            | {name: tuple(matrix.ravel().tolist()) for name, matrix in matrices.items()}
         )
-        return {
-            **constants,
-            **body_constants(self.moments.tolist()),
-            "tensor": tensor,
-            "inverse": inverse,
-        }
 
     @property
     def frame(self) -> PrincipalAxes | None:
@@ -352,23 +324,16 @@ class Torques(BodyFrame):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        places = {name: 3 + i for i, name in enumerate(self.state[3:])}
-        events = [
-            Event(
-                "turned",
-                Component(i, places[f"s{i + 1}"]),
-                True,
-                SignReversal(i, places[f"s{i + 1}"]),
-            )
-            for i in range(3)
+        events = []
+        for axis, entry in enumerate(self.quadratic_axes or ()):
+            sign = self.state.index(f"s{axis + 1}")
             # What stays 0 is at its event all the time.
-            if "s1" in places
-            and any(first_values(self.quadratic_axes[i]))
-            and self.start[places[f"s{i + 1}"]]
-        ]
-        if "leg" in places:
-            stop = BrakedLeg(places["leg"], self)
-            events.append(Event("stopped", LegEnd(places["leg"]), True, stop))
+            if any(first_values(entry)) and self.start[sign]:
+                zero, passage = (Bound(of, (axis, sign)) for of in (component, turned_over))
+                events.append(Event("turned", zero, True, passage))
+        if self.brake is not None:
+            leg = self.state.index("leg")
+            events.append(Event("stopped", Bound(leg_end, (leg,)), True, BrakedLeg(leg, self)))
         return tuple(events)
 
     @property
@@ -408,75 +373,14 @@ class Torques(BodyFrame):
         return np.asarray(unit / np.linalg.norm(unit))
 
     @property
-    def along_momentum(self) -> AlongMomentum | None:
-        """The rates of a sum of equal damping and a brake, both constant; None for other sums."""
-        coefficients = given_coefficients(vars(self))
-        rates = coefficients.get("damping", (0.0,)) + coefficients.get("brake", ())
-        if (
-            self.frame is not None
-            or coefficients.keys() - {"damping", "brake"}
-            or not all(isinstance(x, float) for x in rates)
-        ):
-            return None
-        if len(set(coefficients.get("damping", (0.0,)))) > 1 or not any(self.start):
-            return None
-        G = np.linalg.norm(np.array(self.inertia) * self.start[:3])
-        return AlongMomentum.of(G, damping=rates[0], brake=self.brake or 0.0)
-
-    @property
-    def has_closed_form(self) -> bool:
-        return self.form == "full" and self.along_momentum is not None
-
-    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        A, omega, along = np.array(self.inertia), np.array(self.start[:3]), self.along_momentum
-        assert along is not None
-        if self.brake is None:
-            return scaled_motion(A, omega, float(along.damping), t)
-        clock = along.clock(t)
-        slowed, exponent = np.frexp(np.asarray(clock.g, dtype=t.dtype))
-        state = slowed[:, np.newaxis] * free_motion(A, omega, np.asarray(clock.s, dtype=t.dtype))
-        leg = np.zeros((len(t), 1), dtype=t.dtype)
-        return np.hstack((state, leg)), np.where(slowed > 0, exponent, AT_REST)
-
-    def free_times(self, t: np.ndarray) -> np.ndarray:
-        along = self.along_momentum
-        assert along is not None
-        if self.brake is None:
-            return free_time(float(along.damping), t)
-        return np.asarray(along.clock(t).s, dtype=t.dtype)
-
-    @property
     def exact_end(self) -> tuple[str, EventOutcome] | None:
         along = self.along_momentum
         if along is None or not np.isfinite(along.stop):
             return None
-        A, omega = np.array(self.inertia), np.array(self.start[:3])
-        at_stop = free_motion(A, omega, np.array([along.clock(along.stop).s]))[0]
-        details = stop_details(A * at_stop, self.enclosed(at_stop[None])[0])
+        s = np.array([along.clock(along.stop).s])
+        omega = free_motion(self.moments, np.array(self.start[:3]), s)
+        details = stop_details(self.momentum(omega)[0], self.enclosed(omega)[0])
         return "stopped", EventOutcome(float(along.stop), details, ())
-
-    @property
-    def dissipation(self) -> Dissipation | None:
-        coefficients = given_coefficients(vars(self))
-        numbers = [x for entries in coefficients.values() for x in entries]
-        if coefficients.keys() & {"space_torque", "rotor", "expression"} or not all(
-            isinstance(x, float) for x in numbers
-        ):
-            return None
-        damping, covered = np.array(coefficients.get("damping", np.zeros(3))), True
-        if self.resistance is not None:
-            I = tensor_matrix(self.resistance)
-            if self.frame is not None:
-                I = self.frame.axes @ I @ self.frame.axes.T
-                I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
-            damping, covered = damping + np.diag(I) / self.moments, is_diagonal(I)
-        zeros = (0.0, 0.0, 0.0)
-        quadratic, by_axes = (
-            coefficients.get(name, zeros) for name in ("quadratic", "quadratic_axes")
-        )
-        torque = self.to_principal(self.epsilon * np.array(coefficients.get("torque", zeros)))
-        (kappa,) = coefficients.get("kappa", (0.0,))
-        return Dissipation(self.moments, damping, quadratic, by_axes, kappa, torque, covered)
 
     @property
     def tilt_growth(self) -> np.ndarray | None:
@@ -503,7 +407,7 @@ class Torques(BodyFrame):
             return []
         G = np.linalg.norm(self.momentum(np.array(self.start[:3])))
         first, last = (
-            float(AlongMomentum.of(G, damping=rate, brake=self.brake).stop)
+            float(AlongMomentum(rate, self.brake / G).stop)
             for rate in (max(terms.damping), min(terms.damping))
         )
         if first == last:
@@ -512,22 +416,7 @@ class Torques(BodyFrame):
 
     @property
     def warnings(self) -> list[str]:
-        omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
-        damping = [x for x in self.damping or () if isinstance(x, float)]
-        tensor = [] if self.resistance is None else tensor_warnings(tensor_matrix(self.resistance))
-        kappa, torque = self.kappa if isinstance(self.kappa, float) else 0.0, (0.0, 0.0, 0.0)
-        if self.cavity is not None:
-            kappa = coefficient(self.cavity, None)
-        if self.torque is not None and all(isinstance(x, float) for x in self.torque):
-            torque = tuple(self.epsilon * x for x in self.torque)
-        return [
-            *damping_warnings(damping),
-            *tensor,
-            *reynolds_warning(self.cavity, omega),
-            *weak(self.moments, omega, kappa, torque),
-            *heavy_fluid(self.cavity, self.moments),
-            *self.weak_rotor(),
-        ]
+        return [*super().warnings, *self.weak_rotor()]
 
     def weak_rotor(self) -> list[str]:
         """A warning for a rotor that is none beside the body's own angular momentum."""
@@ -545,30 +434,18 @@ class Torques(BodyFrame):
         )
 
 
-@dataclass(frozen=True)
-class Component:
-    """|omega_i|, by its sign in the state."""
-
-    axis: int
-    sign: int
-
-    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        return y[self.sign] * y[self.axis]
+def component(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> Any:
+    """|omega_i|, by its sign in the state, as an event."""
+    return y[sign] * y[axis]
 
 
-@dataclass(frozen=True)
-class SignReversal:
+def turned_over(axis: int, sign: int, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The passage of omega_i through 0, behind which its sign is the other one."""
-
-    axis: int
-    sign: int
-
-    def __call__(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
-        state = [*y]
-        state[self.sign] = -y[self.sign]
-        size = abs(y[0]) + abs(y[1]) + abs(y[2])
-        state[self.axis] = state[self.sign] * size * BEHIND_ZERO
-        return EventOutcome(float(t), None, state, t)
+    state = [*y]
+    state[sign] = -y[sign]
+    size = abs(y[0]) + abs(y[1]) + abs(y[2])
+    state[axis] = state[sign] * size * BEHIND_ZERO
+    return EventOutcome(float(t), None, state, t)
 
 
 def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
@@ -589,15 +466,10 @@ def averaged_stop(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     return EventOutcome(float(t) + time_left, {"from": float(mean["enclosed_axis"])}, y)
 
 
-@dataclass(frozen=True)
-class LegEnd:
+def leg_end(leg: int, t: Any, y: Sequence[Any], k: Any) -> Any:
     """|G|^2 less what it is where a leg of braking ends, in units of that at its start."""
-
-    leg: int
-
-    def __call__(self, t: Any, y: Sequence[Any], k: Any) -> Any:
-        G = angular_momentum_of(y[:3], k)
-        return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[self.leg] * y[self.leg] / FALL**2
+    G = angular_momentum_of(y[:3], k)
+    return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[leg] * y[leg] / FALL**2
 
 
 @dataclass(frozen=True)
@@ -696,33 +568,11 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
     """The mistakes of coefficients of which only positive ones resist."""
-    for name in ("quadratic", "quadratic_axes"):
-        for i, entry in enumerate(data.get(name) or ()):
-            if not isinstance(entry, tuple | Mapping) and entry < 0:
-                yield (name, i), NEGATIVE
-    for name in ("kappa", "brake"):
-        entry = data.get(name)
-        if entry is not None and not isinstance(entry, tuple | Mapping) and entry < 0:
-            yield (name,), NEGATIVE
-
-
-def given_coefficients(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
-    """The coefficients of each term that a case names, numbers or laws, in the order of the term's
-    constants."""
-    entries = {name: data[name] for name in terms_named(data) if name != "kappa"}
-    if "resistance" in entries:
-        entries["resistance"] = tuple(tensor_matrix(entries["resistance"]).ravel().tolist())
-    if "brake" in entries:
-        entries["brake"] = (entries["brake"],)
-    if "space_torque" in entries:
-        entries["space_torque"] = (entries["space_torque"]["size"],)
-    if "expression" in entries:
-        entries["expression"] = ()
-    if data.get("cavity") is not None:
-        entries["kappa"] = (coefficient(data["cavity"], None),)
-    elif data.get("kappa") is not None:
-        entries["kappa"] = (data["kappa"],)
-    return entries
+    for name in ("quadratic", "quadratic_axes", "kappa", "brake"):
+        value = data.get(name)
+        for i, entry in enumerate(() if value is None else TERMS[name].coefficients(value)):
+            if not is_law(entry) and entry < 0:
+                yield (name, i) if isinstance(value, tuple) else (name,), NEGATIVE
 
 
 @cache

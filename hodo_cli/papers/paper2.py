@@ -26,7 +26,7 @@ from ..claims.finding import (
 )
 from ..claims.quantities import end_of_spin, integrated_motion, number, quantity
 from ..claims.variations import changed
-from ..models.cavity import reynolds
+from ..models.terms.fluid import reynolds
 from ..results.motion import Motion
 
 SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)

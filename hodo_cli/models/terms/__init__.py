@@ -1,2 +1,2 @@
-"""The torques that models are sums of, one small function each, and the laws of time that their
-coefficients follow. Imports schema and arithmetic only."""
+"""The torques that models are sums of, one small function each, the laws of time that their
+coefficients follow, and a body under any sum. Imports the rigid body and its theory, no model."""

@@ -105,27 +105,39 @@ def coefficients_kind(unit: str) -> Either:
 
 def law(coefficient: Any) -> tuple[str, tuple[Any, ...], tuple[Any, ...]]:
     """The name, the values and the shape of a law as given in a case; no name for a number."""
-    if not isinstance(coefficient, Mapping):
-        return (
-            ("polynomial", tuple(coefficient), ())
-            if isinstance(coefficient, tuple)
-            else ("", (coefficient,), ())
-        )
-    match coefficient["law"]:
-        case "exponential":
-            return "exponential", (coefficient["value"],), (coefficient["rate"], math.e)
-        case "power":
-            return "power", (coefficient["value"],), (coefficient["rate"], coefficient["exponent"])
-    return "polynomial", tuple(coefficient["coefficients"]), ()
+    match coefficient:
+        case {"law": "exponential", "value": value, "rate": rate}:
+            return "exponential", (value,), (rate, math.e)
+        case {"law": "power", "value": value, "rate": rate, "exponent": exponent}:
+            return "power", (value,), (rate, exponent)
+        case tuple(values) | {"law": "polynomial", "coefficients": values}:
+            return "polynomial", tuple(values), ()
+    return "", (coefficient,), ()
 
 
-def law_constants(name: str, coefficient: Any, factor: Any = 1.0) -> dict[str, Any]:
-    """The constants of a coefficient as given in a case, times a factor."""
+def is_law(coefficient: Any) -> bool:
+    """Whether a coefficient changes with time."""
+    return isinstance(coefficient, tuple | Mapping)
+
+
+def scaled(coefficient: Any, factor: Any) -> Any:
+    """A coefficient times a factor."""
+    match coefficient:
+        case tuple():
+            return tuple(factor * x for x in coefficient)
+        case {"value": value}:
+            return {**coefficient, "value": factor * value}
+        case {"coefficients": values}:
+            return {**coefficient, "coefficients": scaled(tuple(values), factor)}
+    return factor * coefficient
+
+
+def law_constants(name: str, coefficient: Any) -> dict[str, Any]:
+    """The constants of a coefficient as given in a case."""
     kind, values, shape = law(coefficient)
     if not kind:
-        return {name: factor * coefficient}
-    scaled = tuple(factor * value for value in values)
-    return {name: scaled, f"{name}_law": kind} | ({f"{name}_shape": shape} if shape else {})
+        return {name: coefficient}
+    return {name: values, f"{name}_law": kind} | ({f"{name}_shape": shape} if shape else {})
 
 
 def coefficient_at(k: Any, name: str, t: Any) -> Any:

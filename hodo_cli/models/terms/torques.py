@@ -5,8 +5,10 @@ its own. It is written with + - * /, ** and the functions of `arithmetic`, so th
 and an engine's symbols all pass through it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from ...arithmetic import evaluate
 from ...schema.expression import parse_expression
@@ -30,7 +32,8 @@ class Term(NamedTuple):
 
     `by_momentum` is set where the function gives N_i/A_i: of a torque that is proportional to the
     angular momentum the moments of inertia drop out. `extra` names the term's own state variables
-    with the powers of omega that they carry; `rates` are their derivatives.
+    with the powers of omega that they carry; `rates` are their derivatives. `coefficients` are
+    those of the constants, numbers or laws of time, from the value of a case's key.
     """
 
     function: Function
@@ -38,6 +41,20 @@ class Term(NamedTuple):
     by_momentum: bool = False
     extra: dict[str, int] = {}
     rates: Function = unchanging
+    coefficients: Callable[[Any], tuple[Any, ...]] = tuple
+
+
+def alone(coefficient: Any) -> tuple[Any, ...]:
+    """The coefficients of a term that has but this one."""
+    return (coefficient,)
+
+
+def tensor_matrix(tensor: Sequence[Sequence[float]] | Mapping[str, float]) -> np.ndarray:
+    """The tensor of resistance that a case gives, as a 3x3 array."""
+    if isinstance(tensor, Mapping):
+        on, off = tensor["diagonal"], tensor["off_diagonal"]
+        return np.array([[on, off, off], [off, on, off], [off, off, on]])
+    return np.array(tensor)
 
 
 def gyroscopic(w: Sequence[Any], k: Any) -> Components:
@@ -219,8 +236,12 @@ ENTRIES = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
 """The constants of a tensor of resistance, row by row."""
 
 DAMPING = Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_momentum=True)
-RESISTANCE = Term(resistance_torque, dict.fromkeys(ENTRIES, 1))
-FLUID = Term(cavity_torque, {"kappa": 3})
+RESISTANCE = Term(
+    resistance_torque,
+    dict.fromkeys(ENTRIES, 1),
+    coefficients=lambda tensor: tuple(tensor_matrix(tensor).ravel().tolist()),
+)
+FLUID = Term(cavity_torque, {"kappa": 3}, coefficients=alone)
 CONSTANT = Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0))
 QUADRATIC = Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True)
 QUADRATIC_AXES = Term(
@@ -229,12 +250,27 @@ QUADRATIC_AXES = Term(
     by_momentum=True,
     extra=dict.fromkeys(("s1", "s2", "s3"), 0),
 )
-BRAKE = Term(brake_torque, {"brake": 0}, extra={"leg": 1})
+BRAKE = Term(brake_torque, {"brake": 0}, extra={"leg": 1}, coefficients=alone)
 SPACE = Term(
     space_torque,
     {"F": 0},
     extra=dict.fromkeys(("gamma1", "gamma2", "gamma3"), 0),
     rates=direction_rates,
+    coefficients=lambda space: (space["size"],),
 )
 ROTOR = Term(rotor_torque, dict.fromkeys(("h1", "h2", "h3"), 1))
-EXPRESSION = Term(expression_torque, {})
+EXPRESSION = Term(expression_torque, {}, coefficients=lambda texts: ())
+
+TERMS: Mapping[str, Term] = {
+    "damping": DAMPING,
+    "resistance": RESISTANCE,
+    "quadratic": QUADRATIC,
+    "quadratic_axes": QUADRATIC_AXES,
+    "kappa": FLUID,
+    "torque": CONSTANT,
+    "brake": BRAKE,
+    "rotor": ROTOR,
+    "space_torque": SPACE,
+    "expression": EXPRESSION,
+}
+"""The terms by the keys of cases; a `cavity` is a kappa."""

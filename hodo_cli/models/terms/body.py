@@ -1,0 +1,162 @@
+"""A rigid body under a sum of torques: what follows from the coefficients that its case gives."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..base import Constants
+from ..rigid_body import BodyFrame, body_constants
+from ..theory.along_momentum import AlongMomentum
+from ..theory.closed_form import free_motion, scaled_motion
+from ..theory.possible_crossings import Dissipation
+from .fluid import coefficient, fluid_warnings
+from .laws import is_law, law_constants, scaled
+from .torques import TERMS
+
+TENSOR_ROUNDING = 1e-13
+"""The part of the largest entry of a tensor below which one is the rounding of a change of axes."""
+
+AT_REST = -(2**12)
+"""The exponent of a motion that has stopped, as of one that has decayed beyond every double."""
+
+ZEROS = (0.0, 0.0, 0.0)
+
+NOT_COVERED = frozenset({"rotor", "space_torque", "expression"})
+"""The terms of which the theorems on crossings and tilts say nothing."""
+
+
+def terms_named(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """The terms that a case names, in the order of TERMS."""
+    given = {"kappa" if name == "cavity" else name for name, x in data.items() if x is not None}
+    return tuple(name for name in TERMS if name in given)
+
+
+def coefficients_of(data: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+    """The coefficients of each term that a case names, numbers or laws, in the order of the term's
+    constants; those of `torque` times epsilon."""
+    if data.get("cavity") is not None:
+        data = {**data, "kappa": coefficient(data["cavity"])}
+    given = {name: TERMS[name].coefficients(data[name]) for name in terms_named(data)}
+    if "torque" in given:
+        given["torque"] = tuple(scaled(x, data.get("epsilon", 1.0)) for x in given["torque"])
+    return given
+
+
+def is_diagonal(I: np.ndarray) -> bool:
+    """Whether a tensor has no entries besides those of its diagonal."""
+    return not (I - np.diag(np.diag(I))).any()
+
+
+def damping_warnings(damping: Sequence[float]) -> list[str]:
+    """Warnings of coefficients that no medium has."""
+    negative = ", ".join(f"lambda{i + 1} = {x:g}" for i, x in enumerate(damping) if x < 0)
+    return [f"negative damping feeds energy in: {negative}"] if negative else []
+
+
+def tensor_warnings(I: np.ndarray) -> list[str]:
+    """Warnings of a tensor that no medium has."""
+    values = np.linalg.eigvalsh(I / 2 + I.T / 2)
+    messages = []
+    if values[0] < -1e-12 * abs(values[-1]):
+        named = ", ".join(f"{value:.6g}" for value in values)
+        messages.append(
+            f"the tensor is not dissipative: its symmetric part has the eigenvalues {named}"
+        )
+    # A tensor given in decimals, turned into other axes, is symmetric to its last digits.
+    if np.abs(I - I.T).max() > 1e-9 * np.abs(I).max():
+        messages.append("the tensor is not symmetric")
+    return messages
+
+
+class BodyUnderTorques(BodyFrame):
+    """A rigid body under a sum of the torques that its fields name by the keys of TERMS.
+
+    Its constants are the coefficients, by the names that their terms give them, and those of every
+    body. Under equal damping, a brake, or both, all constant, only the clock of the free motion
+    changes: such a motion is known in closed form.
+    """
+
+    @property
+    def term_coefficients(self) -> dict[str, tuple[Any, ...]]:
+        """The coefficients of each term, numbers or laws."""
+        return coefficients_of(vars(self))
+
+    @cached_property
+    def constants(self) -> Constants:
+        constants: dict[str, Any] = {}
+        for term, entries in self.term_coefficients.items():
+            for name, entry in zip(TERMS[term].degree, entries, strict=True):
+                constants |= law_constants(name, entry)
+        # heyoka counts parameters up to the last that the equations use: that has to come last.
+        return constants | body_constants(self.inertia)
+
+    @property
+    def dissipation(self) -> Dissipation | None:
+        given, axes = self.term_coefficients, self.principal_axes
+        if given.keys() & NOT_COVERED or any(is_law(x) for of in given.values() for x in of):
+            return None
+        damping, covered = given.get("damping", ZEROS), True
+        if "resistance" in given:
+            I = np.reshape(given["resistance"], (3, 3))
+            if axes is not None:
+                I = axes @ I @ axes.T
+                I = np.where(np.abs(I) > TENSOR_ROUNDING * np.abs(I).max(), I, 0)
+            damping = tuple((np.array(damping) + np.diag(I) / self.moments).tolist())
+            covered = is_diagonal(I)
+        quadratic, by_axes = (given.get(name, ZEROS) for name in ("quadratic", "quadratic_axes"))
+        torque = self.to_principal(np.array(given.get("torque", ZEROS)))
+        (kappa,) = given.get("kappa", (0.0,))
+        return Dissipation(self.moments, damping, quadratic, by_axes, kappa, torque, covered)
+
+    @property
+    def warnings(self) -> list[str]:
+        # What changes with time warns of nothing at the start.
+        given = {
+            term: tuple(0.0 if is_law(x) else x for x in entries)
+            for term, entries in self.term_coefficients.items()
+        }
+        omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
+        (kappa,), torque = given.get("kappa", (0.0,)), given.get("torque", ZEROS)
+        return [
+            *damping_warnings(given.get("damping", ())),
+            *tensor_warnings(np.reshape(given.get("resistance", np.zeros(9)), (3, 3))),
+            *fluid_warnings(vars(self).get("cavity"), self.moments, omega, kappa, torque),
+        ]
+
+    @property
+    def along_momentum(self) -> AlongMomentum | None:
+        """The rates of equal damping, a brake, or both, all constant; None for other sums, for a
+        tensor of inertia, and where a brake has nothing to brake."""
+        given = self.term_coefficients
+        damping, brake = given.get("damping", (0.0,)), given.get("brake", (0.0,))
+        others = given.keys() - {"damping", "brake"} or self.principal_axes is not None
+        if others or any(map(is_law, damping + brake)) or len(set(damping)) > 1:
+            return None
+        if "brake" not in given:
+            return AlongMomentum(damping[0], 0.0)
+        momentum = np.linalg.norm(self.momentum(np.array(self.start[:3])))
+        return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
+
+    @property
+    def has_closed_form(self) -> bool:
+        return self.form == "full" and self.along_momentum is not None
+
+    def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        A, omega, along = self.moments, np.array(self.start[:3]), self.along_momentum
+        assert along is not None
+        if not along.brake:
+            state, exponent = scaled_motion(A, omega, along.damping, t)
+        else:
+            clock = along.clock(t)
+            slowed, exponent = np.frexp(clock.g)
+            state = slowed[:, np.newaxis] * free_motion(A, omega, clock.s)
+            exponent = np.where(slowed > 0, exponent, AT_REST)
+        # The size of G at the start of a leg of braking: there are no legs here.
+        legs = np.zeros((len(t), int("brake" in self.term_coefficients)), dtype=state.dtype)
+        return np.hstack((state, legs)), exponent
+
+    def free_times(self, t: np.ndarray) -> np.ndarray:
+        assert self.along_momentum is not None
+        return np.asarray(self.along_momentum.clock(t).s)
