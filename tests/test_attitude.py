@@ -11,7 +11,7 @@ import pytest
 import series
 
 from hodo_cli.models.theory.along_momentum import AlongMomentum
-from hodo_cli.models.theory.attitude import carlson, free_attitude, product, turn_angle
+from hodo_cli.models.theory.attitude import carlson, free_attitude, product
 from hodo_cli.models.theory.closed_form import free_motion
 
 A = np.array([1.0, 0.8, 0.6])
@@ -40,8 +40,6 @@ def expected(A: Any, omega: Any, times: list[float], lam: Any = (0, 0, 0)) -> np
 
 def test_the_literature_numbers() -> None:
     """Of Taylor series of order 30 to 40 in 176 to 224 bits."""
-    assert turn_angle(A, B) == pytest.approx((21.955631800395534, 30.430603579027798), rel=3e-16)
-    assert turn_angle(A, C) == pytest.approx((14.971259829455285, 17.083449770015107), rel=3e-16)
     numbers = [
         [0.56955723473855153, -0.72489590132231563, -0.20328572236371157, 0.32985664111269024],
         [0.12698308853587674, 0.79580935588116955, 0.58412108883004896, 0.096774572599861048],
@@ -119,8 +117,6 @@ def test_on_the_separatrix_and_beside_it(distance: float, signs: tuple[int, int]
     times = [0.5, 3.0, 12.0]
     found = free_attitude(moments, omega, np.array(times))
     assert found == pytest.approx(expected(moments, omega, times), abs=1e-13)
-    period, psi = turn_angle(moments, omega)
-    assert np.isfinite([period, psi]).all() == (distance != 0)
 
 
 @pytest.mark.parametrize(
@@ -147,10 +143,10 @@ def test_symmetric_bodies_steady_rotations_and_discs(moments: Any, omega: Any) -
 
 def test_after_a_turn_the_body_has_turned_about_G_by_psi() -> None:
     """The branch after k turns is (-1)^k (cos(k psi/2), sin(k psi/2) G/|G|), and psi is an angle
-    modulo 2 pi alone, in all six orders."""
-    for order, start in itertools.product(itertools.permutations(range(3)), (B, C)):
+    modulo 2 pi alone, in all six orders. Both were integrated by Taylor series in 176 bits."""
+    turns = (B, 21.955631800395534, 30.430603579027798), (C, 14.971259829455285, 17.083449770015107)
+    for order, (start, period, psi) in itertools.product(itertools.permutations(range(3)), turns):
         moments, omega = A[list(order)], start[list(order)]
-        period, psi = turn_angle(moments, omega)
         k = np.arange(1, 5)
         G = moments * omega / np.linalg.norm(moments * omega)
         half = k[:, None] * psi / 2

@@ -4,18 +4,17 @@ from body to space beside it."""
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..arithmetic import cos, hypot, sin, sqrt
+from ..arithmetic import cos, hypot, sin
 from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
-from .base import Bound, Event, EventOutcome, Label, Model, Passage
-from .theory.attitude import free_attitude, product
+from .base import Bound, Event, EventOutcome, Label, LookedUp, Model, Passage
+from .theory.attitude import composed, free_attitude, product
 
 KEY = "attitude"
 
@@ -108,53 +107,36 @@ def quaternion_rates(omega: Sequence[Any], Q: Sequence[Any], factor: Any) -> tup
     )
 
 
-def composed(first: Sequence[Any], second: Sequence[Any]) -> tuple[Any, ...]:
-    """The quaternion of the rotation `second`, then `first`."""
-    a, b, c, d = first
-    e, f, g, h = second
-    return (
-        a * e - b * f - c * g - d * h,
-        a * f + b * e + c * h - d * g,
-        a * g - b * h + c * e + d * f,
-        a * h + b * g - c * f + d * e,
-    )
-
-
 def turned_back(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Vectors in space v (3, ...) in the axes of bodies with the attitudes Q (4, ...)."""
     a, b, c, d = Q
-    zero = np.zeros_like(a)
-    return np.array(composed(composed((a, -b, -c, -d), (zero, *v)), (a, b, c, d))[1:])
+    return np.array(composed(composed((a, -b, -c, -d), (0 * a, *v)), Q)[1:])
 
 
 def about_axis(letter: str, angle: Any) -> tuple[Any, ...]:
     """The rotation by an angle about the axis x, y or z."""
-    turned = [0.0, 0.0, 0.0]
-    turned["xyz".index(letter.lower())] = sin(angle / 2)
-    return cos(angle / 2), *turned
+    return cos(angle / 2), *(sin(angle / 2) * (axis == letter.lower()) for axis in "xyz")
 
 
 def of_euler(sequence: str, angles: Sequence[float]) -> tuple[Any, ...]:
     """The rotation by angles about axes of the body (capitals) or of space, one after another."""
-    first, second, third = map(about_axis, sequence, angles)
-    if sequence.isupper():  # each about an axis that the one before has turned
-        return composed(composed(first, second), third)
-    return composed(third, composed(second, first))
+    turns = [about_axis(*turn) for turn in zip(sequence, angles, strict=True)]
+    # About axes of the body each turn is seen from those before it, in space from those behind it.
+    first, second, third = turns if sequence.isupper() else turns[::-1]
+    return composed(composed(first, second), third)
 
 
 def aligned(G: Sequence[Any]) -> tuple[Any, ...]:
     """The shortest rotation that brings the direction G to the axis z; 1 for G = 0."""
     x, y, z = G
-    across, size = hypot(x, y), hypot(hypot(x, y), z)
-    if not size:
-        return 1.0, 0.0, 0.0, 0.0
-    if z >= 0:
-        a = sqrt((1 + z / size) / 2)
-        return a, y / size / (2 * a), -(x / size) / (2 * a), 0.0
+    across = hypot(x, y)
     if not across:
-        return 0.0, 1.0, 0.0, 0.0
-    sine = sqrt((1 - z / size) / 2)
-    return across / size / (2 * sine), sine * y / across, -(sine * x / across), 0.0
+        return (1.0, 0.0, 0.0, 0.0) if z >= 0 else (0.0, 1.0, 0.0, 0.0)
+    size = hypot(across, z)
+    # Along the middle of G and z; |G| + z without the cancellation where z is negative.
+    ahead = size + z if z >= 0 else across * (across / (size - z))
+    length = hypot(ahead, across)
+    return ahead / length, y / length, -(x / length), 0.0
 
 
 def quaternion_at_start(attitude: Any, G: Sequence[Any]) -> tuple[Any, ...]:
@@ -200,7 +182,7 @@ def beside_attitude(event: Event) -> Event:
     return event._replace(function=Bound(without_attitude, (event.function,)), passage=passage)
 
 
-class Oriented(Model):
+class Oriented(LookedUp, Model):
     """The class before a form's own where its cases name an attitude."""
 
     attitude: Any
@@ -259,32 +241,21 @@ class Oriented(Model):
     def warnings(self) -> list[str]:
         return [*super().warnings, *attitude_warnings(self.attitude)]
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # The class is made where it is needed; other processes have to make it too.
-        data = {field.name: getattr(self, field.name) for field in fields(self)}
-        return rebuilt, (self.name, self.form, data)
-
-
-def rebuilt(name: str, form: str, data: Mapping[str, Any]) -> Model:
-    """The object of a form of a model with these data, an attitude among them."""
-    return system_of(import_module(__package__).find(name, form), data)
-
 
 def attitude_warnings(attitude: Any) -> list[str]:
     """Warnings of the start of an attitude."""
     if not isinstance(attitude, Mapping):
         return []
-    if attitude["initial"] is not None:
-        length = math.hypot(*attitude["initial"])
-        unit = abs(length - 1) <= NORMED
-        return [] if unit else [f"the attitude at the start has length {length:.9g}: it is made 1"]
-    if attitude["euler"] is None:
-        return []
-    sequence, middle = attitude["sequence"], attitude["euler"][1]
-    pole = math.sin(middle) if sequence[0] == sequence[2] else math.cos(middle)
-    if abs(pole) > NORMED:
-        return []
-    return [f"the start is at a pole of the sequence {sequence}: its other two angles are one"]
+    initial, euler, sequence = attitude["initial"], attitude["euler"], attitude["sequence"]
+    if initial is not None and abs(math.hypot(*initial) - 1) > NORMED:
+        return [f"the attitude at the start has length {math.hypot(*initial):.9g}: it is made 1"]
+    if euler is not None:
+        pole = math.sin(euler[1]) if sequence[0] == sequence[2] else math.cos(euler[1])
+        if abs(pole) <= NORMED:
+            return [
+                f"the start is at a pole of the sequence {sequence}: its other two angles are one"
+            ]
+    return []
 
 
 @cache

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
 
@@ -273,6 +274,21 @@ class Model:
     def class_events(self) -> tuple[Event, ...]:
         """Events that only `classify` looks for."""
         return ()
+
+
+class LookedUp:
+    """A form whose class is made where it is looked up: other processes look it up again."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        data = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return rebuilt, (self.name, self.form, data)  # type: ignore[attr-defined]
+
+
+def rebuilt(name: str, form: str, data: Mapping[str, Any]) -> Model:
+    """The object of a form of a model with these data, an attitude among them or not."""
+    models, attitude = import_module(__package__), import_module(f"{__package__}.attitude")
+    system: Model = attitude.system_of(models.find(name, form), data)
+    return system
 
 
 def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:

@@ -359,10 +359,7 @@ class BodyFrame(Model):
 
     @property
     def absorbing_axes(self) -> frozenset[int]:
-        terms = self.dissipation
-        if terms is None:
-            return frozenset()
-        return frozenset((np.flatnonzero(axes_kept(terms)) + 1).tolist())
+        return frozenset() if self.dissipation is None else axes_kept(self.dissipation)
 
     @property
     def tilt_growth(self) -> np.ndarray | None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -12,10 +12,10 @@ import numpy as np
 
 from ..schema.expression import Expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
-from .averaging.any_torque import averaged_form, looked_up, mean_elements
+from .averaging.any_torque import averaged_form, mean_elements
 from .averaging.free_turn import Body
 from .averaging.sums import CLOSED, part_of_sum, rates_of_sum, weights_of_fluid
-from .base import Bound, Constants, Event, EventOutcome, Model, mistake_of
+from .base import Bound, Constants, Event, EventOutcome, LookedUp, Model, mistake_of
 from .constants import attributes
 from .rigid_body import INITIAL, BodyFrame, body_constants, complete, enclosed_axis, is_tensor
 from .tensor import Tensor
@@ -74,7 +74,7 @@ NEGATIVE = "a negative coefficient drives the body: write that as an expression"
 
 
 @dataclass(frozen=True)
-class Torques(BodyUnderTorques):
+class Torques(LookedUp, BodyUnderTorques):
     """A rigid body under any sum of torques.
 
     A omega' + omega x G = N, the sum of what the case names:
@@ -425,14 +425,6 @@ class Torques(BodyUnderTorques):
             return []
         return [f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # The class is made from the terms that are named; other processes make it again.
-        return looked_up, (
-            self.name,
-            self.form,
-            {f.name: getattr(self, f.name) for f in fields(self)},
-        )
-
 
 def component(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> Any:
     """|omega_i|, by its sign in the state, as an event."""
@@ -524,14 +516,14 @@ def resting(k: Any) -> Sequence[Any]:
 
 def crossings_foretold(terms: Dissipation) -> list[str]:
     """Which crossings are possible, in a sentence."""
-    largest, smallest = (f"x{i + 1}" for i in outer_axes(terms.inertia).tolist())
+    largest, smallest = (f"x{i + 1}" for i in outer_axes(terms.inertia))
     up, down = f"{smallest} to {largest}", f"{largest} to {smallest}"
     at_most_one = {
         CrossingPattern.NONE: "no crossing is possible",
         CrossingPattern.TO_SMALLEST: f"one crossing at most, {down}",
         CrossingPattern.TO_LARGEST: f"one crossing at most, {up}",
     }
-    pattern = CrossingPattern(int(possible_crossings(terms)))
+    pattern = possible_crossings(terms)
     if pattern is CrossingPattern.THERE_AND_BACK:
         turning = turning_momenta(terms)
         fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning)
@@ -542,13 +534,13 @@ def crossings_foretold(terms: Dissipation) -> list[str]:
 
 def rotation_held(terms: Dissipation) -> list[str]:
     """The rotation that a torque along one axis holds against damping alone, in a sentence."""
-    axes = np.flatnonzero(terms.torque)
-    others = (*terms.quadratic, *terms.quadratic_axes, terms.kappa)
-    if len(axes) != 1 or any(others) or not terms.covered or not terms.damping[axes[0]] > 0:
+    axis, *more = np.flatnonzero(terms.torque).tolist()
+    others = (*more, *terms.quadratic, *terms.quadratic_axes, terms.kappa)
+    if any(others) or not terms.covered or not terms.damping[axis] > 0:
         return []
-    omega, stable = (x[axes[0]] for x in driven_spin(terms.inertia, terms.damping, terms.torque))
+    omega, stable = driven_spin(terms, axis)
     word = "stable" if stable else "unstable"
-    return [f"the torque holds a rotation about x{axes[0] + 1} at {omega:.6g} [time^-1]: {word}"]
+    return [f"the torque holds a rotation about x{axis + 1} at {omega:.6g} [time^-1]: {word}"]
 
 
 def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:

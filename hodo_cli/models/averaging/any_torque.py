@@ -3,16 +3,15 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from importlib import import_module
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ...schema.kinds import Integer, Key, Mistake
-from ..base import Constants, Event, EventOutcome
+from ..base import Constants, Event, EventOutcome, LookedUp
 from ..constants import attributes
 from ..rigid_body import BodyFrame
 from .capture import (
@@ -298,7 +297,7 @@ def part_by_quadrature(
 
 
 @dataclass(frozen=True)
-class AnyTorque(AveragedTurns):
+class AnyTorque(LookedUp, AveragedTurns):
     """A body-frame model averaged over the turns of its hodograph by quadrature.
 
     (ln X_e)' and (ln X_o)' are the means over `nodes` even steps of a turn of the exact free
@@ -376,17 +375,6 @@ class AnyTorque(AveragedTurns):
             *self.averaged_events,
             Event("separatrix", distance_to_edge, terminal=True, passage=passage),
         )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # The class is made where models are looked up; other processes have to look it up too.
-        data = {field.name: getattr(self, field.name) for field in fields(self)}
-        return looked_up, (self.name, self.form, data)
-
-
-def looked_up(name: str, form: str, data: Mapping[str, Any]) -> BodyFrame:
-    """The object of a form of a model with these data."""
-    model: BodyFrame = import_module(__package__.rpartition(".")[0]).find(name, form).of(data)
-    return model
 
 
 def logarithms(slow: SlowVariables) -> tuple[Any, Any]:

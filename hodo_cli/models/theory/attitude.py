@@ -17,6 +17,7 @@ positive terms only, and is as good beside the separatrix, where cn and dn are s
 Source: R. Montgomery, Am. J. Phys. 59 (1991) 394, for psi over a turn.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,8 @@ def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarra
     signs = np.array([1, _parity(turn), 1])
     momentum = (A * omega0)[frame] * signs
     total = np.hypot.reduce(momentum)
-    psi = total * (t / A[turn.o] + _weight(A, turn) * (area - area0) / turn.n)
+    weight = (A[turn.o] - A[turn.m]) / (A[turn.o] * A[turn.m])  # 1/A_m - 1/A_o
+    psi = total * (t / A[turn.o] + weight * (area - area0) / turn.n)
     y, z = np.eye(3)[1:]
     # The longitude and the angle of the start, then those of t the other way.
     attitude = product(
@@ -61,28 +63,21 @@ def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarra
     return attitude
 
 
-def turn_angle(A: np.ndarray, omega0: np.ndarray) -> tuple[float, float]:
-    """The period of one turn of g round the enclosed axis, and the angle psi by which the body has
-    then turned about G; not numbers in steady rotation, infinite on the separatrix."""
-    size, omega0 = in_own_units(omega0)
-    turn = free_turn(A, omega0)
-    if turn is None:
-        return np.nan, np.nan
-    if not turn.complementary:
-        return np.inf, np.inf
-    quarter, area = _integrals(A, turn, 1.0, 0.0)
-    period = 4 * quarter / turn.n
-    weight = 4 * _weight(A, turn) * area / turn.n
-    psi = np.hypot.reduce(A * omega0) * (period / A[turn.o] + weight)
-    return float(np.ldexp(period, -size)), float(psi)
+def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
+    """The components of the rotation `second`, then `first`, from those of both."""
+    a, b, c, d = first
+    e, f, g, h = second
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
 
 
 def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """The rotation `second`, then `first`, as quaternions (..., 4), scalar first."""
-    a, u = first[..., :1], first[..., 1:]
-    b, v = second[..., :1], second[..., 1:]
-    scalar = a * b - (u * v).sum(-1, keepdims=True)
-    return np.concatenate([scalar, a * v + b * u + np.cross(u, v)], axis=-1)
+    return np.stack(composed(np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)), axis=-1)
 
 
 def _rotation(axis: np.ndarray, angle: Any) -> np.ndarray:
@@ -150,19 +145,9 @@ def carlson(x: Any, y: Any, z: Any, p: Any) -> tuple[Any, Any]:
             root > 0, np.arctan(root) / np.where(root > 0, root, 1), 1
         )
         shift = a * b + a * c + b * c
-        x, y, z, p, scale = (
-            (x + shift) / 4,
-            (y + shift) / 4,
-            (z + shift) / 4,
-            (p + shift) / 4,
-            scale / 4,
-        )
+        x, y, z, p = ((value + shift) / 4 for value in (x, y, z, p))
+        scale = scale / 4
     return (3 / (x + y + z)) ** 0.5, scale * (5 / (x + y + z + 2 * p)) ** 1.5 + 6 * total
-
-
-def _weight(A: np.ndarray, turn: FreeTurn) -> Any:
-    """1/A_m - 1/A_o."""
-    return (A[turn.o] - A[turn.m]) / (A[turn.o] * A[turn.m])
 
 
 def _parity(turn: FreeTurn) -> int:

@@ -45,9 +45,9 @@ class CrossingPattern(IntEnum):
 
 
 class Dissipation(NamedTuple):
-    """The coefficients of a sum of torques by body axis, (..., 3), but for kappa (...); `torque` is
-    constant in the body. `covered` (...) is False where there are others, whose means over a turn
-    are 0, so that they count in no growth of a tilt, but may make the motion cross."""
+    """The coefficients of a sum of torques by body axis (3,), but for kappa; `torque` is constant
+    in the body. `covered` is False where there are others, whose means over a turn are 0, so that
+    they count in no growth of a tilt, but may make the motion cross."""
 
     inertia: Any
     damping: Any = (0.0, 0.0, 0.0)
@@ -59,87 +59,73 @@ class Dissipation(NamedTuple):
 
 
 class SenseReversal(NamedTuple):
-    """The sizes of G (...) at which the sense of crossings turns; not a number where it does not.
+    """The sizes of G at which the sense of crossings turns; not numbers where it does not.
 
     Above `fluid` a body crosses to the axis of largest inertia only, below `damping` to that of
     smallest only; `mean` is where the mean over a half turn changes its sign.
     """
 
-    fluid: Any
-    damping: Any
-    mean: Any
+    fluid: float
+    damping: float
+    mean: float
 
 
-def outer_axes(inertia: Any) -> np.ndarray:
-    """The positions (..., 2) of the axes of largest and smallest inertia; ties keep the order
-    given."""
+def outer_axes(inertia: Any) -> tuple[int, int]:
+    """The positions of the axes of largest and smallest inertia; ties keep the order given."""
     # A stable sort, as that of a single body.
-    return np.argsort(-np.asarray(inertia), axis=-1, kind="stable")[..., ::2]
+    largest, _, smallest = np.argsort(-np.asarray(inertia), kind="stable").tolist()
+    return largest, smallest
 
 
 def turning_momenta(terms: Dissipation) -> SenseReversal:
     """Where fluid and damping change places."""
-    a, b, c = np.moveaxis(-np.sort(-np.asarray(terms.inertia, float), axis=-1), -1, 0)
+    c, b, a = np.sort(np.asarray(terms.inertia, float))
     # In ratios, since (a b c)^2 may have no double.
     scale, narrow = (a - c) / a / (a * b * c), (a + c - b) / c
     alpha, beta = scale * narrow, scale * (2 * a / b - narrow)
-    largest, smallest = _outer(terms.inertia, terms.damping)
-    excess = largest - smallest
-    strengths = np.minimum(alpha, beta), np.maximum(alpha, beta), (2 * alpha + beta) / 3
+    largest, smallest = outer_axes(terms.inertia)
+    excess = np.float64(terms.damping[largest] - terms.damping[smallest])
+    strengths = np.array([min(alpha, beta), max(alpha, beta), (2 * alpha + beta) / 3])
     with np.errstate(all="ignore"):
-        ratios = [np.where(excess > 0, excess, np.nan) / (terms.kappa * f) for f in strengths]
-        return SenseReversal(*(np.where(np.isfinite(x), np.sqrt(x), np.nan) for x in ratios))
+        squares = excess / (terms.kappa * strengths)
+        valid = (squares > 0) & np.isfinite(squares)
+        return SenseReversal(*np.where(valid, np.sqrt(squares), np.nan).tolist())
 
 
-def possible_crossings(terms: Dissipation, momentum: Any = np.inf) -> np.ndarray:
-    """The CrossingPattern (...) that a motion can have, as int8; from a given |G| (...) on.
+def possible_crossings(terms: Dissipation) -> CrossingPattern:
+    """The crossings that a motion can have.
 
     kappa and the quadratic coefficients are at least 0; for negative damping beside fluid less is
     known.
     """
-    ordered = -np.sort(-np.asarray(terms.inertia, float), axis=-1)
-    a, b, c = np.moveaxis(ordered, -1, 0)
-    damping, quadratic = (
-        np.subtract(*_outer(terms.inertia, x)) for x in (terms.damping, terms.quadratic)
-    )
-    first, last = _outer(terms.inertia, terms.quadratic_axes)
+    c, b, a = np.sort(np.asarray(terms.inertia, float))
+    if a == b or b == c:
+        return CrossingPattern.NONE
+    if not terms.covered or np.any(terms.torque):
+        return CrossingPattern.UNKNOWN
+    largest, smallest = outer_axes(terms.inertia)
+    damping, quadratic = (x[largest] - x[smallest] for x in (terms.damping, terms.quadratic))
     # |p| and |r| on the separatrix are as sqrt(c (b - c)) and sqrt(a (a - b)).
+    first, last = terms.quadratic_axes[largest], terms.quadratic_axes[smallest]
     by_axes = first * np.sqrt(c * (b - c)) - last * np.sqrt(a * (a - b))
-    fluid = np.asarray(terms.kappa) > 0
-    up = fluid | (damping < 0) | (quadratic < 0) | (by_axes < 0)
-    down = (damping > 0) | (quadratic > 0) | (by_axes > 0)
-    dissipates = (np.asarray(terms.damping) >= 0).all(-1)
-    turns = fluid & (damping > 0) & (quadratic == 0) & (by_axes == 0) & dissipates
-    covered = np.asarray(terms.covered) & (np.asarray(terms.torque) == 0).all(-1)
-    slow = np.asarray(momentum) <= turning_momenta(terms).damping
-    codes = np.select(
-        [(a == b) | (b == c), ~covered, ~down & ~up, ~down, ~up | (turns & slow), turns],
-        [
-            CrossingPattern.NONE,
-            CrossingPattern.UNKNOWN,
-            CrossingPattern.NONE,
-            CrossingPattern.TO_LARGEST,
-            CrossingPattern.TO_SMALLEST,
-            CrossingPattern.THERE_AND_BACK,
-        ],
-        CrossingPattern.UNKNOWN,
-    )
-    return codes.astype(np.int8)
+    media, has_fluid = (damping, quadratic, by_axes), terms.kappa > 0
+    if max(media) <= 0:
+        turns_up = has_fluid or min(media) < 0
+        return CrossingPattern.TO_LARGEST if turns_up else CrossingPattern.NONE
+    if not has_fluid and min(media) >= 0:
+        return CrossingPattern.TO_SMALLEST
+    # |G| alone tells which of fluid and damping is the stronger, and it falls.
+    is_two_sided = has_fluid and damping > 0 and not quadratic and not by_axes
+    turns = is_two_sided and min(terms.damping) >= 0
+    return CrossingPattern.THERE_AND_BACK if turns else CrossingPattern.UNKNOWN
 
 
-def axes_kept(terms: Dissipation, momentum: Any = np.inf) -> np.ndarray:
-    """Whether (..., 3) a body axis is enclosed for ever once it is."""
-    codes = possible_crossings(terms, momentum)
-    absorbing = np.zeros((*codes.shape, 3), dtype=bool)
-    largest = (codes == CrossingPattern.NONE) | (codes == CrossingPattern.TO_LARGEST)
-    smallest = (codes == CrossingPattern.NONE) | (codes == CrossingPattern.TO_SMALLEST)
-    positions = np.broadcast_to(outer_axes(terms.inertia), (*codes.shape, 2))
-    np.put_along_axis(absorbing, positions, np.stack([largest, smallest], -1), -1)
-    return absorbing
-
-
-def _outer(inertia: Any, values: Any) -> tuple[Any, Any]:
-    """Those of values (..., 3) that belong to the axes of largest and smallest inertia."""
-    inertia, values = np.broadcast_arrays(inertia, np.asarray(values, float))
-    outer = np.take_along_axis(values, outer_axes(inertia), -1)
-    return outer[..., 0], outer[..., 1]
+def axes_kept(terms: Dissipation) -> frozenset[int]:
+    """The body axes, 1 to 3, each of which is enclosed for ever once it is."""
+    largest, smallest = outer_axes(terms.inertia)
+    kept = {
+        CrossingPattern.NONE: {largest + 1, smallest + 1},
+        CrossingPattern.TO_LARGEST: {largest + 1},
+        CrossingPattern.TO_SMALLEST: {smallest + 1},
+    }
+    return frozenset(kept.get(possible_crossings(terms), ()))

@@ -72,17 +72,14 @@ def _above_others(rates: np.ndarray) -> np.ndarray:
     return np.where(np.abs(rates - others) <= rounding, 0, rates - others)
 
 
-def driven_spin(inertia: Any, damping: Any, torque: Any) -> tuple[np.ndarray, np.ndarray]:
+def driven_spin(terms: Dissipation, i: int) -> tuple[float, bool]:
     """The rotation omega_i = M_i/(lambda_i A_i) that a torque M along body axis i alone holds
-    against damping, and whether it is stable; (..., 3) for the axis as each of the three.
+    against damping, and whether it is stable.
 
     A tilt (w_j, w_k) has the eigenvalues x of (x + lambda_j)(x + lambda_k) = (A_k - A_i)(A_i - A_j)
     omega_i^2/(A_j A_k), which is negative but for the middle axis.
     """
-    A, damping, torque = (np.asarray(x, float) for x in (inertia, damping, torque))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        omega = torque / (damping * A)
-    j, k = np.roll(A, -1, -1), np.roll(A, -2, -1)
-    first, second = np.roll(damping, -1, -1), np.roll(damping, -2, -1)
-    product = (k - A) * (A - j) / (j * k) * omega * omega
-    return omega, (first + second > 0) & (first * second > product)
+    A, damping, j, k = terms.inertia, terms.damping, (i + 1) % 3, (i + 2) % 3
+    omega = terms.torque[i] / (damping[i] * A[i])
+    product = (A[k] - A[i]) * (A[i] - A[j]) / (A[j] * A[k]) * omega * omega
+    return omega, damping[j] + damping[k] > 0 and damping[j] * damping[k] > product
