@@ -8,7 +8,7 @@ import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -32,7 +32,7 @@ def _end(number: int, frame: object) -> NoReturn:
 
 class Hodo(click.Group):
     """Turns the user's mistakes into one line and exit status 2, Ctrl-C into 130, and SIGTERM into
-    143."""
+    143. A command returns its exit status, or None for 0."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
@@ -47,13 +47,14 @@ class Hodo(click.Group):
                 warnings.showwarning = _once()
                 _open_standard_files()
                 try:
-                    return super().invoke(ctx)
+                    status = super().invoke(ctx)
                 finally:  # a full device is noticed here, not when Python ends
                     try:
                         sys.stderr.flush()
                     except (OSError, ValueError):  # what is left in it would decide the exit status
                         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
                     sys.stdout.flush()
+                ctx.exit(status or 0)
         except (HodoError, BatchError) as error:
             if ctx.params["traceback"]:
                 traceback.print_exc()
@@ -163,37 +164,30 @@ def main(traceback: bool, own: tuple[str, ...]) -> None:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def _cases(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """The case names of the configs given so far, with which a shell completes --case."""
-    from .cases.config import load
+def _named_in(section: str) -> Callable[..., list[Any]]:
+    """What completes a name of this section, `cases` or `figures`, of the configs and results given
+    so far, for a shell; file names where none fits."""
 
-    names: list[str] = []
-    # An option without its value has kept click from giving the arguments their names.
-    for config in ctx.args:
-        with suppress(HodoError):  # a shell shows no mistakes
-            names += load(config).cases
-    return [name for name in names if name.startswith(incomplete)]
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+        from click.shell_completion import CompletionItem
 
+        from .cases.config import load, parse
+        from .storage.hdf5 import open_run
 
-def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-    """The figure names of the results and configs given so far, for a shell to complete; file names
-    where no figure fits."""
-    from click.shell_completion import CompletionItem
+        names: list[str] = []
+        # An option without its value has kept click from giving the arguments their names.
+        for given in ctx.params.get("runs") or ctx.args:
+            # A shell shows no mistakes, and not every word is a file.
+            with suppress(HodoError), warnings.catch_warnings(action="ignore"):
+                if given.endswith(".h5"):
+                    with open_run(given) as result:
+                        names += getattr(parse(result.text, given), section)
+                else:
+                    names += getattr(load(given), section)
+        items = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+        return items or _configs(ctx, param, incomplete)
 
-    from .cases.config import load, parse
-    from .schema.document import YAML_SUFFIXES
-    from .storage.hdf5 import open_run
-
-    names: list[str] = []
-    with suppress(HodoError), warnings.catch_warnings(action="ignore"):
-        for run in ctx.params.get("runs") or ():
-            if run.endswith(".h5"):
-                with open_run(run) as result:
-                    names += parse(result.text, run).figures
-            elif run.endswith(YAML_SUFFIXES) or not names:
-                names += load(run).figures
-    items = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-    return items or _configs(ctx, param, incomplete)
+    return complete
 
 
 def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
@@ -212,17 +206,13 @@ def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     return items
 
 
-def _formats(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """The formats of figures."""
-    from .cases.figure_block import FORMATS
-
-    return [name for name in FORMATS if name.startswith(incomplete)]
-
-
 def _files(name: str, **how: Any) -> Callable[[Command], Command]:
     """An argument that takes the names of results or configs."""
     return click.argument(name, type=click.Path(path_type=Path), shell_complete=_configs, **how)
 
+
+FORMATS = ("png", "svg", "pdf", "csv", "html", "gif", "mp4")
+"""The formats that a figure is written in."""
 
 RUNS = _files("runs", nargs=-1, required=True)
 JSON = click.option(
@@ -233,7 +223,7 @@ GLOBS = click.option(
     "globs",
     multiple=True,
     metavar="GLOB",
-    shell_complete=_cases,
+    shell_complete=_named_in("cases"),
     help="Only cases whose name matches (repeatable).",
 )
 
@@ -311,14 +301,14 @@ def _run(
     quiet: bool,
     verbose: bool,
     as_json: bool,
-) -> None:
+) -> int:
     """Integrate the cases of CONFIGS into runs/NAME.h5.
 
     A bare NAME is NAME.yaml in this folder, or a case file that comes with hodo, such as paper1.
     Finished cases are kept unless they have changed; cases that have left the config are kept too.
     With --set, the result is runs/NAME,CASE.KEY=VALUE.h5.
     """
-    from . import tables, text
+    from . import tables
     from .cases.config import load
     from .commands import run
 
@@ -326,32 +316,31 @@ def _run(
     plans = run.plans(loaded, out, globs, force, jobs, prune, overrides)
     if dry_run:
         click.echo("\n".join(line for plan in plans for line in plan.lines()))
-        return
+        return 0
     rows = run.execute(plans, jobs, scheduler, quiet, verbose, fail_fast)
-    click.echo(text.as_json(rows) if as_json else tables.case_table(rows))
-    if failed := [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]:
-        count = f"{len(failed)} of {len(rows)} cases did not end well"
-        _say(f"{count}: {', '.join(failed)}")
-        sys.exit(1)
+    failed = [f"{row['case']} ({row['status']})" for row in rows if row["status"] != "ok"]
+    count = f"{len(failed)} of {len(rows)} cases did not end well"
+    problems = [f"{count}: {', '.join(failed)}"] if failed else []
+    return _report(rows, tables.case_table, as_json, problems)
 
 
 def _report(
-    rows: list[Any], problems: list[str], table: Callable[[list[Any]], str], as_json: bool
-) -> None:
-    """Print problems, then rows as a table or as JSON; exit status 1 if there is a problem."""
-    from . import text
+    rows: Any, table: Callable[[Any], str], as_json: bool = False, problems: Iterable[str] = ()
+) -> int:
+    """Print rows as a table or as JSON, then problems; the exit status, 1 if there is a problem."""
+    from .text import as_json as json_of
 
+    text = json_of(rows) if as_json else table(rows)
+    click.echo(text, nl=bool(text))
     for problem in problems:
         _say(problem)
-    click.echo(text.as_json(rows) if as_json else table(rows))
-    if problems:
-        sys.exit(1)
+    return int(bool(problems))
 
 
 @main.command("classify")
 @RUNS
 @JSON
-def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
+def _classify(runs: tuple[Path, ...], as_json: bool) -> int:
     """Label the enclosed axes, and find every separatrix crossing.
 
     The label of each sample and the crossings are added to RUNS: results (*.h5), or configs with a
@@ -360,44 +349,45 @@ def _classify(runs: tuple[Path, ...], as_json: bool) -> None:
     from . import tables
     from .commands import classify
 
-    _report(*classify.classify_results(runs), tables.table_of_crossings, as_json)
+    rows, problems = classify.classify_results(runs)
+    return _report(rows, tables.table_of_crossings, as_json, problems)
 
 
 @main.command("claims")
 @RUNS
 @JSON
-def _claims(runs: tuple[Path, ...], as_json: bool) -> None:
+def _claims(runs: tuple[Path, ...], as_json: bool) -> int:
     """Check the statements of RUNS against their results.
 
     The statements are the `claims:` and `errata:` of the case file. The verdicts go into RUNS:
     results (*.h5), or configs with a result in runs/; a config's statements are read anew.
     Exit status 3 if a verdict is not the expected one.
     """
-    from . import tables, text
+    from . import tables
     from .commands import claims
 
     statements, errata = claims.judge_results(runs)
-    if as_json:
-        click.echo(text.as_json({"statements": statements, "errata": errata}))
-    else:
-        click.echo(tables.claim_table(statements), nl=bool(statements))
-        click.echo(tables.erratum_table(errata), nl=bool(errata))
-    if not all(map(claims.as_expected, [*statements, *errata])):
-        sys.exit(3)
+    rows = {"statements": statements, "errata": errata}
+    _report(rows, tables.verdict_tables, as_json)
+    return 0 if all(map(claims.as_expected, [*statements, *errata])) else 3
 
 
 @main.command("plot")
 @click.argument(
-    "runs", nargs=-1, required=True, metavar="RUN... [FIGURE]...", shell_complete=_figures
+    "runs",
+    nargs=-1,
+    required=True,
+    metavar="RUN... [FIGURE]...",
+    shell_complete=_named_in("figures"),
 )
 @click.option(
     "--format",
     "formats",
+    type=click.Choice(FORMATS),
     multiple=True,
     default=("png",),
     show_default=True,
-    shell_complete=_formats,
-    help="png, svg, pdf, csv or html; gif or mp4 of what moves (repeatable).",
+    help="gif and mp4 show what moves (repeatable).",
 )
 @_folder("runs/figures")
 @click.option("--force", is_flag=True, help="Draw unchanged figures again too.")
@@ -415,7 +405,7 @@ def _plot(
     force: bool,
     alone: Path | None,
     jobs: int,
-) -> None:
+) -> int:
     """Draw the figures of each RUN.
 
     Without FIGURE all figures are drawn, and a page that shows them. A figure is drawn again when
@@ -425,12 +415,11 @@ def _plot(
     from .commands import plot
 
     files, names = plot.split(runs)
-    failed = False
+    status = 0
     for line, is_problem in plot.draw_results(files, names, formats, out, jobs, force, alone):
         (_say if is_problem else click.echo)(line)
-        failed |= is_problem
-    if failed:
-        sys.exit(1)
+        status |= is_problem
+    return status
 
 
 @main.command("compare")
@@ -443,7 +432,7 @@ def _plot(
     "--atol", type=float, help="Absolute tolerance (default: the reference's own, else 0)."
 )
 @JSON
-def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> None:
+def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: bool) -> int:
     """Compare the result A with the reference B.
 
     A and B are results (*.h5), or configs with a result in runs/. Every case, label, crossing and
@@ -453,14 +442,13 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
     crossings and events may differ by 100 times rtol, stated errors by a factor of 30; sample
     times, labels, units and warnings are equal or not.
     """
-    from . import tables, text
+    from . import tables
     from .commands import compare
     from .results.agreement import Tolerance
 
     rows = compare.compare_results(a, b, Tolerance(rtol, atol))
-    click.echo(text.as_json(rows) if as_json else tables.comparison_table(rows))
-    if any(row["differs"] for row in rows):
-        sys.exit(3)
+    _report(rows, tables.comparison_table, as_json)
+    return 3 if any(row["differs"] for row in rows) else 0
 
 
 @main.command("bench")
@@ -472,7 +460,7 @@ def _compare(a: Path, b: Path, rtol: float | None, atol: float | None, as_json: 
 @click.option("--quiet", is_flag=True, help="No progress on stderr.")
 def _bench(
     config: Path, globs: tuple[str, ...], out: Path, jobs: int, markdown: bool, quiet: bool
-) -> None:
+) -> int:
     """Measure error against run time for every case of CONFIG.
 
     Its bench: section names the methods and tolerances. The trials go into NAME.bench.h5 as
@@ -484,15 +472,14 @@ def _bench(
 
     trials = bench.benchmark(load(config), globs, out, jobs, quiet)
     click.echo(bench.printed(trials, markdown))
-    if bench.auto_failed(trials):
-        sys.exit(1)
+    return int(bench.auto_failed(trials))
 
 
 @main.command("show")
 @RUNS
 @click.option("--methods", is_flag=True, help="Print a paragraph for a paper on each instead.")
 @JSON
-def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> None:
+def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> int:
     """List the cases in RUNS.
 
     RUNS are results (*.h5), or configs with a result in runs/. A line says how a case was
@@ -503,8 +490,9 @@ def _show(runs: tuple[Path, ...], methods: bool, as_json: bool) -> None:
 
     if methods:
         click.echo("\n\n".join(map(show.methods_paragraph, runs)))
-    else:
-        _report(*show.stored_cases(runs), tables.case_table, as_json)
+        return 0
+    rows, problems = show.stored_cases(runs)
+    return _report(rows, tables.case_table, as_json, problems)
 
 
 @main.command("merge")
@@ -522,7 +510,8 @@ def _merge(runs: tuple[Path, ...], out: Path) -> None:
     from .commands import merge, show
 
     merge.merge_results(runs, out)
-    _report(*show.stored_cases([out]), tables.case_table, as_json=False)
+    rows, _ = show.stored_cases([out])
+    _report(rows, tables.case_table)
 
 
 @main.command("schema")

@@ -98,29 +98,23 @@ def passage(crossing: Mapping[str, Any], unit: str) -> str:
     return f"{crossing['time']:.15g}{unit} ({ends}, error {error}{unit})"
 
 
-def claim_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Statements with their verdicts and what decides them, and how many have which verdict; one
-    that is not the one expected is marked. Nothing without any."""
-    if not rows:
-        return ""
-    lines = []
-    for row in rows:
-        unexpected = "" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"
-        lines.append((row["id"], row["where"], row["verdict"] + unexpected, row["evidence"]))
-    statements = table(("claim", "where", "verdict", "decided by"), lines)
-    return f"{statements}\n{totals('statement', rows, VERDICTS)}"
-
-
-def erratum_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Misprints with their corrections and the evidence; nothing without any."""
-    if not rows:
-        return ""
-    lines = [
-        (row["id"], row["where"], row["printed"], row["should_be"], row["verdict"], row["evidence"])
-        for row in rows
-    ]
-    header = ("erratum", "where", "printed", "should be", "verdict", "shown by")
-    return f"\n{table(header, lines)}\n{totals('erratum', rows, MISPRINTS)}"
+def verdict_tables(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Statements with their verdicts and what decides them, errata with their corrections, and how
+    many have which verdict; a statement whose verdict is not the one expected is marked."""
+    statements, errata, parts = rows["statements"], rows["errata"], []
+    if statements:
+        lines = []
+        for row in statements:
+            unexpected = "" if row["verdict"] == row["expect"] else f" (EXPECTED: {row['expect']})"
+            lines.append((row["id"], row["where"], row["verdict"] + unexpected, row["evidence"]))
+        parts += [table(("claim", "where", "verdict", "decided by"), lines)]
+        parts += [totals("statement", statements, VERDICTS)]
+    if errata:
+        header = ("erratum", "where", "printed", "should be", "verdict", "shown by")
+        keys = ("id", "where", "printed", "should_be", "verdict", "evidence")
+        parts += ["", table(header, [[row[key] for key in keys] for row in errata])]
+        parts += [totals("erratum", errata, MISPRINTS)]
+    return "\n".join(parts)
 
 
 def totals(what: str, rows: Sequence[Mapping[str, Any]], verdicts: Sequence[str]) -> str:

@@ -24,8 +24,8 @@ from matplotlib.ticker import ScalarFormatter
 
 from hodo_cli import HodoError, api, figures
 from hodo_cli.cases.config import Config, load, parse
-from hodo_cli.cases.figure_block import FIGURE_KINDS, FORMATS
-from hodo_cli.cli import main
+from hodo_cli.cases.figure_block import FIGURE_KINDS
+from hodo_cli.cli import FORMATS, main
 from hodo_cli.commands import plot
 from hodo_cli.figures.sheet import (
     _formula,

@@ -32,9 +32,6 @@ from ..schema.kinds import (
 )
 from .sweep_block import AXIS_LABELS
 
-FORMATS = ("png", "svg", "pdf", "csv", "html", "gif", "mp4")
-"""The formats that a figure is written in."""
-
 PAGE_DATA = "page.json"
 """The data of a result for the page, in the folder of its figures."""
 

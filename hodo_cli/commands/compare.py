@@ -39,7 +39,7 @@ COMPUTED = (
 """Settings that may differ between a result and its reference, as their paths begin: they say how
 the motion is computed, sampled and remarked upon, not which one it is."""
 
-Row = dict[str, Any]
+ComparisonRow = dict[str, Any]
 
 Line = tuple[str, float, str]
 """The comparison of one variable, or of an attribute that differs: its name, `scaled`, and `place`.
@@ -50,7 +50,7 @@ the two cannot be compared.
 """
 
 
-def comparison_row(case: str, variable: str, scaled: float, place: str) -> Row:
+def comparison_row(case: str, variable: str, scaled: float, place: str) -> ComparisonRow:
     """The row of the table for one variable of a case."""
     # So that nan differs.
     differs = not scaled <= 1
@@ -59,7 +59,7 @@ def comparison_row(case: str, variable: str, scaled: float, place: str) -> Row:
     }  # fmt: skip
 
 
-def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Row]:
+def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[ComparisonRow]:
     """The result `a` against the reference `b`, as `compare` does it; each may be named by its
     config."""
     (ours, config), (theirs, reference_config) = map(result_named, (a, b))
@@ -70,7 +70,7 @@ def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[Row]:
         return compare(run, reference, tolerance)
 
 
-def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Row]:
+def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[ComparisonRow]:
     """Every case and variable of the reference `b` in `a`, and the cases that `a` alone has.
 
     Raises HodoError if the files share no case: they are then not results of the same experiment.
@@ -78,7 +78,7 @@ def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Row]:
     ours, theirs = dict.fromkeys(a.cases()), dict.fromkeys(b.cases())
     if not ours.keys() & theirs.keys():
         raise HodoError(f"{a.path} and {b.path} have no case in common")
-    rows: list[Row] = []
+    rows: list[ComparisonRow] = []
     for name in theirs | ours:
         if name in ours and name in theirs:
             lines = compared_case(sound(a, name), sound(b, name), tolerance)
@@ -244,15 +244,17 @@ def largest_at(
     if not index:
         return ""
     where = [
-        f"{dim} = {printed(coordinates[dim], coordinates[dim].data[i], 10)}"
+        f"{dim} = {printed_value(coordinates[dim], coordinates[dim].data[i], 10)}"
         if dim in coordinates and dim != name
         else f"{dim} {i}"
         for dim, i in zip(b.dims, index, strict=True)
     ]
-    return f"{', '.join(where)}: {printed(b, a[index])}, not {printed(b, b.data[index])}"
+    return (
+        f"{', '.join(where)}: {printed_value(b, a[index])}, not {printed_value(b, b.data[index])}"
+    )
 
 
-def printed(variable: Variable, value: object, digits: int = 17) -> str:
+def printed_value(variable: Variable, value: object, digits: int = 17) -> str:
     """A value as the table prints it; a label by its meaning."""
     if "flag_values" in variable.attrs and isinstance(value, np.integer):
         return rigid_body.LABELS.get(int(value), str(value))

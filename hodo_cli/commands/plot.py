@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING, Any
 from .. import HodoError
 from ..batch.pool import Pool, pool
 from ..cases.config import Config, load, parse
-from ..cases.figure_block import FORMATS, PAGE_DATA, DrawnFigure
+from ..cases.figure_block import PAGE_DATA, DrawnFigure
 from ..machine import library_version
 from ..progress import Progress
 from ..schema.document import YAML_SUFFIXES
-from ..schema.kinds import unknown
 from ..storage.finished_cases import open_batch
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import replacing
@@ -128,10 +127,8 @@ def draw_results(
     `alone` holds once more with its pictures; what is drawn already is kept, unless `force`.
 
     Yields the lines to print, each with whether it tells of a problem. Raises HodoError for an
-    unknown figure or format before anything is drawn, or if a file cannot be read.
+    unknown figure before anything is drawn, or if a file cannot be read.
     """
-    for wrong in (name for name in formats if name not in FORMATS):
-        raise HodoError(unknown(f"format {wrong!r}", wrong, FORMATS))
     if alone is not None and names:
         raise HodoError("--alone writes the page of all figures: name no figure")
     folders: list[Folder] = []
