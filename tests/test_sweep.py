@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 import pytest
 import series
+import xarray as xr
 from conftest import ROOT, Hodo, classified, exact_motion
 from hypothesis import given
 from hypothesis import strategies as st
@@ -39,8 +40,9 @@ from hodo_cli.progress import Progress
 from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
-from hodo_cli.sweeps import averages, chunk, columns, grid, members, summary, sweep
+from hodo_cli.sweeps import chunk, columns, grid, members, summary, sweep
 from hodo_cli.sweeps.single_cases import side_by_side
+from hodo_cli.sweeps.view import SweepView
 
 pytestmark = pytest.mark.engines
 
@@ -828,18 +830,23 @@ def test_the_columns_that_say_which_axis_are_those_that_have_no_mean() -> None:
     assert {name for name, column in stored.items() if column.flags} == {*sweep_block.AXIS_LABELS}
 
 
+def view_of(**variables: Any) -> SweepView:
+    return SweepView("s", one(f"{FIG4}, {BALL}"), xr.Dataset(variables))
+
+
 def test_averages_over_members() -> None:
     """Two axes of 2 and 3 positions; the member at (1, 2) does not count."""
     labels = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
-    columns = {
-        "status": Variable(("a", "b"), np.array([[0, 0, 0], [0, 0, 1]]), {}),
-        "end_axis": Variable(("a", "b"), np.array([[1, 3, 3], [1, 1, 1]]), labels),
-        "share": Variable(("a", "b", "axis"), np.arange(18.0).reshape(2, 3, 3), {}),
-        "crossing_time": Variable(("a", "b"), np.array([[1.0, np.nan, 3.0], [5.0, 7.0, 9.0]]), {}),
-    }
+    swept = view_of(
+        status=(("a", "b"), [[0, 0, 0], [0, 0, 1]]),
+        end_axis=(("a", "b"), [[1, 3, 3], [1, 1, 1]], labels),
+        share=(("a", "b", "axis"), np.arange(18.0).reshape(2, 3, 3)),
+        crossing_time=(("a", "b"), [[1.0, np.nan, 3.0], [5.0, 7.0, 9.0]]),
+        axis=["x1", "x2", "x3"],
+    )
 
     def average(variable: str, *keep: str, **at: int) -> list[float]:
-        return averages.average(columns, ["a", "b"], variable, keep, at).tolist()
+        return swept.values(variable, keep, at).tolist()
 
     assert average("end_axis.x1", "a") == [1 / 3, 1]
     assert average("share.x2", "b", "a") == [
@@ -864,26 +871,27 @@ def test_averages_over_members() -> None:
         average("end_axis", "a")
     with pytest.raises(HodoError, match="no position 3 on an axis 'b'"):
         average("crossing_time", b=3)
+    with pytest.raises(HodoError, match="on an axis 'c'"):
+        average("crossing_time", "c")
 
 
 def test_the_distance_of_two_sweeps() -> None:
     """A label counts as 1 where it differs, and only members that are ok in both count."""
 
-    def columns(axis: list[int], time: list[float], status: list[int]) -> dict[str, Variable]:
+    def ends(axis: list[int], time: list[float], status: list[int]) -> SweepView:
         flags = {"flag_values": np.array([1, 3]), "flag_meanings": "x1 x3"}
-        return {
-            "end_axis": Variable(("a",), np.array(axis), flags),
-            "crossing_time": Variable(("a",), np.array(time), {}),
-            "predicted": Variable(("a",), np.array(time) + 1, {}),
-            "status": Variable(("a",), np.array(status), {}),
-        }
+        return view_of(
+            end_axis=("a", axis, flags),
+            crossing_time=("a", time),
+            predicted=("a", np.array(time) + 1),
+            status=("a", status),
+        )
 
-    one = columns([1, 3, 1, 1], [1, 2, math.nan, 9], [0, 0, 0, 1])
-    other = columns([1, 1, 1, 3], [1.5, 3, 4, 5], [0, 0, 0, 0])
+    one = ends([1, 3, 1, 1], [1, 2, math.nan, 9], [0, 0, 0, 1])
+    other = ends([1, 1, 1, 3], [1.5, 3, 4, 5], [0, 0, 0, 0])
 
     def mean(variable: str, against: str) -> float:
-        return float(averages.average(averages.distance_of_sweeps(one, other, variable, against),
-                                      ["a"], variable, (), {}))  # fmt: skip
+        return float(one.distance(other, variable, against).values(variable, (), {}))
 
     assert mean("end_axis", "end_axis") == 1 / 3
     assert mean("crossing_time", "crossing_time") == 0.75
@@ -891,9 +899,7 @@ def test_the_distance_of_two_sweeps() -> None:
     with pytest.raises(HodoError, match="no variable 'G'"):
         mean("crossing_time", "G")
     with pytest.raises(HodoError, match="values of 'crossing_time'"):
-        averages.distance_of_sweeps(
-            one, {"G": Variable(("a",), np.zeros(3), {})}, "crossing_time", "G"
-        )
+        one.distance(view_of(G=("a", [0.0, 1.0, 2.0])), "crossing_time", "G")
 
 
 @pytest.mark.heyoka

@@ -6,15 +6,17 @@ Each takes its own keys and the motions of the claim's cases, in order, and yiel
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..models import rigid_body
-from ..results.motion import Array, Motion, formula_values
-from ..sweeps.averages import average
+from ..results.motion import Motion, formula_values
 from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
 from .quantities import number, quantity
+
+if TYPE_CHECKING:
+    from ..sweeps.view import SweepView
 
 Keys = Mapping[str, Any]
 
@@ -189,14 +191,14 @@ MOTION_CHECKS: dict[str, Callable[[Keys, Sequence[Motion]], Finding]] = {
 """The kinds of `claim_block.CHECK_KINDS` that take motions."""
 
 
-def averages(check: Keys, columns: Mapping[Any, Array], axes: Sequence[str]) -> Finding:
+def averages(check: Keys, swept: "SweepView") -> Finding:
     """Averages over the members of a sweep, at positions, or how much they vary along axes, against
     bounds, or how they follow each other; decided by the last average.
     """
     name = check["variable"]
-    means = [float(average(columns, axes, name, (), position)) for position in check["at"]]
+    means = [float(swept.values(name, (), position)) for position in check["at"]]
     for along in check["along"]:
-        values = average(columns, axes, name, (along,), {})
+        values = swept.values(name, (along,), {})
         means.append(float(np.nanmax(values) - np.nanmin(values)))
     violations = [check["least"] - x for x in means if check["least"] is not None]
     violations += [x - check["most"] for x in means if check["most"] is not None]

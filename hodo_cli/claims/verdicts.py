@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any
 
 from .. import HodoError
-from ..cases.case import Case, parse_case
+from ..cases.case import Case
 from ..cases.claim_block import (
     AS_PRINTED,
     BY_READING,
@@ -30,11 +30,10 @@ from ..cases.claim_block import (
     case_name,
     readings,
 )
-from ..results.motion import Array, Motion, case_of, motion_of
+from ..results.motion import Motion, case_of, motion_of
 from ..schema.frozen import frozen
 from ..schema.kinds import unknown
 from ..storage.hdf5 import ResultFile
-from ..sweeps.averages import distance_of_sweeps
 from .checks import MOTION_CHECKS, averages
 from .finding import Check, Finding, Trend, Verdict, part_of
 from .variations import Motions, changed, members
@@ -209,15 +208,18 @@ def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
     names = [name for name in claim["cases"] if isinstance(name, str)]
     if len(names) not in (1, 2):
         raise HodoError("a check of kind average takes one case, or two whose distance it averages")
-    groups = [run.read(name) for name in names]
-    for name, group in zip(names, groups, strict=True):
-        if not (sweep := parse_case(str(group.attributes["case"])).sweep):
-            raise HodoError(f"case {name} is no sweep")
-    columns: Mapping[Any, Array] = groups[0].variables
-    if len(groups) == 2:
+    # Late, because it loads xarray, which no other claim needs.
+    from ..results.dataset import dataset
+    from ..sweeps.view import SweepView
+
+    sweeps = [SweepView.of(name, dataset(run.read(name))) for name in names]
+    for swept in sweeps:
+        if not swept.case.sweep:
+            raise HodoError(f"case {swept.name} is no sweep")
+    if len(sweeps) == 2:
         variable, against = claim["check"]["variable"], claim["check"]["against"]
-        columns = distance_of_sweeps(columns, groups[1].variables, variable, against or variable)
-    return averages(claim["check"], columns, list(sweep or {}))
+        sweeps = [sweeps[0].distance(sweeps[1], variable, against or variable)]
+    return averages(claim["check"], sweeps[0])
 
 
 @lru_cache(maxsize=64)

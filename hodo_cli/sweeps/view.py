@@ -16,8 +16,6 @@ from ..cases.sweep_block import path_of, put
 from ..models.rigid_body import BodyFrame
 from ..results.dataset import case_in, ordered, sweep_axes, swept_names
 from ..results.motion import wrong_labels
-from ..storage.group import Variable
-from .averages import average
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -111,22 +109,67 @@ class SweepView:
         return np.asarray(vector.data)
 
     def values(self, variable: str, keep: Sequence[str], at: Mapping[str, int]) -> np.ndarray:
-        """A variable over the axes to `keep`, averaged over those that are neither kept nor fixed;
-        see `averages.average`."""
-        name, _, component = variable.partition(".")
-        column = self.data[name]
-        if component and "axis" in column.dims:
-            # By its coordinate, wherever it stands.
-            column, variable = column.isel(axis=list(column["axis"].data).index(component)), name
-        ok = self.data["status"] if "status" in self.data else 0 * column
-        columns = {name: self._over_all(column), "status": self._over_all(ok)}
-        return average(columns, list(self.axes), variable, keep, at)
+        """A variable over the axes to `keep`, at fixed positions on others, averaged over all
+        further axes; nan where no member counts.
 
-    def _over_all(self, column: "xr.DataArray") -> Variable:
-        """A variable over all axes in their order; the same along an axis that it does not have."""
-        sizes = {axis: n for axis, n in self.axes.items() if axis not in column.dims}
-        column = column.expand_dims(sizes).transpose(*self.axes, ...)
-        return Variable(tuple(map(str, column.dims)), np.asarray(column.data), dict(column.attrs))
+        `share.x1` is a component; `end_axis.x1` is 1 where the label is x1 and 0 where it is
+        another, so that its average is a share of members. Members whose status is not ok do not
+        count. Raises HodoError if there is no such variable, axis or position.
+        """
+        column, label = self._numbers(variable)
+        for axis, i in {**dict.fromkeys(keep, 0), **at}.items():
+            if not i < self.axes.get(axis, 0):
+                its_axes = ", ".join(self.axes)
+                message = (
+                    f"the sweep has no position {i} on an axis {axis!r} (its axes: {its_axes})"
+                )
+                raise HodoError(message)
+        averaged = [axis for axis in self.axes if axis not in (*keep, *at)]
+        if averaged and label:
+            shares = ", ".join(f"{variable}.{word}" for word in label)
+            raise HodoError(f"{variable} is a label, without a mean: name a share, {shares}")
+        # Members that failed hold nan or 0, and 0 is a label.
+        counted = column.where(self.data["status"] == 0 if "status" in self.data else True)
+        return np.asarray(counted.isel(at).mean(averaged).transpose(*keep).data)
+
+    def _numbers(self, variable: str) -> tuple["xr.DataArray", list[str]]:
+        """A variable, component or share over all axes, the same along one that it does not have,
+        and the words of a label: none of a number."""
+        name, _, word = variable.partition(".")
+        column = self._stored(name)
+        column = column.expand_dims({a: n for a, n in self.axes.items() if a not in column.dims})
+        words = str(column.attrs.get("flag_meanings", "")).split()
+        labels = dict(zip(words, column.attrs.get("flag_values", ()), strict=False))
+        # By their coordinate, wherever they stand.
+        components = [*map(str, self.data["axis"].data)] if "axis" in column.dims else []
+        if word in labels:
+            return (column == labels[word]).astype(float), []
+        if word in components:
+            return column.isel(axis=components.index(word)), []
+        if word or set(column.dims) > self.axes.keys():
+            has = ", ".join(f"{name}.{choice}" for choice in words or components) or name
+            raise HodoError(f"the sweep has no {variable!r}: it has {has}")
+        return column.astype(float), words
+
+    def _stored(self, name: str) -> "xr.DataArray":
+        if name not in self.data:
+            has = [str(key) for key, v in self.data.items() if self.axes.keys() <= {*v.dims}]
+            raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(has)})")
+        return self.data[name]
+
+    def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
+        """This sweep with a variable as its distance from one of another sweep of the same axes;
+        for labels, 1 where they differ. Members count where both are ok.
+
+        Raises HodoError unless the sweeps have them, over as many members.
+        """
+        a, b = self._stored(variable), other._stored(against)
+        if a.shape != b.shape:
+            raise HodoError(f"the sweeps have {a.shape} and {b.shape} values of {variable!r}")
+        apart = a.data != b.data if "flag_meanings" in a.attrs else np.abs(a.data - b.data)
+        status = np.maximum(self.data["status"].data, other.data["status"].data)
+        changed = {variable: (a.dims, apart.astype(float)), "status": ([*self.axes], status)}
+        return replace(self, data=self.data.assign(changed))
 
     def sorted_along(self, *names: str) -> "SweepView":
         """The sweep with the values along some axes in order, ascending unless they descend.
