@@ -17,20 +17,15 @@ from matplotlib.figure import Figure
 
 from . import HodoError
 from .batch.memory import check_memory
-from .batch.pool import pool
 from .cases.case import Case
 from .cases.config import composed_text, parse
-from .cases.figure_block import FIGURE_KINDS, check_figure
+from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
 from .commands.classify import classified, classify_results
-from .commands.resume import case_digest
 from .commands.run import execute, finished_case, plans
 from .figures import draw
 from .figures.artists import user_parameters
-from .progress import Progress
 from .results.dataset import StoredCases, cases_of_file, dataset
-from .schema.kinds import Wrong, check_keys, unknown
-from .storage.hdf5 import open_run
-from .storage.writer import Writer
+from .schema.kinds import Wrong
 
 __all__ = ["Case", "open", "plot", "run", "sweep"]
 
@@ -84,9 +79,8 @@ def run(
     if to is None and is_one:
         return _integrated(cases[0], classify)
     with TemporaryDirectory(prefix="hodo-") as folder:
-        datasets = _stored(
-            cases, Path(folder) / "cases.h5" if to is None else Path(to), jobs, classify
-        )
+        path = Path(folder) / "cases.h5" if to is None else Path(to)
+        datasets = _stored(cases, path, jobs, classify)
     return datasets[0] if is_one else datasets
 
 
@@ -94,9 +88,8 @@ def _integrated(made: Case, classify: bool) -> xr.Dataset:
     """The dataset of a case, without a file."""
     check_memory(made)
     group = finished_case(made)
-    if classify and (labels := classified(made.name, group)[0]) is not None:
-        group = group.with_addition(labels)
-    return dataset(group)
+    labels = classified(made.name, group)[0] if classify else None
+    return dataset(group if labels is None else group.with_addition(labels))
 
 
 def _stored(cases: Sequence[Case], path: Path, jobs: int, classify: bool) -> list[xr.Dataset]:
@@ -127,22 +120,16 @@ def sweep(case: Given, *, name: str = "sweep", jobs: int = 1) -> xr.Dataset:
 
     Raises HodoError as `run` does, or if the case is no sweep.
     """
-    from .sweeps import sweep as sweeps
-
     made = _case(case, name)
     if not made.sweep:
         raise HodoError("sweep: missing: use hodo.run for a single case")
     _check_jobs(jobs)
-    check_memory(made, jobs)
     # Members are reduced chunk by chunk in files, so that no sweep has to fit into memory at once.
     with TemporaryDirectory(prefix="hodo-") as folder:
-        path = Path(folder) / "sweep.h5"
-        with pool(jobs, None) as workers, Writer(path, {}) as writer:
-            quietly = Progress(1, quiet=True)
-            group = sweeps.run_sweep(made, case_digest(made), workers, writer, False, quietly)
-            writer.add(made.name, group)
-        with open_run(path) as result:
-            return dataset(result.read(made.name))
+        (swept,) = _stored([made], Path(folder) / "sweep.h5", jobs, classify=False)
+    if "members" not in swept.attrs:
+        raise HodoError(swept.attrs["message"])
+    return swept
 
 
 def open(path: str | Path) -> StoredCases:
@@ -161,17 +148,12 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     Raises HodoError if there is no such kind or key, or the kind has no meaning for the data.
     """
     several = [data] if isinstance(data, xr.Dataset) or not isinstance(data, Iterable) else [*data]
-    if wrong := [item for item in several if not isinstance(item, xr.Dataset)]:
-        raise HodoError(f"expected a dataset or several, as run gives them, got {wrong[0]!r:.80}")
-    if not several:
-        raise HodoError("expected a dataset or several, got none")
-    if kind not in FIGURE_KINDS:
-        raise HodoError(unknown(f"kind {kind!r}", kind, FIGURE_KINDS))
+    if not several or not all(isinstance(item, xr.Dataset) for item in several):
+        raise HodoError(f"expected a dataset or several, as run gives them, got {data!r:.80}")
     cases = _named(several)
     # A sketch of quadrants draws bodies and takes no cases.
-    cases_key = {"cases": list(cases)} if "cases" in FIGURE_KINDS[kind] else {}
-    spec, mistakes = check_keys(FIGURE_KINDS[kind], cases_key | _plain(keys))
-    spec = {"kind": kind, **spec}
+    cases_key = {"cases": list(cases)} if "cases" in FIGURE_KINDS.get(kind, {}) else {}
+    spec, mistakes = FIGURE.check_keys({"kind": kind, **cases_key, **_plain(keys)})
     if mistakes := [*mistakes, *check_figure(spec)]:
         raise HodoError(str(Wrong(*mistakes)))
     return draw(spec, cases, rc=user_parameters()).figure

@@ -181,7 +181,7 @@ def test_a_figure_is_drawn_of_datasets() -> None:
     for line in axes.lines:
         np.testing.assert_allclose(line.get_ydata(), (omega**2 @ [1, 0.8, 0.6]) / 2, rtol=1e-15)
     assert figure._repr_png_().startswith(b"\x89PNG")
-    with pytest.raises(HodoError, match="unknown kind 'hodograf'; did you mean 'hodograph'"):
+    with pytest.raises(HodoError, match=r"kind: expected .* did you mean .hodograph."):
         api.plot(made, kind="hodograf")
     with pytest.raises(HodoError, match="color: unknown key; did you mean 'colour'"):
         api.plot(made, color="axis")
@@ -297,7 +297,7 @@ def test_a_wrong_argument_says_what_is_right(tmp_path: Path, hodo: Hodo) -> None
     for data in (3, [3]):
         with pytest.raises(HodoError, match="expected a dataset or several"):
             api.plot(data)  # type: ignore[arg-type]
-    with pytest.raises(HodoError, match="expected a dataset or several, got none"):
+    with pytest.raises(HodoError, match=r"expected a dataset or several, .* got \[\]"):
         api.plot([])
     with pytest.raises(HodoError, match=r"Case\.of makes a case of a mapping"):
         api.Case(FIG4)  # type: ignore[call-arg, arg-type]
@@ -319,7 +319,7 @@ def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
     swept = api.sweep({**FIG4, "sweep": ranges})
     across = {"variable": "crossing_time", "x": "damping.2"}
     for data, keys, message in (
-        (swept, {"kind": "map", **across, "y": "damping.2"}, "y: damping.2 is on the horizontal"),
+        (swept, {"kind": "map", **across, "y": "damping.2"}, "y: damping.2 is the axis of"),
         (swept, {"kind": "map", **across}, "^missing 'y': a map has x and y"),
         (swept, {"kind": "curve", "variable": "crossing_time"}, "^missing 'x'$"),
         (made, {"labels": ["a", "b"]}, "labels: expected one for each of 1 cases, got 2"),
