@@ -23,7 +23,7 @@ from ..models import rigid_body
 from ..models.base import Event, Model
 from ..models.constants import rescaled
 from ..models.rigid_body import UNSEPARATED, BodyFrame, inertia_order, margin
-from ..models.theory.gyrostat import region_labels, region_margins, separations
+from ..models.theory.gyrostat import region_of
 from .units import Clock, Units
 
 SEARCHED = 512
@@ -342,8 +342,8 @@ def standing(system: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarr
     the side on which they stand."""
     A, h = system.moments, system.rotor_momentum
     if h is not None:
-        labels = region_labels(A, h, omega)
-        return nearest_margin(region_margins(A, h, omega)), labels
+        region = region_of(A, h, omega)
+        return nearest_margin(region.margin), region.label
     order = inertia_order(A)
     signed = margin(A, omega, order)
     return signed, np.where(signed > 0, order[0] + 1, order[2] + 1)
@@ -442,19 +442,18 @@ class RegionSearch(CrossingSearch):
         # A rotor has a momentum of its own, so that nothing is homogeneous in omega.
         w, change = np.ldexp(w, self.size), np.ldexp(change[:, :, 0], self.size)
         A, h = self.A.astype(b.dtype), self.h.astype(b.dtype)
-        label, margins = region_labels(A, h, w), region_margins(A, h, w)
-        apart = separations(A, h, w)
-        slope = (apart.gradient * change[:, None]).sum(-1)
+        region = region_of(A, h, w)
+        slope = (region.gradient * change[:, None]).sum(-1)
         G = A * w + h
         square = (G * G).sum(-1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            size = np.linalg.norm(apart.gradient, axis=-1) * np.linalg.norm(w, axis=-1)[:, None]
-            sizes = np.where(np.isnan(margins), np.inf, np.abs(margins))
+            size = np.linalg.norm(region.gradient, axis=-1) * np.linalg.norm(w, axis=-1)[:, None]
+            sizes = np.where(np.isnan(region.margin), np.inf, np.abs(region.margin))
             nearest = np.take_along_axis(np.abs(slope) / size, sizes.argmin(-1)[:, None], 1)[:, 0]
             falling = np.abs((G * A * change).sum(-1)) / square
-        rate = np.where(label == UNSEPARATED, falling, nearest)
-        momentum = np.sqrt(square)
-        return StepView(label, nearest_margin(margins), momentum, rate, apart.value, slope)
+        rate = np.where(region.label == UNSEPARATED, falling, nearest)
+        margin = nearest_margin(region.margin)
+        return StepView(region.label, margin, np.sqrt(square), rate, region.value, slope)
 
     def _note_places(
         self, b: np.ndarray, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, times: np.ndarray

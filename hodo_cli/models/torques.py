@@ -40,7 +40,7 @@ from .terms.torques import (
 )
 from .theory.along_momentum import AlongMomentum
 from .theory.closed_form import free_motion
-from .theory.gyrostat import region_labels, separations
+from .theory.gyrostat import region_of
 from .theory.possible_crossings import (
     CrossingPattern,
     Dissipation,
@@ -290,14 +290,14 @@ class Torques(LookedUp, BodyUnderTorques):
     def separation(self, omega: np.ndarray) -> np.ndarray:
         if self.rotor_momentum is None:
             return super().separation(omega)
-        apart = separations(self.moments, self.rotor_momentum, self.to_principal(omega))
+        apart = region_of(self.moments, self.rotor_momentum, self.to_principal(omega))
         sizes = np.abs(apart.value) / apart.size
         return np.asarray(np.where(np.isnan(sizes), np.inf, sizes).min(-1))
 
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
         if self.rotor_momentum is None:
             return super().enclosed(omega, band)
-        return region_labels(self.moments, self.rotor_momentum, omega, band)
+        return region_of(self.moments, self.rotor_momentum, omega, band).label
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         w = np.moveaxis(omega, -1, 0)

@@ -39,22 +39,18 @@ NEWTON_STEPS = 100
 
 
 class SteadyRotations(NamedTuple):
-    """Steady rotations: s (...), G (..., 3), c (..., 3) and 2T (...); not a number where there is
-    none."""
+    """Steady rotations: s (...), G (..., 3) and c (..., 3); not a number where there is none."""
 
     s: Any
     G: Any
     c: Any
-    energy: Any
 
     @property
-    def kind(self) -> Any:
-        """'m' for a minimum of T on the sphere, 's' for a saddle, 'M' for a maximum (...), '' where
-        there is none."""
-        # The product and the sum of the curvatures in the plane that touches the sphere.
-        square, j, k = self.G * self.G, np.roll(self.c, -1, -1), np.roll(self.c, -2, -1)
-        product, total = (square * j * k).sum(-1), (square * (j + k)).sum(-1)
-        return np.select([np.isnan(product), product < 0, total > 0], ["", "s", "m"], "M")
+    def is_saddle(self) -> Any:
+        """Whether (...) T has a saddle there on the sphere: the product of the curvatures in the
+        plane that touches the sphere is negative."""
+        j, k = np.roll(self.c, -1, -1), np.roll(self.c, -2, -1)
+        return (self.G * self.G * j * k).sum(-1) < 0
 
 
 def steady_rotations(A: Any, h: Any, momentum: Any) -> SteadyRotations:
@@ -73,8 +69,7 @@ def steady_rotations(A: Any, h: Any, momentum: Any) -> SteadyRotations:
             rows += [solve(A, h, momentum, i, side) for side in (1, -1)]
     rows += [np.full((7, len(momentum)), np.nan)] * (6 - len(rows))
     table = np.stack(rows).transpose(2, 0, 1)
-    s, e, G = table[..., 0], table[..., 1:4], table[..., 4:]
-    return SteadyRotations(s, G, e / A, s * s * (A * G * G).sum(-1))
+    return SteadyRotations(table[..., 0], table[..., 4:], table[..., 1:4] / A)
 
 
 def _from_pole(A: Any, h: Any, momentum: Any, i: int, side: int) -> np.ndarray:
@@ -119,66 +114,56 @@ def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     """The saddles of lowest and highest s, hence energy, for |G| = momentum (n,): (n, 2); one for
     both where there is one, or two of the same energy."""
     rotations = steady_rotations(A, h, momentum)
-    is_saddle = rotations.kind == "s"
+    is_saddle = rotations.is_saddle
     ends = [np.where(is_saddle, sign * rotations.s, np.inf).argmin(1) for sign in (1, -1)]
-    chosen_rows = np.stack(ends, 1)
-    missing = ~is_saddle.any(1)[:, None]
-
-    def taken(values: np.ndarray) -> np.ndarray:
-        wide = values.ndim == 3
-        chosen = np.take_along_axis(values, chosen_rows[..., None] if wide else chosen_rows, 1)
-        return np.where(missing[..., None] if wide else missing, np.nan, chosen)
-
-    return SteadyRotations(*map(taken, rotations))
+    chosen = [values[np.arange(len(is_saddle))[:, None], np.stack(ends, 1)] for values in rotations]
+    for values in chosen:
+        values[~is_saddle.any(1)] = np.nan
+    return SteadyRotations(*chosen)
 
 
-class Separation(NamedTuple):
-    """2T less that of the lowest and of the highest saddle (n, 2), the sum of the sizes of its
-    terms (n, 2), and its gradient by omega (n, 2, 3); not a number without a saddle."""
+class Region(NamedTuple):
+    """Where angular velocities (n, 3) stand among the hodographs through the lowest and the highest
+    saddle.
+
+    `value` is 2T less that of either saddle (n, 2), `size` the sum of the sizes of its terms,
+    `gradient` its derivative by omega (n, 2, 3). `margin` (n, 2) is how far they are from either
+    hodograph, relative to |omega|, to first order, positive above it: an error of that size may
+    change the side. Without a saddle all are not a number. `label` (n,), as int8, is the axis 1, 2,
+    3 that the hodograph of G goes round, BOTH, UNSEPARATED, 0 for the separatrix, and -1 where G is
+    0 to its rounding or not finite.
+    """
 
     value: np.ndarray
     size: np.ndarray
     gradient: np.ndarray
+    margin: np.ndarray
+    label: np.ndarray
 
 
-def separations(A: Any, h: Any, omega: Any) -> Separation:
-    """How far angular velocities (n, 3) are from the hodographs through the saddles."""
+def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> Region:
+    """The regions of angular velocities (n, 3); on the separatrix is a margin of at most `band`, a
+    number or (n,)."""
     A, h = np.asarray(A), np.asarray(h)
     G = A * omega + h
     near = saddles(A, h, np.sqrt((G * G).sum(-1)))
     terms = near.c * (G[:, None] - near.G) ** 2
+    value = terms.sum(-1)
     # The energy of a saddle grows with |G|^2 at the rate s.
     gradient = 2 * A * (omega[:, None] - near.s[..., None] * G[:, None])
-    return Separation(terms.sum(-1), np.abs(terms).sum(-1), gradient)
-
-
-def region_margins(A: Any, h: Any, omega: Any) -> np.ndarray:
-    """How far angular velocities (n, 3) are from the hodograph through either saddle (n, 2),
-    relative to |omega|, to first order; positive above it. An error of that size may change the
-    side. Not a number without a saddle."""
-    value, _, gradient = separations(A, h, omega)
     size = np.linalg.norm(gradient, axis=-1) * np.linalg.norm(omega, axis=-1)[:, None]
-    margins = np.divide(value, size, out=np.full_like(value, np.inf), where=size != 0)
-    return np.where(value == 0, 0, margins)
-
-
-def region_labels(A: Any, h: Any, omega: Any, band: Any = 0.0) -> np.ndarray:
-    """The label (n,) of omega (n, 3), as int8: the axis 1, 2, 3 that the hodograph of G goes round,
-    BOTH, UNSEPARATED, 0 for the separatrix, where a margin is at most `band` (a number or (n,)),
-    and -1 where G is 0 to its rounding or not finite."""
-    margin = region_margins(A, h, omega)
+    margin = np.divide(value, size, out=np.full_like(value, np.inf), where=size != 0)
+    margin = np.where(value == 0, 0, margin)
     largest, _, smallest = inertia_order(A)
-    G = np.asarray(A) * omega + h
-    turning = np.abs(G).max(-1) > CANCELLED * np.abs(h).max()
-    conditions = (
-        ~(np.isfinite(G).all(-1) & turning),
-        np.isnan(margin).any(-1),
-        (np.abs(margin) <= np.asarray(band)[..., None]).any(-1),
-        (margin < 0).all(-1),
-        (margin > 0).all(-1),
-    )
-    labels = UNDETERMINED, UNSEPARATED, SEPARATRIX, largest + 1, smallest + 1
-    return np.select(conditions, labels, BOTH).astype(np.int8)
+    conditions = {
+        UNDETERMINED: ~(np.abs(G).max(-1) > CANCELLED * np.abs(h).max()) | ~np.isfinite(G).all(-1),
+        UNSEPARATED: np.isnan(margin).any(-1),
+        SEPARATRIX: (np.abs(margin) <= np.asarray(band)[..., None]).any(-1),
+        largest + 1: (margin < 0).all(-1),
+        smallest + 1: (margin > 0).all(-1),
+    }
+    label = np.select([*conditions.values()], [*conditions], BOTH).astype(np.int8)
+    return Region(value, np.abs(terms).sum(-1), gradient, margin, label)
 
 
 def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:
