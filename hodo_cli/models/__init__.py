@@ -6,7 +6,7 @@ import os
 import re
 import sys
 from collections import UserDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from importlib import import_module
@@ -31,19 +31,16 @@ STATED_NAME = re.compile(r'^    name = "(.+)"$', re.MULTILINE)
 """How a class states its model's name. One that inherits it from another file repeats it."""
 
 
+def _forms(module: ModuleType) -> list[type[Model]]:
+    """The forms that a module itself states, not those that it builds on. A class that only stands
+    in for one, or has no model's name yet, is none that a case can name."""
+    classes = [item for item in vars(module).values() if isinstance(item, type)]
+    own = [item for item in classes if item.__module__ == module.__name__]
+    return [item for item in own if issubclass(item, Model) and _is_form(item)]
+
+
 def _is_form(item: type[Model]) -> bool:
-    """Whether a class states a form that a case can name: a class that only stands in for one, or
-    has no model's name yet, does not."""
     return "form" in vars(item) and hasattr(item, "name")
-
-
-def _forms(module: ModuleType) -> Iterator[type[Model]]:
-    """The forms that a module itself defines, not those that it builds on."""
-    for item in vars(module).values():
-        if getattr(item, "__module__", "") != module.__name__ or not isinstance(item, type):
-            continue
-        if issubclass(item, Model) and _is_form(item):
-            yield item
 
 
 @cache
@@ -59,13 +56,9 @@ def _own_modules_of() -> Mapping[str, Sequence[str]]:
 
 
 @cache
-def _added_forms() -> Mapping[str, Sequence[tuple[str, type[Model]]]]:
-    """The forms that are not hodo's, by their model's name, each with the source of its module."""
-    forms = dict[str, list[tuple[str, type[Model]]]]()
-    for source, module, _ in _added_modules():
-        for item in _forms(module):
-            forms.setdefault(item.name, []).append((source, item))
-    return forms
+def _added_forms() -> Sequence[tuple[AddedModule, type[Model]]]:
+    """The forms that are not hodo's, each with its module."""
+    return [(added, form) for added in _added_modules() for form in _forms(added.module)]
 
 
 @cache
@@ -74,18 +67,13 @@ def forms_of(name: str) -> Mapping[str, type[Model]]:
 
     Raises HodoError if an installed package's models cannot be loaded, or one is there already.
     """
-    forms = {
-        item.form: item
-        for module in _own_modules_of().get(name, ())
-        for item in _forms(import_module(module))
-        if item.name == name
-    }
-    for source, item in _added_forms().get(name, ()):
+    own = [_forms(import_module(module)) for module in _own_modules_of().get(name, ())]
+    forms = {item.form: item for items in own for item in items if item.name == name}
+    for added, item in _added_forms():
         # Which of two is meant would depend on the order of files.
-        if item.form in forms:
+        if item.name == name and forms.setdefault(item.form, item) is not item:
             message = f"there is already a model {name!r} with the form {item.form!r}"
-            raise HodoError(f"{source}: {message}")
-        forms[item.form] = item
+            raise HodoError(f"{added.origin}: {message}")
     add_averaged(forms)
     return forms
 
@@ -102,7 +90,8 @@ class Catalogue(UserDict[str, Any]):
 @cache
 def catalogue() -> Catalogue:
     """Every model class by its YAML name and form."""
-    return Catalogue(dict.fromkeys((*_own_modules_of(), *_added_forms())))
+    added = (form.name for _, form in _added_forms())
+    return Catalogue(dict.fromkeys((*_own_modules_of(), *added)))
 
 
 def add_averaged(forms: dict[str, type[Model]]) -> None:
@@ -142,7 +131,7 @@ def _added_modules() -> tuple[AddedModule, ...]:
             raise HodoError(f"{source}: {type(error).__name__}: {error}") from error
         added.append(AddedModule(source, module, texts))
     for source, module, _ in added:
-        if not (forms := [*_forms(module)]):
+        if not (forms := _forms(module)):
             raise HodoError(f"{source}: there is no model in it (a class with `name` and `form`)")
         for form in forms:
             if message := _class_mistake(form):
@@ -164,9 +153,8 @@ def _class_mistake(form: type[Model]) -> str:
 
 def _modules_with(name: str) -> list[AddedModule]:
     """The modules that are not hodo's and state a model of this name."""
-    return [
-        item for item in _added_modules() if name in {form.name for form in _forms(item.module)}
-    ]
+    named = {added.origin: added for added, form in _added_forms() if form.name == name}
+    return [*named.values()]
 
 
 def _load(path: str, name: str) -> AddedModule:
