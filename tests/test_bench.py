@@ -116,18 +116,15 @@ def test_the_fastest_is_taken_among_those_that_are_right() -> None:
         trials.Trial(error=e, run_time=t)
         for e, t in [(1e-4, 1.0), (1e-8, 3.0), (1e-7, 2.0), (np.nan, 0.1)]
     )
-    made = bench.Bench(("a",), ("m", "n"), (1e-4, 1e-8), tried)
-    assert [bench.fastest(made, 0, digits) for digits in (3, 6, 9)] == [
-        ("m", 1e-4, 1.0),
-        ("n", 1e-4, 2.0),
-        None,
-    ]
-    assert bench.auto_failed(
-        bench.Bench(("a",), ("auto",), (np.nan,), (trials.Trial(status="SILENT"),))
-    )
-    assert not bench.auto_failed(
-        bench.Bench(("a",), ("DOP853",), (np.nan,), (trials.Trial(status="timeout"),))
-    )
+    made = bench.table_of_trials(["a"], ["m", "n"], [1e-4, 1e-8], tried)
+    assert bench.printed(made, markdown=True).splitlines()[2:] == ["| a | m 1 s | n 2 s | - | - |"]
+    for method, status, is_failure in (
+        ("auto", "SILENT", True),
+        ("auto", "accurate", False),
+        ("DOP853", "timeout", False),
+    ):
+        made = bench.table_of_trials(["a"], [method], [np.nan], [trials.Trial(status=status)])
+        assert bench.auto_failed(made) == is_failure
 
 
 def test_one_tolerance_gives_a_table_of_verdicts_and_several_one_of_speeds() -> None:
@@ -140,13 +137,14 @@ def test_one_tolerance_gives_a_table_of_verdicts_and_several_one_of_speeds() -> 
             ("m", 1, 0.1),
         ]
     )
-    several = bench.Bench(("a", "b"), ("auto", "m"), (np.nan,), tried)
+    several = bench.table_of_trials(["a", "b"], ["auto", "m"], [np.nan], tried)
     verdicts = bench.printed(several, markdown=False)
     rows = [line.split() for line in verdicts.splitlines()]
     assert rows[0][:3] == ["case", "auto", "takes"]
     assert [(row[0], row[1]) for row in rows[1:]] == [("a", "taylor"), ("b", "exact")]
     assert [row[-2:] for row in rows[1:]] == [["300", "ms"], ["accurate", "-"]]
-    speeds = bench.printed(bench.Bench(("a",), ("auto", "m"), (1e-4, 1e-8), tried), markdown=True)
+    by_tolerance = bench.table_of_trials(["a"], ["auto", "m"], [1e-4, 1e-8], tried)
+    speeds = bench.printed(by_tolerance, markdown=True)
     assert speeds.startswith("| case | 3 digits | ")
 
 

@@ -24,6 +24,7 @@ from ..schema.kinds import (
     WrongKey,
     check_keys,
     unknown,
+    within,
 )
 from .figure_block import FORMULA
 from .sweep_block import SWEEP, axes_of
@@ -77,107 +78,93 @@ QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
 SEVERAL = Key(ListOf(QUANTITY), "quantities over time")
 
-ENCLOSED_AXES = {
-    "start": Key(AXIS, "axis enclosed at the start", default=None),
-    "end": Key(AXIS, "axis enclosed at the end", default=None),
-}
-
-CROSSINGS_CHECK = {
-    "least": Key(Integer(least=0), "the fewest crossings", default=0),
-    "most": Key(Integer(least=0), "the most crossings", default=None),
-    "from": Key(AXIS, "axis that every crossing leaves", default=None),
-    "to": Key(AXIS, "axis that every crossing goes to", default=None),
-}
-
-VALUE = {
-    "values": Key(
-        Each(ListOf(Number()), "quantities to lists of numbers"), "the values, one for each case"
-    ),
-    "at": AT,
-    "within": Key(
-        Number(least=0), "difference allowed, such as half a unit of the last digit printed"
-    ),
-}
-
-BOUND = {
-    "of": Key(QUANTITY, "quantity"),
-    "at": Key(
-        Choice("start", "end", "always"), "where a quantity over time is taken", default="end"
-    ),
-    "least": Key(Number(), "lower bound", default=None),
-    "most": Key(Number(), "upper bound", default=None),
-}
-
-MONOTONE = {
-    "of": SEVERAL,
-    "sense": Key(Choice("falls", "rises"), "falls or rises, throughout"),
-}
-
-ORDER = {
-    "of": Key(QUANTITY, "quantity, compared from case to case"),
-    "at": AT,
-    "sense": Key(Choice("falls", "rises", "equal"), "how the values follow each other"),
-    "by": Key(Integer(least=2), "group size (default: all cases in one group)", default=None),
-}
-
-CONSERVED_CHECK = {
-    "of": SEVERAL,
-    "within": Key(Number(least=0), "change allowed, relative to the largest value", default=1e-12),
-}
-
-FORMULA_CHECK = {
-    "of": Key(QUANTITY, "quantity over time"),
-    "formula": Key(FORMULA, "the law that it follows"),
-    "within": Key(
-        Number(least=0), "difference allowed, relative to the largest value", default=1e-12
-    ),
-}
-
-AVERAGE = {
-    "variable": Key(
-        Text(), "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)"
-    ),
-    "against": Key(
-        Text(),
-        "where two sweeps are named: the variable of the second (default: the same); averaged is "
-        "the distance of the two, or 1 where labels differ",
-        default=None,
-    ),
-    "at": Key(
-        ListOf(Each(Integer(least=0), "axes to positions, from zero")),
-        "positions at which it is averaged over the other axes",
-        default=(),
-    ),
-    "along": Key(
-        NAMES,
-        "axes to compare: by how much the average over the others varies along each",
-        default=(),
-    ),
-    "sense": Key(
-        Choice("falls", "rises", "equal"), "how the averages follow each other", default=None
-    ),
-    "least": Key(Number(), "lower bound of each average", default=None),
-    "most": Key(Number(), "upper bound of each average", default=None),
-    "within": Key(
-        Number(least=0), "largest difference of averages that count as equal", default=1e-12
-    ),
-}
-
-PAPER = {
-    "name": Key(Text(), "a check written in Python for one text (a function in `hodo_cli/papers/`)")
-}
-
 CHECK_KINDS: dict[str, dict[str, Key]] = {
-    "axis": ENCLOSED_AXES,
-    "crossings": CROSSINGS_CHECK,
-    "value": VALUE,
-    "bound": BOUND,
-    "monotone": MONOTONE,
-    "order": ORDER,
-    "conserved": CONSERVED_CHECK,
-    "formula": FORMULA_CHECK,
-    "average": AVERAGE,
-    "paper": PAPER,
+    "axis": {
+        "start": Key(AXIS, "axis enclosed at the start", default=None),
+        "end": Key(AXIS, "axis enclosed at the end", default=None),
+    },
+    "crossings": {
+        "least": Key(Integer(least=0), "the fewest crossings", default=0),
+        "most": Key(Integer(least=0), "the most crossings", default=None),
+        "from": Key(AXIS, "axis that every crossing leaves", default=None),
+        "to": Key(AXIS, "axis that every crossing goes to", default=None),
+    },
+    "value": {
+        "values": Key(
+            Each(ListOf(Number()), "quantities to lists of numbers"),
+            "the values, one for each case",
+        ),
+        "at": AT,
+        "within": Key(
+            Number(least=0), "difference allowed, such as half a unit of the last digit printed"
+        ),
+    },
+    "bound": {
+        "of": Key(QUANTITY, "quantity"),
+        "at": Key(
+            Choice("start", "end", "always"), "where a quantity over time is taken", default="end"
+        ),
+        "least": Key(Number(), "lower bound", default=None),
+        "most": Key(Number(), "upper bound", default=None),
+    },
+    "monotone": {
+        "of": SEVERAL,
+        "sense": Key(Choice("falls", "rises"), "falls or rises, throughout"),
+    },
+    "order": {
+        "of": Key(QUANTITY, "quantity, compared from case to case"),
+        "at": AT,
+        "sense": Key(Choice("falls", "rises", "equal"), "how the values follow each other"),
+        "by": Key(Integer(least=2), "group size (default: all cases in one group)", default=None),
+    },
+    "conserved": {
+        "of": SEVERAL,
+        "within": Key(
+            Number(least=0), "change allowed, relative to the largest value", default=1e-12
+        ),
+    },
+    "formula": {
+        "of": Key(QUANTITY, "quantity over time"),
+        "formula": Key(FORMULA, "the law that it follows"),
+        "within": Key(
+            Number(least=0), "difference allowed, relative to the largest value", default=1e-12
+        ),
+    },
+    "average": {
+        "variable": Key(
+            Text(),
+            "variable of a sweep, component (`share.x1`), or share of a label (`end_axis.x1`)",
+        ),
+        "against": Key(
+            Text(),
+            "where two sweeps are named: the variable of the second (default: the same); averaged "
+            "is the distance of the two, or 1 where labels differ",
+            default=None,
+        ),
+        "at": Key(
+            ListOf(Each(Integer(least=0), "axes to positions, from zero")),
+            "positions at which it is averaged over the other axes",
+            default=(),
+        ),
+        "along": Key(
+            NAMES,
+            "axes to compare: by how much the average over the others varies along each",
+            default=(),
+        ),
+        "sense": Key(
+            Choice("falls", "rises", "equal"), "how the averages follow each other", default=None
+        ),
+        "least": Key(Number(), "lower bound of each average", default=None),
+        "most": Key(Number(), "upper bound of each average", default=None),
+        "within": Key(
+            Number(least=0), "largest difference of averages that count as equal", default=1e-12
+        ),
+    },
+    "paper": {
+        "name": Key(
+            Text(), "a check written in Python for one text (a function in `hodo_cli/papers/`)"
+        )
+    },
 }
 """The keys of each kind of check."""
 
@@ -203,15 +190,6 @@ CASES = Key(
     "case of the result",
     default=(),
 )
-OVER = Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None)
-
-READING = {
-    "cases": CASES,
-    "check": Key(CHECK, "how this reading is checked (default: the claim's check)", default=None),
-    "over": Key(SWEEP, "members of this reading (default: the claim's)", default=None),
-    "theorem": THEOREM_KEY,
-}
-
 CLAIM = {
     "id": ID,
     "where": WHERE,
@@ -219,7 +197,23 @@ CLAIM = {
     "statement": Key(Text(), "what the text says, in one sentence"),
     "cases": CASES,
     "readings": Key(
-        Each(Table(READING), "names to cases, and to a check and members of their own"),
+        Each(
+            Table(
+                {
+                    "cases": CASES,
+                    "check": Key(
+                        CHECK,
+                        "how this reading is checked (default: the claim's check)",
+                        default=None,
+                    ),
+                    "over": Key(
+                        SWEEP, "members of this reading (default: the claim's)", default=None
+                    ),
+                    "theorem": THEOREM_KEY,
+                }
+            ),
+            "names to cases, and to a check and members of their own",
+        ),
         "instead of `cases`: the ways to read the text, each with its cases; "
         "a statement on which they disagree is under-determined",
         default={},
@@ -230,7 +224,7 @@ CLAIM = {
         default="",
     ),
     "check": Key(CHECK, "how it is checked", default=None),
-    "over": OVER,
+    "over": Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None),
     "start": Key(
         AXIS, "leaves out the members of `over` that start about another axis", default=None
     ),
@@ -298,12 +292,12 @@ def cross_check(claims: Any, errata: Any, case_check: CaseCheck) -> Iterator[Mis
     cases that are not there, quantities and their numbers, sweeps that a case cannot make."""
     known: list[str] = []
     for i, erratum in _entries(errata, ERRATUM_KEYS):
-        yield from _within(("errata", i), _check_id(erratum, known))
-        yield from _within(("errata", i), _check_cases(erratum.get("cases", ()), case_check)[0])
+        yield from within(("errata", i), _check_id(erratum, known))
+        yield from within(("errata", i), _check_cases(erratum.get("cases", ()), case_check)[0])
     seen: list[str] = []
     for i, claim in _entries(claims, CLAIM):
-        yield from _within(("claims", i), _check_id(claim, seen))
-        yield from _within(("claims", i), _check_claim(claim, case_check))
+        yield from within(("claims", i), _check_id(claim, seen))
+        yield from within(("claims", i), _check_claim(claim, case_check))
         if (name := claim.get("erratum")) and name not in known:
             yield ("claims", i, "erratum"), unknown(f"erratum {name!r}", name, known)
 
@@ -313,12 +307,6 @@ def _entries(section: Any, keys: Mapping[str, Key]) -> Iterator[tuple[int, dict[
     for i, item in enumerate(section if isinstance(section, list) else ()):
         if isinstance(item, Mapping):
             yield i, check_keys(keys, item)[0]
-
-
-def _within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
-    """Mistakes of a value, with its own path put before theirs."""
-    for path, message in mistakes:
-        yield (*prefix, *path), message
 
 
 def _check_id(entry: Mapping[str, Any], seen: list[str]) -> Iterator[Mistake]:
@@ -344,17 +332,17 @@ def _check_claim(claim: Mapping[str, Any], case_check: CaseCheck) -> Iterator[Mi
         if not named:
             yield (*prefix, "cases"), "names no case"
         mistakes, sweep_checks = _check_cases(named, case_check)
-        yield from _within(prefix, mistakes)
+        yield from within(prefix, mistakes)
         check = reading.get("check") or claim["check"] or {}
         if not check:
             yield prefix, "has no check"
         check_path = (*(prefix if reading.get("check") else ()), "check")
         values = _check_values(check.get("values", {}), len(named))
-        yield from _within((*check_path, "values"), values)
-        yield from _within(check_path, _check_bounds(check))
+        yield from within((*check_path, "values"), values)
+        yield from within(check_path, _check_bounds(check))
         ranges = reading.get("over") or claim.get("over") or {}
         over = _check_over(ranges, sweep_checks)
-        yield from _within((*(prefix if reading.get("over") else ()), "over"), over)
+        yield from within((*(prefix if reading.get("over") else ()), "over"), over)
 
 
 def _check_cases(
@@ -367,7 +355,7 @@ def _check_cases(
         try:
             sweep_checks.append(case_check(entry))
         except Wrong as error:
-            mistakes += [(("cases", i, *path), message) for path, message in error.mistakes]
+            mistakes += within(("cases", i), error.mistakes)
     return mistakes, [*filter(None, sweep_checks)]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import HodoError
 from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block
-from ..schema.kinds import Mistake, Wrong, WrongKey, check_keys, nearest, shown, unknown
+from ..schema.kinds import Mistake, Wrong, WrongKey, check_keys, nearest, shown, unknown, within
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
 from ..text import file_name_fault
@@ -273,8 +273,7 @@ def _figure_mistakes(
     known = {name: drawable(case) for name, case in cases.items()}
     for name, values in figures.items():
         if all(case in cases for case in values.get("cases", ())):
-            for path, message in check_drawn(values, known, steady):
-                yield ("figures", name, *path), message
+            yield from within(("figures", name), check_drawn(values, known, steady))
 
 
 def drawable(case: Case) -> Drawable:
@@ -316,7 +315,7 @@ def _figures(
         figures[name], wrong = FIGURE.check_keys(block)
         wrong += check_figure(figures[name])
         figures[name]["style"] = merged_style(style, figures[name].get("style"))
-        mistakes += [(("figures", name, *path), message) for path, message in wrong]
+        mistakes += within(("figures", name), wrong)
         if figures[name].get("cases") == ():
             mistakes.append((("figures", name, "cases"), "names no case"))
         for key, valid in (("cases", cases), ("against", cases), ("scale_with", section)):

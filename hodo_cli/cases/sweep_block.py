@@ -41,6 +41,7 @@ from ..schema.kinds import (
     expected,
     is_list,
     unknown,
+    within,
 )
 
 MOST = 10**9
@@ -263,8 +264,8 @@ def check_axes(
             if path in swept:
                 yield range_path, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            for inner, message in _check_range(value_range, key, Table(model.keys), data):
-                yield (*range_path, *inner), message
+            mistakes = _check_range(value_range, key, Table(model.keys), data)
+            yield from within(range_path, mistakes)
     if math.prod(map(len, axes)) > MOST:
         yield ("sweep",), f"more than {MOST:.0e} members"
 
@@ -303,7 +304,7 @@ def _check_range(
     if not isinstance(inner, Angle) and any(isinstance(item, InDegrees) for item in values):
         yield (word,), "expected numbers, got an angle in degrees"
     _, mistakes = check_parts((i, declared, item) for i, item in enumerate(values))
-    yield from (((word, *path), message) for path, message in mistakes)
+    yield from within((word,), mistakes)
 
 
 def _within(kind: Kind, step: str | int, data: Any) -> tuple[Kind | None, Any]:

@@ -92,6 +92,11 @@ class Key:
         }
 
 
+def within(prefix: KeyPath, mistakes: Iterable[Mistake]) -> Iterator[Mistake]:
+    """The mistakes of a value, with its own path put before theirs."""
+    return (((*prefix, *path), sentence) for path, sentence in mistakes)
+
+
 Part = tuple[str | int, Kind, Any]
 """A value within another: its key or position, the kind that it should be, and itself."""
 
@@ -104,7 +109,7 @@ def check_parts(parts: Iterable[Part]) -> tuple[dict[Any, Any], list[Mistake]]:
         try:
             values[key] = kind.check(value)
         except Wrong as error:
-            mistakes += [((key, *path), sentence) for path, sentence in error.mistakes]
+            mistakes += within((key,), error.mistakes)
     return values, mistakes
 
 
