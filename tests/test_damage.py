@@ -11,6 +11,7 @@ import signal
 import time
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from threading import Timer
 
@@ -201,26 +202,43 @@ def test_nothing_that_was_synced_is_lost_with_the_power(tmp_path: Path) -> None:
     assert [*counts.values()] == 12 * [3]  # three commands, of which four things are left
 
 
-def test_a_piece_that_cannot_be_linked_is_copied(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_what_a_dead_run_has_finished_is_used_where_it_lies_until_it_is_published(
+    tmp_path: Path,
 ) -> None:
-    def refuse(*_: object) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
+    """A run that dies as well leaves it to the next one."""
     group = Group({"status": "ok"}, {"v": Variable(("t",), np.arange(9.0))})
     path = tmp_path / "x.h5"
     with pytest.raises(KeyboardInterrupt), Writer(path, {}) as first:  # noqa: PT012
         first.add("a", group)
-        first.add_chunk("stamp", 0, group)
+        for number in (0, 1):
+            first.add_chunk("stamp", number, group)
         raise KeyboardInterrupt
-    monkeypatch.setattr(os, "link", refuse)
-    with Writer(path, {}) as second:
-        assert second.keep(second.finished_cases["a"][0])
-        assert second.chunks("stamp") == {0}
+    (folder,) = staging_folders(path)
+    faults.zeroed(folder / "part-stamp-1.h5", random.Random(1), 4096)
+    for ends_well in (False, True):
+        with suppress(KeyboardInterrupt), Writer(path, {}) as second:
+            assert second.keep(finished_cases(path)["a"][0])
+            assert second.chunks("stamp") == {0}
+            if not ends_well:
+                raise KeyboardInterrupt
     with open_run(path) as run:
         assert run.cases() == ["a"]
-    monkeypatch.setattr(shutil, "copyfile", refuse)  # nor may another user's file be read
-    assert not writer._take(path, tmp_path / "y.h5")
+    assert os.listdir(tmp_path) == ["x.h5"]
+
+
+def test_a_case_of_another_run_that_has_ended_meanwhile_is_in_its_result(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    group = Group({"hash": "1", "status": "ok"}, {"v": Variable(("t",), np.arange(9.0))})
+    with Writer(path, {}) as first:
+        first.add("a", group)
+        first.store()
+        second = Writer(path, {})
+        with second:
+            assert second.keep(finished_cases(path)["a"][0])
+            second.add("b", group)
+            first.__exit__(None)
+    with open_run(path) as run:
+        assert run.cases() == ["a", "b"]
 
 
 def test_a_failure_does_not_replace_a_good_result(result: Path) -> None:

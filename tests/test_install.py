@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -126,17 +127,17 @@ def test_the_staging_folder_of_a_living_process_is_not_taken(
     if not flock:
         pytest.importorskip("filelock")
     monkeypatch.setattr(staging, "HAVE_FLOCK", flock)
-    living, other = staging.Staging(tmp_path / "a.h5"), staging.Staging(tmp_path / "a.h5")
-    (living / "piece").write_text("x")
-    assert other.take_over_dead() == []
-    living.close()
-    assert other.take_over_dead() == [living.folder]
-    with other.publishing():
-        assert staging._lock(tmp_path) is None
-    lock = staging._lock(tmp_path)
-    assert lock is not None
-    lock()
-    other.close()
+    path = tmp_path / "a.h5"
+    with staging.Staging(path) as living:
+        (living / "1.h5").write_text("x")
+        with staging.Staging(path) as other:
+            assert other.dead == []
+    with staging.Staging(path) as other, other.publishing():
+        assert other.dead == [living.folder]
+        with ExitStack() as held:
+            assert not staging._lock(tmp_path, held)
+    with ExitStack() as held:
+        assert staging._lock(tmp_path, held)
     assert not list(tmp_path.glob(".*.partial.lock"))
 
 

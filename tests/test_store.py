@@ -28,7 +28,7 @@ from hodo_cli import BatchError, HodoError
 from hodo_cli.storage import writer as writing
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
-from hodo_cli.storage.hdf5 import ResultFile, open_run
+from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.update import update
 from hodo_cli.storage.writer import Writer
 
@@ -241,7 +241,7 @@ def test_other_readers(path: Path, reader: str) -> None:
     """A file whose groups were written, copied from pieces, copied from a file, and changed."""
     write(path, {"kept": group(message="", error=float("nan"))})
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        writer.keep(writer.finished_cases["kept"][0])
+        writer.keep(finished_cases(path)["kept"][0])
         writer.add("new", group(3, 1))
     with update(path) as changes:
         changes.write("new", labels(3, 0))
@@ -475,7 +475,7 @@ def test_after_an_exception_the_old_file_stays_and_finished_cases_are_found(path
         "a": ["hash 0"], "b": ["hash 1"],
     }  # fmt: skip
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        assert all(writer.keep(items[0]) for items in writer.finished_cases.values())
+        assert all(writer.keep(items[0]) for items in finished_cases(path).values())
         writer.add("c", group(seed=2))
     with open_run(path) as run:
         assert run.cases() == ["a", "b", "c"]
@@ -489,13 +489,13 @@ def test_nothing_new_leaves_the_file_alone(path: Path) -> None:
     before = path.stat()[:7], path.stat().st_mtime_ns  # reading may change the time of access
     for _ in range(2):
         with Writer(path, {**ROOT_ATTRIBUTES, "history": "again"}, ["a", "b"]) as writer:
-            for items in writer.finished_cases.values():
+            for items in finished_cases(path).values():
                 writer.keep(items[0])
     assert (path.stat()[:7], path.stat().st_mtime_ns) == before
     with Writer(
         path, {**ROOT_ATTRIBUTES, "config": "other", "history": "again"}, ["a", "b"]
     ) as writer:
-        writer.keep(writer.finished_cases["b"][0])
+        writer.keep(finished_cases(path)["b"][0])
     with open_run(path) as run:
         assert (run.cases(), run.text, run.attributes["history"]) == (
             ["b"],
@@ -512,7 +512,7 @@ def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
         changes.write("a", labels())
         changes.write("_claims", labels())
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        writer.keep(writer.finished_cases["a"][0])
+        writer.keep(finished_cases(path)["a"][0])
         writer.add("b", group())
     with open_run(path) as run:
         assert run.groups() == ["a", "b"]
@@ -522,12 +522,12 @@ def test_labels_and_claims_when_cases_are_kept(path: Path) -> None:
 def test_what_another_process_wrote_meanwhile_is_kept(path: Path) -> None:
     write(path, {"a": group(), "b": group(seed=1), "gone": group()})
     with Writer(path, ROOT_ATTRIBUTES, ["a", "b", "c"]) as writer:
-        writer.keep(writer.finished_cases["a"][0])
+        writer.keep(finished_cases(path)["a"][0])
         writer.add("b", group(seed=1, steps=5))
         writer.add("c", group(seed=2))
         with Writer(path, ROOT_ATTRIBUTES) as other:
             for name in ("a", "b", "gone"):
-                other.keep(other.finished_cases[name][0])
+                other.keep(finished_cases(path)[name][0])
             other.add("c", group(seed=3))
             other.add("d", group(seed=4))
         with update(path) as changes:
@@ -547,11 +547,11 @@ def test_a_shard_that_vanished_is_not_kept(path: Path) -> None:
         writer.add("b", group())
         raise KeyboardInterrupt
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        (lost,) = writer.finished_cases["b"]
+        (lost,) = finished_cases(path)["b"]
         lost.file.unlink()
         assert not writer.keep(lost)
         assert not writer.keep(replace(lost, file=path))
-        assert writer.keep(writer.finished_cases["a"][0])
+        assert writer.keep(finished_cases(path)["a"][0])
 
 
 def in_child(action: Callable[[], object]) -> int:
@@ -663,10 +663,9 @@ def test_killed_at_any_moment_while_running(path: Path, tmp_path: Path) -> None:
             report.flush()
 
         with log.open("a") as report, Writer(path, ROOT_ATTRIBUTES, names) as writer:
+            finished = finished_cases(path)
             for i, name in enumerate(names):
-                if name not in writer.finished_cases or not writer.keep(
-                    writer.finished_cases[name][0]
-                ):
+                if name not in finished or not writer.keep(finished[name][0]):
                     writer.add(name, group(200, i), partial(say, name))
                     if i % 4 == 3:
                         writer.store()
@@ -726,7 +725,7 @@ def test_the_folder_of_a_living_run_is_left_alone(path: Path) -> None:
         first.add("a", group())
         first.store()
         with Writer(path, ROOT_ATTRIBUTES) as second:
-            assert second.keep(second.finished_cases["a"][0])
+            assert second.keep(finished_cases(path)["a"][0])
         first.add("b", group())
     with open_run(path) as run:
         assert run.cases() == ["a", "b"]
@@ -765,7 +764,7 @@ def test_read_only_folder(path: Path) -> None:
     write(path, {"a": group()})
     path.parent.chmod(0o555)
     with Writer(path, ROOT_ATTRIBUTES) as writer:
-        writer.keep(writer.finished_cases["a"][0])
+        writer.keep(finished_cases(path)["a"][0])
         with pytest.raises(BatchError, match="permission denied"):
             writer.add("b", group())
 
@@ -887,18 +886,12 @@ def test_update_of_a_result_replaced_meanwhile(path: Path) -> None:
         ]
 
 
-def test_a_change_reads_no_case_again(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_cases_keep_their_places(path: Path) -> None:
     write(path, {name: group(seed=i) for i, name in enumerate("abcd")})
-    read: list[str] = []
-    plain = ResultFile.read
-    monkeypatch.setattr(
-        ResultFile, "read", lambda run, name: (read.append(name), plain(run, name))[1]
-    )
     with update(path) as changes:
         for name in "bc":
             changes.write(name, labels(), changes.run.read(name))
         changes.write("_claims", labels())
-    assert read == ["b", "c"]
     with open_run(path) as run:
         assert run.groups() == ["a", "b", "c", "d", "_claims"]
         for i, name in enumerate("abcd"):

@@ -86,7 +86,7 @@ def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
     other = path.with_name("b.h5")
     interrupted(other, {"first": stored(1)})
     with Writer(other, {"config": text}) as writer:
-        assert writer.keep(writer.finished_cases["first"][0])
+        assert writer.keep(finished_cases(path)["first"][0])
         texts = set()
         for file in path.parent.glob(".b.h5.*/head.h5"):
             with open_run(file) as run:
@@ -167,7 +167,7 @@ def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
         assert run.cases() == ["first"]
     with Writer(path, {}) as writer:
         assert writer.chunks("stamp") == {0}
-        writer.keep(writer.finished_cases["first"][0])
+        writer.keep(finished_cases(path)["first"][0])
         assert [*path.parent.glob(".*/part-*.h5")]
 
 

@@ -23,11 +23,11 @@ from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress
 from ..results.layout import SUMMARY, case_group
-from ..storage.finished_cases import FinishedCase, chunks_in, finished_cases
+from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.group import Group
 from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes
-from ..storage.staging import check_writable, staging_folders
+from ..storage.staging import check_writable, chunks_in, staging_folders
 from ..storage.update import holds
 from ..storage.writer import Writer
 from ..text import NAMES_LISTED, abridged, file_name_fault

@@ -2,7 +2,6 @@
 their staging folders. A Batch shows both as one result."""
 
 import os
-import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -15,7 +14,7 @@ from ..machine import memory_limit
 from ..schema.document import read
 from ..schema.mistakes import Mistakes
 from .hdf5 import Dimensions, ResultFile, open_run
-from .staging import identity, staging_folders
+from .staging import chunks_in, identity, shards, staging_folders
 
 RESUME = ("hash", "status", "message", "case")
 """The attributes that tell whether a stored case is still right."""
@@ -61,10 +60,12 @@ class Batch(ResultFile):
     """A result together with the cases that runs have finished which have not ended; made by
     `open_batch`.
 
-    `newer` are the shards of these cases; `result` is None where there are no others.
+    `newer` are these cases; `result` is None where there are no others.
     """
 
-    def __init__(self, path: Path, result: ResultFile | None, newer: Mapping[str, Path]) -> None:
+    def __init__(
+        self, path: Path, result: ResultFile | None, newer: Mapping[str, FinishedCase]
+    ) -> None:
         self.path = path
         self.damaged = result.damaged if result else {}
         self.attributes = latest(newer)
@@ -89,8 +90,8 @@ class Batch(ResultFile):
         else:
             # One at a time: a batch may have more cases than a process may open files. The run may
             # have ended since, and then its result has the case.
-            shard = self._newer.get(name, self.path)
-            file = shard if shard.exists() else self.path
+            case = self._newer.get(name)
+            file = case.file if case and case.file.exists() else self.path
             with open_run(file) as run, run.open_group(name) as group:
                 yield group
 
@@ -120,10 +121,10 @@ def open_batch(path: Path | str) -> Iterator[ResultFile]:
         yield batch
 
 
-def unpublished(path: Path) -> dict[str, Path]:
-    """The shards of runs that have not ended, by name: of the cases that the result lacks, or holds
-    from before a change."""
-    cases: dict[str, Path] = {}
+def unpublished(path: Path) -> dict[str, FinishedCase]:
+    """The cases of runs that have not ended, by name: those that the result lacks, or holds from
+    before a change."""
+    cases: dict[str, FinishedCase] = {}
     if not any(map(shards, staging_folders(path))):
         return cases
     for name, items in finished_cases(path).items():
@@ -132,7 +133,7 @@ def unpublished(path: Path) -> dict[str, Path]:
         if others:
             newest = max(others, key=lambda item: _changed(item.file))
             if stored is None or _replaces(newest, stored):
-                cases[name] = newest.file
+                cases[name] = newest
     return cases
 
 
@@ -156,12 +157,10 @@ ATTRIBUTES_FILE = "head.h5"
 case file: in each of 10,000 shards it would be some 10 GB."""
 
 
-def latest(shards: Mapping[str, Path]) -> dict[str, Any]:
-    """The attributes of the result that the latest of some shards will be part of."""
-    shard = max(shards.values(), key=_changed)
-    file = shard.with_name(ATTRIBUTES_FILE)
-    # Earlier versions have put them into each shard.
-    with open_run(file if file.exists() else shard) as run:
+def latest(cases: Mapping[str, FinishedCase]) -> dict[str, Any]:
+    """The attributes of the result that the latest of some cases will be part of."""
+    file = max((case.file for case in cases.values()), key=_changed)
+    with open_run(file.with_name(ATTRIBUTES_FILE)) as run:
         return run.attributes
 
 
@@ -186,25 +185,3 @@ def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]]) -> None:
 def resume_attributes(run: ResultFile, name: str) -> dict[str, str]:
     """The attributes of a case that tell whether it is still right."""
     return {key: str(value) for key, value in run.summary(name, RESUME).items()}
-
-
-def shards(folder: Path) -> list[Path]:
-    """The files with finished cases in a staging folder. Raises OSError if it cannot be listed."""
-    # By their numbers: a draft that a kill has left behind is not among them.
-    return _listed(folder, r"[0-9].*\.h5")
-
-
-def chunks_in(folder: Path, sweep_id: str = "") -> list[Path]:
-    """The finished chunks of sweeps, or of one sweep, in a staging folder, a file each. Raises
-    OSError as `shards` does."""
-    return _listed(folder, rf"part-{sweep_id}.*\.h5")
-
-
-def _listed(folder: Path, pattern: str) -> list[Path]:
-    """What is in a staging folder; nothing where that is a draft, another user's, or gone.
-
-    Raises OSError if it cannot be listed otherwise: `glob` would show an empty folder.
-    """
-    with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
-        return [folder / name for name in sorted(os.listdir(folder)) if re.fullmatch(pattern, name)]
-    return []

@@ -7,12 +7,13 @@ which ends with the process. Where there is no `flock` (Windows), a locked file 
 """
 
 import os
+import re
 import shutil
 import stat
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from pathlib import Path
+from typing import Self
 
 from .. import BatchError
 from ..machine import RESOURCES
@@ -22,17 +23,33 @@ from .disk import refusal
 if HAVE_FLOCK:
     import fcntl
 
-Release = Callable[[], object]
-"""What gives up a lock."""
-
 
 class Staging:
-    """A hidden folder `.NAME.*.partial` beside the file `path`, made and locked when first used."""
+    """A hidden folder `.NAME.*.partial` beside the file `path`, made and locked when first used. A
+    context manager, which on leaving removes each folder that holds nothing finished.
+
+    `dead` are the folders of processes that have died; meanwhile no other process takes them over.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = destination(path)
         self.folder: Path | None = None
+        self.dead: list[Path] = []
         self._locks = ExitStack()
+
+    def __enter__(self) -> Self:
+        for folder in staging_folders(self.path):
+            with suppress(OSError):
+                if _lock(folder, self._locks):
+                    self.dead.append(folder)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with self._locks:
+            for folder in self.folders():
+                with suppress(OSError):  # what cannot be listed is left to the next process
+                    if not shards(folder) and not chunks_in(folder):
+                        shutil.rmtree(folder, ignore_errors=True)
 
     def __truediv__(self, name: str) -> Path:
         """A path in the folder. Raises OSError if it cannot be made."""
@@ -42,46 +59,26 @@ class Staging:
             folder.mkdir(mode=0o700)  # the result may be private, and its owner alone takes it over
             # Before it is locked, another process may take it for a dead one's, and remove it.
             with suppress(FileNotFoundError):
-                self._hold(_lock(folder, wait=True))
+                _lock(folder, self._locks, wait=True)
                 self.folder = folder if folder.exists() else None
         return self.folder / name
 
-    def take_over_dead(self) -> list[Path]:
-        """The folders of processes that have died; from now on no other process takes them."""
-        folders = []
-        for folder in staging_folders(self.path):
-            with suppress(OSError):
-                if folder != self.folder and (lock := _lock(folder)) is not None:
-                    self._hold(lock)
-                    folders.append(folder)
-        return folders
+    def folders(self) -> list[Path]:
+        """The folders that are this process's own now."""
+        return [*self.dead, *filter(None, [self.folder])]
 
-    def _hold(self, lock: Release | None) -> None:
-        if lock is not None:
-            self._locks.callback(lock)
+    def clear(self, kept: Collection[str]) -> None:
+        """Delete all files of the folders but those of some names."""
+        for folder in self.folders():
+            for name in set(os.listdir(folder)).difference(kept):
+                (folder / name).unlink()
 
     @contextmanager
     def publishing(self) -> Iterator[None]:
         """The time in which no other process publishes beside `path`."""
-        lock = _lock(self.path.parent, wait=True)
-        try:
+        with ExitStack() as held:
+            _lock(self.path.parent, held, wait=True)
             yield
-        finally:
-            if lock is not None:
-                lock()
-
-    def remove(self, besides: Collection[str] = ()) -> None:
-        """Delete the folder with what is in it; if files of some names stay, only the rest."""
-        if self.folder is not None and besides:
-            for name in set(os.listdir(self.folder)).difference(besides):
-                (self.folder / name).unlink()
-        elif self.folder is not None:
-            shutil.rmtree(self.folder, ignore_errors=True)
-            self.folder = None
-
-    def close(self) -> None:
-        """Give up the locks."""
-        self._locks.close()
 
 
 @contextmanager
@@ -92,12 +89,11 @@ def replacing(path: Path) -> Iterator[Path]:
     had the name keeps it.
     """
     path = destination(path)
-    with os_errors_as(path), ExitStack() as failed:
+    with os_errors_as(path), ExitStack() as ended:
         path.parent.mkdir(parents=True, exist_ok=True)
         for leftover in staging_folders(path):
             with suppress(OSError):  # it is a folder, or another process has just removed it
-                if (lock := _lock(leftover)) is not None:
-                    failed.callback(lock)
+                if _lock(leftover, ended):
                     leftover.unlink()
         draft = _beside(path)
         # No wider than the file that it replaces, also if a kill leaves it behind.
@@ -105,9 +101,8 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, mode | stat.S_IWUSR))
         # Open for writing, without which NFS gives no lock.
         with suppress(OSError):
-            if (lock := _lock(draft, flags=os.O_RDWR)) is not None:
-                failed.callback(lock)
-        failed.callback(draft.unlink, missing_ok=True)
+            _lock(draft, ended, flags=os.O_RDWR)
+        ended.callback(draft.unlink, missing_ok=True)
         yield draft
         publish(draft, path)
 
@@ -154,6 +149,28 @@ def staging_folders(path: Path) -> list[Path]:
     ]
 
 
+def shards(folder: Path) -> list[Path]:
+    """The files with finished cases in a staging folder. Raises OSError if it cannot be listed."""
+    # By their numbers: a draft that a kill has left behind is not among them.
+    return _listed(folder, r"[0-9].*\.h5")
+
+
+def chunks_in(folder: Path, sweep_id: str = "") -> list[Path]:
+    """The finished chunks of sweeps, or of one sweep, in a staging folder, a file each. Raises
+    OSError as `shards` does."""
+    return _listed(folder, rf"part-{sweep_id}.*\.h5")
+
+
+def _listed(folder: Path, pattern: str) -> list[Path]:
+    """What is in a staging folder; nothing where that is a draft, another user's, or gone.
+
+    Raises OSError if it cannot be listed otherwise: `glob` would show an empty folder.
+    """
+    with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+        return [folder / name for name in sorted(os.listdir(folder)) if re.fullmatch(pattern, name)]
+    return []
+
+
 def identity(path: Path) -> tuple[int, int] | None:
     """What tells a file from another that takes its name later; None if there is none."""
     try:
@@ -194,20 +211,22 @@ def publish(draft: Path, path: Path) -> None:
     synced(path.parent)
 
 
-def _lock(path: Path, wait: bool = False, flags: int = os.O_RDONLY) -> Release | None:
-    """A lock of a file or folder, or None: another process has it, or locks do not work there."""
+def _lock(path: Path, held: ExitStack, wait: bool = False, flags: int = os.O_RDONLY) -> bool:
+    """Lock a file or folder until `held` is closed. False if another process has it, or locks do
+    not work there."""
     if not HAVE_FLOCK:
-        return _lock_beside(path, wait)
+        return _lock_beside(path, held, wait)
     descriptor = os.open(path, flags)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
         os.close(descriptor)
-        return None
-    return partial(os.close, descriptor)
+        return False
+    held.callback(os.close, descriptor)
+    return True
 
 
-def _lock_beside(path: Path, wait: bool) -> Release | None:
+def _lock_beside(path: Path, held: ExitStack, wait: bool) -> bool:
     """`_lock` by a file that `filelock` locks: for a draft or staging folder beside it, for the
     folder of results in it."""
     import filelock
@@ -219,13 +238,14 @@ def _lock_beside(path: Path, wait: bool) -> Release | None:
     try:
         lock.acquire(timeout=-1 if wait else 0)
     except (OSError, filelock.Timeout):
-        return None
+        return False
 
-    def release() -> None:
+    def give_up() -> None:
         lock.release()
         # The name of a draft is never used again; that of the folder's lock is, and must stay.
         if is_draft:
             with suppress(OSError):
                 file.unlink()
 
-    return release
+    held.callback(give_up)
+    return True

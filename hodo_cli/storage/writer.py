@@ -11,10 +11,8 @@ finished HOLD seconds after its first one, and only a case in a shard is called 
 """
 
 import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from time import monotonic
@@ -24,7 +22,6 @@ from .. import HodoError
 from .finished_cases import (
     ATTRIBUTES_FILE,
     FinishedCase,
-    chunks_in,
     finished_cases,
     in_order,
     latest,
@@ -34,7 +31,7 @@ from .finished_cases import (
 from .group import Attribute, Group
 from .hdf5 import ResultFile, open_run
 from .output import create
-from .staging import Staging, identity, os_errors_as, publish, synced
+from .staging import Staging, chunks_in, identity, os_errors_as, publish, synced
 
 KEPT = "; finished cases are kept"
 
@@ -62,13 +59,11 @@ def publish_finished(path: Path) -> None:
             # A damaged case could not be copied into the new file, and would be gone.
             shards = {} if run.damaged else {n: f for n, f in shards.items() if n not in run}
     if shards:
-        attributes = latest(shards)
-        order = in_order([*finished_cases(path)], str(attributes.get("config")))
-        with Writer(path, attributes, order) as writer:
+        attributes, cases = latest(shards), finished_cases(path)
+        with Writer(path, attributes, in_order(cases, str(attributes.get("config")))) as writer:
             writer.keep_all_chunks()
-            for name, cases in writer.finished_cases.items():
-                file = shards.get(name, path)
-                writer.keep(next(case for case in cases if case.file == file))
+            for name, items in cases.items():
+                writer.keep(shards.get(name, items[0]))
 
 
 class Writer:
@@ -87,10 +82,9 @@ class Writer:
         self.path = Path(path)
         self._attributes = attributes
         self._order = order
-        self._new: dict[str, FinishedCase] = {}
-        self._kept: set[str] = set()
+        self._cases: dict[str, FinishedCase] = {}
         self._texts: dict[str, str] = {}
-        self._shards: dict[Path, Path | None] = {}
+        self._chunks: dict[str, Path] = {}
         self._count = 0
         self._waiting: dict[str, tuple[Group, Callable[[], object]]] = {}
         self._waiting_bytes = 0
@@ -103,37 +97,26 @@ class Writer:
 
     def __enter__(self) -> Self:
         """Raises HodoError as `open_run` does, or if a first result cannot be written there."""
-        self._open.callback(self._staging.close)
-        with self._open:
-            self._dead_folders = self._staging.take_over_dead()
+        with self._open as failed:
+            failed.enter_context(self._staging)
             self._identity = identity(self.path)
             if self._identity:
-                self._old = self._open.enter_context(open_run(self.path))
+                self._old = failed.enter_context(open_run(self.path))
             else:
                 # A folder that cannot be written should show before hours of integration, not
                 # after.
                 self._next_shard()
-            self._open = self._open.pop_all()
+            self._open = failed.pop_all()
         return self
-
-    @cached_property
-    def finished_cases(self) -> dict[str, list[FinishedCase]]:
-        """What the function of this name finds, once dead runs' shards are this Writer's own."""
-        return finished_cases(self.path)
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         with self._open:
-            try:
-                # The user should see the exception at hand, and no other that it leads to.
-                with nullcontext() if kind is None else suppress(Exception):
-                    self.store()
-                if kind is None:
-                    with os_errors_as(self.path, KEPT):
-                        self._finish()
-            finally:
-                folder = self._staging.folder
-                if not self._new and not (folder and chunks_in(folder)):
-                    self._staging.remove()
+            # The user should see the exception at hand, and no other that it leads to.
+            with nullcontext() if kind is None else suppress(Exception):
+                self.store()
+            if kind is None:
+                with os_errors_as(self.path, KEPT):
+                    self._finish()
 
     def add(self, name: str, group: Group, then: Callable[[], object] = bool) -> None:
         """Take a finished case. `then` is called as soon as the case survives the death of this
@@ -172,7 +155,7 @@ class Writer:
         for name in names:
             group, then = self._waiting.pop(name)
             dims = {key: variable.dims for key, variable in group.variables.items()}
-            self._new[name] = FinishedCase(name, shard, group.attributes, dims=dims)
+            self._cases[name] = FinishedCase(name, shard, group.attributes, dims=dims)
             then()
 
     def _put(self, file: Path, groups: Mapping[str, Group]) -> None:
@@ -189,33 +172,32 @@ class Writer:
             failed.pop_all()
 
     def chunks(self, sweep_id: str) -> set[int]:
-        """The numbers of a sweep's chunks that this run and dead ones have finished; all are now
-        its own. `sweep_id` is the digest of what the sweep depends on."""
-        with os_errors_as(self.path, KEPT):
-            for folder in self._dead_folders:
-                for chunk in chunks_in(folder, sweep_id):
-                    # Not moved: should this process die too, the next one finds both.
-                    _take(chunk, self._staging / chunk.name)
-            folder_of_ours = self._staging.folder
-            chunks = chunks_in(folder_of_ours, sweep_id) if folder_of_ours else []
-        return {int(chunk.stem.rpartition("-")[2]) for chunk in chunks}
+        """The numbers of a sweep's chunks that this run and dead ones have finished. `sweep_id` is
+        the digest of what the sweep depends on."""
+        for folder in self._staging.dead:
+            for chunk in chunks_in(folder, sweep_id):
+                if chunk.name not in self._chunks and _is_sound(chunk):
+                    self._chunks[chunk.name] = chunk
+        known = [name.removesuffix(".h5").split("-") for name in self._chunks]
+        return {int(number) for _, id, number in known if id == sweep_id}
 
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises
         HodoError if it cannot be written."""
         with os_errors_as(self.path, KEPT):
-            chunk = self._staging / f"part-{sweep_id}-{number}.h5"
+            chunk = self._staging / _chunk_name(sweep_id, number)
         self._put(chunk, {"part": group})
+        self._chunks[chunk.name] = chunk
 
     def keep_all_chunks(self) -> None:
         """Leave the chunks of dead runs where the next Writer finds them."""
-        names = [chunk.name for folder in self._dead_folders for chunk in chunks_in(folder)]
-        self.unfinished |= {name.split("-")[1] for name in names}
+        for folder in self._staging.dead:
+            self.unfinished |= {chunk.name.split("-")[1] for chunk in chunks_in(folder)}
 
     @contextmanager
     def chunk(self, sweep_id: str, number: int) -> Iterator[ResultFile]:
-        """A chunk that was added or taken over, open for reading; its only group is `part`."""
-        with open_run(self._staging / f"part-{sweep_id}-{number}.h5") as run:
+        """A chunk among `chunks`, open for reading; its only group is `part`."""
+        with open_run(self._chunks[_chunk_name(sweep_id, number)]) as run:
             yield run
 
     def keep(self, case: FinishedCase, text: str = "") -> bool:
@@ -223,21 +205,15 @@ class Writer:
 
         `text` replaces the text of the case that is stored, whose remarks may be older.
         """
-        if text and text != case.attributes.get("case"):
-            self._texts[case.name] = text
-        if case.damage:
-            return False
         if case.file == self.path:
             is_there = self._old is not None and case.name in self._old
-            self._kept |= {case.name} if is_there else set()
-            return is_there
-        if case.file not in self._shards:
-            shard = self._next_shard()
-            with os_errors_as(self.path, KEPT):
-                self._shards[case.file] = shard if _take(case.file, shard) else None
-        if (shard_of_ours := self._shards[case.file]) is None:
+        else:
+            is_there = case.file.exists()
+        if case.damage or not is_there:
             return False
-        self._new[case.name] = FinishedCase(case.name, shard_of_ours, case.attributes)
+        if text and text != case.attributes.get("case"):
+            self._texts[case.name] = text
+        self._cases[case.name] = case
         return True
 
     def _next_shard(self) -> Path:
@@ -261,39 +237,43 @@ class Writer:
                 latest_result = stack.enter_context(open_run(self.path)) if is_there else None
             sources = self._sources(latest_result)
             if (
-                self._new
+                not latest_result
+                or any(source not in (self._old, latest_result) for source in sources.values())
                 or self._texts
-                or not latest_result
                 or list(sources) != latest_result.cases()
                 or latest_result.text != self._attributes.get("config")
             ):
                 draft = self._staging / "whole.h5"
                 self._join(draft, sources, longer(latest_result, self._attributes.get("history")))
                 publish(draft, self._staging.path)
-        unfinished = {
-            f"part-{sweep_id}-{number}.h5"
-            for sweep_id in self.unfinished
-            for number in self.chunks(sweep_id)
-        }
-        for folder in self._dead_folders:
-            shutil.rmtree(folder, ignore_errors=True)
-        self._staging.remove(unfinished)
+        self._staging.clear(
+            {
+                _chunk_name(sweep_id, number)
+                for sweep_id in self.unfinished
+                for number in self.chunks(sweep_id)
+            }
+        )
 
     def _sources(self, latest_result: ResultFile | None) -> dict[str, ResultFile | Path]:
         """Where each case comes from, in the order of the new file."""
         old = self._old
-        sources: dict[str, ResultFile | Path] = {name: old for name in self._kept if old}
-        sources |= {name: case.file for name, case in self._new.items()}
+        sources: dict[str, ResultFile | Path] = {
+            name: old if old and case.file == self.path else case.file
+            for name, case in self._cases.items()
+        }
         if latest_result and latest_result is not old:
             for name in latest_result.cases():
                 if name in latest_result.damaged:
                     continue
-                ours = self._new.get(name)
-                theirs = resume_attributes(latest_result, name).get("hash")
-                is_equal = ours is not None and theirs == ours.attributes.get("hash")
-                # A case that was left out of this run is left out of theirs too.
-                is_theirs = not ours and (name in self._kept or old is None or name not in old)
-                if is_equal or is_theirs:
+                ours = self._cases.get(name)
+                if ours and ours.file != self.path:
+                    # Its run has ended since, or theirs may have labels.
+                    theirs = resume_attributes(latest_result, name).get("hash")
+                    is_taken = theirs == ours.attributes.get("hash") or not ours.file.exists()
+                else:
+                    # A case that was left out of this run is left out of theirs too.
+                    is_taken = ours is not None or old is None or name not in old
+                if is_taken:
                     sources[name] = latest_result
         order = dict.fromkeys([*self._order, *sources])
         return {name: sources[name] for name in order if name in sources}
@@ -309,32 +289,19 @@ class Writer:
                             text = Group({"case": self._texts[name]}, {})
                             output.write(name, run.read(name).with_addition(text))
                         else:
-                            case = self._new.get(name)
-                            output.copy(
-                                run, name, case.dims if case and run is not source else None
-                            )
+                            is_ours = run is not source
+                            output.copy(run, name, self._cases[name].dims if is_ours else None)
 
 
-def _take(source: Path, target: Path) -> bool:
-    """Give a whole file of a dead run a second name, or copy it; False if it cannot be used.
+def _chunk_name(sweep_id: str, number: int) -> str:
+    return f"part-{sweep_id}-{number}.h5"
 
-    Links are refused on some file systems, and for another user's files.
-    """
-    try:
-        with open_run(source) as run:
-            if run.damaged:
-                return False
-        with suppress(FileExistsError):
-            os.link(source, target)
-    except HodoError:  # gone by now, unreadable or damaged
-        return False
-    except OSError:
-        try:
-            shutil.copyfile(source, target.with_name("copied"))
-            os.replace(target.with_name("copied"), target)
-        except PermissionError:
-            return False
-    return True
+
+def _is_sound(file: Path) -> bool:
+    """Whether a file of a dead run is whole: a loss of power may have torn it."""
+    with suppress(HodoError), open_run(file) as run:
+        return not run.damaged
+    return False
 
 
 MOST_LINES = 100
