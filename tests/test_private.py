@@ -1,6 +1,5 @@
-"""Compiled code on the disk: compiled once, the user's own, and no more than there is room for."""
+"""Compiled code on the disk: the user's own, and no more than there is room for."""
 
-import fcntl
 import os
 import pickle
 import subprocess
@@ -15,18 +14,7 @@ from conftest import Hodo
 from hodo_cli import private
 from hodo_cli.private import kept_code
 
-COMPILE = """\
-import sys, time
-from hodo_cli.private import kept_code
-
-def compiled():
-    with open(sys.argv[1], "a") as file:
-        file.write("x")
-    time.sleep(0.3)
-    return [1, 2]
-
-print(kept_code("key", compiled))
-"""
+COMPILE = "from hodo_cli.private import kept_code; print(kept_code('key', lambda: [1, 2]))"
 
 
 @pytest.fixture
@@ -36,11 +24,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "hodo"
 
 
-def test_one_process_compiles_and_the_others_wait(folder: Path) -> None:
-    command = [sys.executable, "-c", COMPILE, str(folder.parent / "compiled")]
-    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(4)]
+def test_processes_that_begin_together_store_one_code_of_the_users_own(folder: Path) -> None:
+    processes = [
+        subprocess.Popen([sys.executable, "-c", COMPILE], stdout=subprocess.PIPE, text=True)
+        for _ in range(4)
+    ]
     assert {process.communicate()[0] for process in processes} == {"[1, 2]\n"}
-    assert (folder.parent / "compiled").read_text() == "x"
+    assert kept_code("key", lambda: "anew") == [1, 2]
+    assert os.listdir(folder) == ["key.code"]
     assert folder.stat().st_mode & 0o777 == 0o700
     assert (folder / "key.code").stat().st_mode & 0o777 == 0o600
 
@@ -75,16 +66,6 @@ def test_a_folder_that_others_can_reach_is_not_used(folder: Path) -> None:
     (folder / "link.code").symlink_to(folder / "key.code")
     assert kept_code("link", lambda: 3) == 3
     assert kept_code("key", lambda: 4) == 1
-
-
-def test_a_process_that_was_stopped_while_it_compiled_holds_up_no_other_for_long(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(private, "LOCK_PATIENCE", 0.1)
-    assert kept_code("key", lambda: 1) == 1
-    with (folder / "key.code").open() as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        assert kept_code("key", lambda: 2) == 2
 
 
 def test_the_code_that_was_used_last_stays(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

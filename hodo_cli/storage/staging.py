@@ -12,13 +12,16 @@ import shutil
 import stat
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
 
 from .. import BatchError
 from ..machine import RESOURCES
-from ..private import HAVE_FLOCK
 from .disk import refusal
+
+HAVE_FLOCK = find_spec("fcntl") is not None
+"""Whether the system locks files: Windows has other locks."""
 
 if HAVE_FLOCK:
     import fcntl
