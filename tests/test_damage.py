@@ -229,14 +229,13 @@ def test_what_a_dead_run_has_finished_is_used_where_it_lies_until_it_is_publishe
 def test_a_case_of_another_run_that_has_ended_meanwhile_is_in_its_result(tmp_path: Path) -> None:
     path = tmp_path / "x.h5"
     group = Group({"hash": "1", "status": "ok"}, {"v": Variable(("t",), np.arange(9.0))})
-    with Writer(path, {}) as first:
-        first.add("a", group)
-        first.store()
-        second = Writer(path, {})
-        with second:
-            assert second.keep(finished_cases(path)["a"][0])
-            second.add("b", group)
-            first.__exit__(None)
+    first = Writer(path, {}).__enter__()
+    first.add("a", group)
+    first.store()
+    with Writer(path, {}) as second:
+        assert second.keep(finished_cases(path)["a"][0])
+        second.add("b", group)
+        first.__exit__(None)
     with open_run(path) as run:
         assert run.cases() == ["a", "b"]
 
@@ -642,7 +641,7 @@ def test_the_history_does_not_grow_without_bound(result: Path) -> None:
 @pytest.mark.parametrize(
     ("error", "reason"),
     [
-        (OSError("file write failed: error message = 'No space left on device', buf = 0x1"),
+        (OSError("write failed: errno = 28, error message = 'No space left on device', buf = 0x1"),
          "no space left on device"),
         (PermissionError(13, "Permission denied"), "permission denied"),
         (OSError("bad magic number"), ""),

@@ -16,9 +16,8 @@ import json
 import os
 import re
 import signal
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -80,21 +79,17 @@ class BufferedFile(io.FileIO):
         return len(view)
 
 
-def refusal(error: BaseException) -> str:
-    """What the operating system said (no space, no permission), which HDF5 hides in its own errors;
-    or nothing."""
-    # HDF5 gives the errno in the text of its error, and nowhere else.
-    quoted = re.search(r"error message = '([^']*)'", str(error))
-    number = getattr(error, "errno", None)
-    if quoted:
-        return quoted[1].lower()
-    return os.strerror(number).lower() if number else ""
-
-
 def refusal_number(error: BaseException) -> int | None:
-    """The number of what the operating system said."""
+    """The errno of what the operating system said, which HDF5 hides in its own errors."""
+    # It gives it in the text of its error, and nowhere else.
     quoted = re.search(r"errno = (\d+)", str(error))
     return int(quoted[1]) if quoted else getattr(error, "errno", None)
+
+
+def refusal(error: BaseException) -> str:
+    """What the operating system said (no space, no permission), or nothing."""
+    number = refusal_number(error)
+    return os.strerror(number).lower() if number else ""
 
 
 CHECKSUM_MARKER = b"\nhodo hmac-sha256 "
@@ -118,18 +113,12 @@ def append_checksum(file: io.FileIO) -> None:
 def checksum_fits(path: Path) -> bool:
     """Whether this user's hodo wrote a file, and no byte has changed since. Raises OSError if it
     cannot be read."""
-    status = path.stat()
-    return _fits(str(path), status.st_ino, status.st_mtime_ns, status.st_size)
-
-
-@lru_cache(maxsize=4096)
-def _fits(path: str, inode: int, changed: int, size: int) -> bool:
-    """Reading a file again that has not changed would show nothing new."""
     with open(path, "rb", buffering=0) as file:
-        file.seek(max(size - TRAILER, 0))
+        size = max(file.seek(0, os.SEEK_END) - TRAILER, 0)
+        file.seek(size)
         trailer = file.read(TRAILER)
         return trailer.startswith(CHECKSUM_MARKER) and hmac.compare_digest(
-            trailer[len(CHECKSUM_MARKER) : -1], _keyed_hash(file, size - TRAILER)
+            trailer[len(CHECKSUM_MARKER) : -1], _keyed_hash(file, size)
         )
 
 
@@ -167,54 +156,49 @@ def look(
     "". A part at which that process dies, takes more than `patience` seconds or so many bytes of
     memory, is reported as such; the name "" stands for the whole file. Signals are heard meanwhile.
     """
-    # Windows makes no such processes: there, damage may end this one.
-    if not hasattr(os, "fork"):
-        return {name: reason for name in list_parts() if (reason := problem_of(name))}
-    problems: dict[str, str] = {}
+    problems = {"": SILENT}  # until the other process comes to its end
+
+    def looked_at() -> Iterator[tuple[str, str]]:
+        names: list[str] = []
+        with suppress(Exception):  # it cannot be opened: so this process will find, and say why
+            names = list_parts()
+        for name in names:
+            if name not in problems:
+                yield name, SILENT  # stands if nothing more comes
+                yield name, problem_of(name)
+        yield "", ""
+
     for _ in range(HANGS):
-        lines = _lines_of_child(list_parts, problem_of, patience, memory, problems)
-        if not lines:
+        # Windows makes no such processes: there, damage may end this one.
+        can_fork = hasattr(os, "fork")
+        found = _from_child(looked_at, patience, memory) if can_fork else dict(looked_at())
+        problems |= found
+        if not found or not problems[""]:
             break
-        names, *reasons = lines
-        rest = [name for name in names if name not in problems]
-        problems |= zip(rest, reasons, strict=False)
-        if len(reasons) == len(rest):
-            return {name: reason for name, reason in problems.items() if reason}
-        problems[rest[len(reasons)]] = SILENT
-    return {name: reason for name, reason in problems.items() if reason} | {"": SILENT}
+    return {name: problem for name, problem in problems.items() if problem}
 
 
-def _lines_of_child(
-    list_parts: Callable[[], list[str]],
-    problem_of: Callable[[str], str],
-    patience: float,
-    memory: int,
-    known: Collection[str],
-) -> list[Any]:
-    """What another process writes until it ends or dies: the names of the parts, then what is wrong
-    with each that is not `known`."""
+def _from_child(
+    pairs: Callable[[], Iterator[tuple[str, str]]], patience: float, memory: int
+) -> dict[str, str]:
+    """The pairs that another process makes until it ends or dies."""
     ours, theirs = os.pipe()
     # A fork and not a spawn: it starts in a millisecond, and only reads before it ends.
     child = os.fork()
     if child == 0:
-        _look_and_exit(theirs, list_parts, problem_of, patience, memory, known)
+        _write_and_exit(theirs, pairs, patience, memory)
     try:
         os.close(theirs)
         with open(ours, "rb") as pipe:
-            return [json.loads(line) for line in pipe if line.endswith(b"\n")]
+            return dict(json.loads(line) for line in pipe if line.endswith(b"\n"))
     finally:
         # A signal may have ended the reading.
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
 
 
-def _look_and_exit(
-    pipe: int,
-    list_parts: Callable[[], list[str]],
-    problem_of: Callable[[str], str],
-    patience: float,
-    memory: int,
-    known: Collection[str],
+def _write_and_exit(
+    pipe: int, pairs: Callable[[], Iterator[tuple[str, str]]], patience: float, memory: int
 ) -> NoReturn:
     """What the other process does."""
     # The line that is missing says where it has ended; its own last words say nothing more.
@@ -225,15 +209,8 @@ def _look_and_exit(
     try:
         limit_memory(memory)
         signal.setitimer(signal.ITIMER_REAL, patience)
-        names: list[str] = []
-        with suppress(
-            Exception
-        ):  # it cannot be opened: so the other process will find, and say why
-            names = list_parts()
-        os.write(pipe, json.dumps(names).encode() + b"\n")
-        for name in names:
-            if name not in known:
-                signal.setitimer(signal.ITIMER_REAL, patience)
-                os.write(pipe, json.dumps(problem_of(name)).encode() + b"\n")
+        for pair in pairs():
+            os.write(pipe, json.dumps(pair).encode() + b"\n")
+            signal.setitimer(signal.ITIMER_REAL, patience)
     finally:
         os._exit(0)

@@ -13,7 +13,7 @@ from .. import HodoError
 from ..machine import memory_limit
 from ..schema.document import read
 from ..schema.mistakes import Mistakes
-from .hdf5 import Dimensions, ResultFile, open_run
+from .hdf5 import ResultFile, open_run
 from .staging import chunks_in, identity, shards, staging_folders
 
 RESUME = ("hash", "status", "message", "case")
@@ -23,14 +23,12 @@ RESUME = ("hash", "status", "message", "case")
 @dataclass(frozen=True)
 class FinishedCase:
     """A finished case: its name, the file that holds it, the attributes that tell whether it is
-    still right, what is wrong with what is stored of it, and its dimensions, if this process has
-    stored it."""
+    still right, and what is wrong with what is stored of it."""
 
     name: str
     file: Path
     attributes: Mapping[str, Any]
     damage: str = ""
-    dims: Dimensions | None = None
 
 
 def finished_cases(

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import h5py
 import numpy as np
@@ -68,9 +68,6 @@ HDF5, which looks for each by its name, busy for minutes."""
 FEW_TEXTS = 16
 """Texts that are read at once: a compromise between time, and memory if each is the whole file."""
 
-Dimensions: TypeAlias = Mapping[str, tuple[str, ...]]
-"""The dimensions of each variable of a group."""
-
 
 class ResultFile:
     """A result file that is open for reading; made by `open_run`.
@@ -123,7 +120,8 @@ class ResultFile:
         large."""
         with self.open_group(name) as group:
             items = _datasets(group)
-            names, variables, size = _by_address(items), {}, 0
+            named = dimensions({key: item.id for key, item in items.items()})
+            variables, size = {}, 0
             for key, item in items.items():
                 if _is_placeholder(item):
                     continue
@@ -133,9 +131,8 @@ class ResultFile:
                     claimed = f"{in_bytes(size)}, with {in_bytes(self._room)} for it"
                     raise HodoError(f"{self.path}: {name}/{key} does not fit: {claimed}")
                 data = _texts(item) if h5py.check_string_dtype(item.dtype) else item[()]
-                variables[key] = Variable(
-                    _dims(item, names) or (key,) * data.ndim, data, _attributes(item)
-                )
+                dims = named[key] or (key,) * data.ndim
+                variables[key] = Variable(dims, data, _attributes(item))
             # Whoever may write the file may have written any report.
             report = _report(group) if self.intact else None
             return Group(_attributes(group), variables, report=report)
@@ -331,7 +328,7 @@ def _opened(path: Path) -> h5py.File:
 
 
 def _damage(path: Path) -> Mapping[str, str]:
-    """What is wrong with the groups of a file, by their names; nothing where its checksum fits.
+    """What is wrong with the groups of a file, by their names; `INTACT` if its checksum fits.
 
     Raises HodoError if it is no file.
     """
@@ -339,20 +336,21 @@ def _damage(path: Path) -> Mapping[str, str]:
         status = path.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             raise HodoError(f"{path} is a pipe or a device, not a file")
-        if stat.S_ISREG(status.st_mode) and not checksum_fits(path):
-            return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
+        return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
     except OSError as error:
         raise _kind(error)(f"{path}: {_why_closed(path, error)}") from None
-    return INTACT
 
 
 INTACT: Mapping[str, str] = {}
 """What is wrong with a file whose checksum fits."""
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=4096)
 def _looked_at(path: Path, inode: int, changed: int, size: int) -> Mapping[str, str]:
-    """What is wrong with the groups of a file that has no checksum, or one that does not fit."""
+    """What is wrong with the groups of a file; to read it again that has not changed would show
+    nothing new."""
+    if checksum_fits(path):
+        return INTACT
     files: list[ResultFile] = []
 
     def list_groups() -> list[str]:
@@ -382,22 +380,27 @@ def _kind(error: BaseException) -> type[HodoError | BatchError]:
 
 def _why_closed(path: Path, error: Exception) -> str:
     """Why HDF5 does not open a file."""
-    text = str(error)
     if isinstance(error, BlockingIOError):
         return "locked: another program has it open for writing"
-    # By what HDF5 says, since its errors have one class for everything.
-    if "unable to lock file" in text:
-        return "its folder has no file locks; set HDF5_USE_FILE_LOCKING=FALSE"
     if os.path.isdir(path):
         return "a folder, not a file"
-    if "signature not found" in text:
-        if path.suffix in YAML_SUFFIXES:
-            return "a case file, where a result is expected: hodo run makes one of it"
-        return "not an HDF5 file"
-    if "truncated file" in text:
-        return "truncated: its end is missing; restore it, or move it away and run again"
+    for words, reason in REASONS.items():
+        if words in str(error):
+            is_config = words == NO_HDF5 and path.suffix in YAML_SUFFIXES
+            return CONFIG_INSTEAD if is_config else reason
     number = getattr(error, "errno", None)
     return os.strerror(number).lower() if number else f"damaged ({_first_line(error)})"
+
+
+NO_HDF5 = "signature not found"
+REASONS = {
+    "unable to lock file": "its folder has no file locks; set HDF5_USE_FILE_LOCKING=FALSE",
+    NO_HDF5: "not an HDF5 file",
+    "truncated file": "truncated: its end is missing; restore it, or move it away and run again",
+}
+"""Why HDF5 does not open a file, by what it says: its errors have one class for everything."""
+
+CONFIG_INSTEAD = "a case file, where a result is expected: hodo run makes one of it"
 
 
 def _first_line(error: BaseException) -> str:
@@ -455,27 +458,19 @@ def encoded(name: str) -> bytes:
     return name.encode("utf-8", "surrogateescape")
 
 
-def _by_address(items: Mapping[str, h5py.HLObject]) -> dict[int, str]:
-    """Names by the addresses of what they name; HDF5 itself takes milliseconds to find a name."""
-    return {_address(item.id): name for name, item in items.items()}
-
-
-def _dims(dataset: h5py.Dataset, named: Mapping[int, str]) -> tuple[str, ...]:
-    """The dimensions of a dataset by the names of their scales; none for a scale itself."""
-    item = dataset.id
-    if not h5a.exists(item, b"DIMENSION_LIST"):
-        return ()
-    # The first scale of each: to read the list itself takes twice as long.
-    return tuple(named[h5ds.iterate(item, i, _address)] for i in range(dataset.ndim))
+def dimensions(items: Mapping[str, h5d.DatasetID]) -> dict[str, tuple[str, ...]]:
+    """The dimensions of the datasets of a group, by the names of their scales; none of a scale."""
+    # By address: HDF5 itself takes milliseconds to find a name.
+    names = {_address(item): name for name, item in items.items()}
+    return {
+        # The first scale of each: to read the list itself takes twice as long.
+        name: tuple(names[h5ds.iterate(item, i, _address)] for i in range(item.rank))
+        if h5a.exists(item, b"DIMENSION_LIST")
+        else ()
+        for name, item in items.items()
+    }
 
 
 def _address(item: h5d.DatasetID) -> int:
     """Where something is in its file, which no two things share."""
     return int(h5o.get_info(item).addr)
-
-
-def dimensions_of(group: h5py.Group) -> Dimensions:
-    """The dimensions of what a group holds. Raises ValueError as `_dataset` does."""
-    items = _datasets(group)
-    named = _by_address(items)
-    return {key: _dims(item, named) for key, item in items.items()}

@@ -18,9 +18,8 @@ from .hdf5 import (
     REPORT,
     REPORT_DIGEST,
     STRING,
-    Dimensions,
     ResultFile,
-    dimensions_of,
+    dimensions,
     encoded,
 )
 from .provenance import FORMAT_VERSION
@@ -68,10 +67,7 @@ class Output:
                 # in the file.
                 items[dim] = _new_dataset(target, dim, np.dtype(">f4"), (size,))
                 h5ds.set_scale(items[dim], NO_VARIABLE + b"%10d" % size)
-        for key, variable in group.variables.items():
-            # A scale is attached to others, never to itself.
-            if key not in sizes:
-                _attach(items, key, variable.dims)
+        _attach(items, {key: variable.dims for key, variable in group.variables.items()})
         # Last, so that memory holds one block at a time.
         for key, where, block in group.late.blocks() if group.late else ():
             item = h5py.Dataset(items[key])
@@ -82,27 +78,22 @@ class Output:
             report = {REPORT_DIGEST: group.report.digest, REPORT: group.report.json}
             _set_attributes(target, report)
 
-    def copy(self, run: ResultFile, name: str, known: Dimensions | None = None) -> None:
-        """Copy a group as it is stored; `known` are the dimensions of its variables, where this
-        process has written it. Raises HodoError if it is damaged.
+    def copy(self, run: ResultFile, name: str) -> None:
+        """Copy a group as it is stored. Raises HodoError if it is damaged.
 
         HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew. A
         report that another program may have written is left out: the new file would vouch for it.
         """
         self._disk.check()
         with run.open_group(name) as old:
-            dims = known or dimensions_of(old)
             h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINKS[name.isascii()])
             target = h5g.open(self._file.id, name.encode())
-            scales = dict.fromkeys(dim for names in dims.values() for dim in names)
-            items = {key: h5d.open(target, encoded(key)) for key in {**dims, **scales}}
-            for item in items.values():
-                _delete_attributes(item, "REFERENCE_LIST", "DIMENSION_LIST")
             if not run.intact:
                 _delete_attributes(target, REPORT_DIGEST, REPORT)
-            for key, names in dims.items():
-                if key not in scales:  # a scale is attached to others, never to itself
-                    _attach(items, key, names)
+            items = {key: h5d.open(target, encoded(key)) for key in old}
+            for item in items.values():
+                _delete_attributes(item, "REFERENCE_LIST", "DIMENSION_LIST")
+            _attach(items, dimensions({key: h5d.open(old.id, encoded(key)) for key in old}))
 
 
 def _delete_attributes(item: H5Object, *names: str) -> None:
@@ -112,10 +103,12 @@ def _delete_attributes(item: H5Object, *names: str) -> None:
             h5a.delete(item, name.encode())
 
 
-def _attach(items: Mapping[str, h5d.DatasetID], name: str, dims: tuple[str, ...]) -> None:
-    """Link a dataset to its dimensions."""
-    for i, dim in enumerate(dims):
-        h5ds.attach_scale(items[name], items[dim], i)
+def _attach(items: Mapping[str, h5d.DatasetID], dims: Mapping[str, tuple[str, ...]]) -> None:
+    """Link datasets to their dimensions; a scale is attached to others, never to itself."""
+    scales = {dim for names in dims.values() for dim in names}
+    for name in [name for name in dims if name not in scales]:
+        for i, dim in enumerate(dims[name]):
+            h5ds.attach_scale(items[name], items[dim], i)
 
 
 @contextmanager

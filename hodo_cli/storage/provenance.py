@@ -3,9 +3,7 @@
 import re
 import subprocess
 import sys
-import tomllib
 from collections.abc import Mapping
-from contextlib import suppress
 from datetime import UTC, datetime
 from numbers import Integral, Real
 from pathlib import Path
@@ -56,47 +54,24 @@ def root_attributes(title: str, references: str, config: str, history: str) -> d
 def versions() -> dict[str, str]:
     """The versions of Python and the libraries that count, and the commit of hodo where it
     runs from its own git checkout."""
-    # Started first and read last: git takes longer than all the rest.
-    git = _git_status()
-    known = {"python_version": sys.version.split()[0]}
-    known |= {f"{library}_version": library_version(library) for library in STORED_VERSIONS}
-    status = git.communicate()[0] if git else ""
-    commit = re.search(r"^# branch.oid ([0-9a-f]+)$", status, re.MULTILINE)
-    if commit:
-        dirty = any(not line.startswith("#") for line in status.splitlines())
-        known |= {"git_commit": commit[1], "git_dirty": "yes" if dirty else "no"}
-    return known
+    libraries = {f"{library}_version": library_version(library) for library in STORED_VERSIONS}
+    return {"python_version": sys.version.split()[0], **libraries, **_commit()}
 
 
-def _git_status() -> "subprocess.Popen[str] | None":
-    """A process that prints the commit and the changes of the package's own checkout; None if it is
+def _commit() -> dict[str, str]:
+    """The commit of the package's own checkout, and whether it has changes; empty if the package is
     not in one."""
-    package = Path(__file__).parents[1]
-    # A copy of the package may stand in a checkout of something else.
-    if not (package.parent / ".git").exists() or not _is_own(package.parent / "pyproject.toml"):
-        return None
-    command = [
-        "git",
-        # Or git would refresh its index, and get in the way of the user's own git.
-        "--no-optional-locks",
-        "-C",
-        str(package),
-        "status",
-        "--porcelain=v2",
-        "--branch",
-        "--",
-        ".",
-    ]
-    with suppress(OSError):
-        return subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        )
-    return None
-
-
-def _is_own(project: Path) -> bool:
-    """Whether a pyproject.toml is that of hodo."""
+    project = Path(__file__).parents[2]
+    # Without the option git would refresh its index, and get in the way of the user's own git.
+    command = ("git", "--no-optional-locks", "status", "--porcelain=v2", "--branch", "hodo_cli")
     try:
-        return bool(tomllib.loads(project.read_text("utf-8"))["project"]["name"] == "hodo")
-    except (OSError, ValueError, KeyError):
-        return False
+        # A copy of the package may stand in a checkout of something else.
+        is_own = 'name = "hodo"\n' in (project / "pyproject.toml").read_text("utf-8", "replace")
+        if not is_own or not (project / ".git").exists():
+            return {}
+        done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return {}
+    commit = re.search(r"^# branch.oid ([0-9a-f]+)$", done.stdout, re.MULTILINE)
+    is_dirty = any(not line.startswith("#") for line in done.stdout.splitlines())
+    return {"git_commit": commit[1], "git_dirty": "yes" if is_dirty else "no"} if commit else {}

@@ -154,8 +154,7 @@ class Writer:
         self._put(shard, {name: self._waiting[name][0] for name in names})
         for name in names:
             group, then = self._waiting.pop(name)
-            dims = {key: variable.dims for key, variable in group.variables.items()}
-            self._cases[name] = FinishedCase(name, shard, group.attributes, dims=dims)
+            self._cases[name] = FinishedCase(name, shard, group.attributes)
             then()
 
     def _put(self, file: Path, groups: Mapping[str, Group]) -> None:
@@ -174,10 +173,11 @@ class Writer:
     def chunks(self, sweep_id: str) -> set[int]:
         """The numbers of a sweep's chunks that this run and dead ones have finished. `sweep_id` is
         the digest of what the sweep depends on."""
-        for folder in self._staging.dead:
-            for chunk in chunks_in(folder, sweep_id):
-                if chunk.name not in self._chunks and _is_sound(chunk):
-                    self._chunks[chunk.name] = chunk
+        with os_errors_as(self.path, KEPT):
+            for folder in self._staging.dead:
+                for chunk in chunks_in(folder, sweep_id):
+                    if chunk.name not in self._chunks and _is_sound(chunk):
+                        self._chunks[chunk.name] = chunk
         known = [name.removesuffix(".h5").split("-") for name in self._chunks]
         return {int(number) for _, id, number in known if id == sweep_id}
 
@@ -289,8 +289,7 @@ class Writer:
                             text = Group({"case": self._texts[name]}, {})
                             output.write(name, run.read(name).with_addition(text))
                         else:
-                            is_ours = run is not source
-                            output.copy(run, name, self._cases[name].dims if is_ours else None)
+                            output.copy(run, name)
 
 
 def _chunk_name(sweep_id: str, number: int) -> str:
