@@ -1,6 +1,7 @@
 """hodo: batches of rigid-body rotation experiments, integrated, classified, plotted and checked."""
 
 from importlib import import_module
+from time import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -9,6 +10,10 @@ if TYPE_CHECKING:
 __all__ = ["BatchError", "Case", "HodoError", "__version__", "open", "plot", "run", "sweep"]
 
 __version__ = "0.2.0"
+
+
+STARTED = time()
+"""When this process began to load hodo, in seconds since 1970."""
 
 
 class HodoError(Exception):

@@ -22,7 +22,7 @@ from click.testing import CliRunner, Result
 
 from hodo_cli import HodoError
 from hodo_cli.cli import main
-from hodo_cli.storage import disk
+from hodo_cli.storage import disk, hdf5
 from hodo_cli.storage.hdf5 import open_run
 
 CONFIG = """\
@@ -158,7 +158,7 @@ def sealed_by_a_stranger(path: Path) -> None:
         open(path, "r+b", buffering=0) as file,
     ):
         disk.append_checksum(file)  # type: ignore[arg-type]
-    disk._fits.cache_clear()
+    hdf5._looked_at.cache_clear()
 
 
 def equal(found: Motions, right: Motions) -> None:

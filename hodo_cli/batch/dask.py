@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from functools import partial
-from multiprocessing import resource_tracker
 from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
@@ -122,9 +121,9 @@ def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
     }
     if sys.flags.ignore_environment and not sys.flags.safe_path:
         raise BatchError(f"under python -E workers would ignore {SAFE_PATH}: start it with -P too")
-    _start_tracker()
-    # A worker that has died is started again in the same way.
-    dask.config.set({**closed, f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"})
+    # For good, since a worker that has died is started again.
+    os.environ.setdefault(SAFE_PATH, "1")
+    dask.config.set(closed)
     return {
         "n_workers": workers,
         "threads_per_worker": 1,
@@ -133,15 +132,3 @@ def _of_this_machine(workers: int, scratch: str) -> dict[str, Any]:
         "security": True,  # made anew, and kept in memory
         "local_directory": scratch,
     }
-
-
-def _start_tracker() -> None:
-    """Start the process in which the standard library notes what others share, before dask does so
-    without the safe path."""
-    if os.name == "posix":  # Windows has none
-        before = os.environ.get(SAFE_PATH)
-        os.environ[SAFE_PATH] = "1"
-        resource_tracker.ensure_running()
-        del os.environ[SAFE_PATH]
-        if before is not None:
-            os.environ[SAFE_PATH] = before

@@ -2,10 +2,12 @@
 libraries, all as they were when the process began."""
 
 import hashlib
+import sys
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from .. import models
+from .. import STARTED, BatchError, models
 from ..engines import have_taylor
 from ..machine import library_version
 
@@ -22,7 +24,8 @@ COMPUTING_LIBRARIES = ("heyoka", "numpy", "scipy")
 """The libraries whose arithmetic ends up in results."""
 
 
-def _sources() -> dict[str, str]:
+@cache
+def source_digests() -> Mapping[str, str]:
     """The digest of each source file that decides numbers, by its path within the package."""
     files = [file for part in SWEPT for file in [PACKAGE / part, *(PACKAGE / part).rglob("*.py")]]
     return {
@@ -32,9 +35,15 @@ def _sources() -> dict[str, str]:
     }
 
 
-# Read while the modules themselves are being imported: a source that is edited later, during a run,
-# is not what this process computes with.
-SOURCES_AT_START = _sources()
+@cache
+def _check_sources(modules: int) -> None:
+    """Raise BatchError if a source has changed since this process began, which has loaded so many
+    modules by now: they may be of the code before the change and of that after it."""
+    # A file that is replaced may keep the time of its modification, and Windows does not know that
+    # of its change.
+    states = [(PACKAGE / name).stat() for name in source_digests()]
+    if any(max(state.st_mtime, state.st_ctime) > STARTED for state in states):
+        raise BatchError("the code of hodo has changed since this process began: start it anew")
 
 
 @cache
@@ -43,7 +52,7 @@ def code_digest(swept: bool, model: str = "") -> str:
     where hodo does not have it."""
     parts = SWEPT if swept else SINGLE
     lines = [
-        f"{name} {hash}\n" for name, hash in SOURCES_AT_START.items() if name.startswith(parts)
+        f"{name} {hash}\n" for name, hash in source_digests().items() if name.startswith(parts)
     ]
     return digest("".join(lines) + (models.added_models_digest(model) if model else ""))
 
@@ -57,7 +66,9 @@ def library_digest() -> str:
 
 
 def process_digest() -> str:
-    """What this process computes with; it travels with every result."""
+    """What this process computes with; it travels with every result. Raises BatchError if its code
+    has changed meanwhile."""
+    _check_sources(len(sys.modules))
     return f"{code_digest(swept=True)}-{library_digest()}{models.added_models_digest()}"
 
 

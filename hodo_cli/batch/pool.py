@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from functools import partial
 from itertools import islice
 from time import monotonic
 from typing import Any, Self, TypeVar
@@ -25,33 +24,20 @@ START_SECONDS = 0.4
 
 
 class Pool:
-    """Applies functions to tasks, in this process or through an executor. A context manager; may be
-    used repeatedly.
+    """Applies functions to tasks, in this process or through an executor, which has `ahead` tasks
+    before the first of them has to be finished. A context manager."""
 
-    `make` makes the executor (None: no executor); it is called when the executor is first needed,
-    or, with `early`, on entering, so that a failure to connect shows at once. `ahead` is the number
-    of tasks that are handed to it before the first of them has to be finished.
-    """
-
-    def __init__(
-        self, make: Callable[[], Executor] | None = None, ahead: int = 1, early: bool = False
-    ) -> None:
-        self._make = make
-        self._early = early
+    def __init__(self, executor: Executor | None, ahead: int) -> None:
+        self._executor = executor
         self._ahead = ahead
-        self._executor: Executor | None = None
 
     def __enter__(self) -> Self:
-        """Raises BatchError if there is no executor."""
-        if self._early and self._make is not None:
-            self._executor = self._make()
         return self
 
     def __exit__(self, *exception: object) -> None:
         """Give up what is not finished."""
         if self._executor is not None:
             self._executor.shutdown(wait=False)
-            self._executor = None
 
     def map(
         self, function: Callable[[Task], Result], tasks: Iterable[Task]
@@ -65,9 +51,9 @@ class Pool:
         a HodoError. Raises BatchError if the executor itself fails, or computes with other code,
         and ModuleNotFoundError if a package is missing.
         """
-        if self._make is None:
+        if self._executor is None:
             return ((task, _attempt(function, task)) for task in tasks)
-        return self._map(function, iter(tasks))
+        return self._map(self._executor, function, iter(tasks))
 
     def map_brief(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
@@ -80,21 +66,24 @@ class Pool:
             yield tasks[done], _attempt(function, tasks[done])
             done += 1
             seconds_left = (monotonic() - begin) / done * (len(tasks) - done)
-            if self._make and not started and seconds_left > START_SECONDS:
+            if self._executor and not started and seconds_left > START_SECONDS:
                 # Its unpickling loads what the function needs.
-                started = self._ready_executor().submit(callable, function)
+                started = self._executor.submit(callable, function)
         yield from self.map(function, tasks[done:])
 
     def _map(
-        self, function: Callable[[Task], Result], tasks: Iterator[Task]
+        self, executor: Executor, function: Callable[[Task], Result], tasks: Iterator[Task]
     ) -> Iterator[tuple[Task, Result | Exception]]:
+        def submit(task: Task) -> Future[tuple[str, Result]]:
+            return executor.submit(_with_digest, function, task)
+
         running: dict[Future[tuple[str, Result]], tuple[Task, int]] = {}
         alone: list[Task] = []
         while True:
             # Drawn only as results leave, so that a sweep of a billion members never stands in
             # memory.
             for task in islice(tasks, self._ahead - len(running)):
-                running[self._submit(function, task)] = task, 1
+                running[submit(task)] = task, 1
             if not running:
                 break
             for future in wait(running, return_when=FIRST_COMPLETED)[0]:
@@ -102,20 +91,12 @@ class Pool:
                 if not _is_lost(future):
                     yield task, _outcome(future)
                 elif tries < TOGETHER:
-                    running[self._submit(function, task)] = task, tries + 1
+                    running[submit(task)] = task, tries + 1
                 else:
                     alone.append(task)
         for task in alone:
-            wait([future := self._submit(function, task)])
+            wait([future := submit(task)])
             yield task, HodoError(DIED) if _is_lost(future) else _outcome(future)
-
-    def _submit(self, function: Callable[[Task], Result], task: Task) -> Future[tuple[str, Result]]:
-        return self._ready_executor().submit(_with_digest, function, task)
-
-    def _ready_executor(self) -> Executor:
-        assert self._make is not None
-        self._executor = self._executor or self._make()
-        return self._executor
 
 
 def _is_lost(future: Future[Any]) -> bool:
@@ -169,14 +150,13 @@ have workers."""
 
 def pool(workers: int, scheduler: str | None = None) -> Pool:
     """Tasks in this process, if `workers` is 1, in so many others, or on the workers of a dask
-    scheduler."""
+    scheduler. Raises BatchError if there are none."""
     if scheduler is not None:
         from .dask import Dask
 
-        ahead = 2 * workers if scheduler == "dask" else AHEAD
-        return Pool(partial(Dask, scheduler, workers), ahead, early=True)
+        return Pool(Dask(scheduler, workers), 2 * workers if scheduler == "dask" else AHEAD)
     if workers > 1:
         from .processes import Processes
 
-        return Pool(partial(Processes, workers), 2 * workers)
-    return Pool()
+        return Pool(Processes(workers), 2 * workers)
+    return Pool(None, 1)

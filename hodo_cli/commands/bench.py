@@ -96,7 +96,7 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
     methods, tols = settings["methods"], settings["tols"] or (math.nan,)
     trials: dict[str, list[Trial]] = {}
     # In processes even if it is only one: a solver that takes its process down costs its own case.
-    with Pool(partial(Processes, jobs), jobs) as pool, Progress(len(cases), quiet) as progress:
+    with Pool(Processes(jobs), jobs) as pool, Progress(len(cases), quiet) as progress:
         tasks = progress.starting(cases, attrgetter("name"))
         for case, outcome in pool.map(partial(trials_of, **settings), tasks):
             problem = str(outcome) if isinstance(outcome, HodoError) else ""
