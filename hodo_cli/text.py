@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 
@@ -38,19 +38,19 @@ def _printable(text: str) -> str:
 
 def seconds(value: float) -> str:
     """A duration with its unit, to three digits."""
-    if value >= 100:
-        return f"{value:.0f} s"
-    if value >= 1:
-        return f"{value:.3g} s"
-    return f"{value * 1e3:.3g} ms" if value >= 1e-3 else f"{value * 1e6:.3g} us"
+    return with_unit(value, ((1.0, "s"), (1e-3, "ms"), (1e-6, "us")))
 
 
 def in_bytes(count: int) -> str:
     """A number of bytes with its unit, to three digits."""
-    for power, unit in ((5, "PB"), (4, "TB"), (3, "GB"), (2, "MB")):
-        if count >= 1000**power:
-            return f"{count / 1000**power:.3g} {unit}"
-    return f"{count} bytes"
+    return with_unit(count, ((1e15, "PB"), (1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1, "bytes")))
+
+
+def with_unit(value: float, units: Sequence[tuple[float, str]]) -> str:
+    """A size to three digits in the first unit that is not larger, or in the last one."""
+    size, unit = next((unit for unit in units if value >= unit[0]), units[-1])
+    digits = ".0f" if value >= 100 * size else ".3g"
+    return f"{value / size:{digits}} {unit}"
 
 
 def magnitude(value: float) -> str:
@@ -88,12 +88,4 @@ def file_name_fault(name: str, others: Iterable[str]) -> str:
 
 def as_json(value: Any) -> str:
     """Plain data as JSON, which has no numbers that are not finite: null stands for them."""
-    return json.dumps(_finite(value))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return json.dumps(json.loads(json.dumps(value), parse_constant=lambda word: None))

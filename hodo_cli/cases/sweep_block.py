@@ -38,8 +38,6 @@ from ..schema.kinds import (
     Variant,
     all_right,
     check_parts,
-    expected,
-    is_list,
     unknown,
     within,
 )
@@ -97,36 +95,19 @@ class RangeValue(Number):
         return {"anyOf": [super().schema(), Angle().schema()]}
 
 
-@dataclass(frozen=True)
-class Span(Kind):
+class Span(ListOf):
     """First value, last value and number of values, all in one list."""
 
-    positive: bool = False
-
-    def check(self, value: Any) -> tuple[float, float, int]:
-        if not is_list(value) or len(value) != 3:
-            raise expected(self, value)
-        kinds = (self._ends(), self._ends(), Integer(least=1, most=MOST))
-        parts = zip(range(3), kinds, value, strict=True)
-        first, last, number = all_right(*check_parts(parts)).values()
-        return first, last, number
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": self._ends().schema(), "minItems": 3, "maxItems": 3}
-
-    def takes(self, value: Any) -> bool:
-        return is_list(value)
-
-    def _ends(self) -> RangeValue:
-        return RangeValue(above=0 if self.positive else None)
-
-    def __str__(self) -> str:
-        return "[first, last, number of values]" + (", first and last > 0" if self.positive else "")
+    def check(self, value: Any) -> tuple[Any, ...]:
+        first, last, _ = super().check(value)
+        count = all_right(*check_parts([(2, Integer(least=1, most=MOST), value[2])]))
+        return first, last, count[2]
 
 
+SPAN_WORDS = "[first, last, number of values]"
 RANGES: dict[str, Kind] = {
-    "linspace": Span(),
-    "logspace": Span(positive=True),
+    "linspace": Span(RangeValue(), length=3, title=SPAN_WORDS),
+    "logspace": Span(RangeValue(above=0), length=3, title=f"{SPAN_WORDS}, first and last > 0"),
     "values": ListOf(RangeValue()),
 }
 ZIPPED = Each(OneOf(RANGES, "range"), "keys to ranges")
@@ -222,16 +203,9 @@ def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
     """The axes of a checked `sweep:` block, in order."""
     axes = []
     for name, entry in sweep.items():
-        ((word, value),) = entry.items()
-        if word == "sphere":
-            axes.append(Axis(name, (), value))
-        else:
-            ranges = value if word == "zip" else {name: entry}
-            axes.append(
-                Axis(
-                    name, tuple((path_of(key), value_range) for key, value_range in ranges.items())
-                )
-            )
+        ranges = {} if "sphere" in entry else entry.get("zip", {name: entry})
+        paths = tuple((path_of(key), value_range) for key, value_range in ranges.items())
+        axes.append(Axis(name, paths, entry.get("sphere")))
     return axes
 
 
@@ -323,15 +297,9 @@ def _within(kind: Kind, step: str | int, data: Any) -> tuple[Kind | None, Any]:
 
 
 def _of_shape(kind: Kind, data: Any) -> Kind:
-    """The kind of a value, of several the one that has its shape."""
-    if not isinstance(kind, Either):
-        return kind
-    shape: Any = ListOf
-    if isinstance(data, Mapping):
-        shape = Table | Variant
-    elif isinstance(data, float):
-        shape = Number
-    return next((option for option in kind.kinds if isinstance(option, shape)), kind)
+    """The kind of a value, of several the first one that has its shape."""
+    options = kind.kinds if isinstance(kind, Either) else (kind,)
+    return next((option for option in options if option.takes(data)), kind)
 
 
 def put(value: Any, path: Sequence[str | int], new: float) -> Any:

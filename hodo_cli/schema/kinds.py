@@ -52,11 +52,6 @@ def is_list(value: Any) -> bool:
     return isinstance(value, list | tuple)
 
 
-def is_scalar(value: Any) -> bool:
-    """Whether a value is neither a list nor a mapping."""
-    return not is_list(value) and not isinstance(value, Mapping)
-
-
 class Kind:
     """The methods of every kind."""
 
@@ -70,7 +65,7 @@ class Kind:
 
     def takes(self, value: Any) -> bool:
         """Whether a value has the outer shape of this kind: mapping, list or scalar."""
-        return is_scalar(value)
+        return not (is_list(value) or isinstance(value, Mapping))
 
 
 @dataclass(frozen=True)
@@ -260,26 +255,31 @@ BOUNDS: tuple[tuple[str, str, str, Holds], ...] = (
 
 
 @dataclass(frozen=True)
-class Bounded(Kind):
-    """The bounds that integers and other numbers share."""
+class Number(Kind):
+    """A finite number within bounds, resolved to a float."""
 
     above: float | None = None
     least: float | None = None
     below: float | None = None
     most: float | None = None
-    word: ClassVar[str]
+    word: ClassVar[str] = "number"
 
-    def bounds(self) -> Iterator[tuple[float, str, str, Holds]]:
+    def bounds(self) -> list[tuple[float, str, str, Holds]]:
         """The bounds that are set: value, sign, JSON Schema's word, and when it holds."""
-        for name, *details in BOUNDS:
-            if (bound := getattr(self, name)) is not None:
-                yield bound, *details
+        bounds = ((getattr(self, name), *details) for name, *details in BOUNDS)
+        return [bound for bound in bounds if bound[0] is not None]
 
-    def bounded(self, number: float, article: str) -> float:
-        """A number within the bounds. Raises Wrong."""
-        if all(holds(number, bound) for bound, _, _, holds in self.bounds()):
-            return number
-        raise expected(f"{article} {self}", number)
+    def allows(self, number: float) -> bool:
+        """Whether a number is within the bounds."""
+        return all(holds(number, bound) for bound, _, _, holds in self.bounds())
+
+    def check(self, value: Any) -> float:
+        number = as_finite(value)
+        if number is None:
+            raise expected(f"a finite {self}", value, _advice(value))
+        if not self.allows(value):
+            raise expected(f"a {self}", value)
+        return number
 
     def schema(self) -> dict[str, Any]:
         return {"type": self.word} | {rule: bound for bound, _, rule, _ in self.bounds()}
@@ -288,20 +288,6 @@ class Bounded(Kind):
         signs = (f"{sign} {bound:g}" for bound, sign, _, _ in self.bounds())
         limits = ", ".join(sign for sign in signs if sign != "> 0")
         return f"{'positive ' if self.above == 0 else ''}{self.word} {limits}".rstrip()
-
-
-@dataclass(frozen=True)
-class Number(Bounded):
-    """A finite number, resolved to a float."""
-
-    word = "number"
-
-    def check(self, value: Any) -> float:
-        number = as_finite(value)
-        if number is None:
-            raise expected(f"a finite {self}", value, _advice(value))
-        self.bounded(value, "a")
-        return number
 
 
 def _advice(value: Any) -> str:
@@ -315,18 +301,17 @@ def _advice(value: Any) -> str:
     return f"; write {digits}" if unit or "," in value else ""
 
 
-@dataclass(frozen=True)
-class Integer(Bounded):
+class Integer(Number):
     """A whole number; 5e3 is one too."""
 
     word = "integer"
 
     def check(self, value: Any) -> int:
         number = as_finite(value)
-        if number is None or number != int(number):
+        if number is None or number != int(number) or not self.allows(value):
             raise expected(f"an {self}", value)
         # Not int(number): a double has lost the last digits of integers beyond 2^53.
-        return int(self.bounded(value, "an"))
+        return int(value)
 
 
 @dataclass(frozen=True, init=False)
@@ -369,24 +354,24 @@ class Text(Kind):
         return "text"
 
 
+# One space at most between number and unit.
+ANGLE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)([eE][-+]?\d+)?) ?(deg|rad)", re.ASCII)
+
+
 @dataclass(frozen=True)
 class Angle(Kind):
     """An angle in radians, or text such as "60 deg"; resolved to radians, degrees by
     `math.radians`."""
 
     def check(self, value: Any) -> float:
-        # One space at most between number and unit, as `schema` says the same in a pattern.
-        text = re.fullmatch(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?(deg|rad)", str(value))
-        try:
-            number = as_finite(float(text[1]) if text else value)
-        except ValueError:  # "1.2.3 deg"
-            number = None
+        text = ANGLE.fullmatch(value) if isinstance(value, str) else None
+        number = as_finite(float(text[1]) if text else value)
         if number is None:
             raise expected(self, value)
-        return math.radians(number) if text and text[2] == "deg" else number
+        return math.radians(number) if text and text[3] == "deg" else number
 
     def schema(self) -> dict[str, Any]:
-        text = {"type": "string", "pattern": r"^[-+]?[0-9.]+([eE][-+]?[0-9]+)? ?(deg|rad)$"}
+        text = {"type": "string", "pattern": f"^{ANGLE.pattern}$"}
         return {"anyOf": [{"type": "number"}, text]}
 
     def __str__(self) -> str:
