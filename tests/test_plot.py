@@ -156,6 +156,14 @@ def test_curves_in_space_are_those_stored(runs: Path) -> None:
     assert len(crossings.get_xdata()) == data["crossing_time"].data.size == 3
     assert main.get_aspect() == zoomed.get_aspect() == 1
 
+    # The enlarged panel has what is near the origin, and nothing that lies before or behind it.
+    near = np.abs(G).max(axis=1) <= results.figures["fig12-all-entries"]["zoom"]
+    (curve,) = [each for each in zoomed.collections if isinstance(each, LineCollection)]
+    drawn = np.concatenate([segment[:-1] for segment in curve.get_segments()])
+    boxed = view(G[near])[:, :2]
+    assert {tuple(at) for at in drawn.tolist()} <= {tuple(at) for at in boxed.tolist()}
+    assert 0 < len(drawn) <= len(boxed) < len(G)
+
 
 def test_time_colour_projections_and_sphere(runs: Path) -> None:
     results = Drawings.of(runs / "paper1.h5")

@@ -227,14 +227,16 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
     # With its last zeros, which tell how exact a printed number is.
     times = [f"{when:#.6g}" for motion in motions for when in motion.crossing_time]
     if len(times) > 1 == len(motions):
-        times = [f"{time} ({i})" for i, time in enumerate(times, 1)]
+        # A line is not broken between a time and its number.
+        times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
     crossings = abridged(times, CROSSINGS_NAMED)
     end, crossing = "end", "$D = 0$"
     if len({float(motion.time[-1]) for motion in motions}) == 1:
         end += f", ${time} = {motions[0].time[-1]:.6g}${of_time}"
     if len(motions) == 1:
         words = f"{crossing} at ${time}$ = {', '.join(crossings)}{of_time}"
-        crossing = "\n".join(textwrap.wrap(words, 80 if wide else 46))
+        lines = textwrap.wrap(words, 80 if wide else 46)
+        crossing = "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
     entries = [Line2D([], [], **START, label="start"), Line2D([], [], **END, label=end)]
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 

@@ -163,16 +163,25 @@ def space(
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
         samples: Look = {"name": motion.label, "time": motion.time, "lw": line_width(motion)}
         seen = scene.add(motion.G, colours, code, **samples)
-        space_curve(axes, seen, colours, code, line_width(motion), near)
-        ends = [scene.add(motion.G[[i]], **look)[0] for i, look in ((0, START), (-1, END))]
+        shown = np.where(boxed(motion.G, scene.reach), code, -1)
+        space_curve(axes, seen, colours, shown, line_width(motion), near)
+        for i, look in ((0, START), (-1, END)):
+            scene.add(motion.G[[i]], **look)
         times = [f"crossing of D = 0 at {time:.12g}" for time in motion.crossing_time]
-        crossings = scene.add(motion.at_crossings(motion.G), texts=times, **CROSSING)
-        inside = partial(within, frame)
-        mark_points(axes, np.array(ends)[:, :2], crossings[:, :2], inside)
+        crossings = motion.at_crossings(motion.G)
+        scene.add(crossings, texts=times, **CROSSING)
+        marked = np.concatenate([motion.G[[0, -1]], crossings])
+        places = np.where(boxed(marked, scene.reach)[:, None], scene.view(marked)[:, :2], np.nan)
+        mark_points(axes, places[:2], places[2:], partial(within, frame))
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set(visible=cut, color="#BBBBBB")
+
+
+def boxed(points: np.ndarray, reach: float | None) -> np.ndarray:
+    """Which points (n, 3) an enlarged panel shows: those in its box, not before it or behind."""
+    return np.asarray(np.abs(points).max(axis=-1) <= (reach or math.inf))
 
 
 def within(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -183,16 +192,11 @@ def within(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
 def space_curve(
     axes: Axes, seen: np.ndarray, colours: np.ndarray, code: np.ndarray, width: float, near: float
 ) -> None:
-    """A curve in view (n, 3), in colours[code]; what is farther from the reader is paler, and
-    behind."""
+    """A curve in view (n, 3), in colours[code], with gaps where the code is -1; what is farther
+    from the reader is paler, and behind."""
     # Thirteen layers: enough to show depth, and few enough pieces of line.
     layer = np.clip((seen[:, 2] / near * 6).round(), -6, 6).astype(int)
-    pieces = [
-        piece
-        for piece in stretches(code, layer)
-        # What is far outside an enlarged panel would only make the file larger.
-        if np.abs(seen[piece, :2]).min(axis=0).max() < 3 * near
-    ]
+    pieces = [piece for piece in stretches(code, layer) if code[piece.start] >= 0]
     pieces.sort(key=lambda piece: int(layer[piece.start]))
     pale = [0.5 * (6 - layer[piece.start]) / 12 for piece in pieces]
     shades = [
