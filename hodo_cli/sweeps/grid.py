@@ -1,7 +1,7 @@
 """A sweep as the group of a result file, with its axes as dimensions."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,16 @@ from ..storage.group import Attribute, Group, StreamedVariables, Variable
 from .chunk import Chunk, reason_alone
 from .columns import lengths, shape, stored_columns
 from .ensemble.motions import Rejection
-from .summary import Read, Summary
+from .summary import Summary
 
 
 def group_of_columns(
-    case: Case, case_digest: str, tasks: list[Chunk], read: Read, summary: Summary,
+    case: Case, case_digest: str, tasks: list[Chunk], finished: Callable[[Chunk], Group],
+    summary: Summary,
     errors: Mapping[str, Any], problems: Mapping[str, int],
 ) -> Group:  # fmt: skip
     """The sweep as it is stored; its variables are filled in from the chunks when it is written."""
-    attributes = sweep_attributes(case, case_digest, tasks[-1].last, summary, problems)
+    attributes = sweep_attributes(case, case_digest, summary, problems)
     sizes = shape(case)
     names = [axis.name for axis in axes_of(case.sweep or {})]
     variables = coordinates(case)
@@ -38,11 +39,11 @@ def group_of_columns(
     def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
         for task in tasks:
             where = box(sizes, task.first, task.last)
-            with read(task) as finished:
-                for name in stored_columns(case):
-                    data = finished.variable(name)
-                    outline = (*(corner.stop - corner.start for corner in where), *data.shape[1:])
-                    yield name, where, data.reshape(outline)
+            group = finished(task)
+            for name in stored_columns(case):
+                data = group.variables[name].data
+                outline = (*(corner.stop - corner.start for corner in where), *data.shape[1:])
+                yield name, where, data.reshape(outline)
 
     variables = with_units(variables, case)
     return Group(
@@ -53,10 +54,11 @@ def group_of_columns(
 
 
 def sweep_attributes(
-    case: Case, case_digest: str, total: int, summary: Summary, problems: Mapping[str, int]
+    case: Case, case_digest: str, summary: Summary, problems: Mapping[str, int]
 ) -> dict[str, Attribute]:
-    """The attributes of a sweep of so many members, without those of its errors."""
+    """The attributes of a sweep, without those of its errors."""
     ok, failed, timeout, invalid, hidden = summary.status.tolist()
+    total = sum(summary.status.tolist())
     remarks = (
         (invalid, "are no body or have no start"),
         (hidden, "are undecided: their error is larger than their distance from the separatrix"),

@@ -2,9 +2,9 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +16,10 @@ from ..engines import extended
 from ..engines.protocol import PRECISION, Status
 from ..integration.choice import choose
 from ..integration.crossings import time_to_zero
-from ..integration.error import errors_against, references
+from ..integration.error import references
 from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
 from ..models.attitude import angle_apart
-from ..models.constants import rescaled
 from ..storage.group import Group
 from .chunk import NONE_ALONE, Chunk, fits_ensemble, group_of_members
 from .columns import blank_columns
@@ -58,19 +57,12 @@ class MemberError(NamedTuple):
     problem: str = ""
 
 
-class SampledMembers(NamedTuple):
-    """Members of a sweep whose error is to be measured."""
-
-    case: Case
-    ends: list[MemberEnd]
-
-
-def probe(task: SampledMembers) -> list[MemberError]:
+def probe(case: Case, ends: Sequence[MemberEnd]) -> list[MemberError]:
     """The errors of some members; an exception costs its own member."""
     errors = []
-    for end in task.ends:
+    for end in ends:
         try:
-            errors.append(member_error(task.case, end))
+            errors.append(member_error(case, end))
         except NOT_OF_A_CASE:
             raise
         except Exception as error:  # of whatever kind, since the sweep itself is computed
@@ -99,21 +91,16 @@ def member_error(case: Case, end: MemberEnd) -> MemberError:
 def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
     """The largest error of the stored variables of a member at its end; of a vector relative to its
     length there, of a number to its largest value at start and end, since it may vanish."""
-    case, last = reference.case, reference.at(slice(-1, None))
-    errors, compared = [0.0], set()
-    if not case.system.no_axis_reason:  # omega is the state, which is compared as it is
-        true = rescaled(type(case.system), last.state.astype(float), last.exponent)
-        state = np.concatenate((final["omega"][None], true[:, 3:]), axis=1)
-        stored = replace(last, state=state, exponent=np.zeros(1, dtype=np.intc))
-        errors.append(errors_against(case, stored, last)["omega"])
-        compared.add("omega")
-    for name, values in reference.variables.items():
-        if name == "attitude" and name in final:
-            errors.append(float(angle_apart(final[name] - values[-1], values[-1])))
-        elif name in final and name not in compared:
-            distance = np.linalg.norm(final[name] - values[-1])
-            size = np.linalg.norm(values[-1]) if values.ndim > 1 else np.abs(values).max()
-            errors.append(float(distance / size) if size else float(distance))
+    errors = [0.0]
+    for name in reference.variables.keys() & final.keys():
+        values, off = reference.variables[name], final[name] - reference.variables[name][-1]
+        if name == "attitude":
+            errors.append(float(angle_apart(off, values[-1])))
+            continue
+        size = np.abs(values).max() if values.ndim == 1 else np.hypot.reduce(values[-1])
+        # hypot scales by itself; the square of 1e-170 is 0.
+        distance = np.hypot.reduce(np.atleast_1d(off))
+        errors.append(float(distance / size if size else distance))
     return max(errors)
 
 
@@ -126,16 +113,6 @@ def crossing_error(reference: Trajectory) -> float:
     return float(distance[0])
 
 
-class FinishedChunk(NamedTuple):
-    """A finished chunk: its attributes, and each of its variables when it is asked for."""
-
-    attributes: Mapping[str, Any]
-    variable: Callable[[str], np.ndarray]
-
-
-Read = Callable[[Chunk], AbstractContextManager[FinishedChunk]]
-
-
 def lost_chunk(chunk: Chunk) -> Group:
     """The columns of a chunk whose worker failed."""
     values = blank_columns(chunk.case, chunk.last - chunk.first)
@@ -143,51 +120,61 @@ def lost_chunk(chunk: Chunk) -> Group:
     return group_of_members(chunk.case, values, 0.0, NONE_ALONE, "")
 
 
-@dataclass
 class Summary:
-    """Sums over the chunks on the disk, the ends of the members whose error is measured, and how
+    """Sums over the chunks of a sweep, the ends of the members whose error is measured, and how
     many of these have none, by reason."""
 
-    status: np.ndarray
-    steps: int
-    run_time: float
-    alone: np.ndarray
-    methods: set[str]
-    ends: list[MemberEnd]
-    unmeasured: Counter[str] = field(default_factory=Counter)
+    def __init__(self, case: Case, total: int) -> None:
+        self.case = case
+        self.status, self.alone = np.zeros(len(Status), dtype=np.int64), NONE_ALONE.copy()
+        self.steps, self.run_time = 0, 0.0
+        self.methods: set[str] = set()
+        self.unmeasured: Counter[str] = Counter()
+        # Seeded by the number of members: the same sweep has the same sample wherever it runs.
+        draw = np.random.default_rng(total)
+        self._drawn = draw.choice(total, min(SAMPLE, total), replace=False)
+        self._ends: list[MemberEnd] = []
+        self._near: list[tuple[float, MemberEnd]] = []
+
+    def add(self, chunk: Chunk, group: Group) -> None:
+        """Add a finished chunk."""
+        columns = {name: variable.data for name, variable in group.variables.items()}
+        status = columns["status"]
+        self.status += np.bincount(status, minlength=len(Status))
+        self.steps += int(columns["steps"].sum())
+        self.run_time += float(group.attributes["run_time"])
+        self.alone += np.asarray(group.attributes["rejections"])
+        self.methods.update(str(group.attributes["methods"]).split())
+        if self.case.error == "off":
+            return
+        ok = np.flatnonzero(status == Status.OK.code)
+        if not self.case.system.no_axis_reason:
+            separation = columns["separation"]
+            nearest = ok[np.argsort(separation[ok])[:NEAREST]]
+            near = [(float(separation[i]), member_end(chunk, columns, i)) for i in nearest]
+            ordered = sorted(self._near + near, key=lambda pair: (pair[0], pair[1].number))
+            self._near = [pair for pair in ordered if pair[0] < math.inf][:NEAREST]
+        drawn = ok[np.isin(chunk.first + ok, self._drawn)]
+        self._ends += [member_end(chunk, columns, i) for i in drawn]
+
+    @property
+    def ends(self) -> list[MemberEnd]:
+        """The members whose error is to be measured."""
+        ends = {end.number: end for end in [*self._ends, *(end for _, end in self._near)]}
+        # Smaller, components may be below the smallest normal double, and differ for that alone.
+        return [ends[number] for number in sorted(ends) if largest(ends[number]) > 1e-290]
 
 
-def summarized(case: Case, tasks: list[Chunk], read: Read) -> Summary:
-    """Counts, shares and messages over all members of a sweep."""
-    total = tasks[-1].last
-    summary = Summary(np.zeros(len(Status), dtype=np.int64), 0, 0.0, NONE_ALONE.copy(), set(), [])
-    # Seeded by the number of members: the same sweep has the same sample wherever it runs.
-    drawn = np.sort(np.random.default_rng(total).choice(total, min(SAMPLE, total), replace=False))
-    near: list[tuple[float, MemberEnd]] = []
-    for task in tasks:
-        with read(task) as chunk:
-            status = chunk.variable("status")
-            summary.status += np.bincount(status, minlength=len(Status))
-            summary.steps += int(chunk.variable("steps").sum())
-            summary.run_time += chunk.attributes["run_time"]
-            summary.alone += chunk.attributes["rejections"]
-            summary.methods.update(str(chunk.attributes["methods"]).split())
-            if case.error == "off":
-                continue
-            end, separation = member_ends(case, task, chunk), np.full(len(status), math.inf)
-            if not case.system.no_axis_reason:
-                ok = status == Status.OK.code
-                separation = np.where(ok, chunk.variable("separation"), np.inf)
-        nearest = [i for i in np.argsort(separation)[:NEAREST] if separation[i] < np.inf]
-        near += [(float(separation[i]), end(int(i))) for i in nearest]
-        near = sorted(near, key=lambda pair: (pair[0], pair[1].number))[:NEAREST]
-        within = drawn[(drawn >= task.first) & (drawn < task.last)] - task.first
-        summary.ends += [end(int(i)) for i in within if status[i] == Status.OK.code]
-    numbers = {end.number for end in summary.ends}
-    summary.ends += [end for _, end in near if end.number not in numbers]
-    # Smaller, components may be below the smallest normal double, and differ for that alone.
-    summary.ends = [end for end in summary.ends if largest(end) > 1e-290]
-    return summary
+def member_end(chunk: Chunk, columns: Mapping[str, np.ndarray], i: int) -> MemberEnd:
+    """The end of a member of a chunk, by its row there."""
+    final = {}
+    for name, variable in chunk.case.system.variables.items():
+        if name != "enclosed_axis":  # a label, which has no error
+            values = columns[name][i]
+            # A member whose samples are stored has an axis more.
+            final[name] = values[-1] if values.ndim == len(variable.dims) else values
+    crossing = math.nan if chunk.case.system.no_axis_reason else columns["crossing_time"][i]
+    return MemberEnd(int(chunk.first + i), final, float(crossing))
 
 
 def largest(end: MemberEnd) -> float:
@@ -195,34 +182,18 @@ def largest(end: MemberEnd) -> float:
     return float(max(np.abs(values).max() for values in end.final.values()))
 
 
-def member_ends(case: Case, task: Chunk, chunk: FinishedChunk) -> Callable[[int], MemberEnd]:
-    """The end of each member of a chunk, by its row there."""
-    final, crossing = {}, np.full(task.last - task.first, math.nan)
-    for name, variable in case.system.variables.items():
-        if name == "enclosed_axis":  # a label, which has no error
-            continue
-        values = chunk.variable(name)
-        # A member whose samples are stored has an axis more.
-        final[name] = values[:, -1] if values.ndim > len(variable.dims) else values
-    if not case.system.no_axis_reason:
-        crossing = chunk.variable("crossing_time")
-    return lambda i: MemberEnd(
-        task.first + i, {name: x[i] for name, x in final.items()}, float(crossing[i])
-    )
-
-
 def sampled_errors(
-    case: Case, pool: Pool, summary: Summary, report: Callable[[float], object]
+    pool: Pool, summary: Summary, report: Callable[[float], object]
 ) -> dict[str, Any]:
     """Quantiles of the measured errors; the summary counts members that have none. `report` is
     called with the finished share of them."""
-    starts = range(0, len(summary.ends), PROBED)
-    tasks = [SampledMembers(case, summary.ends[i : i + PROBED]) for i in starts]
+    ends = summary.ends
+    tasks = [ends[i : i + PROBED] for i in range(0, len(ends), PROBED)]
     errors: list[MemberError] = []
-    for i, (task, outcome) in enumerate(pool.map(probe, tasks), 1):
+    for i, (task, outcome) in enumerate(pool.map(partial(probe, summary.case), tasks), 1):
         report(i / len(tasks))
         if isinstance(outcome, Exception):
-            outcome = [MemberError(problem=str(outcome))] * len(task.ends)
+            outcome = [MemberError(problem=str(outcome))] * len(task)
         errors += outcome
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
     states = [error.final for error in errors if not math.isnan(error.final)]

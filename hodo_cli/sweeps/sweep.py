@@ -6,10 +6,6 @@ that a run that is killed goes on from there, and no more than a few of them are
 time.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
-
 from ..batch.digests import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
@@ -18,7 +14,7 @@ from ..storage.group import Group
 from ..storage.writer import Writer
 from .chunk import Chunk, chunks, compute
 from .grid import group_of_columns
-from .summary import PROBES, FinishedChunk, lost_chunk, sampled_errors, summarized
+from .summary import PROBES, Summary, lost_chunk, sampled_errors
 
 
 def run_sweep(
@@ -30,34 +26,37 @@ def run_sweep(
     stored = writer.chunks(sweep_id) if resume else set()
     tasks = list(chunks(case))
     problems: dict[str, int] = {}
+    lost: set[int] = set()
     if stored:
         progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
-    missing = [task for task in tasks if task.first not in stored]
+
+    def finished(chunk: Chunk) -> Group:
+        if chunk.first in lost:
+            return lost_chunk(chunk)
+        with writer.chunk(sweep_id, chunk.first) as file:
+            return file.read("part")
+
+    summary = Summary(case, tasks[-1].last)
+    kept = [chunk for chunk in tasks if chunk.first in stored]
+    for chunk in kept:
+        summary.add(chunk, finished(chunk))
     # A chunk and a task of measuring errors take about as long as each other.
     members = len(tasks) / (len(tasks) + (PROBES if case.error == "on" else 0))
-    progress.report(case.name, members * len(stored) / len(tasks))
-    for i, (chunk, outcome) in enumerate(pool.map_brief(compute, missing), len(stored) + 1):
+    progress.report(case.name, members * len(kept) / len(tasks))
+    missing = [chunk for chunk in tasks if chunk.first not in stored]
+    for i, (chunk, outcome) in enumerate(pool.map_brief(compute, missing), len(kept) + 1):
         progress.report(case.name, members * i / len(tasks))
         if isinstance(outcome, Exception):
             # A chunk that fails costs its own members; the sweep goes on and says how many.
             problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
+            lost.add(chunk.first)
+            summary.add(chunk, finished(chunk))
         else:
             writer.add_chunk(sweep_id, chunk.first, outcome)
-    done = writer.chunks(sweep_id)
-
-    @contextmanager
-    def read(chunk: Chunk) -> Iterator[FinishedChunk]:
-        if chunk.first not in done:
-            empty = lost_chunk(chunk)
-            yield FinishedChunk(empty.attributes, lambda name: empty.variables[name].data)
-        else:
-            with writer.chunk(sweep_id, chunk.first) as file:
-                yield FinishedChunk(file.summary("part"), partial(file.array, "part"))
-
-    summary = summarized(case, tasks, read)
+            summary.add(chunk, outcome)
 
     def report(share: float) -> None:
         progress.report(case.name, members + (1 - members) * share)
 
-    errors = sampled_errors(case, pool, summary, report) if case.error == "on" else {}
-    return group_of_columns(case, case_digest, tasks, read, summary, errors, problems)
+    errors = sampled_errors(pool, summary, report) if case.error == "on" else {}
+    return group_of_columns(case, case_digest, tasks, finished, summary, errors, problems)
