@@ -956,7 +956,7 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
         ("{kind: map, cases: [grid, one], variable: crossings, x: damping.2, y: damping.0}",
          "figures.f.cases.1: case one is no sweep"),
         ("{kind: map, cases: grid, variable: crossing_tim, x: damping.2, y: damping.0}",
-         "figures.f.variable: unknown variable 'crossing_tim'; did you mean"),
+         "figures.f.variable: unknown variable 'crossing_tim' of case grid; did you mean"),
         ("{kind: curve, cases: grid, variable: end_axis.x1, x: dampng.2}",
          "figures.f.x: unknown axis 'dampng.2' of sweep grid; did you mean 'damping.2'?"),
         ("{kind: curve, cases: grid, variable: crossings, x: damping.2, by: damping.1}",

@@ -31,7 +31,7 @@ from ..schema.kinds import (
     check_keys,
     other_word,
     shown,
-    unknown,
+    unknown_names,
 )
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
@@ -334,12 +334,9 @@ def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
 
 def _store_mistakes(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:
     """Mistakes: variables that the model does not have."""
-    valid = list(model.variables)
-    if values.get("sweep"):
-        valid = storable(model)
-    for i, name in enumerate(values.get("store", ())):
-        if name not in valid:
-            yield ("store", i), unknown(f"variable {name!r}", name, valid)
+    valid = storable(model) if values.get("sweep") else list(model.variables)
+    named: dict[KeyPath, str] = {("store", i): x for i, x in enumerate(values.get("store", ()))}
+    return unknown_names("variable", named, valid)
 
 
 def _entries_taken(

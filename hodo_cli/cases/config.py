@@ -9,7 +9,18 @@ from typing import Any
 
 from .. import HodoError
 from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block
-from ..schema.kinds import Mistake, Wrong, WrongKey, check_keys, nearest, shown, unknown, within
+from ..schema.kinds import (
+    KeyPath,
+    Mistake,
+    Wrong,
+    WrongKey,
+    check_keys,
+    nearest,
+    shown,
+    unknown,
+    unknown_names,
+    within,
+)
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
 from ..text import file_name_fault
@@ -254,13 +265,11 @@ def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mist
     models_of_blocks = [(block, *keys_in(block)) for block in blocks]
     if any(model is None and "model" in block for block, model, _ in models_of_blocks):
         return  # it may have keys of its own
-    accepted = {key for _, _, keys in models_of_blocks for key in keys}
     # A case without a model may take any key that there is.
-    if any(model is None for _, model, _ in models_of_blocks):
-        accepted = set(all_keys())
-    for key in defaults:
-        if key in accepted:
-            continue
+    accepted = {
+        key for _, model, keys in models_of_blocks for key in (keys if model else all_keys())
+    }
+    for key in defaults.keys() - accepted:
         known = key in all_keys()
         message = "no case here takes this key" if known else unknown("key", key, sorted(accepted))
         yield ("defaults", WrongKey(key)), message
@@ -310,17 +319,14 @@ def _figures(
     entries, mistakes = _entries("figures", section)
     figures = {}
     for name, block in entries.items():
+        values, wrong = FIGURE.check_keys(block)
         if fault := file_name_fault(name, entries):
             mistakes.append((("figures", WrongKey(name)), fault))
-        figures[name], wrong = FIGURE.check_keys(block)
-        wrong += check_figure(figures[name])
-        figures[name]["style"] = merged_style(style, figures[name].get("style"))
-        mistakes += within(("figures", name), wrong)
-        if figures[name].get("cases") == ():
-            mistakes.append((("figures", name, "cases"), "names no case"))
+        if values.get("cases") == ():
+            wrong.append((("cases",), "names no case"))
         for key, valid in (("cases", cases), ("against", cases), ("scale_with", section)):
-            for i, item in enumerate(figures[name].get(key, ())):
-                if item not in valid:
-                    message = unknown(f"name {item!r}", item, valid)
-                    mistakes.append((("figures", name, key, i), message))
+            named: dict[KeyPath, str] = {(key, i): x for i, x in enumerate(values.get(key, ()))}
+            wrong += unknown_names("name", named, valid)
+        mistakes += within(("figures", name), [*wrong, *check_figure(values)])
+        figures[name] = {**values, "style": merged_style(style, values.get("style"))}
     return figures, mistakes

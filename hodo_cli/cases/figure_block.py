@@ -28,6 +28,7 @@ from ..schema.kinds import (
     WrongKey,
     expected,
     unknown,
+    unknown_names,
     vector,
 )
 from .sweep_block import AXIS_LABELS
@@ -388,44 +389,49 @@ def merged_style(*styles: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
     """Mistakes in keys of a figure that are each right by themselves."""
-    named = "bodies" if values.get("kind") == "quadrant-sketch" else "cases"
-    labels, several = values.get("labels", ()), values.get(named, ())
-    # The labels of a sweep name panels or curves, whose number its axes decide.
-    if values.get("kind") not in ("map", "curve") and len(labels) > len(several):
-        message = f"expected one for each of {len(several)} {named}, got {len(labels)}"
-        yield ("labels",), message
-    for i, style in enumerate(values.get("styles", ())):
-        colour, _, line = style.partition(" ")
-        for word, known in ((colour, COLOUR_NAMES), (line or "solid", LINE_NAMES)):
-            if word not in known:
-                yield ("styles", i), unknown(f"colour or line {word!r}", word, known)
-    style = values.get("style") or {}
-    if values.get("kind") in KINDS_WITHOUT_SCALES or _is_flat(values):
-        message = f"the panels of a {values['kind']} have no scales"
+    kind, style = values.get("kind"), values.get("style") or {}
+    named = "bodies" if kind == "quadrant-sketch" else "cases"
+    n, labels, axis = (
+        len(values.get(named, ())),
+        values.get("labels", ()),
+        _axis_of_positions(values),
+    )
+    rules: list[tuple[bool, str, str]] = [
+        # The labels of a sweep name panels or curves, whose number its axes decide.
+        (
+            kind not in ("map", "curve") and len(labels) > n,
+            "labels",
+            f"expected one for each of {n} {named}, got {len(labels)}",
+        ),
+        (
+            bool(values.get("at")) and not values.get(axis),
+            "at",
+            f"counts positions on the axis that '{axis}' names, which is missing",
+        ),
+        (kind == "body" and n > 1, "cases", f"expected one case, whose body moves, got {n}"),
+    ]
+    if n and "groups" in values:
+        total = sum(values["groups"])
+        message = f"expected sizes that add up to the {n} cases, got {total}"
+        rules.append((total != n, "groups", message))
+    for key in values.keys() & {"small", "against"} if n else ():
+        count = len(values[key])
+        rules.append((count != n, key, f"expected one for each of {n} cases, got {count}"))
+    yield from (((key,), message) for is_wrong, key, message in rules if is_wrong)
+    for i, words in enumerate(values.get("styles", ())):
+        colour, _, line = words.partition(" ")
+        yield from unknown_names("colour or line", {("styles", i): colour}, COLOUR_NAMES)
+        yield from unknown_names("colour or line", {("styles", i): line or "solid"}, LINE_NAMES)
+    formulas: dict[KeyPath, str] = {("formula", WrongKey(x)): x for x in values.get("formula", ())}
+    yield from unknown_names("variable", formulas, values.get("variables", ()))
+    if kind in KINDS_WITHOUT_SCALES or _is_flat(values):
+        message = f"the panels of a {kind} have no scales"
         yield from ((("style", key), message) for key in SCALES if style.get(key) is not None)
-    for axis in style.get("log") or ():
-        if (ends := style.get(f"{axis}lim")) and ends[0] <= 0:
-            yield ("style", f"{axis}lim"), "expected positive ends of a logarithmic axis"
-    if values.get("at") and not values.get(axis := _axis_of_positions(values)):
-        yield ("at",), f"counts positions on the axis that '{axis}' names, which is missing"
-    if values.get("kind") == "body" and len(several) > 1:
-        yield ("cases",), f"expected one case, whose body moves, got {len(several)}"
-    for name in values.get("formula", ()):
-        if name not in (drawn := values.get("variables", ())):
-            yield ("formula", WrongKey(name)), unknown(f"variable {name!r}", name, drawn)
-    if several:
-        yield from _group_mistakes(values, len(several))
-    if values.get("kind") in SWEPT_KINDS:
+    for logarithmic in style.get("log") or ():
+        if (ends := style.get(f"{logarithmic}lim")) and ends[0] <= 0:
+            yield ("style", f"{logarithmic}lim"), "expected positive ends of a logarithmic axis"
+    if kind in SWEPT_KINDS:
         yield from _axis_mistakes(values)
-
-
-def _group_mistakes(values: Mapping[str, Any], n: int) -> Iterator[Mistake]:
-    """Mistakes: lists whose lengths do not fit the n cases of a figure of errors or costs."""
-    if "groups" in values and (total := sum(values["groups"])) != n:
-        yield ("groups",), f"expected sizes that add up to the {n} cases, got {total}"
-    for key in ("small", "against"):
-        if key in values and len(values[key]) != n:
-            yield (key,), f"expected one for each of {n} cases, got {len(values[key])}"
 
 
 @dataclass(frozen=True)
@@ -490,16 +496,23 @@ def check_drawn(
 
 def _unfit(kind: str | None, case: Drawable) -> str:
     """Why a kind of figure cannot draw a case; an empty string if it can."""
-    if kind in SWEPT_KINDS:
-        return "" if case.axes else f"case {case.name} is no sweep"
-    if case.axes:
-        return f"case {case.name} is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw"
-    if kind in KINDS_OF_BODIES and "omega" not in {*case.stored} & {*case.vectors}:
-        return f"case {case.name} stores no angular velocity in body axes, which a {kind} needs"
-    if kind in KINDS_IN_SPACE and not case.attitude:
-        why = f"case {case.name} stores no attitude, which {kind} needs"
-        return f"{why}: write `attitude: yes` in it"
-    return ""
+    is_swept, has_omega = kind in SWEPT_KINDS, "omega" in {*case.stored} & {*case.vectors}
+    reasons = (
+        (is_swept and not case.axes, "is no sweep"),
+        (
+            bool(not is_swept and case.axes),
+            f"is a sweep, which only {' and '.join(SWEPT_KINDS[:2])} draw",
+        ),
+        (
+            kind in KINDS_OF_BODIES and not has_omega,
+            f"stores no angular velocity in body axes, which a {kind} needs",
+        ),
+        (
+            kind in KINDS_IN_SPACE and not case.attitude,
+            f"stores no attitude, which {kind} needs: write `attitude: yes` in it",
+        ),
+    )
+    return next((f"case {case.name} {reason}" for is_wrong, reason in reasons if is_wrong), "")
 
 
 def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
@@ -514,27 +527,21 @@ def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> 
         names = enumerate(inset["variables"])
         drawn += [(("insets", i, "variables", j), name, enlarged) for j, name in names]
     for path, name, owners in drawn:
-        faults = filter(None, (_wrong_variable(name, case) for case in owners))
+        faults = filter(None, (_wrong_variable(name, case, DERIVED) for case in owners))
         yield from ((path, message) for message in islice(faults, 1))
 
 
-def _wrong_variable(name: str, case: Drawable) -> str:
-    """Why a name stands for no number that a motion may have; an empty string if it does."""
-    if name in DERIVED or name in case.stored and name not in case.vectors:
-        return ""
+def _wrong_variable(name: str, case: Drawable, derived: Collection[str] = ()) -> str:
+    """Why a name stands for no number that a case stores, or that is derived from it; an empty
+    string if it does. A vector needs a component, and a number has none."""
     base, dot, axis = name.partition(".")
-    valid = list(dict.fromkeys([*DERIVED, *case.stored]))
+    valid = list(dict.fromkeys([*derived, *case.stored]))
+    if name in derived or (base in case.vectors and base in valid and axis in BODY_AXES):
+        return ""
     if base not in valid:
         return unknown(f"variable {name!r} of case {case.name}", name, valid)
-    return _wrong_component(base, dot, axis, case.vectors)
-
-
-def _wrong_component(base: str, dot: str, axis: str, vectors: Collection[str]) -> str:
-    """Why a component is missing or wrong: a vector needs one, and a number has none; an empty
-    string if the name stands for a number."""
-    if base in vectors:
-        wrong = f"{base} is a vector: name a component, {_parts(base)}"
-        return "" if axis in BODY_AXES else wrong
+    if base in case.vectors:
+        return f"{base} is a vector: name a component, {_parts(base)}"
     return f"{base} is no vector, and has no component {axis!r}" if dot else ""
 
 
@@ -550,8 +557,7 @@ def _inset_mistakes(
     cases = values["cases"]
     panels = cases if values["panels"] == "case" else values["variables"]
     for key, valid in (("panel", panels), ("case", cases)):
-        if inset[key] not in valid:
-            yield (*path, key), unknown(f"{key} {inset[key]!r}", inset[key], valid)
+        yield from unknown_names(key, {(*path, key): inset[key]}, valid)
 
 
 def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
@@ -569,15 +575,13 @@ def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> 
 
 def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
     """Mistakes: variables, axes and positions that a sweep does not have."""
-    if "variable" in values:
-        yield from _swept_variable_mistakes(values, case)
+    if message := _wrong_swept_variable(values, case):
+        yield ("variable",), message
     for key in AXIS_KEYS:
-        if (name := values.get(key)) is None:
-            continue
-        if name not in case.axes:
-            yield (key,), unknown(f"axis {name!r} of sweep {case.name}", name, list(case.axes))
-        elif name == case.sphere:
+        if (name := values.get(key)) is not None and name == case.sphere:
             yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"
+        elif name is not None and name not in case.axes:
+            yield (key,), unknown(f"axis {name!r} of sweep {case.name}", name, list(case.axes))
     if _is_flat(values) and not case.sphere:
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
     counted = values.get(_axis_of_positions(values))
@@ -588,18 +592,17 @@ def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> 
                 yield ("at", i), f"{message}, not {position}"
 
 
-def _swept_variable_mistakes(values: Mapping[str, Any], case: Drawable) -> Iterator[Mistake]:
-    """The mistake of naming a variable that a sweep lacks, or one that is not a number."""
-    name = values["variable"]
-    base, dot, label = name.partition(".")
-    if base not in case.stored:
-        yield ("variable",), unknown(f"variable {name!r}", name, case.stored)
-    elif base in AXIS_LABELS and (dot or averaged(values, case.axes, case.sphere)):
-        if label not in rigid_body.LABELS.values():
-            message = f"{base} is a label, without a mean: name the one whose share is to be drawn"
-            yield ("variable",), f"{message}, {_parts(base)}"
-    elif message := _wrong_component(base, dot, label, case.vectors):
-        yield ("variable",), message
+def _wrong_swept_variable(values: Mapping[str, Any], case: Drawable) -> str:
+    """Why a figure's variable is one that a sweep lacks, or not a number; an empty string if it is
+    right, or wrong by itself."""
+    base, dot, label = (name := values.get("variable", "")).partition(".")
+    if base not in {*AXIS_LABELS} & {*case.stored}:
+        return _wrong_variable(name, case) if name else ""
+    is_mean = bool(dot or averaged(values, case.axes, case.sphere))
+    if not is_mean or label in rigid_body.LABELS.values():
+        return ""
+    message = f"{base} is a label, without a mean: name the one whose share is to be drawn"
+    return f"{message}, {_parts(base)}"
 
 
 def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> list[str]:

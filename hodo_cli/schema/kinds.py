@@ -8,7 +8,7 @@ Schema, `str(kind)` the same in a few words.
 import math
 import operator
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -146,6 +146,14 @@ def unknown(what: str, name: str, valid: Iterable[str]) -> str:
     if colon := re.fullmatch(r"(\w+):(\S+)", name):  # YAML reads {p:0.8} as one word
         hint = f"; put a space after the colon: {colon[1]}: {colon[2]}"
     return f"unknown {what}{hint}{listed}"
+
+
+def unknown_names(
+    what: str, named: Mapping[KeyPath, str], valid: Collection[str]
+) -> Iterator[Mistake]:
+    """A mistake for each of some names, by their paths, that is not among the `valid` ones."""
+    strange = ((path, name) for path, name in named.items() if name not in valid)
+    return ((path, unknown(f"{what} {name!r}", name, valid)) for path, name in strange)
 
 
 DECIMALS = "; decimals are written with a point, as 1.5"
