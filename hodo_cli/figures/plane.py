@@ -221,6 +221,10 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
                 inset(sheet, axes, inset_spec, motion, dict(zip(keys, looks, strict=True)))
     # Panels share their time: its end is known when all are drawn.
     panels[0].set_xlim(*(spec["span"] or (min(motion.time[0] for motion in motions), None)))
+    if spec["passages"] == "no":
+        for axes, curves in zip(panels, groups.values(), strict=True):
+            for motion, name in curves:
+                event_marks(axes, motion, name, spec)
     handles = case_handles(names, style_names) if len(names) > 1 else []
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
     handles += [Line2D([], [], **LAW_LOOK, label=law) for law in spec["formula"].values()]
@@ -247,8 +251,6 @@ def series_curve(
         axes.plot(times, values, **LAW_LOOK)
     if spec["passages"] == "yes":
         passage_marks(axes, motion, variable, style)
-    else:
-        event_marks(axes, motion, variable, spec)
 
 
 def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
@@ -340,8 +342,10 @@ def event_marks(axes: Axes, motion: Motion, name: str, spec: Mapping[str, Any]) 
         text = f"${symbol(name)} = {ending}$"
         below = value > 0.9 * peak
         axes.plot(when, value, **END, clip_on=False, zorder=5)
-        early = when - motion.time[0] < 0.4 * (motion.time[-1] - motion.time[0])
-        # Toward the middle of the panel, where a text is not cut off.
+        # Behind the curve's end, which no curve of the same shape passes, if the panel has room.
+        left, right = axes.get_xlim()
+        room = axes.bbox.width * 72 / axes.figure.dpi * (right - when) / (right - left)
+        early = 4.5 * len(text.replace("$", "")) < room
         axes.annotate(
             text,
             (when, value),
