@@ -23,7 +23,7 @@ from ..schema.kinds import (
     Wrong,
     WrongKey,
     check_keys,
-    unknown,
+    unknown_names,
     within,
 )
 from .figure_block import FORMULA
@@ -290,30 +290,29 @@ def case_name(case: Any) -> str:
 def cross_check(claims: Any, errata: Any, case_check: CaseCheck) -> Iterator[Mistake]:
     """The mistakes that only several keys of the claims and errata show together: ids given twice,
     cases that are not there, quantities and their numbers, sweeps that a case cannot make."""
-    known: list[str] = []
-    for i, erratum in _entries(errata, ERRATUM_KEYS):
-        yield from within(("errata", i), _check_id(erratum, known))
-        yield from within(("errata", i), _check_cases(erratum.get("cases", ()), case_check)[0])
-    seen: list[str] = []
-    for i, claim in _entries(claims, CLAIM):
-        yield from within(("claims", i), _check_id(claim, seen))
-        yield from within(("claims", i), _check_claim(claim, case_check))
-        if (name := claim.get("erratum")) and name not in known:
-            yield ("claims", i, "erratum"), unknown(f"erratum {name!r}", name, known)
+    ids: dict[str, list[str]] = {"errata": [], "claims": []}
+    entries = [*_entries("errata", errata, ERRATUM_KEYS), *_entries("claims", claims, CLAIM)]
+    for (section, i), entry in entries:
+        is_claim, cases = section == "claims", entry.get("cases", ())
+        of_entry = (
+            _check_claim(entry, case_check) if is_claim else _check_cases(cases, case_check)[0]
+        )
+        mistakes = [*of_entry]
+        if (name := entry.get("id", "")) in ids[section]:
+            mistakes.append((("id",), f"a second entry {name!r}"))
+        ids[section].append(name)
+        if name := entry.get("erratum", ""):
+            mistakes += unknown_names("erratum", {("erratum",): name}, ids["errata"])
+        yield from within((section, i), mistakes)
 
 
-def _entries(section: Any, keys: Mapping[str, Key]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The valid values of each entry of a section that is a mapping, with its position."""
+def _entries(
+    name: str, section: Any, keys: Mapping[str, Key]
+) -> Iterator[tuple[tuple[str, int], dict[str, Any]]]:
+    """The valid values of each entry of a section that is a mapping, with its place."""
     for i, item in enumerate(section if isinstance(section, list) else ()):
         if isinstance(item, Mapping):
-            yield i, check_keys(keys, item)[0]
-
-
-def _check_id(entry: Mapping[str, Any], seen: list[str]) -> Iterator[Mistake]:
-    name = entry.get("id", "")
-    if name in seen:
-        yield ("id",), f"a second entry {name!r}"
-    seen.append(name)
+            yield (name, i), check_keys(keys, item)[0]
 
 
 def _check_claim(claim: Mapping[str, Any], case_check: CaseCheck) -> Iterator[Mistake]:
@@ -370,11 +369,11 @@ def _check_bounds(check: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _check_values(values: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    for name, numbers in values.items():
-        if name not in QUANTITY_NAMES:
-            yield (WrongKey(name),), unknown("quantity", name, QUANTITY_NAMES)
-        elif len(numbers) != count:
-            yield (name,), f"expected {count} numbers, one for each case, got {len(numbers)}"
+    named: dict[KeyPath, str] = {(WrongKey(name),): name for name in values}
+    yield from unknown_names("quantity", named, QUANTITY_NAMES)
+    for name in QUANTITY_NAMES.keys() & values:
+        if (n := len(values[name])) != count:
+            yield (name,), f"expected {count} numbers, one for each case, got {n}"
 
 
 MOST_MEMBERS = 100_000

@@ -13,7 +13,7 @@ count from zero.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -221,11 +221,14 @@ def check_axes(
     or no numbers, values that the keys do not take, zipped ranges of unequal lengths, too many
     members."""
     axes = axes_of(sweep)
-    for axis in axes:
-        if axis.name in RESERVED:
-            message = f"{axis.name} is a dimension of every result; call the axis otherwise"
-            yield ("sweep", axis.name), message
-    yield from _check_spheres(axes, model.oriented)
+    reserved = [axis.name for axis in axes if axis.name in RESERVED]
+    message = "is a dimension of every result; call the axis otherwise"
+    yield from ((("sweep", name), f"{name} {message}") for name in reserved)
+    spheres = [axis.name for axis in axes if axis.sphere is not None]
+    message = "one axis may be a sphere"
+    if not model.oriented:
+        message = "only the start of a body-frame model has a direction"
+    yield from ((("sweep", name, "sphere"), message) for name in spheres[model.oriented :])
     swept: dict[KeyPath, str] = {}
     for axis in axes:
         axis_path: KeyPath = ("sweep", axis.name)
@@ -238,39 +241,27 @@ def check_axes(
             if path in swept:
                 yield range_path, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            mistakes = _check_range(value_range, key, Table(model.keys), data)
+            mistakes = _check_range(value_range, key, model.keys, data)
             yield from within(range_path, mistakes)
     if math.prod(map(len, axes)) > MOST:
         yield ("sweep",), f"more than {MOST:.0e} members"
 
 
-def _check_spheres(axes: Iterable[Axis], oriented: bool) -> Iterator[Mistake]:
-    """Mistakes: directions of a start that has none, and spheres beyond the first."""
-    for i, axis in enumerate(axis for axis in axes if axis.sphere is not None):
-        if not oriented:
-            message = "only the start of a body-frame model has a direction"
-            yield ("sweep", axis.name, "sphere"), message
-        elif i:
-            yield ("sweep", axis.name, "sphere"), "one axis may be a sphere"
-
-
 def _check_range(
-    value_range: Mapping[str, Any], key: str, kind: Kind, data: Any
+    value_range: Mapping[str, Any], key: str, keys: Mapping[str, Key], data: Any
 ) -> Iterator[Mistake]:
     """Mistakes: a key that is not there or takes no number, and values of a range that it does not
     take."""
-    inner, path = kind, path_of(key)
-    for i, step in enumerate(path):
-        nested, data = _within(inner, step, data)
-        if nested is None:
-            known = list(kind.keys) if i == 0 and isinstance(kind, Table) else []
-            yield (), unknown(f"key {key!r}", str(path[0]), known)
-            return
-        inner = nested
-    declared, inner = inner, _of_shape(inner, data)
+    declared: Kind | None = Table(keys)
+    for step in path_of(key):
+        declared, data = _within(declared, step, data) if declared else (None, None)
+    if declared is None:
+        head = key.partition(".")[0]
+        yield (), unknown(f"key {key!r}", head, [] if head in keys else list(keys))
+        return
+    inner = _of_shape(declared, data)
     of_numbers = isinstance(inner, ListOf) and inner.length is not None
-    is_number = isinstance(inner, Number | Integer | Angle)
-    if not (is_number or of_numbers) or not declared.takes(0.0):
+    if not (isinstance(inner, Number | Angle) or of_numbers) or not declared.takes(0.0):
         yield (), "is not a number, so it cannot be swept"
         return
     ((word, value),) = value_range.items()
