@@ -146,11 +146,6 @@ class ResultFile:
             report = _report(group)
             return json.loads(report.json) if report and report.digest == digest else None
 
-    def array(self, name: str, key: str) -> np.ndarray:
-        """The values of one variable of a group. Raises HodoError as `read` does."""
-        with self.open_group(name) as group:
-            return np.asarray(_dataset(group, key)[()])
-
     @contextmanager
     def open_group(self, name: str) -> Iterator[h5py.Group]:
         """A group as h5py opens it. Raises HodoError if there is no such group, or it is

@@ -11,8 +11,8 @@ finished HOLD seconds after its first one, and only a case in a shard is called 
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, nullcontext, suppress
 from itertools import groupby
 from pathlib import Path
 from time import monotonic
@@ -194,11 +194,10 @@ class Writer:
         for folder in self._staging.dead:
             self.unfinished |= {chunk.name.split("-")[1] for chunk in chunks_in(folder)}
 
-    @contextmanager
-    def chunk(self, sweep_id: str, number: int) -> Iterator[ResultFile]:
-        """A chunk among `chunks`, open for reading; its only group is `part`."""
+    def chunk(self, sweep_id: str, number: int) -> Group:
+        """The members of a chunk, which is among `chunks`."""
         with open_run(self._chunks[_chunk_name(sweep_id, number)]) as run:
-            yield run
+            return run.read("part")
 
     def keep(self, case: FinishedCase, text: str = "") -> bool:
         """Take over a finished case; False if another process has just removed it.

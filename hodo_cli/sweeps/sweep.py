@@ -31,10 +31,7 @@ def run_sweep(
         progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
 
     def finished(chunk: Chunk) -> Group:
-        if chunk.first in lost:
-            return lost_chunk(chunk)
-        with writer.chunk(sweep_id, chunk.first) as file:
-            return file.read("part")
+        return lost_chunk(chunk) if chunk.first in lost else writer.chunk(sweep_id, chunk.first)
 
     summary = Summary(case, tasks[-1].last)
     kept = [chunk for chunk in tasks if chunk.first in stored]
