@@ -231,7 +231,7 @@ def test_series_phase_and_invariants_show_what_is_stored(runs: Path) -> None:
         sheet.figure.axes, figure["cases"], figure["labels"], ends, strict=True
     ):
         case = results.cases[name].variables
-        x, _, y, _ = axes.lines  # each followed by the mark of its end
+        x, y, *_ = axes.lines  # then the marks of their ends
         assert axes.get_title() == title
         assert (x.get_xdata() == case["time"].data).all()
         assert (x.get_ydata() == case["x"].data).all()
@@ -382,9 +382,6 @@ def test_mistakes_are_one_line_and_keep_no_other_figure(runs: Path, tmp_path: Pa
     said = refused(lambda: list(plot.draw_results(path, ["fig5", "fgi4"], ("png",), out)))
     assert "unknown figure 'fgi4'" in said
     assert "did you mean 'fig4'?" in said
-    assert "did you mean 'png'?" in refused(
-        lambda: list(plot.draw_results(path, ["fig4"], ("pgn",), out))
-    )
     assert not out.exists()
 
     spec = results.figures["fig4"]
