@@ -27,6 +27,13 @@ def table(
     return "\n".join("  ".join(line).rstrip() for line in zip(*columns, strict=True))
 
 
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [[cell.replace("|", "\\|") for cell in row] for row in (header, *rows)]
+    first, *others = (f"| {' | '.join(line)} |\n" for line in lines)
+    return "".join([first, "|---" * len(header), "|\n", *others])
+
+
 def _aligned(column: Sequence[str], to_right: bool) -> list[str]:
     width = max(map(len, column))
     return [cell.rjust(width) if to_right else cell.ljust(width) for cell in column]
@@ -77,13 +84,14 @@ DEVICE_NAMES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNO
 def file_name_fault(name: str, others: Iterable[str]) -> str:
     """Why a name cannot name a file on every system beside the `others`, or "": results are
     exchanged, and folders copied."""
-    if DEVICE_NAMES.fullmatch(name):
-        return f"{name} names a device on Windows: take another name"
-    if name.endswith("."):
-        return f"{name} ends with a dot, which Windows leaves out of the names of files"
-    if twins := [other for other in others if other != name and other.lower() == name.lower()]:
-        return f"{name} and {twins[0]} are one file on systems that ignore case: rename one"
-    return ""
+    twins = [other for other in others if other != name and other.lower() == name.lower()]
+    pair = " and ".join([name, *twins[:1]])
+    faults = (
+        (DEVICE_NAMES.fullmatch(name), f"{name} names a device on Windows: take another name"),
+        (name.endswith("."), f"{name} ends with a dot, which Windows leaves out of names of files"),
+        (twins, f"{pair} are one file on systems that ignore case: rename one"),
+    )
+    return next((fault for holds, fault in faults if holds), "")
 
 
 def as_json(value: Any) -> str:

@@ -20,8 +20,7 @@ from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import Time, dump, parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.figure_block import DERIVED
-from hodo_cli.cases.json_schema import schema
-from hodo_cli.cases.key_tables import key_tables
+from hodo_cli.cases.key_tables import json_schema, key_tables
 from hodo_cli.models import catalogue
 from hodo_cli.models.base import Model
 from hodo_cli.results.motion import QUANTITIES
@@ -173,7 +172,7 @@ def test_a_config_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
 
 # Mistakes
 
-RULES = schema()
+RULES = json_schema()
 CASE_KEYS = RULES["$defs"]["case"]["properties"]
 COMMON = [key for key in CASE_KEYS if key != "model"]
 LINEAR = ["model", "form", "inertia", "damping", "initial", "attitude", *COMMON]

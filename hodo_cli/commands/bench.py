@@ -25,7 +25,7 @@ from ..storage.group import Group, Variable
 from ..storage.output import create
 from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import replacing
-from ..text import magnitude, seconds, table
+from ..text import magnitude, markdown, seconds, table
 
 DIGITS = (3, 6, 9, 12)
 """The numbers of right digits for which the fastest method is named."""
@@ -164,12 +164,9 @@ def verdict_table(bench: Mapping[str, np.ndarray]) -> list[list[str]]:
     return rows
 
 
-def printed(bench: Group, markdown: bool) -> str:
+def printed(bench: Group, as_markdown: bool) -> str:
     """The table of a bench, by tolerances where there are several, else by verdicts: for the
     terminal or for a document."""
     data = {name: variable.data for name, variable in bench.variables.items()}
     header, *rows = speed_table(data) if len(data["tol"]) > 1 else verdict_table(data)
-    if not markdown:
-        return table(header, rows)
-    lines: Iterable[Sequence[str]] = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(row) + " |" for row in lines) + "\n"
+    return markdown(header, rows) if as_markdown else table(header, rows)

@@ -27,15 +27,29 @@ from .resume import content_digest, result_named, warn_of_changes
 Rows = list[dict[str, Any]]
 
 
-def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
+TABLES = {
+    "statements": (
+        "_claims",
+        ("where", "original", "statement", "verdict", "expect", "evidence", "contradicted_by",
+         "theorem", "measured", "note"),
+    ),
+    "errata": (
+        "_errata",
+        ("where", "printed", "should_be", "verdict", "evidence", "contradicted_by", "note"),
+    ),
+}  # fmt: skip
+"""The group in which the verdicts on claims and on errata are stored, and the texts that are stored
+of each besides its id."""
+
+
+def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
     """Judge and store the claims and the errata of result files, or of the configs that name them;
-    the lines of both tables.
+    the lines of both TABLES.
 
     A file without any is warned of: an empty table would look like a check that was passed.
     Raises HodoError as `Judge.claim` does, or if a file cannot be read or replaced.
     """
-    statements: Rows = []
-    misprints: Rows = []
+    tables: dict[str, Rows] = {name: [] for name in TABLES}
     for path, config in map(result_named, paths):
         with update(path, history_line(f"hodo claims {path}")) as changes:
             warn_of_changes(changes.run, config, "claims")
@@ -47,55 +61,30 @@ def judge_results(paths: Iterable[Path]) -> tuple[Rows, Rows]:
                 if digest and "_claims" in changes.run:
                     rows = changes.run.report("_claims", digest)
             if rows is None:
-                tables = judged(config or parse(text, str(path)), changes.run)
-                rows = [[claim_row(verdict) for verdict in verdicts] for verdicts in tables]
-                if rows[0]:
-                    group = claim_group(rows[0], STATEMENT_COLUMNS)
-                    changes.write(
-                        "_claims", replace(group, report=Report(digest, json.dumps(rows)))
-                    )
-                if rows[1]:
-                    changes.write("_errata", claim_group(rows[1], ERRATUM_COLUMNS))
-            if not any(rows):
+                rows = judged(config or parse(text, str(path)), changes.run)
+                report = Report(digest, json.dumps(rows))
+                for table, (name, columns) in TABLES.items():
+                    if rows[table]:
+                        group = claim_group(rows[table], columns)
+                        stored = report if table == "statements" else None
+                        changes.write(name, replace(group, report=stored))
+            if not any(rows.values()):
                 warnings.warn(f"{path} has no claims: or errata:", stacklevel=2)
-            statements += [{"run": str(path), **row} for row in rows[0]]
-            misprints += [{"run": str(path), **row} for row in rows[1]]
-    return statements, misprints
+            for table, lines in tables.items():
+                lines += [{"run": str(path), **row} for row in rows[table]]
+    return tables
 
 
-STATEMENT_COLUMNS = (
-    "where",
-    "original",
-    "statement",
-    "verdict",
-    "expect",
-    "evidence",
-    "contradicted_by",
-    "theorem",
-    "measured",
-    "note",
-)
-ERRATUM_COLUMNS = (
-    "where",
-    "printed",
-    "should_be",
-    "verdict",
-    "evidence",
-    "contradicted_by",
-    "note",
-)
-"""The texts that are stored of a claim and of an erratum, besides its id."""
-
-
-def judged(config: Config, run: ResultFile) -> tuple[list[Verdict], list[Verdict]]:
-    """The verdicts on the claims and on the errata of one result. Raises HodoError as `Judge.claim`
-    does."""
+def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
+    """The rows of the verdicts on the claims and on the errata of one result. Raises HodoError as
+    `Judge.claim` does."""
     judge, by_id = Judge(run, catalogue_of_checks()), itemgetter("id")
     with Progress(len(config.claims) + len(config.errata)) as progress:
-        return (
-            [judge.claim(claim) for claim in progress.through(config.claims, by_id)],
-            [judge.erratum(erratum) for erratum in progress.through(config.errata, by_id)],
-        )
+        claims, errata = (progress.through(part, by_id) for part in (config.claims, config.errata))
+        return {
+            "statements": [claim_row(judge.claim(claim)) for claim in claims],
+            "errata": [claim_row(judge.erratum(erratum)) for erratum in errata],
+        }
 
 
 def claim_row(verdict: Verdict) -> dict[str, Any]:

@@ -51,18 +51,17 @@ def why(case: Case, done: FinishedCase | None, force: bool) -> str:
     """Why a case is to be run in spite of its stored result; an empty string if it need not be."""
     if done is None:
         return "it has no result yet"
-    if done.damage:
-        return f"its stored result is damaged ({done.damage})"
-    if force:
-        return FORCED
-    # A timeout may be due to another program's work, so what did not end well is tried again.
-    if (status := str(done.attributes.get("status"))) != "ok":
-        return f"its status is {status}"
+    status = str(done.attributes.get("status"))
     ours, theirs = case_digest(case).split("-"), str(done.attributes.get("hash")).split("-")
-    for i, reason in enumerate(REASONS):
-        if theirs[i : i + 1] != ours[i : i + 1]:
-            return reason
-    return ""
+    changed = [theirs[i : i + 1] != [part] for i, part in enumerate(ours)]
+    reasons = (
+        (bool(done.damage), f"its stored result is damaged ({done.damage})"),
+        (force, FORCED),
+        # A timeout may be due to another program's work, so what did not end well is tried again.
+        (status != "ok", f"its status is {status}"),
+        *zip(changed, REASONS, strict=True),
+    )
+    return next((reason for holds, reason in reasons if holds), "")
 
 
 def result_named(name: Path) -> tuple[Path, Config | None]:
