@@ -105,12 +105,16 @@ class Span(ListOf):
 
 
 SPAN_WORDS = "[first, last, number of values]"
-RANGES: dict[str, Kind] = {
-    "linspace": Span(RangeValue(), length=3, title=SPAN_WORDS),
-    "logspace": Span(RangeValue(above=0), length=3, title=f"{SPAN_WORDS}, first and last > 0"),
-    "values": ListOf(RangeValue()),
+RANGES = {
+    "linspace": Key(Span(RangeValue(), length=3, title=SPAN_WORDS), "", default=None),
+    "logspace": Key(
+        Span(RangeValue(above=0), length=3, title=f"{SPAN_WORDS}, first and last > 0"),
+        "",
+        default=None,
+    ),
+    "values": Key(ListOf(RangeValue()), "", default=None),
 }
-ZIPPED = Each(OneOf(RANGES, "range"), "keys to ranges")
+ZIPPED = Each(OneOf(RANGES), "keys to ranges")
 DIRECTIONS = Table(
     {
         "count": Key(Integer(least=1, most=MOST), "number of directions"),
@@ -118,7 +122,13 @@ DIRECTIONS = Table(
     }
 )
 SWEEP = Each(
-    OneOf({**RANGES, "zip": ZIPPED, "sphere": DIRECTIONS}, "range"),
+    OneOf(
+        {
+            **RANGES,
+            "zip": Key(ZIPPED, "", default=None),
+            "sphere": Key(DIRECTIONS, "", default=None),
+        }
+    ),
     "keys (damping.2) to {linspace: [first, last, number]}, logspace, values, zip or sphere",
 )
 """The `sweep:` block by itself; `check_axes` holds it against the case in which it stands."""

@@ -88,18 +88,14 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase]) 
             if figures.setdefault(name, figure) != figure:
                 raise HodoError(f"{config.path}: another result has another figure {name}")
     statements = {
-        section: unique(entry for document in documents for entry in document.get(section) or ())
+        section: unique([entry for document in documents for entry in document.get(section) or ()])
         for section in ("claims", "errata")
     }
-    title = ", ".join(unique(config.title for config in configs if config.title))
-    references = "; ".join(unique(config.references for config in configs if config.references))
+    title = ", ".join(unique([config.title for config in configs if config.title]))
+    references = "; ".join(unique([config.references for config in configs if config.references]))
     return composed_text(cases, title=title, references=references, figures=figures, **statements)
 
 
-def unique(entries: Iterable[Any]) -> list[Any]:
+def unique(entries: Sequence[Any]) -> list[Any]:
     """Entries in their order, equal ones once."""
-    kept: list[Any] = []
-    for entry in entries:
-        if entry not in kept:
-            kept.append(entry)
-    return kept
+    return [entry for i, entry in enumerate(entries) if entry not in entries[:i]]

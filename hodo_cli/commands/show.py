@@ -98,18 +98,20 @@ def methods_paragraph(path: Path) -> str:
         ended_well = {name: row for name, row in rows.items() if row["status"] == "ok"}
         if not ended_well:
             raise HodoError(f"{path} holds no case that ended well")
-        sentences = [computed_by(run, list(ended_well.values())), measured(ended_well)]
-        if own:
-            models = ", ".join(dict.fromkeys(own))
-            sentences.append(f"The equations of {models} are our own; the result holds their text.")
-        if others := [name for name in run.cases() if name not in ended_well]:
-            names = ", ".join(abridged(others, NAMES_LISTED))
-            sentences.append(f"{len(others)} cases did not end well and are left out: {names}.")
-        python, numpy = version(run, "python"), version(run, "numpy")
-        sentences.append(f"All computations used Python {python} and NumPy {numpy}.")
+        others = [name for name in run.cases() if name not in ended_well]
+        names = ", ".join(abridged(others, NAMES_LISTED))
+        models = ", ".join(dict.fromkeys(own))
         cited = filter(None, (f"{run.attributes.get('source')}", run.attributes.get("references")))
-        sentences.append(f"To be cited: {'; '.join(cited)}.")
-    return fill(" ".join(sentences), 100, break_on_hyphens=False)
+        python, numpy = version(run, "python"), version(run, "numpy")
+        sentences = (
+            computed_by(run, list(ended_well.values())),
+            measured(ended_well),
+            f"The equations of {models} are our own; the result holds their text." if own else "",
+            f"{len(others)} cases did not end well and are left out: {names}." if others else "",
+            f"All computations used Python {python} and NumPy {numpy}.",
+            f"To be cited: {'; '.join(cited)}.",
+        )
+    return fill(" ".join(filter(None, sentences)), 100, break_on_hyphens=False)
 
 
 def version(run: ResultFile, library: str) -> str:

@@ -11,6 +11,7 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -47,7 +48,8 @@ _OF_FLOATS: Mapping[str, Callable[..., float]] = {
 _DIGITS = r"(?!0+[1-9][0-9]*(?![0-9.eE]))(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _WORD = re.compile(
     rf"(?P<number>{_DIGITS}(?:[eE][-+]?[0-9]+)?(?![0-9A-Za-z_.]))"
-    r"|(?P<name>[A-Za-z][0-9A-Za-z_]*)|[-+*/() ]"
+    r"|(?P<name>[A-Za-z][0-9A-Za-z_]*)|[-+*/() ]|(?P<other>.)",
+    re.DOTALL,
 )
 
 
@@ -110,20 +112,18 @@ def _wrong(position: int, sentence: str) -> Wrong:
 
 def _check_words(text: str, names: tuple[str, ...]) -> None:
     """That all of a text is numbers, known names and operators. Raises Wrong."""
-    valid, position = [*names, *FUNCTIONS], 0
-    while position < len(text):
-        word = _WORD.match(text, position)
-        if word is None:
-            what = (
-                f"unexpected {text[position]!r}{'; a power is **' if text[position] == '^' else ''}"
-            )
-            number = text[position] in "0123456789"
-            raise _wrong(position, "no decimal number; a product needs its *" if number else what)
-        if word["name"] and word["name"] not in valid:
-            raise _wrong(position, unknown("name", word["name"], valid))
-        if word["number"] and not math.isfinite(float(word["number"])):
-            raise _wrong(position, "a number too large for a double")
-        position = word.end()
+    valid = [*names, *FUNCTIONS]
+    for word in _WORD.finditer(text):
+        number, name, other = word.groups()
+        if other:
+            what = f"unexpected {other!r}{'; a power is **' if other == '^' else ''}"
+            is_digit = other in "0123456789"
+            what = "no decimal number; a product needs its *" if is_digit else what
+            raise _wrong(word.start(), what)
+        if name and name not in valid:
+            raise _wrong(word.start(), unknown("name", name, valid))
+        if number and not math.isfinite(float(number)):
+            raise _wrong(word.start(), "a number too large for a double")
 
 
 @dataclass(frozen=True)
@@ -166,14 +166,13 @@ class _Walk:
 
     def exponent(self, node: ast.expr) -> int:
         """A whole number, in digits only. Raises Wrong."""
-        sign, digits = 1, node
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
-            sign, digits = -1 if isinstance(node.op, ast.USub) else 1, node.operand
-        text = self.source(digits)
-        if not text.isdigit() or int(text) > LARGEST_EXPONENT:
+        value = None
+        with suppress(ValueError):  # it is no literal: q, or 1+1
+            value = ast.literal_eval(node)
+        if not isinstance(value, int) or abs(value) > LARGEST_EXPONENT:
             most = LARGEST_EXPONENT
             raise self.wrong(node, f"an exponent is a whole number from {-most} to {most}")
-        return sign * int(text)
+        return value
 
     def folded(self, node: ast.expr, word: str, *operands: Any) -> Tree:
         """An operation, or its value where its operands are constants. Raises Wrong."""

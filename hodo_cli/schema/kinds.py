@@ -530,26 +530,21 @@ class Each(Mapped):
 
 
 @dataclass(frozen=True)
-class OneOf(Mapped):
-    """A mapping with exactly one key, which is one of a few with a kind each."""
-
-    kinds: Mapping[str, Kind]
-    what: str
+class OneOf(Table):
+    """A mapping with exactly one of some optional keys."""
 
     def check(self, value: Any) -> dict[str, Any]:
-        if not isinstance(value, Mapping) or len(value) != 1:
+        if isinstance(value, Mapping) and len(value) != 1:
             raise expected(self, value)
-        ((name, item),) = value.items()
-        if name not in self.kinds:
-            raise Wrong(((name,), unknown(self.what, name, self.kinds)))
-        return all_right(*check_parts([(name, self.kinds[name], item)]))
+        values = super().check(value)
+        return {name: values[name] for name in value}
 
     def schema(self) -> dict[str, Any]:
-        singles = [Table({name: Key(kind, "")}) for name, kind in self.kinds.items()]
+        singles = [Table({name: Key(key.kind, key.doc)}) for name, key in self.keys.items()]
         return {"oneOf": [single.schema() for single in singles]}
 
     def __str__(self) -> str:
-        return f"one of {', '.join(self.kinds)}"
+        return f"one of {', '.join(self.keys)}"
 
 
 @dataclass(frozen=True, init=False)
