@@ -14,6 +14,7 @@ from matplotlib.patches import Polygon, Wedge
 from .. import HodoError
 from ..models import rigid_body
 from ..models.rigid_body import slope
+from ..models.terms.body import BodyUnderTorques
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion, formula_values
 from ..results.resolution import samples_within
@@ -453,11 +454,11 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
 
 
 def energy_bounds(energy: Axes, square: Axes, motion: Motion) -> None:
-    """T between G^2/2A_largest and G^2/2A_smallest; G^2 between its exponentials where the damping
-    is diagonal."""
-    G2 = motion["G2"]
+    """T between G^2/2A_largest and G^2/2A_smallest; G^2 between its exponentials where constant
+    damping alone changes it."""
+    G2, system = motion["G2"], motion.case.system
     for A in (min(motion.inertia), max(motion.inertia)):
         energy.plot(motion.time, G2 / (2 * A), color=GREY, lw=0.5)
-    for rate in {f(motion.case.data.get("damping", [math.nan])) for f in (min, max)}:
+    for rate in set(system.momentum_rates) if isinstance(system, BodyUnderTorques) else ():
         bound = G2[0] * np.exp(-2 * rate * (motion.time - motion.time[0]))
         square.plot(motion.time, bound, color=GREY, lw=0.5)

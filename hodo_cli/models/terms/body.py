@@ -11,7 +11,7 @@ from ..rigid_body import BodyFrame, body_constants
 from ..theory.along_momentum import AlongMomentum
 from ..theory.closed_form import free_motion, scaled_motion
 from ..theory.possible_crossings import Dissipation
-from .fluid import coefficient, fluid_warnings
+from .fluid import cavity_warnings, coefficient, weak
 from .laws import is_law, law_constants, scaled
 from .torques import TERMS
 
@@ -122,8 +122,19 @@ class BodyUnderTorques(BodyFrame):
         return [
             *damping_warnings(given.get("damping", ())),
             *tensor_warnings(np.reshape(given.get("resistance", np.zeros(9)), (3, 3))),
-            *fluid_warnings(vars(self).get("cavity"), self.moments, omega, kappa, torque),
+            *weak(self.moments, omega, kappa, torque),
+            *cavity_warnings(vars(self).get("cavity"), self.moments, omega),
         ]
+
+    @property
+    def momentum_rates(self) -> tuple[float, ...]:
+        """The least and the largest rate at which |G| falls under constant damping, where nothing
+        else changes it, as fluid does not; empty for other sums."""
+        given = self.term_coefficients
+        damping = given.get("damping", ())
+        if given.keys() - {"damping", "kappa"} or any(map(is_law, damping)):
+            return ()
+        return (min(damping), max(damping)) if damping else ()
 
     @property
     def along_momentum(self) -> AlongMomentum | None:
