@@ -11,7 +11,7 @@ import numpy as np
 from .. import HodoError
 from ..models.base import Event, Model
 from ..models.constants import (
-    events_of_leg_time,
+    event_of_leg_time,
     of_leg_time,
     structure,
     structure_of_leg_time,
@@ -62,7 +62,8 @@ def engine_for(
     model = type(system)
     if is_timed:
         # The engines' time is that of a leg, in units that fit the motion.
-        model, events = of_leg_time(model), events_of_leg_time(events)  # type: ignore[arg-type]
+        model = of_leg_time(model)  # type: ignore[arg-type]
+        events = tuple(map(event_of_leg_time, events))
     if method == "taylor":
         if not have_taylor():
             # Only heyoka's arithmetic is quadruple: no other method would do.

@@ -195,13 +195,6 @@ class Oriented(LookedUp, Model):
             return (*plain_start, *self._turned(plain_start))
         return tuple(self.starts(np.array(plain_start[:3])).tolist())
 
-    @property
-    def extended_start(self) -> np.ndarray:
-        plain_start = super().extended_start
-        return np.concatenate(
-            (plain_start, np.array(self.start[len(plain_start) :], dtype=plain_start.dtype))
-        )
-
     def starts(self, omega: np.ndarray) -> np.ndarray:
         plain_starts = super().starts(omega)[: len(self.plain.state)]
         turned = [self._turned(y) for y in plain_starts.reshape(len(plain_starts), -1).T.tolist()]
@@ -233,9 +226,6 @@ class Oriented(LookedUp, Model):
         free = free_attitude(inertia, start[:3], self.free_times(t))
         Q = product(start[-4:].astype(free.dtype), free)
         return np.concatenate((states, Q), axis=1), exponent
-
-    def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
-        return super().validity_warnings(t, y[:, :-4], tol)
 
     @property
     def warnings(self) -> list[str]:
@@ -283,7 +273,6 @@ def with_attitude(plain: type[Model]) -> type[Model]:
         "state_degree": plain.state_degree | dict.fromkeys(QUATERNION, 0),
         "rhs": staticmethod(rhs),
         "output": staticmethod(output),
-        "is_accurate": staticmethod(lambda y, k, tol: plain.is_accurate(y[:-4], k, tol)),
     }
     return dataclass(frozen=True)(
         type(f"{plain.__name__}WithAttitude", (Oriented, plain), attributes_of)

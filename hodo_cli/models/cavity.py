@@ -4,14 +4,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
-
 from ..arithmetic import sqrt
 from ..schema.kinds import Key, Mistake, Number, Table, vector
-from .base import Model, mistake_of
-from .rigid_body import INERTIA, INITIAL, body_mistakes, complete
+from .base import mistake_of
+from .rigid_body import INERTIA, INITIAL, complete
 from .terms.body import BodyUnderTorques
-from .terms.fluid import CAVITY, coefficient, fluid_warnings, kappa_instead_of
+from .terms.fluid import CAVITY, coefficient, kappa_instead_of
 from .terms.torques import CONSTANT, FLUID, rates_under
 
 CAVITY_INITIAL = Key(
@@ -32,11 +30,9 @@ CAVITY_INITIAL = Key(
 
 
 @dataclass(frozen=True)
-class Cavity(Model):
-    """The part that the forms share: the keys, their checks and the limits of the theory."""
+class Cavity(BodyUnderTorques):
+    """The part that the forms share: the keys and their checks."""
 
-    inertia: tuple[float, float, float]
-    initial: Mapping[str, float | None]
     cavity: Mapping[str, float | None] | None
     kappa: float | None
     torque: tuple[float, float, float]
@@ -59,7 +55,7 @@ class Cavity(Model):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from body_mistakes(cls, data)
+        yield from super().check(data)
         if {"cavity", "kappa"} <= set(data):
             cavity = data["cavity"]
             yield from mistake_of(("cavity",) if cavity else (), coefficient, cavity, data["kappa"])
@@ -76,24 +72,13 @@ class Cavity(Model):
         return sqrt(x), 0.0, sqrt(y)
 
     @property
-    def start(self) -> tuple[float, ...]:
-        return self.velocity(self.inertia, self.initial)
-
-    @property
     def applied(self) -> tuple[float, ...]:
         """The constant torque, epsilon M."""
         return tuple(self.epsilon * component for component in self.torque)
 
-    @property
-    def warnings(self) -> list[str]:
-        # The start of the body, also in a form whose state is something else.
-        A, omega = np.array(self.inertia), np.array(self.velocity(self.inertia, self.initial))
-        kappa = coefficient(self.cavity, self.kappa)
-        return fluid_warnings(self.cavity, A, omega, kappa, self.applied)
-
 
 @dataclass(frozen=True)
-class FullCavity(Cavity, BodyUnderTorques):
+class FullCavity(Cavity):
     """A rigid body with a cavity full of a very viscous fluid, under a torque constant in body
     axes.
 

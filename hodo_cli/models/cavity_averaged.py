@@ -26,7 +26,6 @@ from .averaging.free_turn import SlowVariables
 from .base import Constants, Event, Label, Model
 from .cavity import Cavity
 from .constants import attributes
-from .rigid_body import BodyFrame
 from .terms.fluid import coefficient
 
 
@@ -54,7 +53,7 @@ class SymmetricCavity(Cavity):
     }
     state = ("a", "r")
     smallest, fastest = AveragedTurns.smallest, AveragedTurns.fastest
-    oriented = True
+    class_events = ()
     variables = {
         "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2", "1/time^2"),
         "y": Label(("time",), "square of the axial angular velocity, r^2", "1/time^2"),
@@ -199,7 +198,7 @@ class AveragedAsPrinted(SymmetricCavity):
 
 
 @dataclass(frozen=True)
-class AveragedTriaxial(AveragedTurns, Cavity, BodyFrame):
+class AveragedTriaxial(AveragedTurns, Cavity):
     """The motion of a body with three different moments of inertia, averaged over the turns of its
     hodograph.
 

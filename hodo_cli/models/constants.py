@@ -2,8 +2,9 @@
 the Jacobian of its equations."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache, lru_cache
+from itertools import islice
 from types import SimpleNamespace
 from typing import Any
 
@@ -32,13 +33,8 @@ def count(of: Structure) -> int:
 
 def flatten(k: Constants) -> list[float]:
     """The numbers among the constants, in order."""
-    flat: list[float] = []
-    for value in k.values():
-        if isinstance(value, tuple):
-            flat.extend(value)
-        elif not isinstance(value, str):
-            flat.append(value)
-    return flat
+    numbers = [value for value in k.values() if not isinstance(value, str)]
+    return [x for value in numbers for x in (value if isinstance(value, tuple) else (value,))]
 
 
 def attributes(k: Constants, number: Callable[[float], Any] = float) -> SimpleNamespace:
@@ -46,16 +42,16 @@ def attributes(k: Constants, number: Callable[[float], Any] = float) -> SimpleNa
     return namespace(structure(k), [number(value) for value in flatten(k)])
 
 
-def namespace(of: Structure, numbers: Sequence[Any]) -> SimpleNamespace:
+def namespace(of: Structure, numbers: Iterable[Any]) -> SimpleNamespace:
     """The constants as attributes, their numbers (or symbols) taken in order."""
     supply = iter(numbers)
-    k = SimpleNamespace()
-    for name, size in of:
+
+    def value(size: int | str) -> Any:
         if isinstance(size, str):
-            setattr(k, name, size)
-        else:
-            setattr(k, name, tuple(next(supply) for _ in range(size)) if size else next(supply))
-    return k
+            return size
+        return tuple(islice(supply, size)) if size else next(supply)
+
+    return SimpleNamespace(**{name: value(size) for name, size in of})
 
 
 def state_powers(model: type[Model]) -> np.ndarray:
@@ -147,12 +143,11 @@ def of_leg_time(model: type[Model]) -> type[Model]:
     return type(f"{model.__name__}OfLegTime", (model,), {"rhs": staticmethod(rhs)})
 
 
-def events_of_leg_time(events: tuple[Event, ...]) -> tuple[Event, ...]:
-    """The same events as functions of the time of a leg."""
-    return tuple(event._replace(function=Bound(in_leg_time, (event.function,))) for event in events)
+def event_of_leg_time(event: Event) -> Event:
+    """The same event as a function of the time of a leg."""
+    return event._replace(function=Bound(in_leg_time, (event.function,)))
 
 
 def structure_of_leg_time(form: Structure) -> Structure:
     """The structure of the constants that such equations take."""
-    named = {name for name, _ in form}
-    return form + tuple((name, 0) for name in (START, UNIT) if name not in named)
+    return tuple({**dict(form), START: 0, UNIT: 0}.items())

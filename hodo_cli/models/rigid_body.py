@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
-from .base import Constants, Event, Label, Model, mistake_of
+from .base import Constants, Event, Label, Model
 from .theory.possible_crossings import Dissipation, axes_kept
 from .theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 
@@ -57,17 +57,6 @@ def separatrix_terms(A: Any, omega: Any, order: tuple[int, int, int]) -> tuple[A
     return A[l] * (A[l] - A[m]) * outer, A[s] * (A[m] - A[s]) * inner
 
 
-def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
-    """|D| as a part of the sum of its two terms (n,), for omega (3, n); infinite for a spherical
-    body, which has no separatrix."""
-    # By a power of two, which changes no digit: of 1e-170 the squares would be 0.
-    near_1 = np.ldexp(omega, -np.frexp(np.abs(omega).max(axis=0))[1])
-    outer, inner = separatrix_terms(A, near_1, order)
-    total = outer + inner
-    ratio = np.divide(np.abs(outer - inner), total, out=np.zeros_like(total), where=total > 0)
-    return np.where(A[order[0]] == A[order[2]], np.inf, ratio)
-
-
 def separatrix_roots(A: Any, order: tuple[int, int, int]) -> tuple[Any, Any]:
     """a and b of D = (a w_l)^2 - (b w_s)^2."""
     l, m, s = order
@@ -79,6 +68,31 @@ def separatrix_forms(A: Any, omega: Any, order: tuple[int, int, int]) -> Any:
     a, b = separatrix_roots(A, order)
     outer, inner = a * omega[order[0]], b * omega[order[2]]
     return np.array([outer - inner, outer + inner])
+
+
+def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any, Any, Any]:
+    """D, the sum of its two terms, and what that sum is at most, for omega (3, ...) brought to a
+    size near 1."""
+    # By a power of two, which changes no digit: of 1e-170 the squares would be 0. Along an axis of
+    # three, numpy is slow unless the rest is what lies together.
+    w = np.ascontiguousarray(np.ldexp(w, -np.frexp(np.abs(w).max(axis=0))[1]))
+    a, b = separatrix_roots(A, order)
+    minus, plus = separatrix_forms(A, w, order)
+    most = (a * a + b * b) * (w * w).sum(axis=0)
+    return minus * plus, (minus * minus + plus * plus) / 2, most
+
+
+def part_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
+    """part/total, something else where the total is 0."""
+    otherwise = np.full_like(total, of_nothing)
+    return np.asarray(np.divide(part, total, out=otherwise, where=total > 0))
+
+
+def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
+    """|D| as a part of the sum of its two terms (n,), for omega (3, n); infinite for a spherical
+    body, which has no separatrix."""
+    D, total, _ = scaled_separatrix(A, omega, order)
+    return np.where(A[order[0]] == A[order[2]], np.inf, part_of(total, np.abs(D)))
 
 
 CANCELLING = 1e-9
@@ -104,15 +118,8 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
 
 def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
     """`margin`, in the arithmetic of its arguments."""
-    # Along an axis of three, numpy is slow unless the rest is what lies together.
-    w = np.ascontiguousarray(np.moveaxis(omega, -1, 0))
-    # A power of two changes no digit, and keeps fourth powers within the range of doubles.
-    w = np.ldexp(w, -np.frexp(np.abs(w).max(axis=0))[1])
-    a, b = separatrix_roots(A, order)
-    minus, plus = separatrix_forms(A, w, order)
-    square = (a * a + b * b) * (w * w).sum(axis=0) * (minus * minus + plus * plus) / 2
-    ratio = np.divide(minus * plus, np.sqrt(square), out=np.zeros_like(square), where=square > 0)
-    return np.asarray(ratio)
+    D, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
+    return part_of(np.sqrt(most * total), D)
 
 
 def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
@@ -121,12 +128,8 @@ def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> 
 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
-    size = np.abs(omega).max(axis=-1, keepdims=True)
-    unit = np.moveaxis(np.divide(omega, size, out=np.zeros_like(omega), where=size > 0), -1, 0)
-    a, b = separatrix_roots(A, order)
-    most = (a * a + b * b) * (unit * unit).sum(axis=0)
-    of_terms = np.asarray(sum(separatrix_terms(A, unit, order)))
-    return np.asarray(np.divide(of_terms, most, out=np.ones_like(most), where=most > 0))
+    _, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
+    return part_of(most, total, of_nothing=1.0)
 
 
 def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
@@ -138,16 +141,15 @@ def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:
     """
     order, w = inertia_order(A), np.moveaxis(omega, -1, 0)
     largest, middle, smallest = order
-    outer, inner = separatrix_terms(A, w, order)
-    labels = np.where(outer > inner, largest + 1, smallest + 1)
+    with np.errstate(invalid="ignore"):  # what is infinite is undetermined anyway
+        signed = margin(A, omega, order)
+    labels = np.where(signed > 0, largest + 1, smallest + 1)
     # In steady rotation about an axis of symmetry both terms are 0: G goes round nothing.
-    turning = np.isfinite(outer + inner) & (outer + inner > 0)
+    turning = signed != 0
     if A[largest] > A[middle] > A[smallest]:
-        turning = np.isfinite(outer + inner) & (w != 0).any(axis=0)
-        with np.errstate(invalid="ignore"):  # what is infinite is undetermined anyway
-            near = np.abs(margin(A, omega, order)) <= band
-        labels = np.where(near, SEPARATRIX, labels)
-    return np.where(turning, labels, UNDETERMINED).astype(np.int8)
+        labels, turning = np.where(np.abs(signed) <= band, SEPARATRIX, labels), (w != 0).any(axis=0)
+    known = turning & np.isfinite(w).all(axis=0)
+    return np.where(known, labels, UNDETERMINED).astype(np.int8)
 
 
 def slope(A: Sequence[float] | np.ndarray) -> float:
@@ -207,63 +209,30 @@ def complete(inertia: Sequence[float], initial: Mapping[str, float | None]) -> t
     omega = [initial.get(axis) for axis in "pqr"]
     missing = [axis for axis, value in zip("pqr", omega, strict=True) if value is None]
     momentum = initial.get("G")
-    if momentum is None and not missing:
-        return tuple(omega)  # type: ignore[arg-type]
-    if momentum is None:
+    if momentum is None and missing:
         raise ValueError(f"{' and '.join(missing)} missing: give p, q and r, or two of them and G")
+    if momentum is None:
+        return tuple(omega)  # type: ignore[arg-type]
     if len(missing) != 1:
         raise ValueError(
             "G stands for exactly one of p, q, r: leave that one out and give the other two"
         )
     with localcontext(prec=100):  # exact but for the root, so that the result is the nearest double
-        momenta = (
-            Decimal(A) * Decimal(w) for A, w in zip(inertia, omega, strict=True) if w is not None
-        )
-        square = sum((momentum_part * momentum_part for momentum_part in momenta), Decimal(0))
+        pairs = [(Decimal(A), w) for A, w in zip(inertia, omega, strict=True)]
+        square = sum((A * Decimal(w)) ** 2 for A, w in pairs if w is not None)
         remainder = Decimal(momentum) ** 2 - square
         if remainder < 0:
             raise ValueError(
-                f"|G| is at least {square.sqrt():.6g} with the two given, "
+                f"|G| is at least {Decimal(square).sqrt():.6g} with the two given, "
                 f"so G: {momentum:.6g} leaves no {missing[0]}"
             )
-        index = "pqr".index(missing[0])
-        omega[index] = float(remainder.sqrt() / Decimal(inertia[index]))
-    return tuple(omega)  # type: ignore[arg-type]
+        roots = [float(remainder.sqrt() / A) if w is None else w for A, w in pairs]
+    return tuple(roots)
 
 
 def body_constants(inertia: Sequence[float]) -> dict[str, float]:
     """A1, A2, A3 and g by name, as every body-frame model has them."""
     return dict(zip(("A1", "A2", "A3"), inertia, strict=True)) | {"g": 1.0}
-
-
-def body_mistakes(form: Any, data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """What no body, or no start of a form, can be: its moments are from `smallest` to 1/`smallest`,
-    its angular velocities at most `fastest`."""
-    A = data.get("inertia")
-    if A is None:
-        return
-    # Equality is allowed: a flat disc, whose largest moment is the sum of the others.
-    if 2 * max(A) > sum(A):
-        largest = A.index(max(A))
-        yield (
-            ("inertia", largest),
-            f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
-        )
-    for i, moment in enumerate(A):
-        if not form.smallest <= moment <= 1 / form.smallest:
-            limits = f"{form.smallest:g} to {1 / form.smallest:g}"
-            yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
-    if "initial" not in data:
-        return
-    mistakes = list(mistake_of(("initial",), form.velocity, A, data["initial"]))
-    yield from mistakes
-    fastest = 0 if mistakes else max(map(abs, form.velocity(A, data["initial"])))
-    if fastest > form.fastest:
-        yield (
-            ("initial",),
-            f"{fastest:g} is too fast for form {form.form}, which takes angular velocities up "
-            f"to {form.fastest:g}: take a shorter unit of time",
-        )
 
 
 @dataclass(frozen=True)
@@ -293,18 +262,45 @@ class BodyFrame(Model):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from body_mistakes(cls, data)
+        """What no body, or no start of a form, can be: its moments are from `smallest` to
+        1/`smallest`, its angular velocities at most `fastest`."""
+        A = data.get("inertia")
+        if A is None:
+            return
+        # Equality is allowed: a flat disc, whose largest moment is the sum of the others.
+        if 2 * max(A) > sum(A):
+            largest = A.index(max(A))
+            yield (
+                ("inertia", largest),
+                f"no body has A{largest + 1} = {A[largest]:g} larger than the sum of the other two",
+            )
+        for i, moment in enumerate(A):
+            if not cls.smallest <= moment <= 1 / cls.smallest:
+                limits = f"{cls.smallest:g} to {1 / cls.smallest:g}"
+                yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
+        if "initial" not in data:
+            return
+        try:
+            fastest = max(map(abs, cls.velocity(A, data["initial"])))
+        except ValueError as error:
+            yield ("initial",), str(error)
+            return
+        if fastest > cls.fastest:
+            yield (
+                ("initial",),
+                f"{fastest:g} is too fast for form {cls.form}, which takes angular velocities up "
+                f"to {cls.fastest:g}: take a shorter unit of time",
+            )
 
     @property
     def start(self) -> tuple[float, ...]:
         return self.velocity(self.inertia, self.initial)
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        turning = np.moveaxis(omega, -1, 0)
-        if len(self.state) == len(turning):
-            return turning
-        others = [np.full(turning.shape[1:], value) for value in self.start[3:]]
-        return np.concatenate([turning, others])
+        w = np.moveaxis(omega, -1, 0)
+        # What else the state holds starts as it does for the data themselves.
+        others = [np.full(w.shape[1:], value) for value in self.start[len(w) :]]
+        return np.stack([*w, *others])
 
     @cached_property
     def constants(self) -> Constants:
@@ -330,6 +326,11 @@ class BodyFrame(Model):
     def rotor_momentum(self) -> np.ndarray | None:
         """h (3,) of a rotor along the principal axes; None without."""
         return None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether G is A omega along the axes in which the case gives its data."""
+        return self.rotor_momentum is None and self.principal_axes is None
 
     def momentum(self, omega: np.ndarray) -> np.ndarray:
         """G (..., 3) of angular velocities (..., 3), both in the axes of the case."""
@@ -363,15 +364,19 @@ class BodyFrame(Model):
 
     @property
     def tilt_growth(self) -> np.ndarray | None:
-        terms = self.dissipation
-        if terms is None:
-            return tilt_growth_by_equations(self)
+        if self.dissipation is None:
+            # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
+            return tilt_growth_by_equations(self) if self.is_plain else None
         omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
-        rates = tilt_growth_rates(terms, np.copysign(np.linalg.norm(omega), omega))
+        speeds = np.copysign(np.linalg.norm(omega), omega)
+        rates = tilt_growth_rates(self.dissipation, speeds)
         return rates if np.isfinite(rates).any() else None
 
     @property
     def class_events(self) -> tuple[Event, ...]:
+        # D of the stored components says nothing where a rotor or other axes bring more terms.
+        if not self.is_plain:
+            return ()
         return (Event("separatrix", Separatrix(inertia_order(self.inertia))),)
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -28,7 +28,7 @@ from .terms.laws import (
     coefficients_kind,
     first_values,
     is_law,
-    zero_of_base,
+    laws_begun_too_soon,
 )
 from .terms.torques import (
     TERMS,
@@ -236,10 +236,7 @@ class Torques(LookedUp, BodyUnderTorques):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        for name, entries in coefficients_of(data).items():
-            zero = max(map(zero_of_base, entries), default=-math.inf)
-            if start <= zero:
-                yield (name,), f"the base of its power law is 0 at t = {zero:.6g}: start later"
+        return laws_begun_too_soon(coefficients_of(data), start)
 
     @cached_property
     def constants(self) -> Constants:
@@ -333,14 +330,10 @@ class Torques(LookedUp, BodyUnderTorques):
                 events.append(Event("turned", zero, True, passage))
         if self.brake is not None:
             leg = self.state.index("leg")
-            events.append(Event("stopped", Bound(leg_end, (leg,)), True, BrakedLeg(leg, self)))
+            others = tuple(name for name in terms_named(vars(self)) if name != "brake")
+            stop = Bound(braked_leg, (leg, others))
+            events.append(Event("stopped", Bound(leg_end, (leg,)), True, stop))
         return tuple(events)
-
-    @property
-    def class_events(self) -> tuple[Event, ...]:
-        # D of the stored components says nothing where a rotor or other axes bring more terms.
-        special = self.rotor is not None or self.frame is not None
-        return () if special else super().class_events
 
     @property
     def averaged_events(self) -> tuple[Event, ...]:
@@ -383,12 +376,6 @@ class Torques(LookedUp, BodyUnderTorques):
         return "stopped", EventOutcome(float(along.stop), details, ())
 
     @property
-    def tilt_growth(self) -> np.ndarray | None:
-        # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
-        special = self.rotor is not None or self.frame is not None
-        return None if special and self.dissipation is None else super().tilt_growth
-
-    @property
     def predictions(self) -> list[str]:
         terms, named = self.dissipation, terms_named(vars(self))
         crossings = [] if terms is None else crossings_foretold(terms)
@@ -403,7 +390,7 @@ class Torques(LookedUp, BodyUnderTorques):
 
     def stop_foretold(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
-        if self.brake is None or self.quadratic or self.quadratic_axes or not self.brake:
+        if not self.brake or self.quadratic or self.quadratic_axes:
             return []
         G = np.linalg.norm(self.momentum(np.array(self.start[:3])))
         first, last = (
@@ -416,14 +403,10 @@ class Torques(LookedUp, BodyUnderTorques):
 
     @property
     def warnings(self) -> list[str]:
-        return [*super().warnings, *self.weak_rotor()]
-
-    def weak_rotor(self) -> list[str]:
-        """A warning for a rotor that is none beside the body's own angular momentum."""
         G = np.linalg.norm(self.momentum(np.array(self.velocity(self.inertia, self.initial))))
         if self.rotor is None or np.linalg.norm(self.rotor) >= WEAK_ROTOR * G:
-            return []
-        return [f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]
+            return super().warnings
+        return [*super().warnings, f"no rotor: its momentum is less than {WEAK_ROTOR:g} of |G|"]
 
 
 def component(axis: int, sign: int, t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -464,48 +447,49 @@ def leg_end(leg: int, t: Any, y: Sequence[Any], k: Any) -> Any:
     return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[leg] * y[leg] / FALL**2
 
 
-@dataclass(frozen=True)
-class BrakedLeg:
-    """The passage at the end of a leg of braking: to another one, or to rest.
+def braked_leg(
+    leg: int, others: Sequence[str], t: Any, y: Sequence[Any], k: SimpleNamespace
+) -> EventOutcome:
+    """The passage at the end of a leg of braking, beside other torques: to another leg, or to rest.
 
     With a brake the equations have no solution at rest, and an integrator that does not know of it
     goes on behind it. After the last leg the time left is |G|/(b - |N0|), with N0 the other torques
     at rest.
     """
+    G, state = angular_momentum_of(y[:3], k), [*y]
+    size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
+    extra = [*y[3:leg], *y[leg + 1 :]]
+    force = coefficient_at(k, "brake", t) - torque_at_rest(others, t, extra, k)
+    last = 2 * k.momentum_at_start / FALL ** (LEGS_WITH_ROTOR if hasattr(k, "h1") else LEGS)
+    if not (force > 0 and size < last):
+        state[leg] = size
+        return EventOutcome(float(t), None, state, t)
+    details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
+    state[:3], state[leg] = (0 * size + x for x in resting(k)), 0 * size
+    return EventOutcome(float(t + size / force), details, state, math.inf)
 
-    leg: int
-    system: Torques = field(compare=False)
 
-    def __call__(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
-        G = angular_momentum_of(y[:3], k)
-        size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
-        force = coefficient_at(k, "brake", t) - self.against(t, y, k)
-        legs = LEGS if self.system.rotor is None else LEGS_WITH_ROTOR
-        if not (force > 0 and size < 2 * k.momentum_at_start / FALL**legs):
-            state = [*y]
-            state[self.leg] = size
-            return EventOutcome(float(t), None, state, t)
-        details = stop_details(np.array(G, float), self.label(np.array(y[:3], float), k))
-        state = [*(0 * size + x for x in resting(k)), *y[3:]]
-        state[self.leg] = 0 * size
-        return EventOutcome(float(t + size / force), details, state, math.inf)
+def label_at_stop(omega: np.ndarray, k: SimpleNamespace) -> Any:
+    """The label of the direction of G at a stop, by the constants of the motion: one event serves
+    many bodies."""
+    A, rotor = np.array([k.A1, k.A2, k.A3], float), rotor_of(k)
+    if hasattr(k, "tensor"):
+        rows = np.reshape(np.array(k.tensor, float), (3, 3)).tolist()
+        axes = principal_axes(tuple(map(tuple, rows))).axes
+        omega, rotor = axes @ omega, None if rotor is None else axes @ np.array(rotor, float)
+    if rotor is None:
+        return enclosed_axis(A, omega, 0.0)
+    return region_of(A, np.array(rotor, float), omega[None]).label[0]
 
-    def label(self, omega: np.ndarray, k: SimpleNamespace) -> Any:
-        """The label of the direction of G at the stop."""
-        if self.system.rotor is None and self.system.frame is None:
-            # One event serves many bodies.
-            return enclosed_axis((k.A1, k.A2, k.A3), omega, 0.0)
-        return self.system.enclosed(self.system.to_principal(omega)[None])[0]
 
-    def against(self, t: Any, y: Sequence[Any], k: SimpleNamespace) -> float:
-        """|N0|."""
-        others = [term for term in self.system.terms if term != terms.BRAKE]
-        extra = [value for i, value in enumerate(y) if i >= 3 and i != self.leg]
-        rates = rates_under(others, t, [*resting(k), *extra], k)[:3]
-        # A omega', since -omega x G is 0 there.
-        still = angular_momentum_of((0.0, 0.0, 0.0), k)
-        torque = np.subtract(angular_momentum_of(rates, k), still).astype(float)
-        return float(np.linalg.norm(torque))
+def torque_at_rest(
+    others: Sequence[str], t: Any, extra: Sequence[Any], k: SimpleNamespace
+) -> float:
+    """The size of a sum of torques, by name, where G is 0."""
+    rates = rates_under([TERMS[name] for name in others], t, [*resting(k), *extra], k)[:3]
+    # A omega', since -omega x G is 0 there.
+    still = angular_momentum_of((0.0, 0.0, 0.0), k)
+    return float(np.linalg.norm(np.subtract(angular_momentum_of(rates, k), still).astype(float)))
 
 
 def resting(k: Any) -> Sequence[Any]:

@@ -179,9 +179,7 @@ def velocities(
 
 def has_own_momentum(system: Model) -> TypeGuard[BodyFrame]:
     """Whether G of a body is not A omega along the axes of its case."""
-    return isinstance(system, BodyFrame) and not (
-        system.rotor_momentum is None and system.principal_axes is None
-    )
+    return isinstance(system, BodyFrame) and not system.is_plain
 
 
 def member(case: Case, number: int, samples: int = 2) -> Case:

@@ -82,8 +82,7 @@ class SweepView:
             return None
         if not isinstance(body := self.case.system, BodyFrame):
             return np.array(self.case.data["inertia"], dtype=float)
-        special = body.rotor_momentum is not None or body.principal_axes is not None
-        return None if special else body.moments
+        return body.moments if body.is_plain else None
 
     def at(self, name: str, i: int) -> Case:
         """The case with the values that vary along an axis as they are at a position."""

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ... import HodoError
-from ..base import Model
+from ...arithmetic import SYMBOLS
+from ..base import LENGTHS, Model
 from ..constants import VELOCITY, attributes, in_unit, rescaled
-from .symbols import Symbol
 
 HODO = Path(__file__).parents[2]
 """The package, which may stand in the folder of a model."""
@@ -59,13 +59,36 @@ def equations_mistake(system: Model, path: str) -> str:
     return f"{path}: {message}" if message else ""
 
 
+class Symbol:
+    """What stands in equations for a number and for all that engines put there: it knows what they
+    all know, and no more."""
+
+    __array_ufunc__ = None
+    __hash__ = None  # type: ignore[assignment]
+
+    def _result(self, *_: Any) -> "Symbol":
+        return self
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _result
+    __truediv__ = __rtruediv__ = __pow__ = __rpow__ = __neg__ = _result
+
+    def _undecided(self, *_: Any) -> Any:
+        raise TypeError("which of two branches is taken must not depend on t, y or k")
+
+    __bool__ = __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _undecided
+
+
+FUNCTIONS = ("sin", "cos", "exp", "log", "sqrt")
+SYMBOLS[Symbol] = SimpleNamespace(**dict.fromkeys(FUNCTIONS, lambda x: x))
+
+
 def _try_symbols(system: Model) -> None:
     """Pass symbols through the equations. Raises TypeError where these do what no symbol knows."""
     k = attributes(system.constants, lambda _: Symbol())
     try:
         system.rhs(Symbol(), [Symbol() for _ in system.state], k)
     except TypeError as error:
-        allowed = "+ - * / ** and sin, cos, exp, log, sqrt of hodo_cli.functions"
+        allowed = f"+ - * / ** and {', '.join(FUNCTIONS)} of hodo_cli.functions"
         error.args = (f"{error}; equations consist of {allowed}",)
         raise
 
@@ -74,18 +97,20 @@ def _misfit(system: Model) -> str:
     """Why the rates of a motion at its start, or what is stored of it, do not fit its state, its
     variables or its `degree`; empty if they do."""
     k: dict[str, Any] = {**system.constants}
-    if strange := [name for name in system.degree if name not in k]:
-        return f"`degree` names {strange[0]!r}, but `constants` has: {', '.join(k)}"
-    if strange := [name for name in system.state_degree if name not in system.state]:
-        return f"`state_degree` names {strange[0]!r}, but `state` has: {', '.join(system.state)}"
+    for word, names, holder, known in (
+        ("degree", system.degree, "constants", k),
+        ("state_degree", system.state_degree, "state", system.state),
+    ):
+        if strange := [name for name in names if name not in known]:
+            return f"`{word}` names {strange[0]!r}, but `{holder}` has: {', '.join(known)}"
     if strange := [name for name, d in system.state_degree.items() if d not in range(100)]:
         return f"`state_degree` of {strange[0]!r} is no whole number from 0 on"
-    start = np.array(system.start)
+    start, variables = np.array(system.start), f"{len(system.state)} variables of the state"
     if len(start) != len(system.state):
-        return f"start gives {len(start)} numbers for {len(system.state)} variables of the state"
+        return f"start gives {len(start)} numbers for {variables}"
     rates = system.rhs(0.0, start.tolist(), attributes(k))
     if len(rates) != len(start):
-        return f"rhs gives {len(rates)} rates for {len(start)} variables of the state"
+        return f"rhs gives {len(rates)} rates for {variables}"
     # The same motion in a unit of velocity that is four times as large, 2**2.
     other = k | {name: in_unit(k[name], 2 * degree - 2) for name, degree in system.degree.items()}
     other |= {VELOCITY: 4.0} if VELOCITY in k else {}
@@ -104,10 +129,10 @@ def _misfit_of_output(system: Model, start: np.ndarray) -> str:
         return (
             f"output gives {', '.join(stored)}, but `variables` has: {', '.join(system.variables)}"
         )
+    lengths = {"time": 2, **LENGTHS}
     for name, label in system.variables.items():
-        shape, sizes = np.shape(stored[name]), {"time": 2, "axis": 3}
-        of_dims = zip(label.dims, shape, strict=False)
-        if len(shape) != len(label.dims) or any(sizes.get(dim, n) != n for dim, n in of_dims):
+        shape = np.shape(stored[name])
+        if shape != tuple(lengths.get(dim) for dim in label.dims):
             dims = ", ".join(label.dims)
             return f"output gives {name} of the shape {shape} for 2 times: expected ({dims})"
     return ""

@@ -42,16 +42,14 @@ CAVITY = Key(
 )
 
 
-def shape_factor(cavity: Mapping[str, float | None]) -> float:
+def shape_factor(cavity: Mapping[str, Any]) -> Any:
     """P0 of the cavity, given itself or by the radius of a sphere; Chernousko 1972."""
-    P0, radius = cavity.get("P0"), cavity.get("radius")
-    if P0 is not None:
-        return P0
-    assert radius is not None  # `coefficient` has seen that one of them is given
-    return 8 * math.pi / 525 * math.prod((radius,) * 7)
+    if cavity.get("P0") is not None:
+        return cavity["P0"]
+    return 8 * math.pi / 525 * math.prod((cavity["radius"],) * 7)
 
 
-def radius_of(cavity: Mapping[str, float | None]) -> float:
+def radius_of(cavity: Mapping[str, Any]) -> float:
     """b, the radius of the sphere that has the cavity's P0."""
     return math.pow(525 * shape_factor(cavity) / (8 * math.pi), 1 / 7)
 
@@ -73,45 +71,15 @@ def coefficient(cavity: Mapping[str, float | None] | None, alone: float | None =
         raise ValueError(
             f"the cavity is density, viscosity and P0 or radius, or kappa alone, {named}"
         )
-    kappa = entries["density"] * shape_factor(entries) / entries["viscosity"]
+    kappa: float = entries["density"] * shape_factor(entries) / entries["viscosity"]
     if not isfinite(kappa):
         raise ValueError("kappa = rho P0/nu is too large a number")
     return kappa
 
 
-def reynolds(cavity: Mapping[str, float | None], omega: np.ndarray) -> float:
+def reynolds(cavity: Mapping[str, Any], omega: np.ndarray) -> float:
     """b^2 |omega|/nu, for a cavity with a viscosity and an angular velocity (3,)."""
-    viscosity = cavity["viscosity"]
-    assert viscosity is not None  # a case with kappa alone has no Reynolds number
-    return radius_of(cavity) ** 2 * math.hypot(*omega) / viscosity
-
-
-def fluid_warnings(
-    cavity: Mapping[str, float | None] | None,
-    A: np.ndarray,
-    omega: np.ndarray,
-    kappa: Any,
-    torque: Sequence[float],
-) -> list[str]:
-    """Warnings where the theory of the fluid, or of a small torque, does not hold at the start.
-
-    With kappa alone neither the size of the cavity nor the Reynolds number is known.
-    """
-    measures = [] if cavity is None or cavity["density"] is None else [cavity]
-    return [
-        *(message for known in measures for message in fast_flow(known, omega)),
-        *weak(A, omega, kappa, torque),
-        *(message for known in measures for message in heavy_fluid(known, A)),
-    ]
-
-
-def fast_flow(cavity: Mapping[str, Any], omega: np.ndarray) -> list[str]:
-    """A warning if the Reynolds number is not small, as the fluid's torque assumes."""
-    number, b, speed = reynolds(cavity, omega), radius_of(cavity), math.hypot(*omega)
-    if number <= NOT_SMALL:
-        return []
-    size = f"b = {b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g}"
-    return [f"the flow is not slow: its Reynolds number b^2 |omega|/nu is {number:.3g} ({size})"]
+    return float(radius_of(cavity) ** 2 * math.hypot(*omega) / cavity["viscosity"])
 
 
 def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) -> list[str]:
@@ -133,15 +101,27 @@ def weak(A: np.ndarray, omega: np.ndarray, kappa: Any, torque: Sequence[float]) 
     ]
 
 
-def heavy_fluid(cavity: Mapping[str, Any], A: np.ndarray) -> list[str]:
-    """A warning if the fluid's own moment of inertia, 2/5 m b^2 of a sphere, exceeds that of body
-    and fluid together: there is no such body."""
-    b = radius_of(cavity)
-    mass = 4 / 3 * math.pi * b**3 * cavity["density"]
-    moment = 0.4 * mass * b * b
-    if moment <= A.min():
+def cavity_warnings(
+    cavity: Mapping[str, Any] | None, A: np.ndarray, omega: np.ndarray
+) -> list[str]:
+    """Warnings if the Reynolds number is not small, as the fluid's torque assumes, and if the
+    fluid's own moment of inertia exceeds that of body and fluid together: there is no such body.
+
+    With kappa alone neither is known. A sphere of fluid has 2/5 m b^2.
+    """
+    if cavity is None or cavity["density"] is None:
         return []
-    return [
-        f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid a mass of {mass:.5g} and a "
-        f"moment of inertia of {moment:.5g}, more than the {A.min():g} of body and fluid together"
-    ]
+    number, b, speed = reynolds(cavity, omega), radius_of(cavity), math.hypot(*omega)
+    mass = 4 / 3 * math.pi * b**3 * cavity["density"]
+    moment, messages = 0.4 * mass * b * b, []
+    if number > NOT_SMALL:
+        size = f"b = {b:.3g}, |omega| = {speed:.3g}, nu = {cavity['viscosity']:.3g}"
+        flow = f"its Reynolds number b^2 |omega|/nu is {number:.3g} ({size})"
+        messages.append(f"the flow is not slow: {flow}")
+    if moment > A.min():
+        fluid = f"a mass of {mass:.5g} and a moment of inertia of {moment:.5g}"
+        messages.append(
+            f"no body: a sphere with this P0 has b = {b:.3g}, and its fluid {fluid}, more than the "
+            f"{A.min():g} of body and fluid together"
+        )
+    return messages

@@ -5,14 +5,14 @@ the law, and NAME_shape, where there is one, what has no part in the unit of NAM
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from ...schema.kinds import Either, Key, Kind, ListOf, Number, Variant
+from ...schema.kinds import Either, Key, Kind, ListOf, Mistake, Number, Variant
 
 Numbers = Sequence[Any]
 
@@ -142,9 +142,10 @@ def law_constants(name: str, coefficient: Any) -> dict[str, Any]:
 
 def coefficient_at(k: Any, name: str, t: Any) -> Any:
     """The value of a coefficient at the time t, from the constants of a model."""
-    kind = getattr(k, f"{name}_law", "")
     values = getattr(k, name)
-    return LAWS[kind](values, getattr(k, f"{name}_shape", ()), t) if kind else values
+    if not isinstance(values, tuple):
+        return values
+    return LAWS[getattr(k, f"{name}_law")](values, getattr(k, f"{name}_shape", ()), t)
 
 
 def slope_at(k: Any, name: str, t: Any) -> Any:
@@ -179,3 +180,14 @@ def zero_of_base(coefficient: Any) -> float:
     for other laws."""
     kind, _, shape = law(coefficient)
     return -1 / shape[0] if kind == "power" and shape[0] else -math.inf
+
+
+def laws_begun_too_soon(
+    coefficients: Mapping[str, Iterable[Any]], start: float, t: str = "t"
+) -> Iterator[Mistake]:
+    """The mistakes of power laws, by the keys of their coefficients, that have no value at a start
+    of the time t."""
+    for name, entries in coefficients.items():
+        zero = max(map(zero_of_base, entries), default=-math.inf)
+        if start <= zero:
+            yield (name,), f"the base of its power law is 0 at {t} = {zero:.6g}: start later"

@@ -1,8 +1,8 @@
 """The torques on a rigid body, one function each, and the rates of a body under a sum of them.
 
-A term is a function of the time, of omega = (p, q, r), of the constants and of state variables of
-its own. It is written with + - * /, ** and the functions of `arithmetic`, so that numbers, arrays
-and an engine's symbols all pass through it.
+A term is a function of the time, of its coefficients then, of omega = (p, q, r), of the constants
+and of state variables of its own. It is written with + - * /, ** and the functions of `arithmetic`,
+so that numbers, arrays and an engine's symbols all pass through it.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,32 +15,28 @@ from ...schema.expression import parse_expression
 from .laws import coefficient_at
 
 Components = tuple[Any, Any, Any]
-Function = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
+Function = Callable[[Any, Sequence[Any], Sequence[Any], Any, Sequence[Any]], Sequence[Any]]
 
 VARIABLES = ("p", "q", "r", "t")
 """The variables of an expression."""
 
 
-def unchanging(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Sequence[Any]:
-    """The rates of state variables that only an event changes."""
-    return [0 * value for value in extra]
-
-
 class Term(NamedTuple):
-    """One torque N (3,) as a function of (t, omega, k, extra), and the degree in the angular
-    velocity of what each of its constants multiplies.
+    """One torque N (3,) as a function of (t, c, omega, k, extra), c the values of its constants at
+    the time t, and the degree in the angular velocity of what each of these multiplies.
 
     `by_momentum` is set where the function gives N_i/A_i: of a torque that is proportional to the
     angular momentum the moments of inertia drop out. `extra` names the term's own state variables
-    with the powers of omega that they carry; `rates` are their derivatives. `coefficients` are
-    those of the constants, numbers or laws of time, from the value of a case's key.
+    with the powers of omega that they carry; `rates` are their derivatives, where not only events
+    change them. `coefficients` are those of the constants, numbers or laws of time, from the value
+    of a case's key.
     """
 
     function: Function
     degree: dict[str, int]
     by_momentum: bool = False
     extra: dict[str, int] = {}
-    rates: Function = unchanging
+    rates: Function | None = None
     coefficients: Callable[[Any], tuple[Any, ...]] = tuple
 
 
@@ -114,8 +110,9 @@ def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tupl
     rates, torque, extra_rates = gyroscopic(w, k), None, list[Any]()
     for term in terms:
         extra, remaining = remaining[: len(term.extra)], remaining[len(term.extra) :]
-        extra_rates += term.rates(t, w, k, extra)
-        acceleration = term.function(t, w, k, extra)
+        c = [coefficient_at(k, name, t) for name in term.degree]
+        extra_rates += term.rates(t, c, w, k, extra) if term.rates else [0 * x for x in extra]
+        acceleration = term.function(t, c, w, k, extra)
         if term.by_momentum:
             rates = added(rates, acceleration)
         else:
@@ -125,36 +122,37 @@ def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tupl
     return *rates, *extra_rates
 
 
-def damping_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def damping_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """-lambda_i omega_i: a medium that resists each component of the angular momentum."""
-    lam1, lam2, lam3 = (coefficient_at(k, name, t) for name in DAMPING.degree)
-    return -(lam1 * w[0]), -(lam2 * w[1]), -(lam3 * w[2])
+    return -(c[0] * w[0]), -(c[1] * w[1]), -(c[2] * w[2])
 
 
-def resistance_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def resistance_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """-I omega, with a tensor I."""
-    p, q, r = w
-    return (
-        -(k.I11 * p + k.I12 * q + k.I13 * r),
-        -(k.I21 * p + k.I22 * q + k.I23 * r),
-        -(k.I31 * p + k.I32 * q + k.I33 * r),
-    )
+    x, y, z = times(c, w)
+    return -x, -y, -z
 
 
-def quadratic_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def quadratic_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """-c_i |omega| omega_i."""
     size = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) ** 0.5
-    c1, c2, c3 = (coefficient_at(k, name, t) for name in QUADRATIC.degree)
-    return -(c1 * size * w[0]), -(c2 * size * w[1]), -(c3 * size * w[2])
+    return -(c[0] * size * w[0]), -(c[1] * size * w[1]), -(c[2] * size * w[2])
 
 
-def quadratic_axes_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def quadratic_axes_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """-c_i omega_i |omega_i|; `extra` are the signs of omega_i, which an event turns over."""
-    e1, e2, e3 = (coefficient_at(k, name, t) for name in QUADRATIC_AXES.degree)
     return (
-        -(e1 * extra[0] * w[0] * w[0]),
-        -(e2 * extra[1] * w[1] * w[1]),
-        -(e3 * extra[2] * w[2] * w[2]),
+        -(c[0] * extra[0] * w[0] * w[0]),
+        -(c[1] * extra[1] * w[1] * w[1]),
+        -(c[2] * extra[2] * w[2] * w[2]),
     )
 
 
@@ -178,52 +176,62 @@ def fluid_torque(inertia: Iterable[Any], omega: Iterable[Any], kappa: Any) -> Co
     )
 
 
-def cavity_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def cavity_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """The torque of the fluid in a cavity of the body: kappa (omega'' + omega x omega'), with
     omega' and omega'' of free motion, of a gyrostat where there is a rotor."""
-    kappa = coefficient_at(k, "kappa", t)
     if not (hasattr(k, "tensor") or hasattr(k, "h1")):
-        return fluid_torque((k.A1, k.A2, k.A3), w, kappa)
+        return fluid_torque((k.A1, k.A2, k.A3), w, c[0])
     G = angular_momentum_of(w, k)
     turning = vector_product(G, w)
     first = accelerations(turning, k)
     second = accelerations(added(vector_product(turning, w), vector_product(G, first)), k)
     x, y, z = added(second, vector_product(w, first))
-    return kappa * x, kappa * y, kappa * z
+    return c[0] * x, c[0] * y, c[0] * z
 
 
-def body_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def body_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Sequence[Any]:
     """A torque whose direction is constant in the body."""
-    N1, N2, N3 = (coefficient_at(k, name, t) for name in CONSTANT.degree)
-    return N1, N2, N3
+    return c
 
 
-def brake_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def brake_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """-b G/|G|, which brings a free body to rest in the shortest time."""
     G = angular_momentum_of(w, k)
-    size = (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
-    rate = coefficient_at(k, "brake", t) / size
+    rate = c[0] / (G[0] * G[0] + G[1] * G[1] + G[2] * G[2]) ** 0.5
     return -(rate * G[0]), -(rate * G[1]), -(rate * G[2])
 
 
-def rotor_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def rotor_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """-omega x h: the reaction of a rotor whose angular momentum h is fixed in the body."""
-    return vector_product((k.h1, k.h2, k.h3), w)
+    return vector_product(c, w)
 
 
-def space_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def space_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """F e, with e fixed in space; `extra` is e in body axes."""
-    size = coefficient_at(k, "F", t)
-    return size * extra[0], size * extra[1], size * extra[2]
+    return c[0] * extra[0], c[0] * extra[1], c[0] * extra[2]
 
 
-def direction_rates(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def direction_rates(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """gamma x omega: how a direction fixed in space turns in the body."""
     x, y, z = vector_product(extra, w)
     return k.g * x, k.g * y, k.g * z
 
 
-def expression_torque(t: Any, w: Sequence[Any], k: Any, extra: Sequence[Any]) -> Components:
+def expression_torque(
+    t: Any, c: Sequence[Any], w: Sequence[Any], k: Any, extra: Sequence[Any]
+) -> Components:
     """Three formulas in p, q, r and t, in the case's own units whatever those of the motion."""
     values = dict(zip(VARIABLES, [*(k.velocity_unit * x for x in w), t], strict=True))
     factor = k.time_unit / k.velocity_unit

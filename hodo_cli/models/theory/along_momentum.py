@@ -20,6 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .closed_form import free_time
+
 SERIES_TERMS = 20
 """Terms of the series of int a: of 2/n! the last one is below the rounding of long double."""
 
@@ -50,16 +52,10 @@ class AlongMomentum(NamedTuple):
         """g and s at times t >= 0 (...); at rest g is 0 and s stands still."""
         stop = self.stop
         t, stopped = np.minimum(t, stop), np.asarray(t) >= stop
-        z = self.damping * t
         with np.errstate(over="ignore", invalid="ignore"):  # of what grows beyond all doubles
-            a = t * _of_exp(z)
-            g = np.where(stopped, 0, np.exp(-z) - self.brake * a)
-            return ChangedClock(g, a - self.brake * _second_of_exp(z) * t * t)
-
-
-def _of_exp(z: Any) -> Any:
-    """(1 - exp(-z))/z, 1 at z = 0."""
-    return np.where(z == 0, 1, -np.expm1(-z) / np.where(z == 0, 1, z))
+            a = free_time(self.damping, t)
+            g = np.where(stopped, 0, np.exp(-self.damping * t) - self.brake * a)
+            return ChangedClock(g, a - self.brake * _second(self.damping * t) * t * t)
 
 
 def _of_log(z: Any) -> Any:
@@ -67,7 +63,7 @@ def _of_log(z: Any) -> Any:
     return np.where(z == 0, 1, np.log1p(z) / np.where(z == 0, 1, z))
 
 
-def _second_of_exp(z: Any) -> Any:
+def _second(z: Any) -> Any:
     """(exp(-z) - 1 + z)/z^2, 1/2 at z = 0; for |z| < 1, where it cancels, by its series."""
     brief = np.abs(z) < 1
     near, far = np.where(brief, z, 0), np.where(brief, 1, z)
@@ -75,4 +71,4 @@ def _second_of_exp(z: Any) -> Any:
     for n in range(3, SERIES_TERMS + 3):
         term = -term * near / n
         total = total + term
-    return np.where(brief, total, (1 - _of_exp(far)) / far)
+    return np.where(brief, total, (far + np.expm1(-far)) / far**2)

@@ -29,11 +29,10 @@ def principal_axes(tensor: InertiaTensor) -> PrincipalAxes:
     Raises ValueError, with a sentence, for a tensor that no body has.
     """
     J = np.array(tensor, dtype=float)
-    largest = np.abs(J).max()
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        if abs(J[i, j] - J[j, i]) > ASYMMETRY * largest:
-            pair = f"{J[i, j]:g} in row {i + 1}, column {j + 1}, and {J[j, i]:g} in the transpose"
-            raise ValueError(f"a tensor of inertia is symmetric, and this one has {pair}")
+    i, j = np.unravel_index(np.abs(J - J.T).argmax(), J.shape)
+    if abs(J[i, j] - J[j, i]) > ASYMMETRY * np.abs(J).max():
+        pair = f"{J[i, j]:g} in row {i + 1}, column {j + 1}, and {J[j, i]:g} in the transpose"
+        raise ValueError(f"a tensor of inertia is symmetric, and this one has {pair}")
     J = (J + J.T) / 2
     diagonal = not (J - np.diag(np.diag(J))).any()
     moments, axes = (np.diag(J), np.eye(3)) if diagonal else _numbered(*np.linalg.eigh(J))

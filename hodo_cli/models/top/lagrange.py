@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from ..terms.laws import (
     first_values,
     law,
     law_constants,
+    laws_begun_too_soon,
     least_value,
     slope_at,
-    zero_of_base,
 )
 from .nutation import (
     Nutation,
@@ -39,6 +39,9 @@ NEAR, TOO_NEAR = 1e-8, 1e-14
 
 MOST_NODES, UNRESOLVED = 1000, 1e-12
 """The nodes beyond which no quadrature is refined, and the error of one that is worth a word."""
+
+LAWS = ("mu", "m", "a", "b")
+"""The keys of coefficients that may follow laws of time."""
 
 INTEGRAL_LABELS = {
     "Gz": Label(
@@ -99,6 +102,8 @@ class Top(Model):
             "initial theta and r (p = q = 0), or Gz, H and r",
         ),
     }
+    has_changing_mu: ClassVar[bool] = True
+    has_axial_torque: ClassVar[bool] = True
     no_axis_reason = (
         "gravity turns G in space, so no separatrix of free motion divides its hodographs"
     )
@@ -109,6 +114,11 @@ class Top(Model):
         if inertia and inertia["C"] > 2 * inertia["A"]:
             limit = f"2 A = {2 * inertia['A']:g}"
             yield ("inertia", "C"), f"no body has C = {inertia['C']:g} larger than {limit}"
+        instead = "forms averaged and full have it"
+        if law(data.get("mu"))[0] and not cls.has_changing_mu:
+            yield ("mu",), f"form {cls.form} takes a constant mu; {instead}"
+        if data.get("m") is not None and not cls.has_axial_torque:
+            yield ("m",), f"form {cls.form} has no m; {instead}"
         if {"inertia", "mu", "initial"} <= set(data):
             # Neither the start nor what a form asks of it depends on the keys that may be missing.
             top = cls(**{**dict.fromkeys(cls.keys), **data})
@@ -116,12 +126,7 @@ class Top(Model):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        for name in ("mu", "m", "a", "b"):
-            if (coefficient := data.get(name)) is not None and start <= (
-                zero := zero_of_base(coefficient)
-            ):
-                yield (name,), f"the base of its power law is 0 at tau = {zero:.6g}: start later"
-                return
+        yield from laws_begun_too_soon({name: [data[name]] for name in LAWS}, start, "tau")
         if not law(data["mu"])[0]:
             return
         if start:
@@ -145,10 +150,11 @@ class Top(Model):
 
     @cached_property
     def constants(self) -> Constants:
-        laws = law_constants("mu", self.mu)
-        if self.m is not None:
-            laws |= law_constants("m", self.m)
-        return {**self.inertia, **laws, **law_constants("a", self.a), **law_constants("b", self.b)}
+        constants: dict[str, Any] = {**self.inertia}
+        for name in LAWS:
+            if (coefficient := getattr(self, name)) is not None:
+                constants |= law_constants(name, coefficient)
+        return constants
 
     @property
     def warnings(self) -> list[str]:
@@ -247,10 +253,9 @@ class AveragedTop(Nutating):
         U, Z, r, e = y.T
         # w is 0 where an upright top becomes unstable, and rounding may bring w^2 below.
         X, w = (value.real for value in nutation([*(y.T + 0j)], k))
-        H = k.mu * (1 - Z) + k.C * r * r / 2
         return {
             "Gz": U + k.C * r,
-            "H": H,
+            "H": k.mu * (1 - Z) + k.C * r * r / 2,
             "r": r,
             "u1": 1 - X - e,
             "u2": 1 - X + e,
@@ -259,16 +264,14 @@ class AveragedTop(Nutating):
 
     @property
     def start(self) -> tuple[float, ...]:
-        U, Z, r, e, _, _ = self.nutation
-        return U, Z, r, e
+        return self.nutation[:4]
 
     @property
     def run_events(self) -> tuple[Event, ...]:
         """For a top that starts upright: it stays so, and the averages end where it becomes
         unstable."""
-        if not self.nutation.Z == self.nutation.e == 0:
-            return ()
-        return (Event("upright_unstable", upright_stability, terminal=True),)
+        event = Event("upright_unstable", upright_stability, terminal=True)
+        return (event,) if self.nutation.Z == self.nutation.e == 0 else ()
 
 
 @dataclass(frozen=True)
@@ -288,12 +291,8 @@ class AveragedU(Nutating):
     """
 
     form = "averaged-u"
+    has_changing_mu = has_axial_torque = False
     state = ("u1", "u2", "u3", "r")
-
-    @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from super().check(data)
-        yield from constant_mu(cls.form, data, "m")
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
@@ -343,15 +342,6 @@ class AveragedU(Nutating):
         y = np.array(self.nutation[:4], dtype=np.longdouble)
         X, w = nutation([*y], attributes(self.constants, np.longdouble))
         return np.array([1 - X - y[3], 1 - X + y[3], 1 - X + w, y[2]])
-
-
-def constant_mu(form: str, data: Mapping[str, Any], *others: str) -> Iterator[Mistake]:
-    """The mistakes of a form in which mu is constant and other torques do not occur."""
-    for name in ("mu", *others):
-        coefficient = data.get(name)
-        if coefficient is not None and (name != "mu" or law(coefficient)[0]):
-            wanted = "takes a constant mu" if name == "mu" else f"has no {name}"
-            yield (name,), f"form {form} {wanted}; forms averaged and full have it"
 
 
 def integrals_from_roots(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
@@ -473,6 +463,7 @@ class AveragedQuadrature(AveragedTop):
     nodes: int
 
     form = "averaged-quadrature"
+    has_changing_mu = False
     keys = Top.keys | {
         "perturbation": PERTURBATION,
         "nodes": Key(
@@ -481,11 +472,6 @@ class AveragedQuadrature(AveragedTop):
             default=32,
         ),
     }
-
-    @classmethod
-    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from super().check(data)
-        yield from constant_mu(cls.form, data)
 
     @staticmethod
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
