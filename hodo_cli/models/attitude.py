@@ -71,11 +71,10 @@ def keys_of_form(form: type[Model]) -> dict[str, Key]:
 def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
     """The object of a form with these data, with an attitude where they name one."""
     plain_data = {name: value for name, value in data.items() if name != KEY}
-    system, attitude = form.of(plain_data), data.get(KEY)
-    if attitude in (None, "no"):
+    system = form.of(plain_data)
+    if data.get(KEY) in (None, "no"):
         return system
-    form = with_attitude(type(system))  # type: ignore[arg-type]
-    return form(**plain_data, attitude=attitude)  # type: ignore[call-arg]
+    return with_attitude(type(system))(**data)  # type: ignore[arg-type]
 
 
 def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -251,11 +250,9 @@ def attitude_warnings(attitude: Any) -> list[str]:
 @cache
 def with_attitude(plain: type[Model]) -> type[Model]:
     """A form whose state has the quaternion besides: Q' = Q (0, omega)/2."""
-    turning = plain.turning
-    assert turning is not None
 
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-        return (*plain.rhs(t, y[:-4], k), *quaternion_rates(y[:3], y[-4:], turning(k)))
+        return (*plain.rhs(t, y[:-4], k), *quaternion_rates(y[:3], y[-4:], plain.turning(k)))
 
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
         return {**plain.output(t, y[:, :-4], k), KEY: y[:, -4:]}

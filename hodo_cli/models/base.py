@@ -287,8 +287,7 @@ class LookedUp:
 def rebuilt(name: str, form: str, data: Mapping[str, Any]) -> Model:
     """The object of a form of a model with these data, an attitude among them or not."""
     models, attitude = import_module(__package__), import_module(f"{__package__}.attitude")
-    system: Model = attitude.system_of(models.find(name, form), data)
-    return system
+    return attitude.system_of(models.find(name, form), data)  # type: ignore[no-any-return]
 
 
 def mistake_of(at: KeyPath, function: Callable[..., object], *arguments: Any) -> Iterator[Mistake]:

@@ -370,7 +370,7 @@ class Torques(LookedUp, BodyUnderTorques):
         along = self.along_momentum
         if along is None or not np.isfinite(along.stop):
             return None
-        s = np.array([along.clock(along.stop).s])
+        _, s = along.clock(np.array([along.stop]))
         omega = free_motion(self.moments, np.array(self.start[:3]), s)
         details = stop_details(self.momentum(omega)[0], self.enclosed(omega)[0])
         return "stopped", EventOutcome(float(along.stop), details, ())

@@ -160,9 +160,9 @@ class BodyUnderTorques(BodyFrame):
         if not along.brake:
             state, exponent = scaled_motion(A, omega, along.damping, t)
         else:
-            clock = along.clock(t)
-            slowed, exponent = np.frexp(clock.g)
-            state = slowed[:, np.newaxis] * free_motion(A, omega, clock.s)
+            g, s = along.clock(t)
+            slowed, exponent = np.frexp(g)
+            state = slowed[:, np.newaxis] * free_motion(A, omega, s)
             exponent = np.where(slowed > 0, exponent, AT_REST)
         # The size of G at the start of a leg of braking: there are no legs here.
         legs = np.zeros((len(t), int("brake" in self.term_coefficients)), dtype=state.dtype)
@@ -170,4 +170,5 @@ class BodyUnderTorques(BodyFrame):
 
     def free_times(self, t: np.ndarray) -> np.ndarray:
         assert self.along_momentum is not None
-        return np.asarray(self.along_momentum.clock(t).s)
+        _, s = self.along_momentum.clock(t)
+        return np.asarray(s)

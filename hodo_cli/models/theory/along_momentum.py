@@ -26,13 +26,6 @@ SERIES_TERMS = 20
 """Terms of the series of int a: of 2/n! the last one is below the rounding of long double."""
 
 
-class ChangedClock(NamedTuple):
-    """g and s at some times (...)."""
-
-    g: Any
-    s: Any
-
-
 class AlongMomentum(NamedTuple):
     """The rates lambda and beta of a torque along G at the start, 1/time; numbers or arrays (...)
     in any precision, beta at least 0."""
@@ -48,14 +41,14 @@ class AlongMomentum(NamedTuple):
             stops = (np.asarray(self.brake) > 0) & (ratio > -1)
             return np.where(stops, _of_log(ratio) / self.brake, np.inf)
 
-    def clock(self, t: Any) -> ChangedClock:
-        """g and s at times t >= 0 (...); at rest g is 0 and s stands still."""
+    def clock(self, t: Any) -> tuple[Any, Any]:
+        """g and s (...) at times t >= 0 (...); at rest g is 0 and s stands still."""
         stop = self.stop
         t, stopped = np.minimum(t, stop), np.asarray(t) >= stop
         with np.errstate(over="ignore", invalid="ignore"):  # of what grows beyond all doubles
             a = free_time(self.damping, t)
             g = np.where(stopped, 0, np.exp(-self.damping * t) - self.brake * a)
-            return ChangedClock(g, a - self.brake * _second(self.damping * t) * t * t)
+            return g, a - self.brake * _second(self.damping * t) * t * t
 
 
 def _of_log(z: Any) -> Any:
