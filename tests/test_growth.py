@@ -7,8 +7,6 @@ from conftest import classified
 from hodo_cli.cases.case import Case, Time
 from hodo_cli.commands import classify
 from hodo_cli.integration.integrate import integrate
-from hodo_cli.models.theory.possible_crossings import Dissipation
-from hodo_cli.models.theory.steady_spin import tilt_growth_rates
 
 pytestmark = pytest.mark.engines
 
@@ -63,9 +61,7 @@ def test_a_small_tilt_grows_at_the_rate(axis: int) -> None:
         omega[:, axis]
     )
     rate = np.polyfit(np.linspace(0, 150, 401), np.log(tilt), 1)[0]
-    assert rate == pytest.approx(
-        tilt_growth_rates(Dissipation(A, damping), np.ones(3))[axis], rel=0.03
-    )
+    assert rate == pytest.approx(case.system.tilt_growth[axis], rel=0.03)
 
 
 def test_the_table_has_the_rates_by_axis_but_for_the_middle_one() -> None:
@@ -74,13 +70,14 @@ def test_the_table_has_the_rates_by_axis_but_for_the_middle_one() -> None:
 
 
 def test_a_symmetric_body_has_one_rate() -> None:
-    found = tilt_growth_rates(Dissipation((1.0, 0.8, 0.8), (0.005, 0.004, 0.003)), np.ones(3))
+    data = {**diagonal(0.005, 0.004, 0.003).data, "inertia": (1.0, 0.8, 0.8)}
+    found = Case("test", "linear-diag", "full", data, Time(end=1.0)).system.tilt_growth
     assert found[0] == pytest.approx(0.0015)
     assert np.isnan(found[1:]).all()
 
 
 def test_equal_rates_cancel_without_their_rounding() -> None:
-    found = tilt_growth_rates(Dissipation((1.0, 0.8, 0.6), np.full(3, 0.005)), np.ones(3))
+    found = diagonal(0.005, 0.005, 0.005).system.tilt_growth
     assert found[[0, 2]].tolist() == [0, 0]
 
 

@@ -20,13 +20,11 @@ from conftest import classified, exact_motion
 
 from hodo_cli import functions, models
 from hodo_cli.cases import keys
-from hodo_cli.cases.case import Case
+from hodo_cli.cases.case import Case, Time
 from hodo_cli.engines import have_taylor
 from hodo_cli.functions import abs, cos, exp, log, sin, sqrt
 from hodo_cli.models.base import Constants, Label
 from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
-from hodo_cli.models.theory.possible_crossings import Dissipation
-from hodo_cli.models.theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 from hodo_cli.schema.kinds import Key, Number, vector
 from hodo_cli.sweeps import chunk
 
@@ -242,16 +240,17 @@ def test_a_tilt_grows_by_the_equations_as_by_the_formula(seed: int) -> None:
     A, rates = [draw.uniform(0.55, 1) for _ in range(3)], [draw.uniform(0, 0.1) for _ in range(3)]
     start = {"p": 0.3, "q": 0.4, "r": -0.5, "G": None}
     system = Disguised(inertia=tuple(A), initial=start, damping=tuple(rates))
-    expected = tilt_growth_rates(Dissipation(A, rates), np.ones(3))
-    found = tilt_growth_by_equations(system)
-    assert found == pytest.approx(expected, nan_ok=True, rel=1e-9, abs=1e-14)
+    known = {"inertia": tuple(A), "initial": start, "damping": tuple(rates)}
+    expected = Case("known", "linear-diag", "full", known, Time(end=1.0)).system.tilt_growth
+    assert system.dissipation is None
+    assert system.tilt_growth == pytest.approx(expected, nan_ok=True, rel=1e-9, abs=1e-14)
 
 
 def test_no_growth_is_told_where_it_changes_with_the_time() -> None:
     start = {"p": 0.3, "q": 0.4, "r": -0.5, "G": None}
     for model in (Waving, Oscillating):
         system = model(inertia=(1.0, 0.8, 0.6), initial=start, depth=0.1, rate=1.0)
-        assert tilt_growth_by_equations(system) is None
+        assert system.tilt_growth is None
 
 
 @pytest.mark.parametrize("number", [0.3, np.float64(0.3), np.longdouble(0.3), np.full(3, 0.3)])
