@@ -181,7 +181,7 @@ def beside_attitude(event: Event) -> Event:
     return event._replace(function=Bound(without_attitude, (event.function,)), passage=passage)
 
 
-class Oriented(LookedUp, Model):
+class Oriented(Model, LookedUp):
     """The class before a form's own where its cases name an attitude."""
 
     attitude: Any

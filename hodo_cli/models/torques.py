@@ -74,7 +74,7 @@ NEGATIVE = "a negative coefficient drives the body: write that as an expression"
 
 
 @dataclass(frozen=True)
-class Torques(LookedUp, BodyUnderTorques):
+class Torques(BodyUnderTorques, LookedUp):
     """A rigid body under any sum of torques.
 
     A omega' + omega x G = N, the sum of what the case names:

@@ -297,7 +297,7 @@ def part_by_quadrature(
 
 
 @dataclass(frozen=True)
-class AnyTorque(LookedUp, AveragedTurns):
+class AnyTorque(AveragedTurns, LookedUp):
     """A body-frame model averaged over the turns of its hodograph by quadrature.
 
     (ln X_e)' and (ln X_o)' are the means over `nodes` even steps of a turn of the exact free
