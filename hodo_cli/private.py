@@ -22,17 +22,12 @@ def private_folder(variable: str, default: str) -> Path:
     parent = Path(os.environ.get(variable, ""))
     folder = (parent if parent.is_absolute() else Path.home() / default) / "hodo"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not (stat.S_ISDIR((status := folder.lstat()).st_mode) and is_private(status)):
+    status = folder.lstat()
+    # Windows keeps a home for its user, and has no such modes.
+    is_private = os.name == "nt" or (status.st_uid, status.st_mode & 0o077) == (os.geteuid(), 0)
+    if not (stat.S_ISDIR(status.st_mode) and is_private):
         raise ValueError(f"{folder} is not used: it is no folder of yours with mode 0700")
     return folder
-
-
-def is_private(status: os.stat_result) -> bool:
-    """Whether nobody else can read or change a file."""
-    # Windows keeps a home for its user, and has no such modes.
-    return os.name == "nt" or (
-        status.st_uid == os.geteuid() and not stat.S_IMODE(status.st_mode) & 0o077
-    )
 
 
 SECRET_SIZE = 32
@@ -44,19 +39,16 @@ def secret() -> bytes:
 
     Where a home cannot be written, as on many machines of a CI, they are this process's own.
     """
-    try:
-        file = private_folder("XDG_STATE_HOME", ".local/state") / "secret"
-        if not file.exists():
-            _make_secret(file)
-        with open(file, "rb", opener=_opened_itself) as stream:
-            content, status = stream.read(), os.fstat(stream.fileno())
-        if len(content) == SECRET_SIZE and is_private(status):
-            return content
-        warnings.warn(f"{file} is not used: no {SECRET_SIZE} bytes with mode 0600", stacklevel=2)
-    except ValueError as error:
-        warnings.warn(str(error), stacklevel=2)
-    except (OSError, RuntimeError):
-        pass
+    with suppress(OSError, RuntimeError):
+        try:
+            file = private_folder("XDG_STATE_HOME", ".local/state") / "secret"
+            if not file.exists():
+                _make_secret(file)
+            if len(content := file.read_bytes()) == SECRET_SIZE:
+                return content
+            raise ValueError(f"{file} is not used: it has not {SECRET_SIZE} bytes")
+        except ValueError as error:
+            warnings.warn(str(error), stacklevel=2)
     return os.urandom(SECRET_SIZE)
 
 
@@ -80,11 +72,6 @@ def _draft(file: Path, content: bytes) -> Path:
     return draft
 
 
-def _opened_itself(path: str, flags: int) -> int:
-    """An opener that follows no link."""
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0))
-
-
 MOST_CODE = 256 << 20
 """What all of it takes at most: some 25 steps of the largest models, or 250 of others."""
 
@@ -103,8 +90,8 @@ def kept_code(key: str, compiled: Callable[[], Any]) -> Any:
     except (OSError, RuntimeError, ValueError):
         return compiled()
     stored = b""
-    with suppress(OSError), open(file, "rb", opener=_opened_itself) as stream:
-        stored = stream.read()
+    with suppress(OSError):
+        stored = file.read_bytes()
         os.utime(file)
     if hmac.compare_digest(stored[:SEAL], _seal(stored[SEAL:])):
         return pickle.loads(stored[SEAL:])

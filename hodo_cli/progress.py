@@ -5,7 +5,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Any, Self, TypeVar
 
 import click
@@ -46,7 +46,7 @@ class Progress:
         self._verbose = verbose
         # A log file gets whole lines: what is written over on a terminal is unreadable there.
         self._live = sys.stderr.isatty() and not quiet
-        self._colour = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
+        self._colour = False if os.environ.get("NO_COLOR") else None  # None: on a terminal
         self._running: dict[str, float] = {}
         self._line: Any = None
         self._lock = threading.RLock()
@@ -64,8 +64,8 @@ class Progress:
         if self._live:
             self._ended.set()
             self._drawing.join()
-            self._clear()
-            warnings.showwarning = self._warned
+            with self._cleared():
+                warnings.showwarning = self._warned
 
     def say(self, line: str) -> None:
         """A line, unless quiet."""
@@ -87,7 +87,7 @@ class Progress:
         self._running.pop(name, None)
         count = f"[{self._done}/{self._total}] {name}"
         if problem:
-            self._echo(f"{count}: {click.style(problem, fg='red') if self._colour else problem}")
+            self._echo(f"{count}: {click.style(problem, fg='red')}")
         else:
             self.detail(f"{count}: ok")
 
@@ -104,19 +104,20 @@ class Progress:
             self.done(name(item))
 
     def _echo(self, line: str) -> None:
-        with self._lock:
-            self._clear()
-            with suppress(OSError, ValueError):  # the log is full, or closed
-                click.echo(line, err=True)
+        with self._cleared(), suppress(OSError, ValueError):  # the log is full, or closed
+            click.echo(line, err=True, color=self._colour)
 
     def _warn(self, *warning: Any, **rest: Any) -> None:
-        with self._lock:
-            self._clear()
+        with self._cleared():
             self._warned(*warning, **rest)
 
-    def _clear(self) -> None:
-        if self._line is not None:
-            self._line.clear()
+    @contextmanager
+    def _cleared(self) -> Iterator[None]:
+        """The time in which the line is not drawn."""
+        with self._lock:
+            if self._line is not None:
+                self._line.clear()
+            yield
 
     def _draw_on(self) -> None:
         """Draw the line now and then. In a thread, so that its clock goes on while a library

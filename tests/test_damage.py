@@ -617,11 +617,14 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> Non
 
 def test_drafts_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
     dead, living = (tmp_path / f".f.csv.{name}.partial" for name in ("dead", "living"))
-    dead.touch()
-    with living.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        with replacing(tmp_path / "f.csv") as draft:
-            draft.write_text("new")
+    for folder in (dead, living):
+        folder.mkdir()
+        (folder / "draft").touch()
+    descriptor = os.open(living, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    with replacing(tmp_path / "f.csv") as draft:
+        draft.write_text("new")
+    os.close(descriptor)
     assert {path.name for path in tmp_path.iterdir()} == {"f.csv", living.name}
 
 

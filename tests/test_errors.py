@@ -41,7 +41,7 @@ figures:
 PACKAGE = Path(__file__).parents[1] / "hodo_cli"
 
 MAY_TAKE_ALL = {
-    "batch/dask.py": 3,  # dask raises anything, which becomes a BatchError
+    "batch/dask.py": 4,  # dask raises anything, which becomes a BatchError
     "batch/processes.py": 3,  # sends what a worker raises, or says that it cannot be sent
     "models/__init__.py": 2,  # a user's own file may raise anything
     "models/added/mistakes.py": 1,  # the same

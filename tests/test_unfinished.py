@@ -200,7 +200,7 @@ def test_what_is_unfinished_is_as_private_as_its_result(path: Path) -> None:
     (folder,) = staging_folders(path)
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     with replacing(path) as draft:
-        assert stat.S_IMODE(draft.stat().st_mode) == 0o600
+        assert stat.S_IMODE(draft.parent.stat().st_mode) == 0o700
         draft.write_bytes(path.read_bytes())
     publish_finished(path)
     assert hashes(path) == {"first": "hash 1", "second": "hash 2"}

@@ -4,7 +4,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
 from functools import partial
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -82,17 +82,15 @@ class Dask(Executor):
 
     def _pass_on(self, theirs: Future[Any], ours: Future[Any]) -> None:
         """The outcome of a task; dask's own errors by what they mean for a batch."""
-        error = None if theirs.cancelled() else theirs.exception()
-        if theirs.cancelled():
-            ours.set_exception(self._gone("it has dropped a task"))
-        elif isinstance(error, self._killed):
-            ours.set_exception(WorkerLost())
-        elif type(error).__module__.startswith("distributed"):
-            ours.set_exception(self._gone(error))
-        elif error is not None:
-            ours.set_exception(error)
-        else:
+        try:
             ours.set_result(theirs.result())
+        except CancelledError:
+            ours.set_exception(self._gone("it has dropped a task"))
+        except self._killed:
+            ours.set_exception(WorkerLost())
+        except Exception as error:
+            is_theirs = type(error).__module__.startswith("distributed")
+            ours.set_exception(self._gone(error) if is_theirs else error)
 
     def _gone(self, error: object) -> BatchError:
         reason = str(error).partition("\n")[0]

@@ -29,21 +29,18 @@ def check_memory(case: Case, processes: int = 1) -> None:
     """Raise HodoError if the samples of a case do not fit into the memory of one of so many
     processes."""
     # Refused before anything is integrated: a process that takes too much is killed without a word.
-    have = memory_limit() // processes
-    if need(case) > have:
+    if need(case) > (have := memory_limit() // processes):
+        needs = f"{case.time.samples:,} samples would take about {in_bytes(need(case))} of memory"
         share = f" for each of {processes} processes" if processes > 1 else ""
-        there = f"there are {in_bytes(have)}{share}"
-        needs = f"would take about {in_bytes(need(case))} of memory, and {there}"
-        raise HodoError(f"{case.name}: {case.time.samples:,} samples {needs}")
+        raise HodoError(f"{case.name}: {needs}, and there are {in_bytes(have)}{share}")
 
 
 def check_disk(case: Case, stored: int, folder: Path) -> None:
     """Raise HodoError if a case that stores so many bytes does not fit on the disk of a folder."""
     while not folder.exists():
         folder = folder.parent
-    # Its parts are there until they are joined.
+    # Its chunks are there until they are joined.
     taken, free = 2 * stored, shutil.disk_usage(folder).free
     if taken > free:
-        there = f"{in_bytes(free)} are free"
-        needs = f"would take about {in_bytes(taken)} on the disk of {folder}, and {there}"
-        raise HodoError(f"{case.name}: {needs}")
+        needs = f"would take about {in_bytes(taken)} on the disk of {folder}"
+        raise HodoError(f"{case.name}: {needs}, and {in_bytes(free)} are free")

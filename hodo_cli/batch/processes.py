@@ -61,11 +61,10 @@ serve()
 """
 
 
-def _command() -> list[str]:
-    """What starts a worker: `-P`, since an environment that is ignored (`-E`) cannot tell it to
-    import nothing from the current folder."""
-    inherited = ["-E"] if sys.flags.ignore_environment else []
-    return [sys.executable, "-P", *inherited, "-c", SERVE, json.dumps(sys.path)]
+# `-P`, since an environment that is ignored (`-E`) cannot tell a worker to import nothing from the
+# current folder.
+COMMAND = [sys.executable, "-P", *(["-E"] if sys.flags.ignore_environment else []), "-c", SERVE]
+"""What starts a worker, but for the folders that this process imports from."""
 
 
 class _Worker(Thread):
@@ -88,7 +87,9 @@ class _Worker(Thread):
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                has_returned, value = self._reply(call)
+                process = self._process or self._ready()
+                _send(process.stdin, call)
+                has_returned, value = pickle.loads(_received(process.stdout))
             except (EOFError, OSError):
                 self._discard()
                 future.set_exception(WorkerLost())
@@ -98,13 +99,6 @@ class _Worker(Thread):
                 (future.set_result if has_returned else future.set_exception)(value)
         self._discard()
 
-    def _reply(self, call: bytes) -> tuple[bool, Any]:
-        """Whether a call returned, and what it returned or raised."""
-        process = self._process or self._ready()
-        _send(process.stdin, call)
-        has_returned, value = pickle.loads(_received(process.stdout))
-        return has_returned, value
-
     def _ready(self) -> Popen[bytes]:
         """A process that is ready. Raises BatchError if none can be started, EOFError if this
         executor has ended."""
@@ -113,7 +107,8 @@ class _Worker(Thread):
                 with self._lock:
                     if self._ended:
                         raise EOFError
-                    self._process = process = Popen(_command(), stdin=PIPE, stdout=PIPE)
+                    command = [*COMMAND, json.dumps(sys.path)]
+                    self._process = process = Popen(command, stdin=PIPE, stdout=PIPE)
                 _received(process.stdout)
                 return process
             except EOFError:

@@ -4,7 +4,7 @@ kill and no damage loses anything. The only importer of h5py; knows no mechanics
 Before a result has its name, there are files of four kinds beside it:
 
 - a *staging folder*, hidden and locked, holds what one process makes;
-- a *draft* is a file that is being written, and takes its name when it is complete;
+- a *draft* in it is a file that is being written, and takes its name when it is complete;
 - a *shard* is a complete file with finished cases, of which the result is joined;
 - a *chunk* is a complete file with finished members of a sweep.
 

@@ -72,13 +72,6 @@ class Batch(ResultFile):
         self._room = memory_limit()
         published = result.groups() if result else []
         self._names = in_order([*published, *newer], self.text)
-        self._set_of_names = frozenset(self._names)
-
-    def groups(self) -> list[str]:
-        return self._names
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._set_of_names
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[Any]:
@@ -142,12 +135,9 @@ def _changed(file: Path) -> int:
 
 def _replaces(newer: FinishedCase, stored: FinishedCase) -> bool:
     """Whether a case is another one than is stored, and not one that has failed instead."""
-    hashes, states = ([case.attributes.get(key) for case in (newer, stored)] for key in SAME)
-    return hashes[0] != hashes[1] and (states[0] == "ok" or states[1] != "ok")
-
-
-SAME = ("hash", "status")
-"""The attributes that tell a case that has changed, or failed, from the one before."""
+    new, old = newer.attributes, stored.attributes
+    is_worse = new.get("status") != "ok" and old.get("status") == "ok"
+    return new.get("hash") != old.get("hash") and not is_worse
 
 
 ATTRIBUTES_FILE = "head.h5"
@@ -162,7 +152,7 @@ def latest(cases: Mapping[str, FinishedCase]) -> dict[str, Any]:
         return run.attributes
 
 
-def in_order(names: Iterable[str], text: str) -> list[str]:
+def in_order(names: Iterable[str], text: str) -> dict[str, None]:
     """Names of cases in the order in which a case file has them, then the others."""
     ordered = dict.fromkeys(names)
     # Read and not checked, which would take twice as long, and fail where a model of the user's own
@@ -170,7 +160,7 @@ def in_order(names: Iterable[str], text: str) -> list[str]:
     with suppress(HodoError, LookupError, TypeError):
         in_file = read(text, Mistakes("config"))["cases"]
         ordered = dict.fromkeys([*(name for name in in_file if name in ordered), *ordered])
-    return list(ordered)
+    return ordered
 
 
 def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]]) -> None:

@@ -90,10 +90,7 @@ class ValuesChecksum:
         return f"{self._kind}{self._hash.hexdigest()}"
 
 
-NO_CHECKSUMS: Mapping[str, ValuesChecksum] = {}
-
-
-def checksum_of(group: Group, streamed: Mapping[str, ValuesChecksum] = NO_CHECKSUMS) -> str:
+def checksum_of(group: Group, streamed: Mapping[str, ValuesChecksum] | None = None) -> str:
     """The checksum that a group is stored with: of its attributes and variables, in their order.
     What is added to the group later is not covered, and does not disturb it.
 
@@ -101,7 +98,7 @@ def checksum_of(group: Group, streamed: Mapping[str, ValuesChecksum] = NO_CHECKS
     """
     lines = [_described(group.attributes)]
     for name, variable in group.variables.items():
-        values = streamed.get(name) or ValuesChecksum(variable.data)
+        values = (streamed or {}).get(name) or ValuesChecksum(variable.data)
         lines.append(f"{name} {variable.dims} {values} {_described(variable.attrs)}")
     hashed = hashlib.sha256("\n".join(lines).encode("utf-8", "replace"))
     return f"sha256:{len(group.variables)}:{hashed.hexdigest()[:32]}"

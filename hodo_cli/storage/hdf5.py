@@ -5,7 +5,7 @@ import os
 import stat
 import warnings
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -83,6 +83,7 @@ class ResultFile:
         self.damaged = damaged
         self.intact = damaged is INTACT
         self.attributes: dict[str, Any] = _attributes(file)
+        self._names = dict.fromkeys(file)
         self._file = file
         self._room = memory_limit() if self.intact else bytes_allowed(file.id.get_filesize())
 
@@ -93,7 +94,7 @@ class ResultFile:
 
     def groups(self) -> list[str]:
         """The names of all groups, in their order."""
-        return list(self._file)
+        return list(self._names)
 
     def cases(self) -> list[str]:
         """The names of the cases, in the order of the case file: the groups that do not begin with
@@ -101,7 +102,7 @@ class ResultFile:
         return [name for name in self.groups() if not name.startswith("_")]
 
     def __contains__(self, name: str) -> bool:
-        return name in self._file
+        return name in self._names
 
     def summary(self, name: str, only: Collection[str] = ()) -> dict[str, Any]:
         """The attributes of a group (all, or those named), without reading an array.
@@ -171,9 +172,9 @@ class ResultFile:
             if name == ROOT:
                 fits = _fits(self._file, Group(self.attributes, {}))
                 return "" if fits else "its head has changed"
-            content = self.read(name)
-            self._room -= size_of(content)  # what is read of one group leaves less to the others
             with self.open_group(name) as group:
+                content = self.read(name)
+                self._room -= size_of(content)  # leaves less to the other groups
                 return "" if _fits(group, content) else "its checksum does not fit"
         except (HodoError, BatchError) as error:  # a bad sector costs the case that lies there
             reason = str(error).removeprefix(f"{self.path}: ")
@@ -304,12 +305,7 @@ def open_run(path: Path | str) -> Iterator[ResultFile]:
         groups = [] if run.intact else [file[name] for name in run.groups() if name not in damaged]
         if any("checksum" not in group.attrs for group in groups):
             warnings.warn(f"{path} has no checksums: damage to it would not show", stacklevel=3)
-        try:
-            yield run
-        except DAMAGE as error:
-            if "file read failed" not in str(error):  # HDF5's words, whatever it was asked for
-                raise
-            raise _kind(error)(f"{path} cannot be read: {refusal(error)}") from error
+        yield run
 
 
 def _opened(path: Path) -> h5py.File:
@@ -415,18 +411,13 @@ def _attributes(item: h5py.HLObject, only: Collection[str] = ()) -> dict[str, An
 def _attribute(item: h5py.HLObject, name: str) -> Any:
     """The value of one attribute, as a plain one where it is one."""
     stored = h5a.open(item.id, encoded(name))
-    # `attrs` takes four times as long for a text, and most are one. The shape comes first: HDF5
-    # writes as many values as there are, whatever room they are given.
-    if stored.shape == ():
+    kind = stored.get_type()
+    # `attrs` takes four times as long for a text, and most are one. The shape is asked for first:
+    # HDF5 writes as many values as there are, whatever room they are given.
+    if stored.shape == () and isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
         text = np.empty((), STRING)
-        with suppress(OSError, TypeError):  # it is none
-            stored.read(text, mtype=TEXT_IN_MEMORY)
-            return text.item().decode("utf-8", "surrogateescape")
-        kind = stored.get_type()
-        if isinstance(kind, h5t.TypeFloatID | h5t.TypeIntegerID):
-            number = np.empty((), kind.dtype)
-            stored.read(number)
-            return number.item()
+        stored.read(text, mtype=TEXT_IN_MEMORY)
+        return text.item().decode("utf-8", "surrogateescape")
     value = item.attrs[name]
     # Other programs store an empty text so.
     value = "" if isinstance(value, h5py.Empty) else value

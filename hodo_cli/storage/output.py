@@ -86,7 +86,7 @@ class Output:
         """
         self._disk.check()
         with run.open_group(name) as old:
-            h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINKS[name.isascii()])
+            h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINK)
             target = h5g.open(self._file.id, name.encode())
             if not run.intact:
                 _delete_attributes(target, REPORT_DIGEST, REPORT)
@@ -193,30 +193,23 @@ def _creation(kind: h5p.PropClassID) -> h5p.PropOCID:
     return properties
 
 
-def _link(characters: int) -> h5p.PropLCID:
-    """How the name of a group or dataset is stored."""
-    properties = h5p.create(h5p.LINK_CREATE)
-    properties.set_char_encoding(characters)
-    return properties
-
-
 TRACKED = h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED
 GROUP_CREATION, DATASET_CREATION = _creation(h5p.GROUP_CREATE), _creation(h5p.DATASET_CREATE)
 GROUP_CREATION.set_link_creation_order(TRACKED)
-LINKS = {True: _link(h5t.CSET_ASCII), False: _link(h5t.CSET_UTF8)}
-"""By whether the name is ASCII."""
+LINK = h5p.create(h5p.LINK_CREATE)
+"""How the name of a group or dataset is stored."""
+LINK.set_char_encoding(h5t.CSET_UTF8)
 
 # The calls that h5py has for everybody take twice the time of these: a case has five datasets and
 # forty attributes, which is half of what it costs to run a short one.
 
 
 def _new_group(parent: H5Object, name: str) -> h5g.GroupID:
-    return h5g.create(parent, name.encode(), LINKS[name.isascii()], GROUP_CREATION)
+    return h5g.create(parent, name.encode(), LINK, GROUP_CREATION)
 
 
 def _new_dataset(
     parent: H5Object, name: str, dtype: np.dtype, shape: tuple[int, ...]
 ) -> h5d.DatasetID:
     space = h5s.create_simple(shape) if shape else SCALAR
-    link = LINKS[name.isascii()]
-    return h5d.create(parent, name.encode(), _types(dtype)[0], space, DATASET_CREATION, link)
+    return h5d.create(parent, name.encode(), _types(dtype)[0], space, DATASET_CREATION, LINK)

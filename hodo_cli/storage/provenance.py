@@ -5,7 +5,6 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer
 files."""
 
-TYPE_NAMES = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
+TYPE_NAMES = {str: ("text", str), int: ("whole number", int), float: ("number", int | float)}
 
 STORED_VERSIONS = ("numpy", "scipy", "heyoka", "h5py")
 

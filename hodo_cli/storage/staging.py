@@ -58,7 +58,7 @@ class Staging:
         """A path in the folder. Raises OSError if it cannot be made."""
         while self.folder is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            folder = _beside(self.path)
+            folder = self.path.with_name(f".{self.path.name}.{os.urandom(4).hex()}.partial")
             folder.mkdir(mode=0o700)  # the result may be private, and its owner alone takes it over
             # Before it is locked, another process may take it for a dead one's, and remove it.
             with suppress(FileNotFoundError):
@@ -86,28 +86,14 @@ class Staging:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """An empty file beside `path`, which takes its name when the block ends well.
+    """A name for a new file, which takes the place of `path` when the block ends well.
 
     Raises BatchError if the operating system refuses it; then, and after any other exception, what
     had the name keeps it.
     """
-    path = destination(path)
-    with os_errors_as(path), ExitStack() as ended:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for leftover in staging_folders(path):
-            with suppress(OSError):  # it is a folder, or another process has just removed it
-                if _lock(leftover, ended):
-                    leftover.unlink()
-        draft = _beside(path)
-        # No wider than the file that it replaces, also if a kill leaves it behind.
-        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666
-        os.close(os.open(draft, os.O_CREAT | os.O_EXCL | os.O_RDWR, mode | stat.S_IWUSR))
-        # Open for writing, without which NFS gives no lock.
-        with suppress(OSError):
-            _lock(draft, ended, flags=os.O_RDWR)
-        ended.callback(draft.unlink, missing_ok=True)
-        yield draft
-        publish(draft, path)
+    with os_errors_as(path), Staging(path) as staging:
+        yield (draft := staging / "draft")
+        publish(draft, staging.path)
 
 
 @contextmanager
@@ -136,8 +122,8 @@ def check_writable(path: Path) -> None:
 
 
 def staging_folders(path: Path) -> list[Path]:
-    """The hidden folders and drafts of all processes, living or dead, that write `path`. Raises
-    OSError if the machine cannot list them."""
+    """The hidden folders of all processes, living or dead, that write `path`. Raises OSError if the
+    machine cannot list them."""
     path = destination(path)
     try:
         names = sorted(os.listdir(path.parent))
@@ -165,7 +151,7 @@ def chunks_in(folder: Path, sweep_id: str = "") -> list[Path]:
 
 
 def _listed(folder: Path, pattern: str) -> list[Path]:
-    """What is in a staging folder; nothing where that is a draft, another user's, or gone.
+    """What is in a staging folder; nothing where that is another user's, or gone.
 
     Raises OSError if it cannot be listed otherwise: `glob` would show an empty folder.
     """
@@ -195,11 +181,6 @@ def synced(path: Path) -> None:
         os.close(descriptor)
 
 
-def _beside(path: Path) -> Path:
-    """A hidden name that nothing has yet."""
-    return path.parent / f".{path.name}.{os.urandom(4).hex()}.partial"
-
-
 def publish(draft: Path, path: Path) -> None:
     """Replace a file by its complete draft, which takes over owner and mode, and see it on the
     disk."""
@@ -214,12 +195,12 @@ def publish(draft: Path, path: Path) -> None:
     synced(path.parent)
 
 
-def _lock(path: Path, held: ExitStack, wait: bool = False, flags: int = os.O_RDONLY) -> bool:
-    """Lock a file or folder until `held` is closed. False if another process has it, or locks do
+def _lock(path: Path, held: ExitStack, wait: bool = False) -> bool:
+    """Lock a folder until `held` is closed. False if another process has it, or locks do
     not work there."""
     if not HAVE_FLOCK:
         return _lock_beside(path, held, wait)
-    descriptor = os.open(path, flags)
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
@@ -230,25 +211,16 @@ def _lock(path: Path, held: ExitStack, wait: bool = False, flags: int = os.O_RDO
 
 
 def _lock_beside(path: Path, held: ExitStack, wait: bool) -> bool:
-    """`_lock` by a file that `filelock` locks: for a draft or staging folder beside it, for the
-    folder of results in it."""
+    """`_lock` by a file that `filelock` locks, and removes when it gives it up: for a staging
+    folder beside it, for the folder of results in it."""
     import filelock
 
     os.stat(path)  # as opening it would, if another process has removed it
-    is_draft = path.suffix == ".partial"
-    file = path.with_name(f"{path.name}.lock") if is_draft else path / ".hodo.lock"
-    lock = filelock.FileLock(file)
+    is_staging = path.suffix == ".partial"
+    lock = filelock.FileLock(f"{path}.lock" if is_staging else path / ".hodo.lock")
     try:
         lock.acquire(timeout=-1 if wait else 0)
     except (OSError, filelock.Timeout):
         return False
-
-    def give_up() -> None:
-        lock.release()
-        # The name of a draft is never used again; that of the folder's lock is, and must stay.
-        if is_draft:
-            with suppress(OSError):
-                file.unlink()
-
-    held.callback(give_up)
+    held.callback(lock.release)
     return True

@@ -7,11 +7,11 @@ is complete or absent; the next run takes over those of a dead one. A sweep come
 which its shard is made.
 
 Short cases share a shard, because a file costs as much as a case. It is written when a case is
-finished HOLD seconds after its first one, and only a case in a shard is called finished.
+finished HOLD seconds after the shard before, and only a case in a shard is called finished.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from itertools import groupby
 from pathlib import Path
@@ -38,12 +38,6 @@ KEPT = "; finished cases are kept"
 HOLD = 0.5
 """Seconds within which finished cases share a shard, unless one of them took as long itself: so
 much work a kill may cost."""
-
-MOST_WAITING = 64
-"""Cases in a shard: its own cost is then a hundredth of theirs."""
-
-MOST_BYTES = 4 << 20
-"""Bytes that wait at most. Larger shards would save nothing, and take memory."""
 
 
 def publish_finished(path: Path) -> None:
@@ -77,7 +71,7 @@ class Writer:
     """
 
     def __init__(
-        self, path: Path | str, attributes: Mapping[str, Attribute], order: Sequence[str] = ()
+        self, path: Path | str, attributes: Mapping[str, Attribute], order: Collection[str] = ()
     ) -> None:
         self.path = Path(path)
         self._attributes = attributes
@@ -87,8 +81,7 @@ class Writer:
         self._chunks: dict[str, Path] = {}
         self._count = 0
         self._waiting: dict[str, tuple[Group, Callable[[], object]]] = {}
-        self._waiting_bytes = 0
-        self._waiting_since = 0.0
+        self._stored_at = monotonic()
         self._old: ResultFile | None = None
         self._staging = Staging(self.path)
         self._open = ExitStack()
@@ -124,28 +117,22 @@ class Writer:
 
         Raises HodoError if it, or one that was added before, cannot be written.
         """
-        if not self._waiting:
-            self._waiting_since = monotonic()
         self._waiting[name] = group, then
-        self._waiting_bytes += sum(variable.data.nbytes for variable in group.variables.values())
-        run_time = group.attributes.get("run_time", 0.0)
-        is_long = group.late is not None or (isinstance(run_time, float) and run_time > HOLD)
-        is_full = len(self._waiting) >= MOST_WAITING or self._waiting_bytes > MOST_BYTES
-        if is_long or is_full or monotonic() > self._waiting_since + HOLD:
+        took = float(group.attributes.get("run_time", 0.0))
+        if max(took, monotonic() - self._stored_at) > HOLD:
             self.store()
 
     def store(self) -> None:
         """Write the cases that wait as one shard. Raises HodoError if it cannot be written."""
+        self._stored_at = monotonic()
         try:
             self._store([*self._waiting])
         except Exception:
             # As much as the disk takes, and a case that cannot be stored takes no other along.
-            for name in [*self._waiting] if len(self._waiting) > 1 else []:
+            for name in [*self._waiting]:
                 with suppress(Exception):
                     self._store([name])
             raise
-        finally:
-            self._waiting_bytes = 0
 
     def _store(self, names: Sequence[str]) -> None:
         if not names:
@@ -159,8 +146,7 @@ class Writer:
 
     def _put(self, file: Path, groups: Mapping[str, Group]) -> None:
         draft = file.with_name("draft")
-        with os_errors_as(self.path, KEPT), ExitStack() as failed:
-            failed.callback(draft.unlink, missing_ok=True)
+        with os_errors_as(self.path, KEPT):
             with create(draft, {}) as output:
                 for name, group in groups.items():
                     output.write(name, group)
@@ -168,7 +154,6 @@ class Writer:
             # The new name is on the disk with the next sync: one file may be lost, and half of the
             # time for syncing is saved.
             os.replace(draft, file)
-            failed.pop_all()
 
     def chunks(self, sweep_id: str) -> set[int]:
         """The numbers of a sweep's chunks that this run and dead ones have finished. `sweep_id` is
