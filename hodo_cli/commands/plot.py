@@ -10,14 +10,14 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import HodoError
-from ..batch.pool import Pool, pool
+from ..batch.pool import pool
 from ..cases.config import Config, load, parse
 from ..cases.figure_block import PAGE_DATA, DrawnFigure
 from ..machine import library_version
@@ -42,26 +42,6 @@ PAGE_FILE = "index.html"
 
 ABSENT = "absent"
 """Stands for the checksum of a case that a figure has asked for and the result does not hold."""
-
-
-@dataclass(frozen=True)
-class FigureTask:
-    """A figure to be drawn: from a result file, by its entry in a config, into a folder."""
-
-    path: Path
-    config: Config
-    name: str
-    formats: tuple[str, ...]
-    folder: Path
-
-
-@dataclass(frozen=True)
-class PageTask:
-    """The page of all figures of a folder, and what it shows anew: results with their configs and
-    figures."""
-
-    out: Path
-    runs: Sequence[tuple[Path, Config, Sequence[DrawnFigure]]]
 
 
 @contextmanager
@@ -131,40 +111,38 @@ def draw_results(
     """
     if alone is not None and names:
         raise HodoError("--alone writes the page of all figures: name no figure")
-    folders: list[Folder] = []
+    folders, formats = [], tuple(dict.fromkeys(formats))
     for path in paths:
         with opened(path) as (run, config):
             folders.append(Folder(out / run.path.stem, run, config, names, formats, force))
-    with pool(jobs if any(folder.tasks for folder in folders) else 1) as workers:
-        pending = sum(len(folder.tasks) for folder in folders)
-        unchanged = sum(len(folder.figures) for folder in folders)
-        with Progress(pending) as progress:
-            if unchanged:
-                total = unchanged + pending
-                progress.say(f"{unchanged} of {total} figures are kept; --force draws them anew")
-            for folder in folders:
-                for task, drawn in workers.map(draw_figure, folder.tasks):
-                    if isinstance(drawn, Exception):
-                        raise drawn
-                    folder.add(drawn)
-                    progress.done(task.name)
-                save_record(folder.path, folder.record)
-        for drawn in (drawn for folder in folders for drawn in folder.figures):
-            if drawn.problem:
-                yield f"{drawn.name}: {drawn.problem}", True
-            elif drawn.files:
-                yield "\n".join(map(str, drawn.files)), False
-        messages = [
-            line for folder in folders for drawn in folder.figures for line in drawn.warnings
-        ]
-        if not names:
-            messages += renewed_page(out, folders, workers, force)
-            yield str(out / PAGE_FILE), False
-        if alone is not None:
-            from ..page import write_alone
+    pending = sum(len(folder.to_draw) for folder in folders)
+    kept = sum(len(folder.drawn) for folder in folders)
+    with pool(jobs if pending else 1) as workers, Progress(pending) as progress:
+        if kept:
+            progress.say(f"{kept} of {kept + pending} figures are kept; --force draws them anew")
+        for folder in folders:
+            drawing = partial(draw_figure, folder.result, folder.config, formats, folder.path)
+            for name, drawn in workers.map(drawing, folder.to_draw):
+                if isinstance(drawn, Exception):
+                    raise drawn
+                folder.add(drawn)
+                progress.done(name)
+            save_record(folder.path, folder.record)
+    messages: list[str] = []
+    for drawn in (drawn for folder in folders for drawn in folder.figures):
+        messages += drawn.warnings
+        if drawn.problem:
+            yield f"{drawn.name}: {drawn.problem}", True
+        elif drawn.files:
+            yield "\n".join(map(str, drawn.files)), False
+    if not names:
+        messages += renewed_page(out, folders, force)
+        yield str(out / PAGE_FILE), False
+    if alone is not None:
+        from ..page import write_alone
 
-            write_alone(out / PAGE_FILE, alone)
-            yield str(alone), False
+        write_alone(out / PAGE_FILE, alone)
+        yield str(alone), False
     # At the end, when all that is drawn or on the page has been read.
     for line in dict.fromkeys(messages):
         warnings.warn(line, stacklevel=2)
@@ -187,15 +165,17 @@ def load_what_draws() -> None:
     gc.freeze()
 
 
-def draw_figure(task: FigureTask) -> DrawnFigure:
-    """Draw one figure; what a pool does."""
+def draw_figure(
+    path: Path, config: Config, formats: Sequence[str], folder: Path, name: str
+) -> DrawnFigure:
+    """Draw a figure of a result file into a folder, by its entry in a config; what a pool does."""
     load_what_draws()
     from ..figures import render
     from ..results.dataset import open_cases
 
-    with warnings.catch_warnings(record=True) as caught, open_cases(task.path) as cases:
+    with warnings.catch_warnings(record=True) as caught, open_cases(path) as cases:
         warnings.simplefilter("always")
-        made = render(cases, task.config.figures, task.name, task.formats, task.folder)
+        made = render(cases, config.figures, name, formats, folder)
         messages = warnings_of(caught, cases)
     return replace(made, cases=tuple(sorted(cases.asked)), warnings=messages)
 
@@ -220,7 +200,7 @@ def warnings_of(
 
 
 class Folder:
-    """The figures of one result in a folder: those that are kept, and the tasks of the others."""
+    """The figures of one result in a folder: those that are drawn, and the names of the others."""
 
     def __init__(
         self, path: Path, run: ResultFile, config: Config,
@@ -232,26 +212,24 @@ class Folder:
             name: "" if name in run.damaged else run.checksum(name) for name in run.groups()
         }
         self.record = read_record(path)
-        self._formats = tuple(dict.fromkeys(formats))
-        chosen = {name: config.figure(name) for name in names or config.figures}
-        for name in names:
-            if {*formats} <= {"gif", "mp4"} and config.figure(name)["kind"] != "body":
+        self._formats = formats
+        self._chosen = dict.fromkeys(names or config.figures)
+        for name in self._chosen:
+            kind = config.figure(name)["kind"]
+            if names and {*formats} <= {"gif", "mp4"} and kind != "body":
                 raise HodoError(f"figure {name} does not move: films are of the kind body")
-        self._drawn = {name: None if force else self._kept(name) for name in chosen}
-        self.tasks = [
-            FigureTask(run.path, config, name, self._formats, path)
-            for name, drawn in self._drawn.items()
-            if drawn is None
-        ]
+        kept = {} if force else {name: self._kept(name) for name in self._chosen}
+        self.drawn = {name: drawn for name, drawn in kept.items() if drawn}
+        self.to_draw = [name for name in self._chosen if name not in self.drawn]
 
     @property
     def figures(self) -> list[DrawnFigure]:
-        """The figures that were asked for, of those that are drawn."""
-        return [drawn for drawn in self._drawn.values() if drawn is not None]
+        """The figures that were asked for, in that order, when all are drawn."""
+        return [self.drawn[name] for name in self._chosen]
 
     def add(self, drawn: DrawnFigure) -> None:
         """Take in a figure that has just been drawn."""
-        self._drawn[drawn.name] = drawn
+        self.drawn[drawn.name] = drawn
         for file in self._files(drawn.name):
             # What could not be drawn is tried again: its file may be of an earlier time.
             digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
@@ -263,7 +241,7 @@ class Folder:
         for file, entry in entries.items():
             if entry["digest"] != self._digest(name, entry["cases"], file):
                 return None
-        # A kind that cannot be turned has no file in HTML.
+        # A kind that does not move has no film.
         files = tuple(self.path / file for file in entries if (self.path / file).exists())
         messages = dict.fromkeys(line for entry in entries.values() for line in entry["warnings"])
         return DrawnFigure(name, files, warnings=tuple(messages))
@@ -276,24 +254,18 @@ class Folder:
         config, the cases that it has asked for, and the code that draws."""
         spec = self.config.figure(name)
         others = [self.config.figures.get(other) for other in spec.get("scale_with", ())]
-        version = library_version("matplotlib")
         sheet = bytes_digest(Path(spec["style"].get("sheet", "no sheet")))
-        return content_digest(
-            (self.checksums.get(case, ABSENT) for case in cases),
-            repr((spec, others, version, sheet, bytes_digest(self.path / file))),
-        )
+        known = spec, others, library_version("matplotlib"), sheet, bytes_digest(self.path / file)
+        return content_digest((self.checksums.get(case, ABSENT) for case in cases), repr(known))
 
 
-def renewed_page(out: Path, folders: Sequence[Folder], workers: Pool, force: bool) -> Sequence[str]:
+def renewed_page(out: Path, folders: Sequence[Folder], force: bool) -> Sequence[str]:
     """Write the page of all figures, unless it is as it would be; the warnings that it gives."""
     record = read_record(out)
     entry = record.get(PAGE_FILE, NEVER_DRAWN)
     if force or entry["digest"] != page_digest(out, folders):
-        shown = [(folder.result, folder.config, folder.figures) for folder in folders]
-        for _, messages in workers.map(page_written, [PageTask(out, shown)]):
-            if isinstance(messages, Exception):
-                raise messages
-            entry = record[PAGE_FILE] = entry_of(page_digest(out, folders), (), messages)
+        messages = page_written(out, folders)
+        entry = record[PAGE_FILE] = entry_of(page_digest(out, folders), (), messages)
         save_record(out, record)
     return list(entry["warnings"])
 
@@ -312,19 +284,18 @@ def page_digest(out: Path, folders: Sequence[Folder]) -> str:
     return content_digest(checksums, repr((shown, figures, [*map(bytes_digest, files)])))
 
 
-def page_written(task: PageTask) -> tuple[str, ...]:
-    """Write the page of all figures, and return the warnings that it gives; what a pool does."""
-    load_what_draws()
+def page_written(out: Path, folders: Sequence[Folder]) -> tuple[str, ...]:
+    """Write the page of all figures, and return the warnings that it gives."""
     from ..page import PageResult, write_page
     from ..results.dataset import open_cases
 
     with warnings.catch_warnings(record=True) as caught, ExitStack() as stack:
         warnings.simplefilter("always")
         results = [
-            PageResult(stack.enter_context(open_cases(path)), config, figures)
-            for path, config, figures in task.runs
+            PageResult(stack.enter_context(open_cases(of.result)), of.config, of.figures)
+            for of in folders
         ]
-        write_page(task.out / PAGE_FILE, results)
+        write_page(out / PAGE_FILE, results)
         return warnings_of(caught, *(result.cases for result in results))
 
 

@@ -122,16 +122,12 @@ def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         sheet.record(vector, motion.label, {"time": motion.time, **motion.columns(*names)})
     columns = min(4, len(moments))
     rows = -(-len(moments) // columns)
-    side = PAGE / columns
-    sheet.figure.set_size_inches(PAGE, rows * (side + 0.2))
-    panels = sheet.figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, moment in zip(panels, moments, strict=False):
+    panels = sheet.panels(PAGE, rows * (PAGE / columns + 0.2), len(moments), columns)
+    for axes, moment in zip(panels, moments, strict=True):
         if not film.time[0] <= moment <= film.time[-1]:
             times = f"from {film.time[0]:g} to {film.time[-1]:g}"
             raise HodoError(f"moments: {moment:g} is no time of case {motion.name}, shown {times}")
         draw_moment(axes, film, int(np.abs(film.time - moment).argmin()))
-    for axes in panels[len(moments) :]:
-        axes.remove()
 
 
 def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:

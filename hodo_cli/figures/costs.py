@@ -39,8 +39,7 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """The largest relative distance of T and G^2 between two forms of a motion, against the small
     parameter, with the order of each group as the slope of its fit."""
     against = motions_of(cases, spec["against"])
-    sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
-    axes, names = sheet.figure.subplots(), []
+    (axes,), names = sheet.panels(COLUMN, 0.85 * COLUMN), []
     for label, small, motions in groups(spec, cases):
         errors = np.array([forms_apart(m, against.pop(0)).max() for m in motions])
         # The order of an error is the slope of its logarithm.
@@ -66,9 +65,7 @@ def groups(spec: Mapping[str, Any], cases: Cases) -> Iterator[tuple[str, np.ndar
 
 def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """Steps and run time of groups of cases against the small parameter."""
-    sheet.figure.set_size_inches(PAGE, 0.42 * PAGE)
-    steps, seconds = sheet.figure.subplots(1, 2)
-    names = []
+    (steps, seconds), names = sheet.panels(PAGE, 0.42 * PAGE, 2, 2), []
     for label, small, motions in groups(spec, cases):
         names.append(label)
         style = styles(len(names), spec["styles"])[-1]
@@ -95,8 +92,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         )
     other = next(name for name in swept.axes if name != sphere)
     end = swept.case.time.end
-    sheet.figure.set_size_inches(COLUMN, 0.95 * COLUMN)
-    axes, names = sheet.figure.subplots(), []
+    (axes,), names = sheet.panels(COLUMN, 0.95 * COLUMN), []
     line, points = np.linspace(0, end, 101), np.linspace(0, end, 11)
     crossing_times = swept.values("crossing_time", [other, sphere], {})
     for i, times in enumerate(crossing_times):
@@ -141,11 +137,11 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     cases, methods = (trials.variables[name].data for name in ("case", "method"))
     columns = min(3, len(cases))
     rows = -(-len(cases) // columns)
-    sheet.figure.set_size_inches(PAGE, 1.8 * rows + 0.4)
-    panels = sheet.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    shared = {"sharex": True, "sharey": True}
+    panels = sheet.panels(PAGE, 1.8 * rows + 0.4, len(cases), columns, **shared)
     names = ("error", "run_time", "status", "floor")
     error, time, status, floor = (trials.variables[name].data for name in names)
-    for i, (axes, case) in enumerate(zip(panels, cases, strict=False)):
+    for i, (axes, case) in enumerate(zip(panels, cases, strict=True)):
         for j, (method, style) in enumerate(zip(methods, styles(len(methods)), strict=True)):
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
             x, y = time[i, j][done], np.maximum(error[i, j][done], LEAST_ERROR)
@@ -156,9 +152,8 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
         axes.set(title=case, ylim=(LEAST_ERROR, 10))
         axes.tick_params(which="minor", left=False, right=False, bottom=False, top=False)
         axes.tick_params(right=False, top=False)
-    for place, axes in enumerate(panels[len(cases) :], len(cases)):
-        axes.set_axis_off()
-        panels[place - columns].tick_params(labelbottom=True)
+    for axes in panels[-columns:]:
+        axes.tick_params(labelbottom=True)
     sheet.figure.supxlabel("run time [s]", size="medium")
     label = "largest relative error (dashed: what one ulp in the data makes)"
     sheet.figure.supylabel(filled(label, 1.5 * rows), size="medium")
@@ -170,8 +165,7 @@ def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
     """The verdict on every method for every case, with its error."""
     cases, methods = (trials.variables[name].data for name in ("case", "method"))
     status, error = (trials.variables[name].data[:, :, 0] for name in ("status", "error"))
-    sheet.figure.set_size_inches(PAGE, 0.14 * len(cases) + 1)
-    axes = sheet.figure.subplots()
+    (axes,) = sheet.panels(PAGE, 0.14 * len(cases) + 1)
     code = np.vectorize(verdicts.index)(status)
     axes.imshow(
         code,

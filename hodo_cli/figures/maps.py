@@ -173,18 +173,10 @@ def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
         columns = 2  # two by two, rather than three and one
     lines = -(-n // columns)
     width = COLUMN if columns == 1 else PAGE
-    sheet.figure.set_size_inches(width, lines * width / columns * (0.6 if flat else 0.85) + 0.55)
-    panels = sheet.figure.subplots(
-        lines,
-        columns,
-        squeeze=False,
-        sharex=not flat,
-        sharey=not flat,
-        subplot_kw={"projection": "hammer"} if flat else {},
-    ).ravel()
-    for spare in panels[n:]:
-        spare.remove()
-    return list(panels[:n])
+    height = lines * width / columns * (0.6 if flat else 0.85) + 0.55
+    look = {"projection": "hammer"} if flat else {}
+    shared = {"sharex": not flat, "sharey": not flat}
+    return sheet.panels(width, height, n, columns, **shared, subplot_kw=look)
 
 
 def positions(swept: SweepView, spec: Mapping[str, Any]) -> list[dict[str, int]]:
@@ -357,8 +349,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     curves = [
         (swept, indices) for swept in sweeps for indices in positions(swept, _as_panels(spec))
     ]
-    sheet.figure.set_size_inches(COLUMN, 0.85 * COLUMN)
-    axes = sheet.figure.subplots()
+    (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     labels = [*spec["labels"], *[""] * len(curves)]
     lacking = False
     for (swept, indices), given_label, style in zip(

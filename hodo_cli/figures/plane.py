@@ -87,8 +87,8 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if zoom is not None:
         check_zoom(zoom, min(float(curve.max(axis=1).min()) for curve in points.values()))
         limits.append(zoom)
-    sheet.figure.set_size_inches(*((COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)))
-    panels = sheet.figure.subplots(1, len(limits), squeeze=False)[0]
+    size = (COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)
+    panels = sheet.panels(*size, len(limits), len(limits))
     for axes, limit, form in zip(panels, limits, (NAME, LETTER), strict=False):
         regions(axes, motions[0], limit, np.concatenate([*points.values()]), form)
         for index, motion in enumerate(motions):
@@ -156,11 +156,10 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None
     """r^2 against p^2 for each body, with the line p^2 = K r^2, region A below it and B above,
     without scale."""
     bodies = spec["bodies"]
-    sheet.figure.set_size_inches(
-        *((COLUMN, COLUMN) if len(bodies) == 1 else (PAGE, PAGE / len(bodies) + 0.35))
-    )
-    panels = sheet.figure.subplots(1, len(bodies), squeeze=False)[0]
-    for axes, body, label in zip_longest(panels, bodies, spec["labels"][: len(bodies)]):
+    n = len(bodies)
+    size = (COLUMN, COLUMN) if n == 1 else (PAGE, PAGE / n + 0.35)
+    panels = sheet.panels(*size, n, n)
+    for axes, body, label in zip_longest(panels, bodies, spec["labels"][:n]):
         title = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body)
         sheet.record(
             "sketch",
@@ -283,16 +282,14 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> 
     columns = min(n, spec["columns"])
     rows = -(-n // columns)
     width = COLUMN if columns == 1 else PAGE
-    sheet.figure.set_size_inches(width, rows * max(0.62 * width / columns, 1.4) + 0.3)
-    by_case = spec["panels"] == "case"
-    grid = sheet.figure.subplots(rows, columns, sharex=True, sharey=by_case, squeeze=False).ravel()
-    for spare in grid[n:]:
-        spare.remove()
-    for axes in grid[n - columns : n]:
+    height = rows * max(0.62 * width / columns, 1.4) + 0.3
+    shared = {"sharex": True, "sharey": spec["panels"] == "case"}
+    panels = sheet.panels(width, height, n, columns, **shared)
+    for axes in panels[-columns:]:
         # Also above a place that stays empty, where matplotlib would leave the ticks to it.
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(label)
-    return list(grid[:n])
+    return panels
 
 
 def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any]) -> None:
@@ -384,8 +381,7 @@ def inset(
 def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """One variable against another."""
     motions, x, y = motions_of(cases, spec["cases"], spec["labels"]), spec["x"], spec["y"]
-    sheet.figure.set_size_inches(COLUMN, 0.9 * COLUMN)
-    axes = sheet.figure.subplots()
+    (axes,) = sheet.panels(COLUMN, 0.9 * COLUMN)
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         across, up = motion[x], motion[y]
         sheet.record("phase", motion.label, {"time": motion.time, x: across, y: up})
@@ -410,8 +406,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """T, G^2 and D/2T against time, with the bounds that the body sets and, for diagonal damping,
     the bounds of G^2."""
     motions = of_one_body(motions_of(cases, spec["cases"], spec["labels"]))
-    sheet.figure.set_size_inches(COLUMN, 1.75 * COLUMN)
-    energy, square, ratio = sheet.figure.subplots(3, sharex=True)
+    energy, square, ratio = sheet.panels(COLUMN, 1.75 * COLUMN, 3, sharex=True)
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         shown = motion.columns("T", "G2", "D/2T")
         sheet.record("invariants", motion.label, {"time": motion.time, **shown, "D": motion["D"]})
@@ -440,12 +435,13 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         axes.set(ylabel=axis_label(name, motions[0]))
         axes.margins(x=0)
     for axes in (energy, square):
-        low, high = (f(float(f(line.get_ydata())) for line in axes.lines) for f in (min, max))
-        axes.set(
-            # More than a decade is unreadable on a linear axis; below that, 0 belongs to the
-            # picture.
-            **({"yscale": "log"} if high > 10 * low > 0 else {"ylim": (0, 1.15 * high or 1.0)})
-        )
+        values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
+        low, high = values.min(), values.max()
+        # More than a decade is unreadable on a linear axis; below that, 0 belongs to the picture.
+        if high > 10 * low > 0:
+            axes.set_yscale("log")
+        else:
+            axes.set_ylim(0, 1.15 * high or 1.0)
     ratio.set_xlabel(time_label(spec, motions[0]))
     labels = [motion.label for motion in motions]
     handles = case_handles(labels, spec["styles"]) if len(motions) > 1 else []

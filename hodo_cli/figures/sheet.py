@@ -178,6 +178,17 @@ class Sheet:
     remarks: Sequence[str] = ()
     """What the caption has to say of the curves, besides what the case file says."""
 
+    def panels(
+        self, width: float, height: float, count: int = 1, columns: int = 1, **grid: Any
+    ) -> list[Axes]:
+        """Panels in rows of some columns, in a figure of this size in inches."""
+        self.figure.set_size_inches(width, height)
+        rows = -(-count // columns)
+        places = self.figure.subplots(rows, columns, squeeze=False, **grid).ravel()
+        for spare in places[count:]:
+            spare.remove()
+        return list(places[:count])
+
     def record(self, panel: str, curve: str, values: Mapping[str, np.ndarray]) -> None:
         """Note the values of a curve by the names of what they are."""
         self.shown.append(

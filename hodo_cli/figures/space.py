@@ -132,17 +132,11 @@ def hodograph_panels(sheet: Sheet, frame: np.ndarray, n: int) -> list[Axes]:
     """n panels, the first shaped as the frame."""
     shape = float(np.clip(np.ptp(frame[0]) / np.ptp(frame[1]), 0.5, 2))
     if n == 1:
-        sheet.figure.set_size_inches(COLUMN, COLUMN / max(shape, 0.8) + 0.5)
-        return [sheet.figure.subplots()]
+        return sheet.panels(COLUMN, COLUMN / max(shape, 0.8) + 0.5)
     if n == 2:
         height = min(PAGE / (shape + 1), 3.3)
-        sheet.figure.set_size_inches(PAGE, height + 0.45)
-        return list(sheet.figure.subplots(1, 2, width_ratios=[shape, 1]))
-    sheet.figure.set_size_inches(PAGE, 0.95 * PAGE)
-    panels = sheet.figure.subplots(2, (n + 1) // 2).ravel()
-    for spare in panels[n:]:
-        spare.remove()
-    return list(panels[:n])
+        return sheet.panels(PAGE, height + 0.45, 2, 2, width_ratios=[shape, 1])
+    return sheet.panels(PAGE, 0.95 * PAGE, n, (n + 1) // 2)
 
 
 def space(
@@ -334,8 +328,7 @@ def draw_sphere(
     circles: Sequence[np.ndarray],
 ) -> None:
     """Curves on the unit sphere, with the names of its three arms, and the separatrix (n, 3)."""
-    sheet.figure.set_size_inches(COLUMN, 1.08 * COLUMN)
-    axes, view = sheet.figure.subplots(), View(spec["view"])
+    (axes,), view = sheet.panels(COLUMN, 1.08 * COLUMN), View(spec["view"])
     scene = sheet.scene(axes, view, arms, globe=True)
     axes.add_patch(Circle((0, 0), 1, fc="#F8F8F8", ec=GREY, lw=0.6, zorder=1.1))
     for line in graticule():
@@ -393,8 +386,7 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """omega in space, projected along the G of the start: while G and T stay, it lies in a plane
     across G."""
     motions = motions_of(cases, spec["cases"], spec["labels"])
-    sheet.figure.set_size_inches(COLUMN, 1.05 * COLUMN)
-    axes = sheet.figure.subplots()
+    (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
     for place, motion in enumerate(motions):
         omega = np.stack([motion[f"omega_space.{axis}"] for axis in SPACE_AXES], axis=-1)
         G = np.array([motion[f"G_space.{axis}"][0] for axis in SPACE_AXES])
