@@ -588,7 +588,7 @@ def test_the_style_of_a_file_counts_where_a_figure_has_none(hodo: Hodo, tmp_path
     sheet.write_text("axes.labelcolour: red\n")
     broken = hodo("plot", "runs/c.h5", "--format", "svg")
     assert broken.returncode == 1
-    assert "own: style.sheet: Bad key axes.labelcolour in file" in broken.stderr
+    assert "unknown parameter 'axes.labelcolour'; did you mean" in broken.stderr
     sheet.unlink()
     assert "no such file" in hodo("plot", "runs/c.h5", "--format", "svg").stderr
 

@@ -233,7 +233,8 @@ class Folder:
         for file in self._files(drawn.name):
             # What could not be drawn is tried again: its file may be of an earlier time.
             digest = "" if drawn.problem else self._digest(drawn.name, drawn.cases, file)
-            self.record[file] = entry_of(digest, drawn.cases, drawn.warnings)
+            known = {"cases": drawn.cases, "warnings": drawn.warnings}
+            self.record[file] = {"digest": digest, **known}
 
     def _kept(self, name: str) -> DrawnFigure | None:
         """A figure all of whose files are as they would be drawn; None if one is not."""
@@ -265,7 +266,8 @@ def renewed_page(out: Path, folders: Sequence[Folder], force: bool) -> Sequence[
     entry = record.get(PAGE_FILE, NEVER_DRAWN)
     if force or entry["digest"] != page_digest(out, folders):
         messages = page_written(out, folders)
-        entry = record[PAGE_FILE] = entry_of(page_digest(out, folders), (), messages)
+        entry = {"digest": page_digest(out, folders), "cases": (), "warnings": messages}
+        record[PAGE_FILE] = entry
         save_record(out, record)
     return list(entry["warnings"])
 
@@ -310,13 +312,8 @@ def bytes_digest(file: Path) -> str:
 FileRecord = dict[str, Any]
 
 NEVER_DRAWN: FileRecord = {"digest": None, "cases": (), "warnings": ()}
-"""The record of a file that has not been drawn."""
-
-
-def entry_of(digest: str, cases: Sequence[str], messages: Sequence[str]) -> FileRecord:
-    """How a file was made: the digest of what it depends on and of its content, the cases that it
-    has asked for, and the warnings that it gave."""
-    return {"digest": digest, "cases": cases, "warnings": messages}
+"""How a file was made: the digest of what it depends on and of its content, the cases that it has
+asked for, and the warnings that it gave; here, of a file that has not been drawn."""
 
 
 def read_record(folder: Path) -> dict[str, FileRecord]:

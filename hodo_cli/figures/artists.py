@@ -1,11 +1,11 @@
 """Colours, marks and labels that every kind of figure shares, and the style that figures are given:
 the parameters of matplotlib, and the size, scales, legend and letters of drawn panels."""
 
-import logging
 import math
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
 
@@ -187,27 +187,31 @@ def palette(
 
 
 def mark_points(
-    axes: Axes, ends: np.ndarray, crossings: np.ndarray, inside: Callable[[np.ndarray], np.ndarray]
+    axes: Axes, ends: np.ndarray, crossings: np.ndarray, frame: np.ndarray | None = None
 ) -> None:
-    """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they are inside; of several
-    crossings each has its number in time."""
-    for i, point in enumerate(crossings if len(crossings) > 1 else []):
-        if inside(point[None])[0]:
-            note = axes.annotate(
-                str(i + 1),
-                pair(point),
-                (3, 3),
-                textcoords="offset points",
-                size="x-small",
-                zorder=7,
-                path_effects=HALO,
-            )
-            note.set_in_layout(False)
+    """Mark start and end (2, 2) and crossings (m, 2) of a curve, where they lie in a frame (2, 2)
+    if there is one."""
+    number_marks(axes, crossings, frame)
     for style, points in ((START, ends[:1]), (END, ends[1:]), (CROSSING, crossings)):
-        shown = points[inside(points)]
-        for artist in axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False):
-            # A mark may stick out of its panel; the layout would make room for it.
-            artist.set_in_layout(False)
+        shown = points[within(frame, points)]
+        (marks,) = axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False)
+        # They may stick out of their panel; the layout would make room for them.
+        marks.set_in_layout(False)
+
+
+def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = None) -> None:
+    """Give each of several crossings (m, 2) its number in time."""
+    look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
+    for i, point in enumerate(crossings if len(crossings) > 1 else []):
+        if within(frame, point):
+            note = axes.annotate(str(i + 1), pair(point), (3, 3), zorder=7, **look)
+            note.set_in_layout(False)
+
+
+def within(frame: np.ndarray | None, points: np.ndarray) -> np.ndarray:
+    """Which points (..., 2) lie in a frame (2, 2); all without one."""
+    low, high = (-np.inf, np.inf) if frame is None else frame.T
+    return np.asarray(((points >= low) & (points <= high)).all(axis=-1))
 
 
 def of_other_body(motions: Sequence[Motion]) -> Motion | None:
@@ -264,12 +268,19 @@ def case_handles(
 
 
 def colour_handles(
-    motions: Sequence[Motion], colour: str, style_names: Sequence[str] = ()
+    sheet: Sheet, panels: Sequence[Axes], motions: Sequence[Motion], spec: Mapping[str, Any]
 ) -> list[Line2D]:
-    """Legend entries of the colours of a hodograph; none where a bar explains them."""
-    if colour == "case":
-        return case_handles([motion.label for motion in motions], style_names, solid=True)
-    return axis_handles(motions) if colour == "axis" else []
+    """Legend entries of the colours of curves; of colours by time, a bar below the panels, and no
+    entries."""
+    if spec["colour"] == "case":
+        return case_handles([motion.label for motion in motions], spec["styles"], solid=True)
+    if spec["colour"] == "axis":
+        return axis_handles(motions)
+    span = Normalize(motions[0].time[0], motions[0].time[-1])
+    place: Look = {"location": "bottom", "fraction": 0.03, "pad": 0.02, "shrink": 0.6, "aspect": 50}
+    bar = sheet.figure.colorbar(ScalarMappable(span, hues(end=CURVE_END)), ax=panels, **place)
+    bar.set_label(time_label(spec, motions[0]))
+    return []
 
 
 def plane_curve(
@@ -328,20 +339,6 @@ def heading(axes: Axes, points: np.ndarray, colour: Any, size: float) -> None:
         )
 
 
-def everywhere(points: np.ndarray) -> np.ndarray:
-    """True for every point (n, 2)."""
-    return np.ones(len(points), dtype=bool)
-
-
-def time_bar(sheet: Sheet, panels: list[Axes], motion: Motion, spec: Mapping[str, Any]) -> None:
-    """The colour bar of a curve that is coloured by time."""
-    scale = ScalarMappable(Normalize(motion.time[0], motion.time[-1]), hues(end=CURVE_END))
-    bar = sheet.figure.colorbar(
-        scale, ax=panels, location="bottom", fraction=0.03, pad=0.02, shrink=0.6, aspect=50
-    )
-    bar.set_label(time_label(spec, motion))
-
-
 # The style of a figure
 
 LOOKS = (
@@ -396,21 +393,18 @@ def sheet_parameters(name: str) -> Look:
 
 def sheet_in_file(path: str) -> Mapping[str, Any]:
     """The parameters in a file. Raises HodoError as `sheet_parameters` does."""
-    mistakes: list[str] = []
-    listener = logging.Handler()
-    # matplotlib logs a mistake in a style sheet, and goes on without the line.
-    setattr(listener, "emit", lambda record: mistakes.append(record.getMessage()))  # noqa: B010
-    logger = logging.getLogger("matplotlib")
-    logger.addHandler(listener)
     try:
-        sheet: Any = matplotlib.rc_params_from_file(path, use_default_template=False)
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        sheet: Any = matplotlib.rc_params_from_file(path, True, use_default_template=False)
     except (OSError, ValueError) as error:
         reason = str(getattr(error, "strerror", None) or error).lower()
         raise HodoError(f"style.sheet: {path}: {reason}") from None
-    finally:
-        logger.removeHandler(listener)
-    for mistake in mistakes:
-        raise HodoError(f"style.sheet: {mistake.strip().splitlines()[0]}")
+    for line in lines:
+        # matplotlib logs a key that it does not know, and goes on without the line.
+        key = re.split("[:#]", line)[0].strip()
+        if key and key not in sheet:
+            message = unknown(f"parameter {key!r}", key, matplotlib.rcParamsDefault)
+            raise HodoError(f"style.sheet: {path}: {message}")
     return dict(sheet)
 
 

@@ -2,7 +2,7 @@
 Numbers only."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -54,40 +54,28 @@ def round_step(size: float) -> float:
     return max(m * power for m in (1, 2, 5) if m * power <= size / 2)
 
 
-def freest(curves: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """For each curve in view (n, 3) its point (2,), on the reader's side if it can be, farthest
-    from the others."""
-    # Every pair of points is compared; 200 of each curve place a name as well as 20,000 would.
-    thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
-    places = []
-    for i, curve in enumerate(thinned):
-        near = curve[curve[:, 2] > 0] if (curve[:, 2] > 0).any() else curve
-        others = np.concatenate([other for j, other in enumerate(thinned) if j != i] or [curve[:1]])
-        apart = np.linalg.norm(near[:, None, :2] - others[None, :, :2], axis=-1).min(axis=1)
-        places.append(near[apart.argmax(), :2])
-    return places
-
-
 RIM = 0.93
 """How far from the middle of the unit sphere a name may stand, so that all of it is within."""
 
 
 def beside(
     curves: Sequence[np.ndarray], lines: Sequence[np.ndarray], away: float = 0.09
-) -> list[np.ndarray]:
-    """For each curve in view (n, 3) a place (2,) for its name: `away` from its freest point, on the
-    side where no curve, and none of the other lines (n, 3), is near.
+) -> Iterator[np.ndarray]:
+    """For each curve in view (n, 3) a place (2,) for its name: `away` from its point farthest from
+    the others, on the reader's side if it can be, and on the side of that point where no curve, and
+    none of the other lines (n, 3), is near.
     """
-    drawn = [*curves, *lines]
-    every = np.concatenate([line[:: max(1, len(line) // 400), :2] for line in drawn])
+    # 200 points of each curve place a name as well as 20,000 would.
+    thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
+    every = np.concatenate([line[:: max(1, len(line) // 400)] for line in (*curves, *lines)])
     turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = away * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    places = []
-    for place in freest(curves):
-        around = place + ring
-        clear = np.linalg.norm(around[:, None] - every[None], axis=-1).min(axis=1)
-        places.append(around[np.where(np.hypot(*around.T) < RIM, clear, -1).argmax()])
-    return places
+    for i, curve in enumerate(thinned):
+        near = curve[curve[:, 2] > 0] if (curve[:, 2] > 0).any() else curve
+        others = np.concatenate([*thinned[:i], *thinned[i + 1 :]] or [curve[:1]])
+        around = near[clearest(others, near), :2] + ring
+        inside = around[np.hypot(*around.T) < RIM]
+        yield inside[clearest(every, inside)]
 
 
 def check_zoom(zoom: float, nearest: float) -> None:
@@ -102,10 +90,11 @@ def check_zoom(zoom: float, nearest: float) -> None:
 
 def clearest(points: np.ndarray, candidates: np.ndarray, enough: float = math.inf) -> int:
     """The number of the candidate among (m, 2) that is farthest from all points (n, 2), or of the
-    first that is far enough.
+    first that is far enough; coordinates beyond two do not count.
     """
     # Every point is compared with every candidate: so many take some hundredths of a second.
     thinned = points[:: max(1, len(points) * len(candidates) // 2_000_000)]
+    thinned, candidates = thinned[:, :2], candidates[:, :2]
     # |c - p|^2 = |c|^2 + (|p|^2 - 2 c p), by one product of matrices.
     square = (thinned**2).sum(axis=-1)
     terms = np.stack([-2 * thinned[:, 0], -2 * thinned[:, 1], square])

@@ -48,7 +48,7 @@ LEVEL: Look = {
 }
 """A contour, seen on every colour, and on a white page."""
 
-THEORY: Look = {"colors": RED, "linewidths": 1.4, "linestyles": [(0, (4, 1.5))]}
+THEORY: Look = {"color": RED, "lw": 1.4, "ls": (0, (4, 1.5))}
 """A curve of theory over a map."""
 
 PLACES_OF_THEORY = 33
@@ -64,8 +64,8 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     flat = spec["x"] is None
     across = () if flat else (spec["x"], spec["y"])
     sweeps = sweeps_of(cases, spec, *across)
-    rows = [[(swept, indices) for indices in positions(swept, spec)] for swept in sweeps]
-    cells = [cell for row in rows for cell in row]
+    rows = [positions(swept, spec["panels"], spec["at"]) for swept in sweeps]
+    cells = [(swept, at) for swept, row in zip(sweeps, rows, strict=True) for at in row]
     values = [map_values(swept, spec, indices) for swept, indices in cells]
     # One scale for all panels, or equal colours would mean different values.
     all_values = np.concatenate([value.ravel() for value in values])
@@ -89,12 +89,7 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if np.isnan(all_values).any():
         handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(spec["variable"])))
     if spec["theory"] is not None and not flat:
-        look = {
-            "color": THEORY["colors"],
-            "ls": THEORY["linestyles"][0],
-            "lw": THEORY["linewidths"],
-        }
-        handles.append(Line2D([], [], **look, label="fluid and damping balance"))
+        handles.append(Line2D([], [], **THEORY, label="fluid and damping balance"))
     if spec["level"] is not None and not flat:
         handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
     words = words_of_values(map_label(sweeps, spec), labelled, all_values)
@@ -179,11 +174,9 @@ def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
     return sheet.panels(width, height, n, columns, **shared, subplot_kw=look)
 
 
-def positions(swept: SweepView, spec: Mapping[str, Any]) -> list[dict[str, int]]:
-    """The positions on the axis of panels, one panel each."""
-    if spec["panels"] is None:
-        return [{}]
-    return [{spec["panels"]: i} for i in spec["at"] or range(swept.axes[spec["panels"]])]
+def positions(swept: SweepView, axis: str | None, at: Sequence[int]) -> list[dict[str, int]]:
+    """The positions on an axis that are drawn, a panel or a curve each; all without any in `at`."""
+    return [{}] if axis is None else [{axis: i} for i in at or range(swept.axes[axis])]
 
 
 def map_values(swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, int]) -> np.ndarray:
@@ -213,7 +206,8 @@ def map_image(
         lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
     if spec["theory"] is not None:
         (i, j), ratio = balance(swept, spec["x"], spec["y"])
-        axes.contour(x[i], y[j], ratio.T, [1.0], **THEORY)
+        lines = axes.contour(x[i], y[j], ratio.T, [1.0], colors=THEORY["color"])
+        lines.set(linewidth=THEORY["lw"], linestyle=[THEORY["ls"]])
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
     subplot = axes.get_subplotspec()
     if subplot is None or subplot.is_last_row():
@@ -347,7 +341,7 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over one axis: a curve a sweep, or a curve an entry of another axis."""
     sweeps = sweeps_of(cases, spec, spec["x"])
     curves = [
-        (swept, indices) for swept in sweeps for indices in positions(swept, _as_panels(spec))
+        (swept, indices) for swept in sweeps for indices in positions(swept, spec["by"], spec["at"])
     ]
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
     labels = [*spec["labels"], *[""] * len(curves)]
@@ -379,11 +373,6 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
     missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label=absence(spec["variable"]))
     sheet.legend = [*handles, *([missing] if lacking else [])]
-
-
-def _as_panels(spec: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a curve under the names that `positions` reads from a map."""
-    return {"panels": spec["by"], "at": spec["at"]}
 
 
 def absence(variable: str) -> str:
@@ -486,27 +475,21 @@ KEY_SYMBOLS = {
     "cavity.kappa": r"\kappa",
     "mu": r"\mu",
     "damping": r"\lambda",
+    "inertia": "A",
+    "torque": "M",
     "quadratic": "c",
     "quadratic_axes": "c",
     "brake": "b",
 }
 
-VECTOR_SYMBOLS = {
-    "damping": r"\lambda",
-    "inertia": "A",
-    "torque": "M",
-    "quadratic": "c",
-    "quadratic_axes": "c",
-}
-
 
 def key_symbol(key: str) -> str:
     """The symbol of a key in TeX: damping.2 is lambda_3."""
-    head, _, last = key.rpartition(".")
-    if head in VECTOR_SYMBOLS and last.isdecimal():
-        return f"{VECTOR_SYMBOLS[head]}_{int(last) + 1}"
     if key in KEY_SYMBOLS:
         return KEY_SYMBOLS[key]
+    head, _, last = key.rpartition(".")
+    if head in KEY_SYMBOLS and last.isdecimal():
+        return f"{KEY_SYMBOLS[head]}_{int(last) + 1}"
     if last.isdecimal():  # of a matrix, whose places count from one, or of a polynomial
         name, *places = head.split(".")
         row = "".join(str(int(place) + 1) for place in places)

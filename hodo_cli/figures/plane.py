@@ -1,8 +1,7 @@
 """Plane figures: quadrants, series over time, one variable against another, invariants."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -32,7 +31,6 @@ from .artists import (
     axis_handles,
     axis_label,
     case_handles,
-    everywhere,
     line_width,
     mark_handles,
     mark_points,
@@ -89,14 +87,14 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         limits.append(zoom)
     size = (COLUMN, 1.1 * COLUMN) if zoom is None else (PAGE, 0.55 * PAGE)
     panels = sheet.panels(*size, len(limits), len(limits))
-    for axes, limit, form in zip(panels, limits, (NAME, LETTER), strict=False):
-        regions(axes, motions[0], limit, np.concatenate([*points.values()]), form)
+    for axes, limit in zip(panels, limits, strict=True):
+        regions(axes, motions[0], limit, np.concatenate([*points.values()]), axes is not panels[0])
         for index, motion in enumerate(motions):
             curve = points[motion.name]
             plane_curve(axes, curve, *palette(motion, "axis", index), 0.8 * line_width(motion))
             # A crossing lies on the diagonal; interpolation between samples may leave it a little.
             on_line = np.repeat(motion.at_crossings(curve).mean(axis=-1, keepdims=True), 2, axis=-1)
-            mark_points(axes, curve[[0, -1]], on_line, up_to(limit))
+            mark_points(axes, curve[[0, -1]], on_line, np.array([[0, limit], [0, limit]]))
     if zoom is not None:
         panels[1].set(title="enlarged")
         # Its small values are long words, for which there is little room side by side.
@@ -104,27 +102,14 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     sheet.legend = axis_handles(motions) + mark_handles(motions, spec["time"], zoom is not None)
 
 
-def up_to(limit: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Tells which points (n, 2) lie in a panel that ends at `limit`."""
-    return lambda points: np.asarray(points.max(axis=-1) <= limit)
-
-
-@dataclass(frozen=True)
-class RegionName:
-    """How a region is called in a panel, and the half width of that, as a part of the panel."""
-
-    text: str
-    half: float
-
-
-NAME, LETTER = RegionName("{} (about $x_{}$)", 0.17), RegionName("{}", 0.04)
-"""In an enlarged panel, whose curves lie wide apart, a letter finds its place between them."""
-
-
-def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: RegionName) -> None:
+def regions(
+    axes: Axes, motion: Motion, limit: float, points: np.ndarray, is_enlarged: bool
+) -> None:
     """The regions A and B below and above the diagonal, shaded and named, up to a limit; the names
     keep clear of the points (n, 2) that are drawn.
     """
+    # In an enlarged panel, whose curves lie wide apart, a letter finds its place between them.
+    form, half = ("{}", 0.04) if is_enlarged else ("{} (about $x_{}$)", 0.17)
     largest, _, smallest = motion.order
     axes.add_patch(
         Polygon([(0, 0), (limit, limit), (limit, 0)], fc=AXIS_COLOUR[largest + 1], alpha=0.1, lw=0)
@@ -134,16 +119,16 @@ def regions(axes: Axes, motion: Motion, limit: float, points: np.ndarray, form: 
     )
     axes.plot([0, limit], [0, limit], color=BLACK, lw=0.7)
     look: Look = {"xycoords": "axes fraction", "size": "medium", "path_effects": HALO, "zorder": 7}
-    across, up = np.linspace(form.half, 1 - form.half, 25), np.linspace(0.05, 0.95, 25)
+    across, up = np.linspace(half, 1 - half, 25), np.linspace(0.05, 0.95, 25)
     candidates = np.stack(np.meshgrid(across, up), -1).reshape(-1, 2)
     # The ends of a name must be inside its region too.
-    side, room = candidates[:, 0] - candidates[:, 1], form.half + 0.05
+    side, room = candidates[:, 0] - candidates[:, 1], half + 0.05
     # The farther from the diagonal the better, if the name has some room beside the curves.
     farthest = np.argsort(-np.abs(side), kind="stable")
     for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
         inside = candidates[farthest][sign * side[farthest] > room]
-        centre = inside[clearest(points / limit, inside, form.half + 0.06)]
-        text = form.text.format(name, axis + 1)
+        centre = inside[clearest(points / limit, inside, half + 0.06)]
+        text = form.format(name, axis + 1)
         axes.annotate(text, pair(centre), ha="center", va="center", **look)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
@@ -387,7 +372,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         sheet.record("phase", motion.label, {"time": motion.time, x: across, y: up})
         axes.plot(across, up, **style)
         points = np.stack([across, up], axis=-1)
-        mark_points(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
+        mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.set(xlabel=axis_label(x, motions[0]), ylabel=axis_label(y, motions[0]))
     axes.margins(0.06)
     if vector_of(x) and vector_of(x) == vector_of(y):
@@ -436,7 +421,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         axes.margins(x=0)
     for axes in (energy, square):
         values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
-        low, high = values.min(), values.max()
+        low, high = np.nanmin(values), np.nanmax(values)
         # More than a decade is unreadable on a linear axis; below that, 0 belongs to the picture.
         if high > 10 * low > 0:
             axes.set_yscale("log")

@@ -127,15 +127,8 @@ class Drawing(Figure):
     @contextmanager
     def styled(self) -> Iterator[None]:
         """Within the figure's own parameters."""
-        if self.__dict__.get("_is_styled"):
+        with matplotlib.style.context(["default", self.parameters]):
             yield
-            return
-        self._is_styled = True
-        try:
-            with matplotlib.style.context(["default", self.parameters]):
-                yield
-        finally:
-            self._is_styled = False
 
     def draw(self, renderer: Any) -> None:
         """Draw the figure, its ticks too, which take their look when they are first drawn."""

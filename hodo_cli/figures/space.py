@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,19 +27,17 @@ from .artists import (
     SEPARATRIX,
     START,
     arrow,
-    axis_handles,
     axis_label,
     colour_handles,
-    everywhere,
     heading,
     line_width,
     mark_handles,
     mark_points,
+    number_marks,
     of_other_body,
     pair,
     palette,
     plane_curve,
-    time_bar,
     unit,
 )
 from .geometry import (
@@ -89,11 +86,8 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         others[0].set(title=f"enlarged, to $|G_i| = {zoom:g}$")
     for axes, plane in zip(others[zoom is not None :], planes, strict=True):
         projection(axes, motions, spec, plane)
-    handles = colour_handles(motions, spec["colour"], spec["styles"])
-    handles += mark_handles(motions, spec["time"], wide=bool(others))
-    if spec["colour"] == "time":
-        time_bar(sheet, [main, *others], motions[0], spec)
-    sheet.legend = handles
+    handles = colour_handles(sheet, [main, *others], motions, spec)
+    sheet.legend = handles + mark_handles(motions, spec["time"], wide=bool(others))
 
 
 STRETCHES = np.linspace(1, 1.25, 6)
@@ -166,7 +160,7 @@ def space(
         scene.add(crossings, texts=times, **CROSSING)
         marked = np.concatenate([motion.G[[0, -1]], crossings])
         places = np.where(boxed(marked, scene.reach)[:, None], scene.view(marked)[:, :2], np.nan)
-        mark_points(axes, places[:2], places[2:], partial(within, frame))
+        mark_points(axes, places[:2], places[2:], frame)
         if not cut:
             heading(axes, seen[:, :2], colours[code[0]], 0.12 * near)
     axes.set(xlim=frame[0], ylim=frame[1], aspect="equal", xticks=[], yticks=[])
@@ -176,11 +170,6 @@ def space(
 def boxed(points: np.ndarray, reach: float | None) -> np.ndarray:
     """Which points (n, 3) an enlarged panel shows: those in its box, not before it or behind."""
     return np.asarray(np.abs(points).max(axis=-1) <= (reach or math.inf))
-
-
-def within(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Which points (n, 2) lie in a frame (2, 2)."""
-    return np.asarray(((points >= frame[:, 0]) & (points <= frame[:, 1])).all(axis=-1))
 
 
 def space_curve(
@@ -258,7 +247,7 @@ def projection(axes: Axes, motions: Sequence[Motion], spec: Mapping[str, Any], p
         points = motion.G[:, [i, j]]
         shades = palette(motion, spec["colour"], place, spec["styles"])
         plane_curve(axes, points, *shades, 0.8 * line_width(motion))
-        mark_points(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
+        mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.autoscale_view()
     axes.set(
         xlabel=axis_label(f"G.x{i + 1}", motions[0]),
@@ -354,29 +343,29 @@ def draw_sphere(
         for piece in stretches(code):
             on_sphere(axes, points[piece], color=colours[code[piece.start]], lw=1.1)
         heading(axes, points[:, :2], colours[code[0]], 0.15)
-        start = scene.add(curve.directions[:1], **START)[0]
-        crossings = scene.add(curve.motion.at_crossings(curve.directions), **CROSSING)
-        mark_points(axes, np.empty((0, 2)), crossings[:, :2], everywhere)
+        crossings = curve.motion.at_crossings(curve.directions)
+        number_marks(axes, view(crossings)[:, :2])
+        for look, places in ((CROSSING, crossings), (START, curve.directions[:1])):
+            for x, y, near in scene.add(places, **look):
+                axes.plot(x, y, **look, alpha=1 if near > 0 else 0.4, zorder=6)
         if named:
             # In space it stands beside the start, where it is on no side of the page.
             scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
-        axes.plot(*start[:2], **START, alpha=1 if start[2] > 0 else 0.4, zorder=6)
     for curve, free in zip(named, beside(drawn, lines), strict=False):
         axes.text(*pair(free), curve.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
     motions = [curve.motion for curve in curves]
-    handles = axis_handles(motions) if spec["colour"] == "axis" else []
+    # Curves have their names beside them.
+    by_case = spec["colour"] == "case"
+    handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
     rotor = any(motion.has_rotor for motion in motions)
     # Of a body with a rotor that is no sign of D, and there may be none.
     if spec["kind"] == "sphere" and (circles or not rotor):
         label = "separatrix" if rotor else "separatrix, $D = 0$"
         handles.append(Line2D([], [], **SEPARATRIX, label=label))
     start, _, *crossing = mark_handles(motions, spec["time"])
-    handles += [start, *crossing]
-    if spec["colour"] == "time":
-        time_bar(sheet, [axes], motions[0], spec)
-    sheet.legend = handles
+    sheet.legend = [*handles, start, *crossing]
 
 
 GRATICULE: Look = {"color": "#C8C8C8", "lw": 0.35}
@@ -398,14 +387,12 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         )
         colours, code = palette(motion, spec["colour"], place, spec["styles"])
         plane_curve(axes, points, colours, code, line_width(motion))
-        mark_points(axes, points[[0, -1]], motion.at_crossings(points), everywhere)
+        mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
     axes.autoscale_view()
     labels = [f"$\\omega_{{{letter}}}$ {unit(motions[0], 'omega')}" for letter in "12"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
-    if spec["colour"] == "time":
-        time_bar(sheet, [axes], motions[0], spec)
-    handles = colour_handles(motions, spec["colour"], spec["styles"])
+    handles = colour_handles(sheet, [axes], motions, spec)
     handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label="$G$ at the start"))
     sheet.legend = handles + mark_handles(motions, spec["time"])
 

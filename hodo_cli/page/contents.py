@@ -2,7 +2,7 @@
 
 import os
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,8 +45,8 @@ def section_of(result: PageResult, folder: Path) -> Section:
             figure_entry(figure, config.figures[figure.name], motions, folder)
             for figure in result.figures
         ],
-        "statements": [*statements(cases, config)],
-        "errata": [*errata(cases, config)],
+        "statements": [*judged(cases, "_claims", config.claims)],
+        "errata": [*judged(cases, "_errata", config.errata)],
         "cases": [case_entry(motion) for motion in motions.values()],
     }
 
@@ -125,38 +125,28 @@ def end_axes(motion: Motion) -> list[str]:
     return [LABELS[int(labels[i])] for i in (0, -1)] if len(labels) else []
 
 
-def statements(cases: StoredCases, config: Config) -> Iterator[Section]:
-    """The statements that `hodo claims` has judged, with their verdicts."""
-    about = {claim["id"]: cases_of(claim) for claim in config.claims}
-    renamed = {"claim": "name", "statement": "text"}
-    columns = ("claim", "where", "statement", "original", "verdict", "evidence", "contradicted_by")
-    for texts in stored_texts(cases, "_claims", (*columns, "theorem", "measured", "note")):
-        yield {
-            **{renamed.get(column, column): texts[column] for column in columns},
-            "notes": [*filter(None, (texts[key] for key in ("theorem", "measured", "note")))],
-            "cases": [*about.get(texts["claim"], ())],
-        }
+VERDICT_COLUMNS = (
+    *("claim", "where", "statement", "original", "printed", "should_be", "verdict", "evidence"),
+    *("contradicted_by", "theorem", "measured", "note"),
+)
 
 
-def errata(cases: StoredCases, config: Config) -> Iterator[Section]:
-    """The misprints that `hodo claims` has judged."""
-    about = {erratum["id"]: cases_of(erratum) for erratum in config.errata}
-    columns = ("claim", "where", "printed", "should_be", "verdict", "evidence")
-    for texts in stored_texts(cases, "_errata", columns):
-        name, printed = texts.pop("claim"), texts.pop("printed")
-        yield {**texts, "name": name, "text": printed, "cases": [*about.get(name, ())]}
-
-
-def stored_texts(
-    cases: StoredCases, group: str, columns: Sequence[str]
-) -> Iterator[dict[str, str]]:
-    """The rows of a group of verdicts by their columns; none before `hodo claims`."""
+def judged(
+    cases: StoredCases, group: str, entries: Iterable[Mapping[str, Any]]
+) -> Iterator[Section]:
+    """The statements or misprints that `hodo claims` has judged, with their verdicts as a group
+    holds them, and their entries in the config; none before `hodo claims`."""
     if group not in cases:
         return
-    stored = cases[group].variables
+    stored, about = cases[group].variables, {entry["id"]: cases_of(entry) for entry in entries}
     for i in range(stored["claim"].size):
-        # Verdicts of an earlier version have fewer texts.
-        yield {name: str(stored[name].data[i]) if name in stored else "" for name in columns}
+        # Verdicts of an earlier version have fewer texts, and those of misprints others.
+        texts = {
+            name: str(stored[name].data[i]) if name in stored else "" for name in VERDICT_COLUMNS
+        }
+        notes = [*filter(None, (texts.pop(key) for key in ("theorem", "measured", "note")))]
+        name, text = texts.pop("claim"), texts.pop("statement") or texts.pop("printed")
+        yield {**texts, "name": name, "text": text, "notes": notes, "cases": [*about.get(name, ())]}
 
 
 def case_entry(motion: Motion) -> Section:
