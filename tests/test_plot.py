@@ -423,7 +423,7 @@ def test_the_separatrix_of_a_sphere_is_that_of_its_body(
     keys = {**several.figures["ball"], "cases": ("case",), "scale_cases": []}
     sheet = figures.draw(keys, {"case": data})
     (scene,) = sheet.scenes.values()
-    circles = [line.points for line in scene.strokes if line.look.get("ls") == (0, (3, 2))]
+    circles = [line["points"] for line in scene.strokes if line["look"].get("ls") == (0, (3, 2))]
     assert len(circles) == 2
     for circle in circles:
         np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 1, rtol=1e-14)

@@ -17,7 +17,7 @@ from ..batch.processes import Processes
 from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench
-from ..figures.sheet import save
+from ..figures.files import save
 from ..integration.integrate import ASKED
 from ..progress import Progress
 from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of

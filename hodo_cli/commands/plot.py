@@ -155,13 +155,10 @@ def load_what_draws() -> None:
     Its hundreds of modules hold none, and to go through them again and again took a tenth of the
     time of a process that draws.
     """
-    enabled = gc.isenabled()
     gc.disable()
-    try:
-        from .. import figures  # noqa: F401 (loaded for those who import it next)
-    finally:
-        if enabled:
-            gc.enable()
+    from .. import figures  # noqa: F401 (loaded for those who import it next)
+
+    gc.enable()
     gc.freeze()
 
 

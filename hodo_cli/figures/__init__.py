@@ -8,10 +8,8 @@ them all; `cases.figure_block` declares the keys that each takes.
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 import matplotlib.style
 import numpy as np
@@ -23,14 +21,13 @@ from ..results.dataset import MOTION_DIMS, Cases, case_in, is_sweep, motions_of,
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
-from ..storage.staging import replacing
 from .artists import finish_figure, matplotlib_parameters
 from .body import body
 from .costs import cost, error_order, share
+from .files import save
 from .maps import sweep_curve, sweep_map
-from .pages import figure_page
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, check_tex, lighten, save, text_size
+from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, check_tex, lighten, text_size
 from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
@@ -186,17 +183,8 @@ def _files(
     """The files of one figure, each when it is written."""
     spec = figures[name]
     sheet = draw(spec, cases, figures)
-    caption, film = " ".join(filter(None, [spec["caption"], *sheet.remarks])), sheet.figure.film
+    about = " ".join(filter(None, [spec["caption"], *sheet.remarks]))
     for path in files:
-        if path.suffix in FILMS:
-            if film is None:
-                continue
-            film.write(path)
-        elif path.suffix == ".html":
-            back = f"../index.html#{quote(path.parent.name)}-{quote(name)}"
-            page = film.page if film else partial(figure_page, sheet)
-            with replacing(path) as draft:
-                draft.write_text(page(name, caption, back), encoding="utf-8")
-        else:
-            save(sheet, path, about=caption)
-        yield path
+        if sheet.figure.film or path.suffix not in FILMS:
+            save(sheet, path, about)
+            yield path

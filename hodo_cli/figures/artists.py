@@ -147,19 +147,21 @@ def styles(n: int, style_names: Sequence[str] = ()) -> list[dict[str, Any]]:
     """n colours with line styles: first the named ones, such as "blue dashed", then those of the
     user's cycle of colours, or of ours."""
     lines = list(dict.fromkeys(line for _, line in CYCLE))
-    cycle: Sequence[tuple[Any, Any]] = CYCLE
-    if (chosen := matplotlib.rcParams["axes.prop_cycle"]) != DEFAULT_CYCLE:
-        cycle = [
+    chosen = matplotlib.rcParams["axes.prop_cycle"]
+    cycle: Sequence[tuple[Any, Any]] = (
+        CYCLE
+        if chosen == DEFAULT_CYCLE
+        else [
             (look.get("color", BLACK), look.get("linestyle", lines[i % len(lines)]))
             for i, look in enumerate(chosen)
         ]
-    looks: list[dict[str, Any]] = []
-    for i in range(n):
+    )
+    looks = [*map(style, style_names)]
+    for i in range(len(looks), n):
         lap, (colour, line) = i // len(cycle), cycle[i % len(cycle)]
         # Each round of the colours has other lines, or its curves would look like those before.
-        line = lines[(lines.index(line) + lap) % len(lines)]
-        looks.append({"color": colour, "ls": line})
-    return [*map(style, style_names), *looks[len(style_names) :]][:n]
+        looks.append({"color": colour, "ls": lines[(lines.index(line) + lap) % len(lines)]})
+    return looks[:n]
 
 
 def style(text: str) -> dict[str, Any]:

@@ -24,10 +24,9 @@ from .. import HodoError
 from ..results.dataset import Cases, motions_of
 from ..results.in_space import rotations
 from ..results.motion import Motion
-from ..storage.staging import replacing
 from .artists import AXIS_COLOUR, BLACK, GREY, PAGE, PURPLE, RED, arrow, pair
+from .files import own_page
 from .geometry import View
-from .pages import own_page
 from .plane import within_span
 from .sheet import SHEET_STYLE, Look, Sheet, without_tex
 
@@ -83,17 +82,15 @@ class Film:
         size = 'width="560" height="640" style="border: 0"'
         return f'<iframe srcdoc="{source}" {size} title="moving body"></iframe>'
 
-    def write(self, path: Path) -> None:
-        """Write the film in the format of the path's suffix, .gif or .mp4.
-
-        Raises HodoError without ffmpeg, which writes the latter, or if the file cannot be written.
-        """
-        if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+    def write(self, path: Path, suffix: str) -> None:
+        """Write the film as GIF or MP4. Raises HodoError without ffmpeg, which writes the latter,
+        and OSError if the file cannot be written."""
+        if suffix == "mp4" and not FFMpegWriter.isAvailable():
             raise HodoError("MP4 needs ffmpeg, which is not installed; GIF needs no other program")
-        with matplotlib.style.context(["default", SHEET_STYLE]), replacing(path) as draft:
+        with matplotlib.style.context(["default", SHEET_STYLE]):
             figure = Figure((FILM_SIZE, FILM_SIZE), dpi=FILM_DPI)
             canvas: Any = FigureCanvasAgg(figure)
-            if path.suffix == ".gif":
+            if suffix == "gif":
                 # By coverage: medians of the pixels lose the colours of thin lines.
                 first, *rest = (
                     Image.fromarray(np.asarray(canvas.buffer_rgba()))
@@ -102,10 +99,10 @@ class Film:
                     for _ in moving_artists(self, figure)
                 )
                 pause = 1000 // FRAMES_A_SECOND
-                first.save(draft, "gif", save_all=True, append_images=rest, duration=pause, loop=0)
+                first.save(path, "gif", save_all=True, append_images=rest, duration=pause, loop=0)
                 return
             writer = FFMpegWriter(FRAMES_A_SECOND, extra_args=["-f", "mp4", "-pix_fmt", "yuv420p"])
-            with writer.saving(figure, str(draft), FILM_DPI):
+            with writer.saving(figure, str(path), FILM_DPI):
                 for _ in moving_artists(self, figure):
                     writer.grab_frame()
 

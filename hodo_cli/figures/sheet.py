@@ -13,7 +13,6 @@ from typing import Any
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -22,11 +21,8 @@ from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 from matplotlib.patches import Patch
 from matplotlib.ticker import ScalarFormatter
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
 from .. import HodoError
-from ..storage.staging import replacing
 from .geometry import View
 
 Look = dict[str, Any]
@@ -46,13 +42,6 @@ SHEET_STYLE: Look = {
     "axes.titley": 1.0,
 }  # fmt: skip
 
-# Without dates and versions, so that the same results give the same bytes.
-UNDATED: dict[str, dict[str, Any]] = {
-    "png": {"Software": None},
-    "svg": {"Date": None, "Creator": None},
-    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-}
-
 SCREEN = 150
 """Dots per inch in a notebook: half of print's, which is as sharp on a screen."""
 
@@ -67,21 +56,6 @@ class DrawnCurve:
 
 
 @dataclass(frozen=True)
-class Stroke:
-    """A curve, marks or words in space: points (n, 3), the position (n,) of each one's colour among
-    colours (m, 3), and the look by the names of `Line2D`. Texts stand at the points of a line; the
-    pointer tells those of marks, and of a curve that has them its name and times (n,)."""
-
-    points: np.ndarray
-    colours: np.ndarray
-    code: np.ndarray
-    look: Look
-    texts: Sequence[str] = ()
-    name: str = ""
-    time: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
 class Scene:
     """What a panel shows of space, from a direction: it is printed in this view, and turned where a
     reader can turn it. It has the names of its coordinates; `reach` is where the panel ends on each
@@ -91,7 +65,7 @@ class Scene:
     names: Sequence[str] = ()
     reach: float | None = None
     globe: bool = False
-    strokes: list[Stroke] = field(default_factory=list)
+    strokes: list[dict[str, Any]] = field(default_factory=list)
 
     def add(
         self,
@@ -103,12 +77,16 @@ class Scene:
         time: np.ndarray | None = None,
         **look: Any,
     ) -> np.ndarray:
-        """Add a curve, marks or words in space, in colours[code] or in that of the look; returns
-        the points (n, 3) as they are seen."""
+        """Add a curve, marks or words in space; returns the points (n, 3) as they are seen.
+
+        They are in colours[code], for colours (m, 3) and codes (n,), or in the colour of the look,
+        which has the names of `Line2D`. Texts stand at the points of a line; the pointer tells
+        those of marks, and the name and times (n,) of a curve that has them.
+        """
         if colours is None:
             colours = np.array([to_rgb(look.get("mfc", look.get("color", "black")))])
-        code = np.zeros(len(points), dtype=int) if code is None else code
-        self.strokes.append(Stroke(points, colours, code, look, texts, name, time))
+        known = {"texts": texts, "name": name, "time": time, "look": look}
+        self.strokes.append({"points": points, "colours": colours, "code": code, **known})
         return self.view(points)
 
 
@@ -143,7 +121,7 @@ class Drawing(Figure):
         path = Path(fname) if isinstance(fname, str | Path) else Path()
         with self.styled():
             if self.film and path.suffix in FILMS:
-                self.film.write(path)
+                self.film.write(path, path.suffix[1:])
             else:
                 super().savefig(fname, **keys)
 
@@ -328,43 +306,6 @@ LETTER = 0.53
 def letters(text: str) -> int:
     """About how many letters a text with formulas shows: a TeX command counts as one."""
     return len(re.sub(r"[${}_^\\]", "", re.sub(r"\\[A-Za-z]+", "x", text)))
-
-
-def save(sheet: Sheet, path: Path, about: str = "") -> None:
-    """Write a figure in the format of the path's suffix, the same bytes every time; `about` goes
-    into its metadata.
-
-    Raises HodoError if the file cannot be written; an older one then stays.
-    """
-    suffix = path.suffix[1:]
-    with replacing(path) as draft:
-        if suffix == "csv":
-            # No translation of line ends: the file has the same bytes on every system.
-            draft.write_text(sheet.csv(), encoding="utf-8", newline="")
-            return
-        note = {"pdf": "Subject"}.get(suffix, "Description")
-        metadata = UNDATED[suffix] | {note: about}
-        with sheet.figure.styled():
-            if suffix == "png":
-                save_png(sheet.figure, draft, metadata)
-            else:
-                sheet.figure.savefig(draft, format=suffix, metadata=metadata)
-
-
-def save_png(figure: Figure, path: Path, metadata: Mapping[str, str | None]) -> None:
-    """Write the image that `savefig` would, which draws everything twice, the first time for the
-    layout alone."""
-    figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.get_renderer().mathtext_parser = FORMULAS
-    canvas.draw()
-    notes = PngInfo()
-    for name, text in metadata.items():
-        if text is not None:
-            notes.add_text(name, text)
-    # Nothing is transparent. Level 6, which is usual, costs a third more for 7 % fewer bytes.
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    image.save(path, "png", dpi=(figure.dpi,) * 2, pnginfo=notes, compress_level=3)
 
 
 class TickText(ScalarFormatter):
