@@ -300,10 +300,7 @@ def page_written(out: Path, folders: Sequence[Folder]) -> tuple[str, ...]:
 
 def bytes_digest(file: Path) -> str:
     """The digest of a file's content; an empty text if there is no file."""
-    try:
-        return sha256(file.read_bytes()).hexdigest()
-    except (FileNotFoundError, NotADirectoryError):
-        return ""
+    return sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
 
 
 FileRecord = dict[str, Any]

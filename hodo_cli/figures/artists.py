@@ -201,12 +201,24 @@ def mark_points(
         marks.set_in_layout(False)
 
 
+NUMBER_ROOM = 0.03
+"""The part of a panel that a number takes, about 6 points of 200."""
+
+
 def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = None) -> None:
-    """Give each of several crossings (m, 2) its number in time."""
-    look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
+    """Give each of several crossings (m, 2) its number in time; the numbers of those that lie too
+    close together for it stand beside the first of them."""
+    size = axes.dataLim.size if frame is None else np.ptp(frame, axis=1)
+    numbers: dict[int, list[str]] = {}
     for i, point in enumerate(crossings if len(crossings) > 1 else []):
-        if within(frame, point):
-            note = axes.annotate(str(i + 1), pair(point), (3, 3), zorder=7, **look)
+        apart = {k: math.dist(point, crossings[k]) for k in numbers}
+        place = next((k for k in apart if apart[k] < NUMBER_ROOM * max(size)), i)
+        numbers.setdefault(place, []).append(str(i + 1))
+    look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
+    for place, texts in numbers.items():
+        if within(frame, crossings[place]):
+            text, point = ", ".join(abridged(texts, 6)), crossings[place]
+            note = axes.annotate(text, pair(point), (3, 3), zorder=7, **look)
             note.set_in_layout(False)
 
 

@@ -29,7 +29,7 @@ from .artists import (
     filled,
     styles,
 )
-from .sheet import SHEET_STYLE, Drawing, Sheet
+from .sheet import SHEET_STYLE, Drawing, Look, Sheet
 
 MONTE_CARLO: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.5, "mfc": "white", "mew": 0.7}
 """The look of counted shares, on the line of the calculated ones."""
@@ -40,12 +40,11 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     parameter, with the order of each group as the slope of its fit."""
     against = motions_of(cases, spec["against"])
     (axes,), names = sheet.panels(COLUMN, 0.85 * COLUMN), []
-    for label, small, motions in groups(spec, cases):
+    for label, small, motions, style in groups(spec, cases):
         errors = np.array([forms_apart(m, against.pop(0)).max() for m in motions])
         # The order of an error is the slope of its logarithm.
         slope, start = np.polyfit(np.log(small), np.log(errors), 1)
         names.append(f"{label}, order {slope:.2f}")
-        style = styles(len(names), spec["styles"])[-1]
         axes.loglog(small, errors, marker="o", ms=3, color=style["color"], ls="")
         axes.loglog(small, np.exp(start) * small**slope, **style)
         sheet.record("error", label, {"small": small, "error": errors})
@@ -53,22 +52,24 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     sheet.legend = case_handles(names, spec["styles"])
 
 
-def groups(spec: Mapping[str, Any], cases: Cases) -> Iterator[tuple[str, np.ndarray, list[Motion]]]:
-    """Label, small parameters (n,) and motions of each group of a figure's cases."""
+def groups(
+    spec: Mapping[str, Any], cases: Cases
+) -> Iterator[tuple[str, np.ndarray, list[Motion], Look]]:
+    """Label, small parameters (n,), motions and look of each group of a figure's cases."""
     motions = motions_of(cases, spec["cases"])
     # A line is a run of cases, so that a figure reads them in the order in which it names them.
     ends = np.cumsum(spec["groups"])
     for i, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
         label = spec["labels"][i] if i < len(spec["labels"]) else motions[begin].name
-        yield label, np.array(spec["small"][begin:end]), motions[begin:end]
+        look = styles(i + 1, spec["styles"])[i]
+        yield label, np.array(spec["small"][begin:end]), motions[begin:end], look
 
 
 def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """Steps and run time of groups of cases against the small parameter."""
     (steps, seconds), names = sheet.panels(PAGE, 0.42 * PAGE, 2, 2), []
-    for label, small, motions in groups(spec, cases):
+    for label, small, motions, style in groups(spec, cases):
         names.append(label)
-        style = styles(len(names), spec["styles"])[-1]
         costs = {name: np.array([m.attrs[name] for m in motions]) for name in ("steps", "run_time")}
         for axes, values in zip((steps, seconds), costs.values(), strict=True):
             axes.loglog(small, values, marker="o", ms=3, **style)

@@ -58,10 +58,14 @@ GRID = 360
 """Cells around the sphere: a degree each, some two pixels of a panel in print."""
 
 
+Handle = Line2D | Patch
+"""An entry of a legend."""
+
+
 def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over two axes, or over the directions of the start, a panel for each
     position asked for."""
-    flat = spec["x"] is None
+    flat, name = spec["x"] is None, spec["variable"]
     across = () if flat else (spec["x"], spec["y"])
     sweeps = sweeps_of(cases, spec, *across)
     rows = [positions(swept, spec["panels"], spec["at"]) for swept in sweeps]
@@ -69,34 +73,26 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     values = [map_values(swept, spec, indices) for swept, indices in cells]
     # One scale for all panels, or equal colours would mean different values.
     all_values = np.concatenate([value.ravel() for value in values])
-    labelled = meanings(sweeps[0], spec["variable"])
+    labelled, meaning = meanings(sweeps[0], name), map_label(sweeps, spec)
     scale, colours = colour_scale_of(spec, all_values, labelled)
-    labels = [*spec["labels"], *[""] * len(cells)]
+    # Rasterized: a million cells as vectors make a file that no reader opens.
+    look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
     panels = map_panels(sheet, [len(row) for row in rows], flat)
+    labels, handles = [*spec["labels"], *[""] * len(cells)], dict[str, Handle]()
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
-        title = label or ", ".join(position(swept, name, i) for name, i in indices.items())
-        axes.set_title(title)
-        # Rasterized: a million cells as vectors make a file that no reader opens.
-        look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
-        places = (map_sphere if flat else map_image)(axes, swept, spec, value, look)
-        if flat:
-            globe(sheet, axes, swept, value, look)
-        name = plain_name(swept, indices, label, len(sweeps))
-        sheet.record(swept.name, name, {**places, spec["variable"]: value.ravel()})
-    handles: list[Line2D | Patch] = []
-    if flat:
-        handles.append(Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$"))
+        axes.set_title(label or ", ".join(position(swept, key, i) for key, i in indices.items()))
+        drawn = (map_sphere if flat else map_image)(sheet, axes, swept, spec, value, look)
+        places, lines = drawn
+        handles |= {str(line.get_label()): line for line in lines}
+        values_drawn = {**places, name: value.ravel()}
+        sheet.record(swept.name, plain_name(swept, indices, label, len(sweeps)), values_drawn)
     if np.isnan(all_values).any():
-        handles.append(Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(spec["variable"])))
-    if spec["theory"] is not None and not flat:
-        handles.append(Line2D([], [], **THEORY, label="fluid and damping balance"))
-    if spec["level"] is not None and not flat:
-        handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
-    words = words_of_values(map_label(sweeps, spec), labelled, all_values)
-    handles += [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
+        handles["gap"] = Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(name))
+    words = words_of_values(meaning, labelled, all_values)
+    patches = [Patch(fc=colours(scale(value)), label=word) for value, word in words.items()]
     if not words:
-        colour_bar(sheet, ScalarMappable(scale, colours), map_label(sweeps, spec))
-    sheet.legend = handles
+        colour_bar(sheet, ScalarMappable(scale, colours), meaning)
+    sheet.legend = [*handles.values(), *patches]
 
 
 def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[SweepView]:
@@ -191,31 +187,35 @@ def map_values(swept: SweepView, spec: Mapping[str, Any], indices: Mapping[str, 
     return values
 
 
+Drawn = tuple[dict[str, np.ndarray], list[Line2D]]
+"""The place (n,) of each value of a panel by the names of its coordinates, and the legend entries
+of the lines over them."""
+
+
 def map_image(
-    axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray, look: Look
-) -> dict[str, np.ndarray]:
-    """Draw an image over two axes, grey where there is no value; returns the place (n,) of each
-    value by the names of the axes.
-    """
+    sheet: Sheet, axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray,
+    look: Look,
+) -> Drawn:  # fmt: skip
+    """Draw an image over two axes, grey where there is no value."""
     (x, even_x), (y, even_y) = swept.ticks(spec["x"]), swept.ticks(spec["y"])
     image = axes.pcolormesh(edges(x, even_x), edges(y, even_y), values.T, **look)
     # Not the background: beside a larger panel, it shows beyond the axes of a sweep too.
     image.set_cmap(image.get_cmap().with_extremes(bad=GAP))
-    if spec["level"] is not None and min(values.shape) > 1:
-        lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
-        lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
+    handles = []
     if spec["theory"] is not None:
         (i, j), ratio = balance(swept, spec["x"], spec["y"])
         lines = axes.contour(x[i], y[j], ratio.T, [1.0], colors=THEORY["color"])
         lines.set(linewidth=THEORY["lw"], linestyle=[THEORY["ls"]])
+        handles.append(Line2D([], [], **THEORY, label="fluid and damping balance"))
+    if spec["level"] is not None and min(values.shape) > 1:
+        lines = axes.contour(x, y, values.T, [spec["level"]], colors=LEVEL["color"])
+        lines.set(linewidth=LEVEL["lw"], path_effects=LEVEL["path_effects"])
+        handles.append(Line2D([], [], **LEVEL, label=f"{spec['level']:g}"))
     axes.set(xscale="log" if even_x else "linear", yscale="log" if even_y else "linear")
-    subplot = axes.get_subplotspec()
-    if subplot is None or subplot.is_last_row():
-        axes.set_xlabel(axis_name(swept, spec["x"]))
-    if subplot is None or subplot.is_first_col():
-        axes.set_ylabel(axis_name(swept, spec["y"]))
+    axes.set(xlabel=axis_name(swept, spec["x"]), ylabel=axis_name(swept, spec["y"]))
+    axes.label_outer()
     across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
-    return {column(swept, spec["x"]): across, column(swept, spec["y"]): up}
+    return {column(swept, spec["x"]): across, column(swept, spec["y"]): up}, handles
 
 
 def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndarray]:
@@ -241,10 +241,11 @@ def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndar
 
 
 def map_sphere(
-    axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray, look: Look
-) -> dict[str, np.ndarray]:
+    sheet: Sheet, axes: Axes, swept: SweepView, spec: Mapping[str, Any], values: np.ndarray,
+    look: Look,
+) -> Drawn:  # fmt: skip
     """Draw an equal-area map of the directions of G at the start, with the separatrix, grey where
-    there is no value; returns the directions as `map_image` does.
+    there is no value.
 
     x1 is in the middle, x2 to the right of it, x3 on top.
     """
@@ -257,8 +258,10 @@ def map_sphere(
     axes.spines["geo"].set(color=GREY, lw=0.6)
     A = swept.body()
     axes.pcolormesh(*sphere_cells(directions, values, A), **look)
-    for circle in separatrix_circles(A) if A is not None else []:
+    circles = [] if A is None else separatrix_circles(A)
+    for circle in circles:
         axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3, path_effects=HALO)
+    globe(sheet, axes, directions, values, circles, look)
     for i, direction in (
         (1, (1, 0, 0)),
         (2, (0, 1, 0)),
@@ -279,7 +282,8 @@ def map_sphere(
             path_effects=HALO,
             zorder=5,
         )
-    return dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True))
+    handles = [Line2D([], [], **SEPARATRIX, label="separatrix, $D = 0$")] if circles else []
+    return dict(zip(("G.x1/|G|", "G.x2/|G|", "G.x3/|G|"), directions.T, strict=True)), handles
 
 
 def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -289,14 +293,17 @@ def angles(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))
 
 
-def globe(sheet: Sheet, axes: Axes, swept: SweepView, values: np.ndarray, look: Look) -> None:
+def globe(
+    sheet: Sheet, axes: Axes, directions: np.ndarray, values: np.ndarray,
+    circles: Sequence[np.ndarray], look: Look,
+) -> None:  # fmt: skip
     """Keep the sphere of a map for figures that turn, a dot a direction, seen as it is printed."""
-    scene, directions = sheet.scene(axes, View((0, 0)), (), globe=True), swept.directions()
+    scene = sheet.scene(axes, View((0, 0)), (), globe=True)
     texts = [f"{value:.6g}" if math.isfinite(value) else "none" for value in values]
     shades = look["cmap"].with_extremes(bad=GAP)(look["norm"](np.ma.masked_invalid(values)))
     dots: Look = {"ls": "", "marker": "o", "ms": 3, "mec": GREY, "mew": 0.3}
     scene.add(directions, shades[:, :3], np.arange(len(values)), texts, **dots)
-    for circle in separatrix_circles(A) if (A := swept.body()) is not None else []:
+    for circle in circles:
         scene.add(circle, **SEPARATRIX)
     for i, direction in enumerate(np.eye(3), 1):
         scene.add(np.stack([direction, 1.15 * direction]), texts=["", f"$x_{i}$"], color=GREY)

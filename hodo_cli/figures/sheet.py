@@ -178,19 +178,16 @@ class Sheet:
         """
         curves = self._curves()
         # A dict keeps their order, which a set would lose.
-        columns = list(dict.fromkeys(name for _, values in curves for name in values))
+        columns = dict.fromkeys(name for _, values in curves for name in values)
+        units = {name: self.units(name) for name in columns}
+        heads = {name: name if of == "1" else f"{name} [{of}]" for name, of in units.items()}
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        units = [self.units(name) for name in columns]
-        headed = zip(columns, units, strict=True)
-        heads = [name if unit == "1" else f"{name} [{unit}]" for name, unit in headed]
-        writer.writerow(["curve", *map(_cell, heads)])
+        writer = csv.DictWriter(text, ["curve", *columns], restval="", lineterminator="\n")
+        writer.writerow({"curve": "curve"} | {name: _cell(head) for name, head in heads.items()})
         for curve, values in curves:
-            n = len(next(iter(values.values())))
-            empty = [""] * n
-            present = [values[name].tolist() if name in values else empty for name in columns]
-            for row in zip(*present, strict=True):
-                writer.writerow(map(_cell, [without_tex(curve), *row]))
+            for row in zip(*(column.tolist() for column in values.values()), strict=True):
+                cells = zip(values, map(_cell, row), strict=True)
+                writer.writerow({"curve": _cell(without_tex(curve)), **dict(cells)})
         return text.getvalue()
 
     def _curves(self) -> list[tuple[str, dict[str, np.ndarray]]]:
