@@ -12,7 +12,6 @@ from hodo_cli.cases.config import Config, parse
 from hodo_cli.cases.figure_block import DrawnFigure
 from hodo_cli.cli import main
 from hodo_cli.figures.sheet import Sheet
-from hodo_cli.page import PageResult, write_page
 from hodo_cli.results.dataset import StoredCases
 
 
@@ -39,9 +38,6 @@ class Drawings:
 
     def render(self, name: str, formats: tuple[str, ...], out: Path) -> DrawnFigure:
         return figures.render(self.cases, self.figures, name, formats, out)
-
-    def write_page(self, path: Path, drawn: list[DrawnFigure]) -> None:
-        write_page(path, [PageResult(self.cases, self.config, drawn)])
 
 
 def drawings_of(text: str, folder: Path, name: str = "test") -> Drawings:
