@@ -197,7 +197,10 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         if by_case:
-            axes.set(title=curves[0][0].label, ylabel=first_label(axes, names, curves))
+            axes.set_title(curves[0][0].label)
+            # They share the vertical axis: one label on the left.
+            if axes.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+                axes.set_ylabel(f"{', '.join(names)} {unit(*curves[0])}")
         else:
             axes.set_ylabel(axis_label(group, motions[0]))
         for inset_spec in spec["insets"]:
@@ -252,15 +255,6 @@ def within_span(motion: Motion, span: tuple[float, float] | None) -> slice:
     return samples
 
 
-def first_label(axes: Axes, names: Sequence[str], curves: Sequence[tuple[Motion, str]]) -> str:
-    """The label of the vertical axis that panels of cases share: their variables; none but on the
-    left.
-    """
-    motion, name = curves[0]
-    left = axes.get_subplotspec().is_first_col()  # type: ignore[union-attr]
-    return f"{', '.join(names)} {unit(motion, name)}" if left else ""
-
-
 def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> list[Axes]:
     """n panels in rows of `columns`, with a label below the lowest of each column; panels of cases
     share both scales."""
@@ -277,34 +271,37 @@ def series_panels(sheet: Sheet, spec: Mapping[str, Any], n: int, label: str) -> 
     return panels
 
 
+PREDICTED: Look = {"marker": "x", "ms": 5, "color": BLACK, "lw": 0.7}
+
+
 def passage_marks(axes: Axes, motion: Motion, name: str, style: Mapping[str, Any]) -> None:
     """Mark the crossings of a motion on a curve, and where its averaging predicts the true ones,
     with the scatter that it has without a prediction."""
-    values = motion[name]
-    for when in motion.crossing_time:
-        value = np.interp(when, motion.time, values)
-        axes.plot(when, value, **{**CROSSING, "mfc": style["color"]}, zorder=5)
-    if "event_predicted" not in motion.data:
-        return
-    predicted, scatter = motion.stored("event_predicted"), motion.stored("event_scatter")
-    for when, spread in zip(predicted, scatter, strict=True):
-        if not np.isfinite(when):
-            continue
-        value = np.interp(when, motion.time, values)
-        axes.errorbar(when, value, xerr=spread, fmt="x", ms=5, color=BLACK, lw=0.7, zorder=6)
+    values, when = motion[name], motion.crossing_time
+    crossed = np.interp(when, motion.time, values)
+    axes.plot(when, crossed, **{**CROSSING, "mfc": style["color"]}, zorder=5)
+    if "event_predicted" in motion.data:
+        # Not a number without a prediction, which then has no mark.
+        predicted, scatter = motion.stored("event_predicted"), motion.stored("event_scatter")
+        foreseen = np.interp(predicted, motion.time, values)
+        axes.errorbar(predicted, foreseen, xerr=scatter, ls="", **PREDICTED, zorder=6)
 
 
 def passage_handles(motions: Sequence[Motion]) -> list[Line2D]:
-    """Legend entries of the marks of `passage_marks`."""
-    crossing = Line2D(
-        [], [], **{**CROSSING, "mfc": "white"}, label="crossing of each curve, $D = 0$"
-    )
-    predicted = Line2D([], [], color=BLACK, marker="x", ms=5, lw=0.7)
-    predicted.set_label("predicted, with the scatter of the averaged crossing")
-    seen = [any(m.crossing_time.size for m in motions)]
-    times = [m.stored("event_predicted") for m in motions if "event_predicted" in m.data]
-    seen += [any(np.isfinite(predicted).any() for predicted in times)]
-    return [handle for handle, drawn in zip((crossing, predicted), seen, strict=True) if drawn]
+    """Legend entries of the marks of `passage_marks` that there are."""
+    foreseen = [m.stored("event_predicted") for m in motions if "event_predicted" in m.data]
+    marks: dict[str, tuple[Look, Sequence[np.ndarray]]] = {
+        "crossing of each curve, $D = 0$": (
+            {**CROSSING, "mfc": "white"},
+            [m.crossing_time for m in motions],
+        ),
+        "predicted, with the scatter of the averaged crossing": (PREDICTED, foreseen),
+    }
+    return [
+        Line2D([], [], **look, label=label)
+        for label, (look, times) in marks.items()
+        if any(np.isfinite(when).any() for when in times)
+    ]
 
 
 def event_handles(motions: Sequence[Motion]) -> list[Line2D]:
