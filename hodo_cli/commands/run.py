@@ -26,7 +26,7 @@ from ..results.layout import SUMMARY, case_group
 from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.group import Group
 from ..storage.hdf5 import open_run
-from ..storage.provenance import history_line, root_attributes
+from ..storage.provenance import history_line, root_attributes, typed
 from ..storage.staging import check_writable, chunks_in, staging_folders
 from ..storage.update import holds
 from ..storage.writer import Writer
@@ -171,14 +171,14 @@ class Plan:
         made = root_attributes(config.title, config.references, config.text, history)
         return {**made, CONFIG_PATH: path_from(config, self.path)}
 
-    def _rows(self, reached: Mapping[str, dict[str, Any]]) -> list[dict[str, Any]]:
+    def _rows(self, reached: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
         """How the cases asked for have ended: now, or when they were stored."""
-        with open_run(self.path) as result:
-            return [
-                {"case": name, **(reached.get(name) or result.row(name, SUMMARY))}
-                for name in self.asked
-                if name in result
-            ]
+        rows = {name: item.attributes for name, item in self.stored.items() if not item.damage}
+        rows |= reached
+        named = [name for name in self.asked if name in rows]
+        return [
+            {"case": name, **typed(rows[name], SUMMARY, f"{self.path}: {name}")} for name in named
+        ]
 
     def _keep(self, writer: Writer, done: FinishedCase) -> bool:
         """Take over a result, with the remarks that the case has now."""
@@ -304,8 +304,9 @@ def plan_of(
 
     Raises HodoError as `finished_cases` does, or, without `force`, as `check_origin` does.
     """
-    check = partial(check_origin, config, remedy=ELSEWHERE)
-    done = finished_cases(path) if force else finished_cases(path, check)
+    check = partial(check_origin, config, remedy=ELSEWHERE) if not force else lambda run: None
+    # With all that the table shows: to read a file of thousands of cases again takes seconds.
+    done = finished_cases(path, check, SUMMARY)
     asked, reasons = config.matching(globs), {}
     stored = {name: items[0] for name, items in done.items()}
     for name in asked:

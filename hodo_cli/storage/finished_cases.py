@@ -3,7 +3,7 @@ their staging folders. A Batch shows both as one result."""
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,10 +32,12 @@ class FinishedCase:
 
 
 def finished_cases(
-    path: Path | str, check: Callable[[ResultFile], None] = lambda run: None
+    path: Path | str,
+    check: Callable[[ResultFile], None] = lambda run: None,
+    more: Collection[str] = (),
 ) -> dict[str, list[FinishedCase]]:
     """The finished cases of a result, and of runs that have not ended, by name; those of the result
-    itself first.
+    itself first. They have `more` attributes as they are stored.
 
     Raises HodoError if the result exists but cannot be read, as `open_run` does, or if `check`
     refuses it.
@@ -45,12 +47,12 @@ def finished_cases(
     if os.path.lexists(path):
         with open_run(path) as run:
             check(run)
-            _collect(run, cases)
+            _collect(run, cases, more)
     for shard in (shard for folder in staging_folders(path) for shard in shards(folder)):
         # Gone by now, or torn by a loss of power: then the case is run anew.
         with suppress(HodoError), open_run(shard) as run:
             if not run.damaged:
-                _collect(run, cases)
+                _collect(run, cases, more)
     return cases
 
 
@@ -163,10 +165,11 @@ def in_order(names: Iterable[str], text: str) -> dict[str, None]:
     return ordered
 
 
-def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]]) -> None:
+def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]], more: Collection[str]) -> None:
     for name in run.cases():
         damage = run.damaged.get(name, "")
-        attributes = {} if damage else resume_attributes(run, name)
+        stored = {} if damage else run.summary(name, dict.fromkeys((*RESUME, *more)))
+        attributes = stored | {key: str(stored[key]) for key in RESUME if key in stored}
         cases.setdefault(name, []).append(FinishedCase(name, run.path, attributes, damage))
 
 
