@@ -26,7 +26,6 @@ from ..terms.laws import (
 from .nutation import (
     Nutation,
     drift,
-    drift_by_mu,
     first_integrals,
     mean_cosine,
     nutation,
@@ -240,12 +239,8 @@ class AveragedTop(Nutating):
         a, M3 = coefficient_at(k, "a", t), axial_torque(t, y[2], k)
         mean = mean_cosine(y[3], w)
         towards_u2 = y[3] * mean
-        rates = drift(y, now, (-a, a * towards_u2, M3, -M3 * towards_u2), (X, w))
-        if now is k:
-            return rates
-        change = slope_at(k, "mu", t) / now.mu
-        by_mu = drift_by_mu(y, now, change, mean, (X, w))
-        return tuple(rate + by_change for rate, by_change in zip(rates, by_mu, strict=True))
+        by_mu = None if now is k else (slope_at(k, "mu", t) / now.mu, mean)
+        return drift(y, now, (-a, a * towards_u2, M3, -M3 * towards_u2), (X, w), by_mu)
 
     @staticmethod
     def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:

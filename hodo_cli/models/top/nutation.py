@@ -56,14 +56,20 @@ def nutation(y: Sequence[Any], k: Any) -> tuple[Any, Any]:
 
 
 def drift(
-    y: Sequence[Any], k: Any, means: Sequence[Any], shape: tuple[Any, Any]
+    y: Sequence[Any],
+    k: Any,
+    means: Sequence[Any],
+    shape: tuple[Any, Any],
+    by_mu: tuple[Any, Any] | None = None,
 ) -> tuple[Any, ...]:
     """dy/dtau of the state (U, Z, r, e) from the means <f>, <f cos phi>, <M3>, <M3 cos phi> over
-    one nutation.
+    one nutation; where mu changes, `by_mu` is mu'/mu and the mean of `mean_cosine`.
 
-    The symbols are those of `AveragedTop`. U, Z and r follow from eqs (2.4). e follows from the
-    roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e by hand, so that
-    regular precession, e = 0, is as regular as any other motion.
+    The symbols are those of `AveragedTop`. U, Z and r follow from eqs (2.4), and dH/dtau = mu' v. e
+    follows from the roots' own derivatives, with M(x) = T1' x^2 - T2' x - T3' at x = X divided by e
+    by hand, so that regular precession, e = 0, is as regular as any other motion: by the cubic
+    itself (U + c X)^2/(2 A mu) is X (2 - X)(X - Z) - e^2 w, so that all that is not of the order of
+    e^2 cancels in the part of mu.
     """
     U, Z, r, e = y
     X, w = shape
@@ -76,32 +82,19 @@ def drift(
     dU = (U * f + c * fx) / A - X * M3 - e * M3_cos
     dZ = -2 * (fx - Z * f) / A
     # From here on: the derivatives of the coefficients of the cubic, and by them that of e.
-    dT1 = dZ - c * M3 / (A * mu)
+    dT1 = -c * M3 / (A * mu)
     M = 2 / A * (e * w * f + (X * (2 - X) - c * G / (2 * A * mu)) * f_cos) + G * M3_cos / (A * mu)
-    slope = 2 * dZ * (X - 1) - (c * (dU + M3 * X) + G * M3) / (A * mu)
+    slope = -(c * (dU + M3 * X) + G * M3) / (A * mu)
+    if by_mu is not None:
+        change, mean = by_mu
+        dZ = dZ + change * (X - Z - e * e * mean)
+        dT1 = dT1 + change * c * c / (2 * A * mu)
+        M = M + change * e * (mean * X * (2 - X) - w)
+        slope = slope + change * c * G / (A * mu)
+    slope = 2 * dZ * (X - 1) + slope
     # Singular only at w = e, that is u2 = u3, where a nutation takes for ever.
-    de = (w * (M + e * dT1) - e * slope) / (2 * (w - e) * (w + e))
+    de = (w * (M + e * (dZ + dT1)) - e * slope) / (2 * (w - e) * (w + e))
     return dU, dZ, M3 / C, de
-
-
-def drift_by_mu(
-    y: Sequence[Any], k: Any, change: Any, mean: Any, shape: tuple[Any, Any]
-) -> tuple[Any, ...]:
-    """dy/dtau of the state (U, Z, r, e) where mu changes at the rate `change` = mu'/mu, by dH/dtau
-    = mu' v; `mean` is that of `mean_cosine`.
-
-    As in `drift` M(X) is divided by e by hand: by the cubic itself (U + c X)^2/(2 A mu) is X (2 -
-    X)(X - Z) - e^2 w, so that all that is not of the order of e^2 cancels.
-    """
-    U, Z, r, e = y
-    X, w = shape
-    c = k.C * r
-    dZ = change * (X - Z - e * e * mean)
-    dT1 = dZ + change * c * c / (2 * k.A * k.mu)
-    M = change * e * (mean * X * (2 - X) - w)
-    slope = 2 * dZ * (X - 1) + change * c * (U + c * X) / (k.A * k.mu)
-    de = (w * (M + e * dT1) - e * slope) / (2 * (w - e) * (w + e))
-    return 0 * U, dZ, 0 * r, de
 
 
 def first_integrals(omega: Sequence[Any], gamma: Sequence[Any], k: Any) -> tuple[Any, Any]:
