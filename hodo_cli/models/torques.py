@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..arithmetic import log
 from ..schema.expression import Expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
 from .averaging.any_torque import averaged_form, mean_elements
@@ -246,9 +247,7 @@ class Torques(BodyUnderTorques, LookedUp):
             constants |= {**texts, "velocity_unit": 1.0, "time_unit": 1.0}
         if self.brake is not None:
             omega = np.array(self.velocity(self.inertia, self.initial))
-            momentum = float(np.linalg.norm(self.momentum(omega)))
-            at_stop = 2 * (math.log(momentum) - LEGS * math.log(FALL))
-            constants |= {"momentum_at_start": momentum, "ln_square_at_stop": at_stop}
+            constants["momentum_at_start"] = float(np.linalg.norm(self.momentum(omega)))
         if self.form != "full":
             constants |= weights_of_fluid(Body.of(self.inertia))
         constants |= super().constants
@@ -431,7 +430,7 @@ def stop_details(G: np.ndarray, label: Any) -> dict[str, float]:
 
 def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
     """ln X_e of an averaged motion, less what it is when a brake has all but stopped the body."""
-    return y[0] - k.ln_square_at_stop
+    return y[0] - 2 * (log(k.momentum_at_start) - LEGS * math.log(FALL))
 
 
 def averaged_stop(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
