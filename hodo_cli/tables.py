@@ -61,35 +61,23 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(paragraphs)
 
 
-def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
-    """The line of a case in the table of crossings."""
-    growth = [f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()]
-    predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
-    remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
-    ends = row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)
-    return (*ends, "; ".join([*few_passages(row), *events(row), *remarks]))
-
-
 CROSSINGS_SHOWN = 5
 """The most crossings of a case in a table, where a line may have hundreds of them."""
 
 
-def few_passages(row: Mapping[str, Any]) -> list[str]:
-    """The crossings of a case; of many, the first ones and the last."""
-    every = [passage(crossing, time_unit(row)) for crossing in row["crossings"]]
-    return abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
-
-
-def events(row: Mapping[str, Any]) -> list[str]:
-    """The events of a motion other than crossings, with their times."""
-    unit = time_unit(row)
-    return [f"{event['kind']} at {event['time']:.15g}{unit}" for event in row.get("events", ())]
-
-
-def time_unit(row: Mapping[str, Any]) -> str:
-    """The unit of a case's times as it stands behind a number."""
-    unit = row.get("units", {}).get("time", "1")
-    return "" if unit == "1" else f" {unit}"
+def crossings_line(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """The line of a case in the table of crossings; of many of these, the first ones and the
+    last."""
+    growth = [f"{axis} {rate:+.6g}" for axis, rate in row.get("growth", {}).items()]
+    predicted = filter(None, [row.get("final", ""), *row.get("predictions", ())])
+    time_unit = row.get("units", {}).get("time", "1")
+    unit = "" if time_unit == "1" else f" {time_unit}"
+    every = [passage(crossing, unit) for crossing in row["crossings"]]
+    events = [f"{event['kind']} at {event['time']:.15g}{unit}" for event in row.get("events", ())]
+    remarks = [remark for remark in row["warnings"] if remark != row.get("unlabelled")]
+    passages = abridged(every, CROSSINGS_SHOWN, " (--json lists them)")
+    ends = row["case"], row["start"], row["end"], ", ".join(growth), "; ".join(predicted)
+    return (*ends, "; ".join([*passages, *events, *remarks]))
 
 
 def passage(crossing: Mapping[str, Any], unit: str) -> str:

@@ -349,7 +349,8 @@ def test_the_side_of_a_state_is_told_by_the_digits_that_it_has() -> None:
 def test_of_many_crossings_a_table_shows_the_first_ones_and_the_last() -> None:
     crossings = [{"time": float(t), "from": "x1", "to": "x3", "error": 1e-14} for t in range(30)]
     for n, expected in ((5, "0 1 2 3 4"), (6, "0 1 2 3 more 5"), (30, "0 1 2 3 more 29")):
-        told = tables.few_passages({"crossings": crossings[:n]})
+        row = {"case": "a", "start": "x1", "end": "x3", "crossings": crossings[:n], "warnings": []}
+        told = tables.crossings_line(row)[-1].split("; ")
         shown = ["more" if "more" in each else each.split()[0] for each in told]
         assert " ".join(shown) == expected
     assert told[4] == "25 more (--json lists them)"

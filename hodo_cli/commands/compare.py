@@ -212,17 +212,12 @@ def scaled_difference(
         return math.inf, ()
     if not a.size:
         return 0.0, ()
+    same, scaled = a == b, np.full(b.shape, math.inf)
     if a.dtype.kind == "f" and b.dtype.kind == "f":
-        same = (a == b) | (np.isnan(a) & np.isnan(b))
-        with np.errstate(invalid="ignore"):
-            apart = np.where(same, 0.0, np.abs(a - b))
-        finite = np.isfinite(a) & np.isfinite(b)
-        allowed = np.broadcast_to(allowed, b.shape)
-        scaled = np.divide(
-            apart, allowed, out=np.where(same, 0.0, math.inf), where=finite & (allowed > 0)
-        )
-    else:
-        scaled = np.where(a == b, 0.0, math.inf)
+        same = same | (np.isnan(a) & np.isnan(b))
+        with np.errstate(all="ignore"):
+            scaled = np.nan_to_num(np.abs(a - b) / allowed, nan=math.inf, posinf=math.inf)
+    scaled = np.where(same, 0.0, scaled)
     index = np.unravel_index(int(np.argmax(scaled)), scaled.shape)
     return float(scaled[index]), tuple(int(i) for i in index)
 

@@ -38,12 +38,7 @@ class WrongKey(str):
     """The last part of a path whose mistake is the key itself, not its value."""
 
 
-class _Required:
-    def __repr__(self) -> str:
-        return "required"
-
-
-REQUIRED: Any = _Required()
+REQUIRED: Any = object()
 """The default of a key that must be given."""
 
 
