@@ -55,7 +55,9 @@ def in_bytes(count: int) -> str:
 
 def with_unit(value: float, units: Sequence[tuple[float, str]]) -> str:
     """A size to three digits in the first unit that is not larger, or in the last one."""
-    size, unit = next((unit for unit in units if value >= unit[0]), units[-1])
+    # By the rounded value: 999.9 us are 1 ms.
+    rounded = float(f"{value:.3g}")
+    size, unit = next((unit for unit in units if rounded >= unit[0]), units[-1])
     digits = ".0f" if value >= 100 * size else ".3g"
     return f"{value / size:{digits}} {unit}"
 
