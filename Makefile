@@ -111,9 +111,10 @@ docs: claims  ## Renew what the documents quote from the program, and what they 
 	for paper in $(PAPERS:configs/%.yaml=%); do \
 		$(BIN)/python tools/papers.py runs/$$paper.h5 | $(BIN)/python tools/tables.py docs/$$paper.md $$paper; \
 	done
-	for picture in paper1/fig12-readings paper2/x paper3/u3; do \
-		$(BIN)/hodo plot configs/$${picture%/*}.yaml $${picture#*/} --format svg --out build/pictures; \
-		cp build/pictures/$$picture.svg docs/$${picture%/*}.svg; \
+	for picture in fig4=paper1/fig4 paper1=paper1/fig12-readings paper2=paper2/x paper3=paper3/u3; do \
+		figure=$${picture#*=}; \
+		$(BIN)/hodo plot configs/$${figure%/*}.yaml $${figure#*/} --format svg --out build/pictures; \
+		cp build/pictures/$$figure.svg docs/$${picture%=*}.svg; \
 	done
 
 papers: $(PRINTING)  ## Set the pages on the papers as one PDF, build/papers.pdf
