@@ -367,7 +367,7 @@ MESSAGES: list[tuple[str, list[str]]] = [
      ["4:56: figures.f.variables.1: unknown variable 'Q' ..."]),
     (f"{ONE}claims: [{{id: c, where: w, statement: s, cases: [a], expect: reproduced, "
      "check: {kind: monotone, of: [foo], sense: falls}}]",
-     ["4:103: claims.0.check.of.0: expected a quantity, got 'foo'"]),
+     ["4:103: claims.0.check.of.0: expected a quantity over time, got 'foo'"]),
     # All mistakes are raised together, by line.
     ("figures:\n"
      "  f: {kind: sphere, cases: [b, c]}\n"

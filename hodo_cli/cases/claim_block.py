@@ -1,8 +1,11 @@
-"""What a case file's `claims:` block takes: the statements of a text, and how each of them is
-checked."""
+"""What a case file's `claims:` and `errata:` blocks take: the statements and misprints of a text,
+and how each of them is checked."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from ..schema.kinds import (
@@ -42,7 +45,7 @@ CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
 """The verdicts on an erratum; a wrong number of an equation, say, is seen by reading."""
 
-QUANTITY_NAMES = {
+OVER_TIME = {
     "p": "angular velocity about x1",
     "q": "angular velocity about x2",
     "r": "angular velocity about x3",
@@ -51,6 +54,7 @@ QUANTITY_NAMES = {
     "x1_direction": "|G1|/|G|, 1 where G lies along x1",
     "tilt": "angle between G and x3, in radians",
     "separatrix_distance": "|D|/G^2",
+    "speed": "|omega|",
     "x": "p^2 + q^2",
     "y": "r^2",
     "Gz": "vertical angular momentum",
@@ -58,9 +62,16 @@ QUANTITY_NAMES = {
     "u1": "first root of the cubic of cos theta",
     "u2": "second root",
     "u3": "third root",
+}
+"""The quantities over time that a check may name."""
+
+SINGLE_NUMBERS = {
     "crossings": "number of separatrix crossings",
     "first_crossing": "time of the first crossing; infinite without one",
-    "turns": "turns of G about the axis that it encloses at the start",
+    "turns": "turns of G about the axis that it encloses at the start, while it does",
+    "visible_turns_x1": "the most turns of G about x1 in one stretch that encloses x1, where "
+    "|G| > 0.1",
+    "visible_turns_x3": "the most turns of G about x3, likewise",
     "area_largest": "largest w_l^2 while the axis l of largest inertia is enclosed, "
     "by the largest coordinate in the plane of w_l^2 and K w_s^2",
     "area_smallest": "largest K w_s^2 while the axis s of smallest inertia is enclosed, likewise",
@@ -69,22 +80,33 @@ QUANTITY_NAMES = {
     "end_of_spin": "time at which r reaches 0; infinite if it does not",
     "rebound_u3": "time at which u3 touches 1, where |Gz| = C |r|; infinite if it does not",
 }
-"""The quantities that a check may name, over time or one number for a motion; `claims.quantities`
-computes them."""
+"""The quantities that are one number of a motion; `claims.quantities` computes them."""
+
+QUANTITY_NAMES = {**OVER_TIME, **SINGLE_NUMBERS}
 
 
 AXIS = Choice("x1", "x2", "x3")
 QUANTITY = Choice(*QUANTITY_NAMES, title="a quantity")
 AT = Key(Choice("start", "end"), "where a quantity over time is taken", default="end")
-SEVERAL = Key(ListOf(QUANTITY), "quantities over time")
+CURVE = Choice(*OVER_TIME, title="a quantity over time")
+SEVERAL = Key(ListOf(CURVE), "quantities over time")
+# Of a curve that changes its sign the change may be twice the largest value; a check to which every
+# curve conforms is none.
+RELATIVE = Number(least=0, below=1)
 
 CHECK_KINDS: dict[str, dict[str, Key]] = {
     "axis": {
         "start": Key(AXIS, "axis enclosed at the start", default=None),
         "end": Key(AXIS, "axis enclosed at the end", default=None),
+        "turns": Key(
+            Number(least=0),
+            "turns that G must make about each of these axes while it is enclosed; with fewer than "
+            "one it goes round nothing, whatever the criterion says",
+            default=0.0,
+        ),
     },
     "crossings": {
-        "least": Key(Integer(least=0), "the fewest crossings", default=0),
+        "least": Key(Integer(least=1), "the fewest crossings", default=None),
         "most": Key(Integer(least=0), "the most crossings", default=None),
         "from": Key(AXIS, "axis that every crossing leaves", default=None),
         "to": Key(AXIS, "axis that every crossing goes to", default=None),
@@ -119,16 +141,12 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
     },
     "conserved": {
         "of": SEVERAL,
-        "within": Key(
-            Number(least=0), "change allowed, relative to the largest value", default=1e-12
-        ),
+        "within": Key(RELATIVE, "change allowed, relative to the largest value", default=1e-12),
     },
     "formula": {
-        "of": Key(QUANTITY, "quantity over time"),
+        "of": Key(CURVE, "quantity over time"),
         "formula": Key(FORMULA, "the law that it follows"),
-        "within": Key(
-            Number(least=0), "difference allowed, relative to the largest value", default=1e-12
-        ),
+        "within": Key(RELATIVE, "difference allowed, relative to the largest value", default=1e-12),
     },
     "average": {
         "variable": Key(
@@ -168,6 +186,28 @@ CHECK_KINDS: dict[str, dict[str, Key]] = {
 }
 """The keys of each kind of check."""
 
+NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {
+    "axis": (("start", "end"),),
+    "crossings": (("least", "most", "from", "to"),),
+    "bound": (("least", "most"),),
+    "average": (("at", "along"), ("least", "most", "sense")),
+}
+"""The keys of a check of which one must be there: without, every motion meets it."""
+
+CHECKS_OF_PAPERS = Path(__file__).parents[1] / "papers"
+
+
+@cache
+def checks_of_papers() -> dict[str, str]:
+    """The checks that are written for one text, and `Check` or `Trend` for each, by name.
+
+    They are read off the text of their modules: what computes stands above what files may say.
+    """
+    text = "".join(path.read_text(encoding="utf-8") for path in CHECKS_OF_PAPERS.glob("*.py"))
+    names = re.findall(r"^@(Check|Trend)\ndef (\w+)", text, re.MULTILINE)
+    return {name.replace("_", "-"): form for form, name in names}
+
+
 CHECK = Variant("kind", CHECK_KINDS, "how it is checked")
 ID = Key(Text(), "name")
 WHERE = Key(Text(), "section, figure or equation of the text")
@@ -190,11 +230,10 @@ CASES = Key(
     "case of the result",
     default=(),
 )
-CLAIM = {
-    "id": ID,
-    "where": WHERE,
-    "original": Key(Text(), "the statement in the words of the text", default=""),
-    "statement": Key(Text(), "what the text says, in one sentence"),
+READ_AS_PRINTED, READ_CORRECTED = "as printed", "corrected"
+"""The readings of an erratum, and of a statement that inherits it."""
+
+TESTED = {
     "cases": CASES,
     "readings": Key(
         Each(
@@ -218,11 +257,6 @@ CLAIM = {
         "a statement on which they disagree is under-determined",
         default={},
     ),
-    "erratum": Key(
-        Text(),
-        "erratum that the statement inherits; its readings are the text as printed, and corrected",
-        default="",
-    ),
     "check": Key(CHECK, "how it is checked", default=None),
     "over": Key(SWEEP, "ranges of keys: the statement is checked for every member", default=None),
     "start": Key(
@@ -235,6 +269,20 @@ CLAIM = {
         default=None,
     ),
     "theorem": THEOREM_KEY,
+}
+"""The keys by which a statement or a misprint is tested."""
+
+CLAIM = {
+    "id": ID,
+    "where": WHERE,
+    "original": Key(Text(), "the statement in the words of the text", default=""),
+    "statement": Key(Text(), "what the text says, in one sentence"),
+    "erratum": Key(
+        Text(),
+        "erratum that the statement inherits; its readings are `as printed` and `corrected`",
+        default="",
+    ),
+    **TESTED,
     "measured": Key(
         Text(), "what is measured instead, if no check can decide the statement itself", default=""
     ),
@@ -248,23 +296,19 @@ ERRATUM_KEYS = {
     "where": WHERE,
     "printed": Key(Text(), "what is printed"),
     "should_be": Key(Text(), "what it should be"),
-    "cases": CASES,
-    "check": Key(
-        CHECK,
-        "shows that the printed form is wrong and the corrected one right "
-        "(default: reading shows it)",
-        default=None,
-    ),
+    **TESTED,
     "note": REMARK,
 }
-"""The keys of an erratum."""
+"""The keys of an erratum. Its readings are `as printed`, which its check must contradict, and
+`corrected`, which must comply; a check without readings shows both. Without a check it is seen by
+reading."""
 
-SweepCheck = Callable[[Mapping[str, Any]], Iterable[Mistake]]
+CaseOf = Callable[[Any], Any]
+"""The case of an entry of `cases:`; None for one that has mistakes of its own. Raises Wrong for an
+entry that describes no case."""
+
+SweepCheck = Callable[[Any, Mapping[str, Any]], Iterable[Mistake]]
 """The mistakes of a sweep of a case."""
-
-CaseCheck = Callable[[Any], SweepCheck | None]
-"""The check of sweeps of a case, by an entry of `cases:`; None for a case that has mistakes of its
-own. Raises Wrong for an entry that describes no case."""
 
 
 def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
@@ -287,17 +331,16 @@ def case_name(case: Any) -> str:
     return str(case["case"] if isinstance(case, Mapping) else case)
 
 
-def cross_check(claims: Any, errata: Any, case_check: CaseCheck) -> Iterator[Mistake]:
+def cross_check(
+    claims: Any, errata: Any, case_of: CaseOf, check_sweep: SweepCheck
+) -> Iterator[Mistake]:
     """The mistakes that only several keys of the claims and errata show together: ids given twice,
-    cases that are not there, quantities and their numbers, sweeps that a case cannot make."""
+    cases that are not there, checks that every motion meets or none, sweeps that a case cannot
+    make."""
     ids: dict[str, list[str]] = {"errata": [], "claims": []}
     entries = [*_entries("errata", errata, ERRATUM_KEYS), *_entries("claims", claims, CLAIM)]
     for (section, i), entry in entries:
-        is_claim, cases = section == "claims", entry.get("cases", ())
-        of_entry = (
-            _check_claim(entry, case_check) if is_claim else _check_cases(cases, case_check)[0]
-        )
-        mistakes = [*of_entry]
+        mistakes = [*_check_entry(section, entry, case_of, check_sweep)]
         if (name := entry.get("id", "")) in ids[section]:
             mistakes.append((("id",), f"a second entry {name!r}"))
         ids[section].append(name)
@@ -315,76 +358,119 @@ def _entries(
             yield (name, i), check_keys(keys, item)[0]
 
 
-def _check_claim(claim: Mapping[str, Any], case_check: CaseCheck) -> Iterator[Mistake]:
-    """The mistakes of one claim, under each of its readings."""
+def _check_entry(
+    section: str, entry: Mapping[str, Any], case_of: CaseOf, check_sweep: SweepCheck
+) -> Iterator[Mistake]:
+    """The mistakes of one claim or erratum, under each of its readings."""
     # A key that is wrong by itself has been noted; nothing follows from its absence here.
-    if not {"readings", "cases", "check"} <= claim.keys():
+    if not {"readings", "cases", "check"} <= entry.keys():
         return
-    declared = claim["readings"]
-    if claim.get("erratum") and len(declared) != 2:
-        yield ("readings",), "expected two readings: the text as printed, and corrected"
-    if declared and claim["cases"]:
+    declared = entry["readings"]
+    has_both_forms = entry.get("erratum") or (section == "errata" and declared)
+    if has_both_forms and declared.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
+        yield ("readings",), f"expected two readings, {READ_AS_PRINTED!r} and {READ_CORRECTED!r}"
+    if "" in declared:
+        yield ("readings",), "a reading has no name"
+    if declared and entry["cases"]:
         yield ("cases",), "each reading has its own cases, so leave these out"
-    for name, reading in (declared or {"": {}}).items():
-        prefix: KeyPath = ("readings", name) if name else ()
-        named = (reading if name else claim)["cases"]
+    for name, reading in readings(entry).items():
+        prefix: KeyPath = ("readings", name) if declared else ()
+        own = declared.get(name, {})
+        paths = {key: (*prefix, key) if own.get(key) else (key,) for key in ("check", "over")}
+        named, check, over = reading["cases"], reading["check"], reading.get("over")
+        if section == "errata" and not declared and check is None and not named:
+            continue  # seen by reading
         if not named:
             yield (*prefix, "cases"), "names no case"
-        mistakes, sweep_checks = _check_cases(named, case_check)
-        yield from within(prefix, mistakes)
-        check = reading.get("check") or claim["check"] or {}
-        if not check:
+        if check is None:
             yield prefix, "has no check"
-        check_path = (*(prefix if reading.get("check") else ()), "check")
-        values = _check_values(check.get("values", {}), len(named))
-        yield from within((*check_path, "values"), values)
-        yield from within(check_path, _check_bounds(check))
-        ranges = reading.get("over") or claim.get("over") or {}
-        over = _check_over(ranges, sweep_checks)
-        yield from within((*(prefix if reading.get("over") else ()), "over"), over)
+            continue
+        yield from within(paths["check"], _check_check(check, len(named)))
+        cases, mistakes = _check_cases(named, case_of, is_swept=check["kind"] == "average")
+        yield from within(prefix, mistakes)
+        yield from within(paths["over"], _check_over(over or {}, cases, check_sweep))
+        yield from _check_members(reading, over)
+
+
+def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
+    """The mistakes of a check of so many cases: it needs a key, contradicts itself, or takes
+    another number of cases."""
+    kind, least, most = check["kind"], check.get("least"), check.get("most")
+    for keys in NEEDED.get(kind, ()):
+        if all(check[key] in (None, ()) for key in keys):
+            yield (), f"needs {' or '.join(keys)}: without, every motion meets it"
+    if least is not None and most is not None and least > most:
+        yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
+    if kind == "crossings" and check["from"] and check["from"] == check["to"]:
+        yield ("to",), f"expected another axis than {check['from']}, which a crossing leaves"
+    values = check.get("values", {})
+    yield from unknown_names(
+        "quantity", {("values", WrongKey(name)): name for name in values}, QUANTITY_NAMES
+    )
+    for name in QUANTITY_NAMES.keys() & values:
+        if (n := len(values[name])) != count:
+            yield ("values", name), f"expected {count} numbers, one for each case, got {n}"
+    if kind == "order" and count < 2:
+        yield (), f"compares the values of two cases or more, got {count}"
+    elif kind == "order" and check["by"] and count % check["by"]:
+        yield ("by",), f"expected a divisor of the number of cases, {count}, got {check['by']}"
+    if kind == "average" and count not in (1, 2):
+        yield (), "a check of kind average takes one case, or two whose distance it averages"
+    if check.get("sense") and kind == "average" and len(check["at"] + check["along"]) < 2:
+        yield ("sense",), "compares two averages or more: give more in at or along"
+    if kind == "paper":
+        yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())
+
+
+def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:
+    """The mistakes in the keys that choose and count the members of `over`."""
+    check = reading["check"]
+    is_trend = checks_of_papers().get(check.get("name")) == "Trend"
+    for key in ("start", "share"):
+        if reading.get(key) is not None and not over:
+            yield (key,), "is about the members of `over`, which is not there"
+    if is_trend and not over:
+        yield ("check",), f"{check['name']!r} compares the members of `over`, which is not there"
+    if is_trend and reading.get("share") is not None:
+        yield ("share",), f"{check['name']!r} compares all members, and is decided by no share"
+    if over and check["kind"] == "average":
+        yield ("over",), "a check of kind average takes the members of its cases' own sweeps"
 
 
 def _check_cases(
-    entries: Iterable[Any], case_check: CaseCheck
-) -> tuple[list[Mistake], list[SweepCheck]]:
-    """The mistakes of the entries of `cases:`, and the checks of sweeps of those without any."""
+    entries: Sequence[Any], case_of: CaseOf, is_swept: bool
+) -> tuple[list[Any], list[Mistake]]:
+    """The cases of the entries of `cases:` that have no mistake, and the mistakes: of the entries,
+    and sweeps where a check takes single motions, or the other way round."""
+    cases: list[Any] = []
     mistakes: list[Mistake] = []
-    sweep_checks = []
     for i, entry in enumerate(entries):
         try:
-            sweep_checks.append(case_check(entry))
+            case = case_of(entry)
         except Wrong as error:
             mistakes += within(("cases", i), error.mistakes)
-    return mistakes, [*filter(None, sweep_checks)]
-
-
-def _check_bounds(check: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Bounds that no value meets, and checks that every motion meets."""
-    least, most = check.get("least"), check.get("most")
-    if least is not None and most is not None and least > most:
-        yield ("most",), f"expected at least {least:g}, which is the lower bound, got {most:g}"
-    needed = {"bound": ("least", "most"), "axis": ("start", "end")}.get(check.get("kind", ""), ())
-    if needed and all(check[key] is None for key in needed):
-        yield (), f"needs {' or '.join(needed)}: without, every motion meets it"
-
-
-def _check_values(values: Mapping[str, Any], count: int) -> Iterator[Mistake]:
-    named: dict[KeyPath, str] = {(WrongKey(name),): name for name in values}
-    yield from unknown_names("quantity", named, QUANTITY_NAMES)
-    for name in QUANTITY_NAMES.keys() & values:
-        if (n := len(values[name])) != count:
-            yield (name,), f"expected {count} numbers, one for each case, got {n}"
+            continue
+        if case is not None and bool(case.sweep) != is_swept:
+            words = "a sweep, where a statement needs a single motion: use `over`"
+            mistakes.append(
+                (("cases", i), words if case.sweep else f"case {case.name} is no sweep")
+            )
+        elif case is not None:
+            cases.append(case)
+    return cases, mistakes
 
 
 MOST_MEMBERS = 100_000
 """Members that a claim may have: some milliseconds each make minutes of them."""
 
 
-def _check_over(ranges: Mapping[str, Any], checks: Iterable[SweepCheck]) -> Iterator[Mistake]:
+def _check_over(
+    ranges: Mapping[str, Any], cases: Iterable[Any], check_sweep: SweepCheck
+) -> Iterator[Mistake]:
     """The sweep of a claim against each of its cases; a mistake in several is noted once."""
     if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
-        by_path = dict(mistake for check in checks for mistake in check(ranges))
+        by_path = dict(mistake for case in cases for mistake in check_sweep(case, ranges))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
         yield from ((path[1:], message) for path, message in by_path.items())

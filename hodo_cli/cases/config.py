@@ -186,8 +186,12 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     }
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
-    case_check = partial(_case_check, cases, named)
-    claim_faults = claim_block.cross_check(present.get("claims"), present.get("errata"), case_check)
+    claim_faults = claim_block.cross_check(
+        present.get("claims"),
+        present.get("errata"),
+        partial(_case_named, cases, named),
+        check_sweep,
+    )
     faults += [
         *case_faults,
         *_default_mistakes(defaults, blocks.values()),
@@ -209,23 +213,24 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> Config:
     )
 
 
-def _case_check(
-    cases: Mapping[str, Case], names: Iterable[str], entry: Any
-) -> claim_block.SweepCheck | None:
-    """The check of sweeps of a case that a statement names, as it is or with other values; None if
-    the case has mistakes. Raises Wrong for an entry that describes no case."""
+def located(config: Config, path: KeyPath, message: str) -> HodoError:
+    """The error for a mistake in a config that only a result shows, with file, line and column."""
+    mistakes = Mistakes(config.path)
+    note([(path, message)], read_mapping(config.text, mistakes), (), Place(1, 1), mistakes)
+    return mistakes.error()
+
+
+def _case_named(cases: Mapping[str, Case], names: Iterable[str], entry: Any) -> Case | None:
+    """The case that a statement names, as it is or with other values; None if the case has
+    mistakes. Raises Wrong for an entry that describes no case."""
     changes = dict(entry) if isinstance(entry, Mapping) else {}
     name = changes.pop("case", None) if changes else entry
     if not isinstance(name, str):
         raise Wrong(((), "missing 'case', the name of the case that has other values here"))
     if name not in names:
         raise Wrong((("case",) if changes else (), unknown(f"case {name!r}", name, names)))
-    if name not in cases:
-        return None
-    case = variation(cases[name], changes) if changes else cases[name]
-    if changes and case.sweep:
-        raise Wrong(((), "a sweep, where a statement needs a single motion: use `over`"))
-    return partial(check_sweep, case)
+    case = cases.get(name)
+    return variation(case, changes) if case and changes else case
 
 
 def composed_text(cases: Mapping[str, Case], **sections: Any) -> str:

@@ -50,7 +50,7 @@ class DrawnFigure:
 
 
 DERIVED = (
-    *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H"),
+    *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H", "speed"),
     *("x1_direction", "tilt", "separatrix_distance", "psi", "theta", "phi"),
     *(f"attitude.{part}" for part in "abcd"),
     *(

@@ -36,8 +36,10 @@ from ..schema.kinds import (
     OneOf,
     Table,
     Variant,
+    Wrong,
     all_right,
     check_parts,
+    expected,
     unknown,
     within,
 )
@@ -87,9 +89,13 @@ class RangeValue(Number):
     """A number, or an angle as text."""
 
     def check(self, value: Any) -> float:
-        if isinstance(value, str):
-            return InDegrees(super().check(Angle().check(value)))
-        return super().check(value)
+        if not isinstance(value, str):
+            return super().check(value)
+        try:
+            angle = Angle().check(value)
+        except Wrong:
+            raise expected("a number, or an angle such as '60 deg'", value) from None
+        return InDegrees(super().check(angle))
 
     def schema(self) -> dict[str, Any]:
         return {"anyOf": [super().schema(), Angle().schema()]}

@@ -13,7 +13,7 @@ import numpy as np
 from ..models import rigid_body
 from ..results.motion import Motion, formula_values
 from .finding import PLOTTING_ACCURACY, ROUNDING, Finding, beyond, if_true, listed, part_of
-from .quantities import number, quantity
+from .quantities import number, quantity, turns_at
 
 if TYPE_CHECKING:
     from ..sweeps.view import SweepView
@@ -22,26 +22,35 @@ Keys = Mapping[str, Any]
 
 
 def axis(check: Keys, motions: Sequence[Motion]) -> Finding:
-    """The axes enclosed at start and end; decided by the number of cases that comply."""
-    axes = [tuple(rigid_body.LABELS[int(label)] for label in m.labels[[0, -1]]) for m in motions]
+    """The axes enclosed at start and end, and the turns that G makes about each of these; decided
+    by the number of cases that comply."""
     wanted = {moment: check[moment] for moment in ("start", "end") if check[moment]}
-    complying = sum(wanted.items() <= {"start": a, "end": b}.items() for a, b in axes)
-    words = ", ".join(f"{start} to {end}" if start != end else start for start, end in axes)
+    complying, words = 0, []
+    for m in motions:
+        axes = [rigid_body.LABELS[int(label)] for label in m.labels[[0, -1]]]
+        words.append(" to ".join(dict.fromkeys(axes)))
+        turns = [turns_at(m, moment) for moment in wanted] if check["turns"] else [0.0]
+        if check["turns"]:
+            words[-1] += f" ({listed(dict.fromkeys(turns), 3)} turns)"
+        complies = wanted.items() <= dict(zip(("start", "end"), axes, strict=True)).items()
+        complying += complies and min(turns) >= check["turns"]
     others = [f"an axis other than {label} at the {moment}" for moment, label in wanted.items()]
-    stays = check["start"] == check["end"]
-    contrary = f"an axis other than {check['start']}" if stays else " or ".join(others)
-    return Finding(if_true(complying == len(motions)), float(complying), words, contrary)
+    contrary = [f"an axis other than {check['start']}"] if len({*wanted.values()}) == 1 else others
+    if check["turns"]:
+        contrary.append(f"fewer turns about it than {check['turns']:g}")
+    holds = complying == len(motions)
+    return Finding(if_true(holds), float(complying), ", ".join(words), " or ".join(contrary))
 
 
 def crossings(check: Keys, motions: Sequence[Motion]) -> Finding:
     """Number and direction of the crossings of each case; decided by the largest number."""
-    most = math.inf if check["most"] is None else check["most"]
+    least, most = check["least"] or 0, math.inf if check["most"] is None else check["most"]
     holds, words = True, []
     for m in motions:
         passages = [
             (c.time, rigid_body.LABELS[c.start], rigid_body.LABELS[c.end]) for c in m.crossings
         ]
-        holds &= check["least"] <= len(passages) <= most
+        holds &= least <= len(passages) <= most
         holds &= all(
             check["from"] in (None, a) and check["to"] in (None, b) for _, a, b in passages
         )
@@ -76,7 +85,7 @@ def printed_values(check: Keys, motions: Sequence[Motion]) -> Finding:
             worst = max(
                 worst, beyond(differences[-1] / scale, check["within"] * (1 + ROUNDING) / scale)
             )
-    contrary = f"a difference above {check['within']:g} and {PLOTTING_ACCURACY:.0%} of the range"
+    contrary = f"a difference above {check['within']:g} that is more than 1 % of the range"
     return Finding(worst, float(np.max(differences)), "; ".join(words), contrary)
 
 

@@ -114,17 +114,6 @@ def difference_above(within: float) -> str:
     return f"a relative difference above {max(within, PLOTTING_ACCURACY):g}"
 
 
-def erratum(errors: Iterable[float], within: float, quantity: str = "off by") -> Finding:
-    """A printed form that is wrong and a corrected one that is right to `within`, by the errors of
-    the two, which `quantity` names; decided by that of the printed form.
-    """
-    printed, corrected = errors
-    words = f"{quantity} {printed:.3g} as printed, {corrected:.2g} corrected"
-    shown = if_true(corrected <= within < printed)
-    contrary = f"a corrected form that is off by more than {within:g}, or a printed one that is not"
-    return Finding(shown, printed, words, contrary)
-
-
 @dataclass(frozen=True)
 class Check:
     """A check that is written for one text, of the motions of a claim's cases, in order, or of one

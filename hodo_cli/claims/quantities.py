@@ -1,5 +1,6 @@
 """The measures that claims take of a motion: quantities over time, and single numbers."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -68,7 +69,35 @@ def number(m: Motion, name: str, at: str = "end") -> float:
     return float(quantity(m, name)[0 if at == "start" else -1])
 
 
-def swept_angle(m: Motion, about: int, samples: slice | np.ndarray = slice(None)) -> float:
+VISIBLE = 0.1
+"""The |G|, of about 1 at the start, above which a turn can be seen in a figure of the motion."""
+
+
+def stretches(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
+    """The stretches of samples that enclose axis `axis` (0, 1, 2) with |G| above `least`, in
+    order."""
+    inside = m.labels == axis + 1
+    if least:
+        inside &= m["G"] > least
+    edges = np.flatnonzero(np.diff(np.r_[False, inside, False])).tolist()
+    return [slice(first, end) for first, end in itertools.pairwise(edges)][::2]
+
+
+def most_turns(m: Motion, axis: int, least: float = 0.0) -> float:
+    """The most turns that G makes about an axis in one of its `stretches`."""
+    turns = [abs(swept_angle(m, axis, stretch)) for stretch in stretches(m, axis, least)]
+    return max(turns, default=0.0)
+
+
+def turns_at(m: Motion, moment: str) -> float:
+    """The turns that G makes in the stretch of "start" or "end" about the axis that it encloses
+    there."""
+    i = 0 if moment == "start" else -1
+    axis = int(m.labels[i]) - 1
+    return abs(swept_angle(m, axis, stretches(m, axis)[i])) if axis >= 0 else 0.0
+
+
+def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
     """The turns that G makes about axis `about` (0, 1, 2) over some samples, with their sign."""
     first_axis, second_axis = ((m.inertia * m.omega)[samples, i] for i in range(3) if i != about)
     # Right while G turns by less than half a turn between two samples, as it does in every figure.
@@ -135,7 +164,9 @@ def rebound(m: Motion) -> float:
 NUMBERS: dict[str, Callable[[Motion], float]] = {
     "crossings": lambda m: len(m.crossings),
     "first_crossing": lambda m: m.crossings[0].time if m.crossings else math.inf,
-    "turns": lambda m: abs(swept_angle(m, int(m.labels[0]) - 1)),
+    "turns": lambda m: turns_at(m, "start"),
+    "visible_turns_x1": lambda m: most_turns(m, 0, VISIBLE),
+    "visible_turns_x3": lambda m: most_turns(m, 2, VISIBLE),
     "area_largest": lambda m: area(m, 0),
     "area_smallest": lambda m: area(m, 2),
     "growth_largest": lambda m: tilt_growth(m, 0),
@@ -143,4 +174,4 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "end_of_spin": end_of_spin,
     "rebound_u3": rebound,
 }
-"""The quantities of `claim_block.QUANTITY_NAMES` that are one number."""
+"""What computes each of `claim_block.SINGLE_NUMBERS`."""

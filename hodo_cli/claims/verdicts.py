@@ -24,15 +24,17 @@ from ..cases.claim_block import (
     NOT_TESTED,
     ONCE_CORRECTED,
     PLOTTING,
+    READ_AS_PRINTED,
+    READ_CORRECTED,
     REPRODUCED,
     THEOREM,
     UNDERDETERMINED,
     case_name,
+    cases_of,
     readings,
 )
 from ..results.motion import Motion, case_of, motion_of
 from ..schema.frozen import frozen
-from ..schema.kinds import unknown
 from ..storage.hdf5 import ResultFile
 from .checks import MOTION_CHECKS, averages
 from .finding import Check, Finding, Trend, Verdict, part_of
@@ -60,33 +62,30 @@ class Judge:
         decisions = {name: f"{v.verdict} ({v.evidence})" for name, v in verdicts.items()}
         evidence = by_reading(decisions, "every reading: ")
         contrary = by_reading({name: v.contradicted_by for name, v in verdicts.items()}, "")
-        return Verdict(
-            claim, over_readings(claim, verdicts), first.number, evidence, contrary, verdicts
-        )
+        return Verdict(claim, over_readings(verdicts), first.number, evidence, contrary, verdicts)
 
     def erratum(self, erratum: Mapping[str, Any]) -> Verdict:
         """Whether the printed form is wrong and the corrected one right. Raises as `claim`."""
-        if erratum["check"] is None:
+        if not cases_of(erratum):
             return Verdict(erratum, BY_READING, math.nan, "")
-        if missing := unusable(erratum["cases"], self.run):
-            return Verdict(erratum, NOT_TESTED, math.nan, missing)
-        try:
-            finding = self._decide(erratum["check"], self._motions(erratum["cases"]))
-        except HodoError as error:
-            raise _located(f"erratum {erratum['id']}", self.run, error) from error
-        verdict = CONFIRMED if finding.holds else NOT_CONFIRMED
-        return Verdict(erratum, verdict, finding.number, finding.words, finding.contradicted_by)
+        verdict = self.claim(erratum)
+        if verdict.verdict == NOT_TESTED:
+            return verdict
+        shown, contrary = verdict.verdict in COMPLYING, verdict.contradicted_by
+        if erratum["readings"]:
+            shown = verdict.verdict == ONCE_CORRECTED
+            corrected = verdict.readings[READ_CORRECTED].contradicted_by
+            contrary = f"{corrected}, once corrected, or not as printed"
+        decision = CONFIRMED if shown else NOT_CONFIRMED
+        return replace(verdict, verdict=decision, contradicted_by=contrary)
 
     def _reading(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim without readings."""
         if missing := unusable(claim["cases"], self.run):
             return Verdict(claim, NOT_TESTED, math.nan, missing)
-        try:
-            if claim["check"]["kind"] == "average":
-                return by_finding(claim, of_sweep(claim, self.run))
-            return proved(self._measured(claim))
-        except HodoError as error:
-            raise _located(f"claim {claim['id']}", self.run, error) from error
+        if claim["check"]["kind"] == "average":
+            return by_finding(claim, of_sweep(claim, self.run))
+        return proved(self._measured(claim))
 
     def _case(self, entry: Any) -> Case:
         """The case of an entry of `cases:`, as it is stored or with other values."""
@@ -123,21 +122,14 @@ class Judge:
             name: self._decide(claim["check"], of_member)
             for name, of_member in zip(varied, by_member, strict=True)
         }
-        return (
-            gridded(claim, findings) if claim["share"] is None else sampled_verdict(claim, findings)
-        )
+        return over_members(claim, findings)
 
     def _decide(self, check: Mapping[str, Any], motions: Sequence[Any]) -> Finding:
         """The finding of one check on one set of motions, or of a trend on the motions of each
-        member, or on each motion. Raises HodoError for a name that no check has, and for motions
-        that it is not for."""
+        member. Raises HodoError for motions that it is not for."""
         if check["kind"] != "paper":
             return MOTION_CHECKS[check["kind"]](check, motions)
         name = check["name"]
-        if name not in self.checks:
-            raise HodoError(unknown(f"check {name!r}", name, self.checks))
-        if isinstance(self.checks[name], Trend):
-            motions = [[m] if isinstance(m, Motion) else m for m in motions]
         try:
             return self.checks[name].judge(motions)
         except (LookupError, TypeError, ValueError) as error:
@@ -157,20 +149,21 @@ def by_reading(words: Mapping[str, str], of_all: str) -> str:
     return "; ".join(f"{' / '.join(same)}: {text}" for text, same in names.items())
 
 
-def over_readings(claim: Mapping[str, Any], by_reading: Mapping[str, Verdict]) -> str:
-    """The verdict over the readings of a claim."""
+def over_readings(by_reading: Mapping[str, Verdict]) -> str:
+    """The verdict over the readings of a claim or an erratum."""
     verdicts = [reading.verdict for reading in by_reading.values()]
-    holds = [verdict in COMPLYING for verdict in verdicts]
+    holds = {name: reading.verdict in COMPLYING for name, reading in by_reading.items()}
     if NOT_TESTED in verdicts:
         return NOT_TESTED
-    # The readings of an erratum are two, as printed and corrected, in this order.
-    if claim["erratum"] and holds[0] != holds[1]:
-        return AS_PRINTED if holds[0] else ONCE_CORRECTED
-    if all(holds):
+    if all(holds.values()):
         weakest = (PLOTTING, REPRODUCED, THEOREM)
         return next(verdict for verdict in weakest if verdict in verdicts)
     # Contradicted only under every reading: the text may have meant the one under which it holds.
-    return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
+    if not any(holds.values()):
+        return CONTRADICTED if set(verdicts) == {CONTRADICTED} else UNDERDETERMINED
+    if holds.keys() != {READ_AS_PRINTED, READ_CORRECTED}:
+        return UNDERDETERMINED
+    return AS_PRINTED if holds[READ_AS_PRINTED] else ONCE_CORRECTED
 
 
 def by_finding(claim: Mapping[str, Any], finding: Finding) -> Verdict:
@@ -197,29 +190,18 @@ def unusable(cases: Sequence[Any], run: ResultFile) -> str:
     return ""
 
 
-def _located(entry: str, run: ResultFile, error: HodoError) -> HodoError:
-    """An error that names the claim or erratum and the file, once: it may begin with the file."""
-    return HodoError(f"{run.path}: {entry}: {str(error).removeprefix(f'{run.path}: ')}")
-
-
 def of_sweep(claim: Mapping[str, Any], run: ResultFile) -> Finding:
-    """The finding of an `average` on the one sweep that the claim names, or on the distance of two.
-    Raises HodoError if there is no such sweep."""
-    names = [name for name in claim["cases"] if isinstance(name, str)]
-    if len(names) not in (1, 2):
-        raise HodoError("a check of kind average takes one case, or two whose distance it averages")
+    """The finding of an `average` on the one sweep that the claim names, or on the distance of
+    two."""
     # Late, because it loads xarray, which no other claim needs.
     from ..results.dataset import dataset
     from ..sweeps.view import SweepView
 
-    sweeps = [SweepView.of(name, dataset(run.read(name))) for name in names]
-    for swept in sweeps:
-        if not swept.case.sweep:
-            raise HodoError(f"case {swept.name} is no sweep")
-    if len(sweeps) == 2:
+    swept, *other = (SweepView.of(name, dataset(run.read(name))) for name in claim["cases"])
+    if other:
         variable, against = claim["check"]["variable"], claim["check"]["against"]
-        sweeps = [sweeps[0].distance(sweeps[1], variable, against or variable)]
-    return averages(claim["check"], sweeps[0])
+        swept = swept.distance(other[0], variable, against or variable)
+    return averages(claim["check"], swept)
 
 
 @lru_cache(maxsize=64)
@@ -230,38 +212,27 @@ def stored_motion(run: ResultFile, name: str) -> Motion:
     return motion_of(group.variables, group.attributes, f"{run.path}: {name}", str(run.path))
 
 
-def gridded(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
-    """The verdict over a grid of the values that the text does not print."""
+def over_members(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
+    """The verdict over the members of `over`: a grid of the values that the text does not print
+    or, with `share`, a sample of the motions that the statement is about."""
     worst = max(findings, key=lambda member: findings[member].deviation)
-    deviation, holds = findings[worst].deviation, sum(f.holds for f in findings.values())
-    disagree = 0 < holds < len(findings)
-    size = f"{part_of(deviation)} of the range " if deviation < math.inf else ""
-    violation = (
-        f"; largest violation {size}at {worst} ({findings[worst].words})" if deviation else ""
-    )
-    words = f"holds on {holds} of {len(findings)} members{spread(findings)}{violation}"
-    verdict = UNDERDETERMINED if disagree else findings[worst].degree
-    fewest = "a" if claim["theorem"] else "every"
-    contrary = f"{fewest} member with {findings[worst].contradicted_by}"
-    return Verdict(claim, verdict, findings[worst].number, words, contrary)
-
-
-def sampled_verdict(claim: Mapping[str, Any], findings: Mapping[str, Finding]) -> Verdict:
-    """The verdict over a sample of the motions that the statement is about."""
+    finding, share = findings[worst], claim["share"]
     holds = sum(f.holds for f in findings.values())
-    share = holds / len(findings)
-    words = (
-        f"holds for {holds} of {len(findings)} members of a sample ({100 * share:.3g} %)"
-        f"{spread(findings)}"
-    )
-    of_member = next(iter(findings.values())).contradicted_by
-    failing = 1 - claim["share"]
-    fewest = f"more than {failing:.0%} of the members" if failing else "a member"
-    verdict = REPRODUCED if share >= claim["share"] else CONTRADICTED
-    return Verdict(claim, verdict, share, words, f"{fewest} with {of_member}")
-
-
-def spread(findings: Mapping[str, Finding]) -> str:
-    """The range of the deciding number over the members, where there is one."""
-    numbers = [finding.number for finding in findings.values()]
-    return f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""
+    numbers = [f.number for f in findings.values()]
+    spread = f", {min(numbers):.3g} to {max(numbers):.3g}" if min(numbers) < max(numbers) else ""
+    if share is not None:
+        complying = holds / len(findings)
+        words = (
+            f"holds for {holds} of {len(findings)} members of a sample ({100 * complying:.3g} %)"
+        )
+        fewest = f"more than {100 * (1 - share):.3g} % of the members" if share < 1 else "a member"
+        verdict = REPRODUCED if complying >= share else CONTRADICTED
+        contrary = f"{finding.contradicted_by}, for {fewest}"
+        return Verdict(claim, verdict, complying, words + spread, contrary)
+    words = f"holds on {holds} of {len(findings)} members{spread}"
+    if finding.deviation:
+        size = f"{part_of(finding.deviation)} of the range " if finding.deviation < math.inf else ""
+        words += f"; largest violation {size}at {worst} ({finding.words})"
+    verdict = UNDERDETERMINED if 0 < holds < len(findings) else finding.degree
+    contrary = f"{finding.contradicted_by}, for {'a' if claim['theorem'] else 'every'} member"
+    return Verdict(claim, verdict, finding.number, words, contrary)

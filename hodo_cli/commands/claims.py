@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.claim_block import BY_READING, CONFIRMED
-from ..cases.config import Config, parse
+from ..cases.config import Config, located, parse
 from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import catalogue_of_checks
@@ -77,14 +77,22 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
 
 def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
     """The rows of the verdicts on the claims and on the errata of one result. Raises HodoError as
-    `Judge.claim` does."""
+    `Judge.claim` does, with the place of the claim in its file."""
     judge, by_id = Judge(run, catalogue_of_checks()), itemgetter("id")
+    rows: dict[str, Rows] = {"statements": [], "errata": []}
     with Progress(len(config.claims) + len(config.errata)) as progress:
-        claims, errata = (progress.through(part, by_id) for part in (config.claims, config.errata))
-        return {
-            "statements": [claim_row(judge.claim(claim)) for claim in claims],
-            "errata": [claim_row(judge.erratum(erratum)) for erratum in errata],
-        }
+        for table, section, entries, decide in (
+            ("statements", "claims", config.claims, judge.claim),
+            ("errata", "errata", config.errata, judge.erratum),
+        ):
+            for i, entry in enumerate(progress.through(entries, by_id)):
+                try:
+                    rows[table].append(claim_row(decide(entry)))
+                except HodoError as error:
+                    place = (section, i, "check" if entry["check"] else "readings")
+                    message = str(error).removeprefix(f"{run.path}: ")
+                    raise located(config, place, message) from error
+    return rows
 
 
 def claim_row(verdict: Verdict) -> dict[str, Any]:

@@ -7,8 +7,6 @@ Equation numbers are the paper's; x = p^2 + q^2 and y = r^2. The body has A1 = A
 import itertools
 import math
 from collections.abc import Sequence
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
@@ -19,27 +17,19 @@ from ..claims.finding import (
     Trend,
     beyond,
     difference_above,
-    erratum,
     if_true,
     in_groups,
     listed,
 )
 from ..claims.quantities import end_of_spin, integrated_motion, number, quantity
 from ..claims.variations import changed
+from ..models.constants import attributes
 from ..models.terms.fluid import reynolds
 from ..results.motion import Motion
 
 SMALLER = (1.0, 0.3, 0.1, 0.03, 0.01)
 """Factors of kappa and epsilon together, from the figures' parameters towards the limit in which
 the paper averages."""
-
-
-@Check
-def never_at_zero(motions: Sequence[Motion]) -> Finding:
-    """y nears zero asymptotically: it does not reach it in finite time."""
-    times = [end_of_spin(m) for m in motions]
-    words = f"y reaches 0 at {listed(times)}"
-    return Finding(if_true(min(times) == math.inf), max(times), words, "a finite time")
 
 
 def x_at_end_of_spin(m: Motion) -> float:
@@ -87,7 +77,7 @@ def with_torque(m: Motion, factor: float, angle: float) -> Motion:
 def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
     """The case of a motion with kappa and epsilon smaller by a factor, over another time."""
     data = m.case.data
-    cavity = {"kappa": constants_of(m)["kappa"] * factor}
+    cavity = {"kappa": attributes(m.case.system.constants).kappa * factor}
     time = {"start": 0.0, "end": end, "samples": samples}
     return changed(m.case, {"cavity": cavity, "epsilon": data["epsilon"] * factor, "time": time})
 
@@ -131,11 +121,6 @@ def first_turn(m: Motion, factor: float) -> Motion:
     return integrated_motion(weaker(m, factor, turn, TURN_SAMPLES))
 
 
-def constants_of(m: Motion) -> dict[str, Any]:
-    """The numbers of a motion's equations, by name."""
-    return dict(m.case.system.constants)
-
-
 @Check
 def averaging_is_exact(motions: Sequence[Motion]) -> Finding:
     """With M1 = M2 = 0 the corrected averaged system is an identity of the full equations; cases
@@ -169,59 +154,3 @@ def ratio_to_1(members: Sequence[Sequence[Motion]]) -> Finding:
     falls, words = ratios[least] == min(ratios), f"x = {x} at A/C = {ratio}"
     contrary = "a least x at another A/C than the smallest"
     return Finding(if_true(falls), float(ratios[least]), words, contrary)
-
-
-# Errata: each check shows the printed form wrong and the corrected one right.
-
-
-@Check
-def sign_of_x(motions: Sequence[Motion]) -> Finding:
-    """Beside the full equations (2), (6) as printed and with the other sign of x'; and the relative
-    change of |G| by the fluid's torque alone, which is internal, in each.
-    """
-    full, printed, corrected, internal_printed, internal = motions
-    changes = [float(np.ptp(m["G"]) / m["G"].max()) for m in (internal_printed, internal)]
-    by_sign = erratum((apart(full, m) for m in (printed, corrected)), 1e-10)
-    words = (
-        f"{by_sign.words}; |G| without a torque changes by {changes[0]:.4g} and {changes[1]:.2g}"
-    )
-    holds = by_sign.deviation == 0 and changes[1] < 1e-12 < changes[0]
-    contrary = f"{by_sign.contradicted_by}, or a change of |G|"
-    return Finding(if_true(holds), by_sign.number, words, contrary)
-
-
-@Check
-def sign_of_torque(motions: Sequence[Motion]) -> Finding:
-    """r' of the full equations (2) at the start, beside (5) with -epsilon M3/C and with +."""
-    (m,) = motions
-    A, _, C = m.inertia
-    k = constants_of(m)
-    p, q, r = m.omega[0]
-    true = m.case.system.rhs(0.0, (p, q, r), SimpleNamespace(**k))[2]
-    fluid = k["kappa"] / (A * C) * (C - A) * (p * p + q * q) * r
-    return erratum((abs((fluid + N3 / C - true) / true) for N3 in (-k["N3"], k["N3"])), 1e-12)
-
-
-@Check
-def power_of_epsilon(motions: Sequence[Motion]) -> Finding:
-    """The limits of x that the text reads from its figures, beside those with the torque
-    epsilon^2 M3 of (1), in the first cases, and epsilon M3 of (2), in as many further ones."""
-    limits = np.reshape([number(m, "x") for m in motions], (2, -1))
-    errors = np.abs(limits - (0.76, 0.8, 0.5, 0.6)).max(axis=1)
-    # The text rounds 0.767 to 0.76.
-    return erratum(errors, 0.01, "the limits of x are off by")
-
-
-@Check
-def frequency_of_turns(motions: Sequence[Motion]) -> Finding:
-    """The frequency of (p, q) in free motion by the full equations, beside |(C - A) r0| as printed
-    and |(C - A) r0/A|.
-    """
-    (m,) = motions
-    A, _, C = m.inertia
-    k = constants_of(m) | dict.fromkeys(("kappa", "N1", "N2", "N3"), 0.0)
-    p, q, r = m.omega[0]
-    rhs = m.case.system.rhs
-    # (p, q) turns at the rate |(p, q)'|/|(p, q)|.
-    true = math.hypot(*rhs(0.0, (p, q, r), SimpleNamespace(**k))[:2]) / math.hypot(p, q)
-    return erratum((abs(abs((C - A) * r / size) - true) / true for size in (1, A)), 1e-12)

@@ -18,7 +18,6 @@ from ..claims.finding import (
     beyond,
     difference,
     difference_above,
-    erratum,
     if_true,
     in_groups,
     listed,
@@ -302,26 +301,29 @@ def smoothing(motions: Sequence[Motion]) -> Finding:
 
 
 @Check
+def period_as_printed(motions: Sequence[Motion]) -> Finding:
+    """Without perturbation u = cos theta has the period K(k)/alpha."""
+    return comes_back(motions, 1)
+
+
+@Check
 def period(motions: Sequence[Motion]) -> Finding:
-    """An erratum: the period of u = cos theta in free motion, by the full equations, beside K/alpha
-    as printed and 2 K/alpha.
-    """
-    (top,) = motions
-    A, C, mu = top.inertia[0], top.inertia[2], top.case.data["mu"]
-    theta, r = (top.case.data["initial"][name] for name in ("theta", "r"))
-    u = top.stored("gamma")[:, 2]
-    # The top is released at u2, its highest point, to which it comes back after each period.
-    i = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:]))[:2] + 1
-    true = float(np.diff([peak(top.time, u, j) for j in i])[0] / top.case.data["epsilon"])
-    half = half_period(A, C, mu, math.cos(theta), r)
-    return erratum((abs(multiple * half - true) / true for multiple in (1, 2)), 1e-4)
+    """Without perturbation u = cos theta has the period 2 K(k)/alpha."""
+    return comes_back(motions, 2)
 
 
-def peak(time: np.ndarray, values: np.ndarray, i: int) -> float:
-    """The time of a maximum near sample i, by the parabola through three samples."""
-    low, middle, high = values[i - 1 : i + 2]
-    step = time[i + 1] - time[i]
-    return float(time[i] + step / 2 * (low - high) / (low - 2 * middle + high))
+def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
+    """Whether u after a multiple of K(k)/alpha is u again, by the full equations for a top that is
+    let go at u2."""
+    pairs = []
+    for m in motions:
+        A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
+        u, t = m.stored("gamma")[:, 2], (m.time - m.time[0]) / m.case.data["epsilon"]
+        shift = multiple * half_period(A, C, mu, float(u[0]), float(m.omega[0, 2]))
+        earlier = t + shift <= t[-1]
+        pairs.append((u[earlier], np.interp(t[earlier] + shift, t, u)))
+    # Between samples u is taken as linear.
+    return agreement(pairs, 1e-4)
 
 
 def other_roots(A: float, C: float, mu: float, u2: float, r: float) -> tuple[float, float]:

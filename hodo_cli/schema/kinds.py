@@ -227,7 +227,7 @@ def shown(value: Any) -> str:
             return repr(value)
         case list() | tuple():
             return f"a list of {len(value)}"
-    return "a mapping"
+    return "a mapping" if value else "an empty mapping"
 
 
 def expected(what: object, value: Any, hint: str = "") -> Wrong:
