@@ -61,6 +61,12 @@ SPOKEN = {
     "initial.G": "|G(0)|",
     "a.0": "a0",
     "b.0": "b0",
+    "resistance.0.0": "I_11",
+    "resistance.0.2": "I_13",
+    "resistance.2.0": "I_31",
+    "resistance.2.2": "I_33",
+    "resistance.diagonal": "I_ii",
+    "resistance.off_diagonal": "I_ij",
 }
 """The words of a paper for the names that stand in the evidence."""
 
@@ -71,6 +77,7 @@ def spoken(text: str) -> str:
         text = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", words, text)
     letters = "|".join(GREEK)
     text = re.sub(rf"(?<![A-Za-z])({letters})(?![a-z])", lambda m: GREEK[m[1]], text)
+    text = text.replace("**", "^").replace("*", " ")
     for printed, sign in SIGNS.items():
         text = text.replace(printed, sign)
     text = re.sub(r"sqrt\((\w+)\)", r"√\1", text).replace("sqrt(", "√(")
@@ -78,7 +85,7 @@ def spoken(text: str) -> str:
     text = re.sub(r"(?<![\w.])(\d[\d.]*)e([+-]\d+)", power_of_ten, text)
     # Indices: x1, 2TA2, r_0, I_ij; ui and λi stand so in quotations.
     text = re.sub(r"(?<![A-Za-z])(T?[A-Za-zλω])([0-3])(?![A-Za-z0-9]|\.\d)", lowered, text)
-    text = re.sub(r"([A-Za-zλω])_([ij]+)", lowered, text)
+    text = re.sub(r"([A-Za-zλω])_([ij0-3]+)", lowered, text)
     return re.sub(r"(?<![A-Za-z])([λu])(i)(?!\w)", lowered, text)
 
 
@@ -183,7 +190,13 @@ def misprint(row: Mapping[str, Any]) -> str:
     """A misprint with what shows it."""
     parts = [place(row), f"Printed: {plain(row['printed'])}."]
     parts.append(f"Should be: {plain(row['should_be'])}.")
-    shown = f": {plain(row['evidence'])}" if row["evidence"] else ""
+    # What is confirmed is contradicted as printed and reproduced once corrected.
+    evidence = re.sub(
+        r"as printed: contradicted \((.*)\); corrected: reproduced \((.*)\)$",
+        r"as printed, \1; corrected, \2",
+        row["evidence"],
+    )
+    shown = f": {plain(evidence)}" if evidence else ""
     parts.append(f"**{row['verdict'].capitalize()}**{shown}.")
     if row["contradicted_by"]:
         parts.append(f"Refuted by {plain(row['contradicted_by'])}.")

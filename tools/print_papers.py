@@ -3,6 +3,7 @@
 Runs in the environment of `make papers`, with pandoc and typst.
 """
 
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -22,9 +23,14 @@ PREAMBLE = """\
 
 
 def main(out: Path, pages: list[Path]) -> None:
-    """Write the PDF; links between the pages become plain text, and pictures are found beside
-    them."""
-    text = "\n\n".join(page.read_text(encoding="utf-8") for page in pages)
+    """Write the PDF; pictures are found beside the pages."""
+    texts = {page.name: page.read_text(encoding="utf-8") for page in pages}
+    text = "\n\n".join(texts.values())
+    # A link to a page, or to a heading of one, leads to that place of the PDF.
+    for name, words in texts.items():
+        title = words.partition("\n")[0].lstrip("# ").lower()
+        anchor = re.sub(r"[^\w -]", "", title).replace(" ", "-")
+        text = text.replace(f"]({name})", f"](#{anchor})").replace(f"]({name}#", "](#")
     # A bar holds what it encloses together: a line may end before |G|, and not within it.
     text = text.replace("|", "\u2060|\u2060")
     body = pypandoc.convert_text(text, "typst", "gfm", extra_args=["--wrap=none"])

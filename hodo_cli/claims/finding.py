@@ -104,14 +104,8 @@ def difference(pairs: Sequence[ValuePair]) -> float:
 def agreement(pairs: Sequence[ValuePair], within: float) -> Finding:
     """A formula beside motions; decided by the largest relative difference."""
     worst = difference(pairs)
-    return Finding(
-        beyond(worst, within), worst, f"differs by {worst:.2g}", difference_above(within)
-    )
-
-
-def difference_above(within: float) -> str:
-    """The contrary of an agreement to `within`: a figure hides less than PLOTTING_ACCURACY."""
-    return f"a relative difference above {max(within, PLOTTING_ACCURACY):g}"
+    contrary = f"a relative difference above {max(within, PLOTTING_ACCURACY):g}"
+    return Finding(beyond(worst, within), worst, f"differs by {worst:.2g}", contrary)
 
 
 @dataclass(frozen=True)

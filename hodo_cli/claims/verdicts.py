@@ -75,7 +75,7 @@ class Judge:
         if erratum["readings"]:
             shown = verdict.verdict == ONCE_CORRECTED
             corrected = verdict.readings[READ_CORRECTED].contradicted_by
-            contrary = f"{corrected}, once corrected, or not as printed"
+            contrary = f"a corrected form with {corrected}, or a printed one without"
         decision = CONFIRMED if shown else NOT_CONFIRMED
         return replace(verdict, verdict=decision, contradicted_by=contrary)
 

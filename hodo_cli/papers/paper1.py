@@ -168,7 +168,8 @@ def larger_effect(measure: str, values: Sequence[float], entries: str, others: s
         for name, axis in (("diagonal", 1), ("off-diagonal", 0))
     }
     ratio = effects[entries] / effects[others]
-    words = f"{measure} {listed(values)}: effects {listed(effects.values())}"
+    sizes = (f"{size:.3g} of the {name} entries" for name, size in effects.items())
+    words = f"effects on the {measure}: {', '.join(sizes)}"
     return Finding(if_true(ratio > 1), ratio, words, f"a larger effect of the {others} entries")
 
 
