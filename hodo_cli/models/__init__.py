@@ -35,12 +35,9 @@ def _forms(module: ModuleType) -> list[type[Model]]:
     """The forms that a module itself states, not those that it builds on. A class that only stands
     in for one, or has no model's name yet, is none that a case can name."""
     classes = [item for item in vars(module).values() if isinstance(item, type)]
-    own = [item for item in classes if item.__module__ == module.__name__]
-    return [item for item in own if issubclass(item, Model) and _is_form(item)]
-
-
-def _is_form(item: type[Model]) -> bool:
-    return "form" in vars(item) and hasattr(item, "name")
+    models = [item for item in classes if issubclass(item, Model) and hasattr(item, "name")]
+    own = [item for item in models if item.__module__ == module.__name__]
+    return [item for item in own if "form" in vars(item)]
 
 
 @cache
@@ -82,9 +79,7 @@ class Catalogue(UserDict[str, Any]):
     """`forms_of` by the names of the models, None until a model is asked for."""
 
     def __getitem__(self, name: str) -> Mapping[str, type[Model]]:
-        if self.data[name] is None:
-            self.data[name] = forms_of(name)
-        return self.data[name]  # type: ignore[no-any-return]
+        return self.data[name] or forms_of(name)
 
 
 @cache

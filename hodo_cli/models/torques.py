@@ -314,10 +314,6 @@ class Torques(BodyUnderTorques, LookedUp):
             return omega
         return tuple(self.starts(np.array(omega)).tolist())
 
-    @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        return {"omega": y[:, :3]}
-
     @property
     def run_events(self) -> tuple[Event, ...]:
         events = []

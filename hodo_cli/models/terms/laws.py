@@ -68,13 +68,6 @@ def law_mapping(unit: str, t: str) -> Variant:
     )
 
 
-def law_kind(unit: str, t: str = "t") -> Either:
-    """The kind of a function of time: a constant, the coefficients of 1, t, t^2, ..., or a law of
-    LAWS with its parameters."""
-    title = f"a number, or a polynomial in {t}: [a0, a1, ...]"
-    return Either(ListOf(Number(), alone=True, title=title), law_mapping(unit, t))
-
-
 @dataclass(frozen=True)
 class Repeated(ListOf):
     """One value that means that all are equal; no list."""

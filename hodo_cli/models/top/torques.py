@@ -4,10 +4,13 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from ...schema.kinds import Choice, Key
-from ..terms.laws import coefficient_at, law_kind
+from ...schema.kinds import Choice, Either, Key, ListOf, Number
+from ..terms.laws import coefficient_at, law_mapping
 
-LAW = law_kind("moment of inertia / time", "tau")
+LAW = Either(
+    ListOf(Number(), alone=True, title="a number, or a polynomial in tau: [a0, a1, ...]"),
+    law_mapping("moment of inertia / time", "tau"),
+)
 """A coefficient of resistance as a function of tau."""
 
 
