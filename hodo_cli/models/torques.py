@@ -363,12 +363,12 @@ class Torques(BodyUnderTorques, LookedUp):
     @property
     def exact_end(self) -> tuple[str, EventOutcome] | None:
         along = self.along_momentum
-        if along is None or not np.isfinite(along.stop):
+        if along is None or math.isinf(along.stop):
             return None
         _, s = along.clock(np.array([along.stop]))
         omega = free_motion(self.moments, np.array(self.start[:3]), s)
         details = stop_details(self.momentum(omega)[0], self.enclosed(omega)[0])
-        return "stopped", EventOutcome(float(along.stop), details, ())
+        return "stopped", EventOutcome(along.stop, details, ())
 
     @property
     def predictions(self) -> list[str]:
@@ -387,11 +387,8 @@ class Torques(BodyUnderTorques, LookedUp):
         """When the brake stops the body, or between which times: fluid does not change |G|."""
         if not self.brake or self.quadratic or self.quadratic_axes:
             return []
-        G = np.linalg.norm(self.momentum(np.array(self.start[:3])))
-        first, last = (
-            float(AlongMomentum(rate, self.brake / G).stop)
-            for rate in (max(terms.damping), min(terms.damping))
-        )
+        rate = self.brake / float(np.linalg.norm(self.momentum(np.array(self.start[:3]))))
+        first, last = (AlongMomentum(of(terms.damping), rate).stop for of in (max, min))
         if first == last:
             return [f"stops after {first:.15g} [time]"] if math.isfinite(first) else []
         return [f"stops after {first:.6g} to {last:.6g} [time]"]

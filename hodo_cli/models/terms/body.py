@@ -147,7 +147,7 @@ class BodyUnderTorques(BodyFrame):
             return None
         if "brake" not in given:
             return AlongMomentum(damping[0], 0.0)
-        momentum = np.linalg.norm(self.momentum(np.array(self.start[:3])))
+        momentum = float(np.linalg.norm(self.momentum(np.array(self.start[:3]))))
         return AlongMomentum(damping[0], brake[0] / momentum) if momentum else None
 
     @property

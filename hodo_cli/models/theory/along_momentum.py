@@ -16,6 +16,7 @@ For phi = lambda + b/|G| (damping, a brake) let beta = b/|G(0)|. Then g' = -(bet
 The body stops at the zero of g.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,33 +28,27 @@ SERIES_TERMS = 20
 
 
 class AlongMomentum(NamedTuple):
-    """The rates lambda and beta of a torque along G at the start, 1/time; numbers or arrays (...)
-    in any precision, beta at least 0."""
+    """The rates lambda and beta of a torque along G at the start, 1/time, beta at least 0."""
 
-    damping: Any
-    brake: Any
+    damping: float
+    brake: float
 
     @property
-    def stop(self) -> Any:
-        """The time (...) at which the body comes to rest; infinite where it does not."""
-        with np.errstate(all="ignore"):
-            ratio = np.divide(self.damping, self.brake)
-            stops = (np.asarray(self.brake) > 0) & (ratio > -1)
-            return np.where(stops, _of_log(ratio) / self.brake, np.inf)
+    def stop(self) -> float:
+        """The time at which the body comes to rest; infinite where it does not."""
+        if not self.brake or self.damping <= -self.brake:
+            return math.inf
+        if not self.damping:
+            return 1 / self.brake
+        return math.log1p(self.damping / self.brake) / self.damping
 
     def clock(self, t: Any) -> tuple[Any, Any]:
         """g and s (...) at times t >= 0 (...); at rest g is 0 and s stands still."""
-        stop = self.stop
-        t, stopped = np.minimum(t, stop), np.asarray(t) >= stop
+        t, stopped = np.minimum(t, self.stop), np.asarray(t) >= self.stop
         with np.errstate(over="ignore", invalid="ignore"):  # of what grows beyond all doubles
             a = free_time(self.damping, t)
             g = np.where(stopped, 0, np.exp(-self.damping * t) - self.brake * a)
             return g, a - self.brake * _second(self.damping * t) * t * t
-
-
-def _of_log(z: Any) -> Any:
-    """log(1 + z)/z, 1 at z = 0."""
-    return np.where(z == 0, 1, np.log1p(z) / np.where(z == 0, 1, z))
 
 
 def _second(z: Any) -> Any:
