@@ -18,15 +18,18 @@ from .theory.attitude import composed, free_attitude, product
 
 KEY = "attitude"
 
-EULER_ANGLES = ListOf(Angle(), length=3, title="3 angles in radians, or such as '60 deg'")
-
 ATTITUDE = Key(
     Either(
         Choice("yes", "no"),
         Table(
             {
                 "initial": Key(vector(4), "quaternion a, b, c, d at the start", default=None),
-                "euler": Key(EULER_ANGLES, "angles of the `sequence` at the start", "rad", None),
+                "euler": Key(
+                    ListOf(Angle(), length=3, title="3 angles in radians, or such as '60 deg'"),
+                    "angles of the `sequence` at the start",
+                    "rad",
+                    None,
+                ),
                 "sequence": Key(
                     Text(),
                     "axes of the angles: capitals are body axes, small letters space axes, as of"

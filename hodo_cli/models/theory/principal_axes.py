@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-InertiaTensor = tuple[tuple[float, ...], ...]
-
 ASYMMETRY = 1e-12
 """The relative difference of two entries of a symmetric tensor that is rounding."""
 
@@ -22,7 +20,7 @@ class PrincipalAxes(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def principal_axes(tensor: InertiaTensor) -> PrincipalAxes:
+def principal_axes(tensor: tuple[tuple[float, ...], ...]) -> PrincipalAxes:
     """The principal axes of a tensor of inertia, each numbered as that of the given axes which it
     is near: those of a diagonal tensor are the given ones.
 

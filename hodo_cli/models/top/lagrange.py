@@ -42,15 +42,6 @@ MOST_NODES, UNRESOLVED = 1000, 1e-12
 LAWS = ("mu", "m", "a", "b")
 """The keys of coefficients that may follow laws of time."""
 
-INTEGRAL_LABELS = {
-    "Gz": Label(
-        ("time",), "vertical component of the angular momentum", "moment of inertia / time"
-    ),
-    "H": Label(("time",), "energy", "moment of inertia / time^2"),
-    "r": Label(("time",), "angular velocity about the axis of symmetry", "1/time"),
-}
-ROOT_LABELS = {f"u{i}": Label(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)}
-
 
 @dataclass(frozen=True)
 class Top(Model):
@@ -168,7 +159,14 @@ class Top(Model):
 class Nutating(Top):
     """What the averaged forms share: they need a nutation of finite period, hence u2 < u3."""
 
-    variables = INTEGRAL_LABELS | ROOT_LABELS
+    variables = {
+        "Gz": Label(
+            ("time",), "vertical component of the angular momentum", "moment of inertia / time"
+        ),
+        "H": Label(("time",), "energy", "moment of inertia / time^2"),
+        "r": Label(("time",), "angular velocity about the axis of symmetry", "1/time"),
+        **{f"u{i}": Label(("time",), f"root u{i} of the cubic of cos theta") for i in (1, 2, 3)},
+    }
 
     def refuse_start(self) -> None:
         if not self.separation > TOO_NEAR:

@@ -1,6 +1,6 @@
 """The torques on a Lagrange top, whose coefficients are functions of slow time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -39,9 +39,7 @@ def cubic_dissipation(tau: Any, Gz: Any, H: Any, r: Any, u: Any, k: Any) -> tupl
     return square * f, square * M3
 
 
-Perturbation = Callable[..., tuple[Any, Any]]
-
-PERTURBATIONS: dict[str, Perturbation] = {
+PERTURBATIONS: Mapping[str, Callable[..., tuple[Any, Any]]] = {
     "linear-dissipation": linear_dissipation,
     "cubic-dissipation": cubic_dissipation,
 }
