@@ -143,7 +143,7 @@ def test_marks_tell_what_they_are(folder: Path) -> None:
     assert words.startswith("crossing of D = 0 at 305.3589")
     names = {text for stroke in strokes(data_in(folder, "space")) for text in stroke["texts"]}
     assert {"G1", "G2", "G3", "0.2", "0.4"} <= names
-    circles = [s for s in strokes(data_in(folder, "ball")) if len(s["points"]) == 361]
+    circles = [s for s in strokes(data_in(folder, "ball")) if len(s["points"]) == 721]
     assert len(circles) == 2
 
 
@@ -162,7 +162,7 @@ def test_a_map_of_the_sphere_is_on_the_sphere(folder: Path) -> None:
         "#e4e4e4"
     }
     assert len({*zip(texts, shades, strict=True)}) == len({*texts})
-    assert len([stroke for stroke in strokes(data) if len(stroke["points"]) == 361]) == 4
+    assert len([stroke for stroke in strokes(data) if len(stroke["points"]) == 721]) == 4
 
 
 def test_a_caption_speaks_of_the_figure_in_its_page(folder: Path) -> None:

@@ -40,7 +40,10 @@ function spaceOf(panel) {
     for (let k = 0; k < stroke.points.length; k += 3) {
       const place = middle.map((value, i) => stroke.points[k + i] - value);
       const [right, up, near] = M.map((row) => row[0] * place[0] + row[1] * place[1] + row[2] * place[2]);
-      stroke.seen.push([canvas.width / 2 + scale * right, canvas.height / 2 - scale * up, layerOf(near / radius)]);
+      // An enlarged panel shows what is in its box, not what lies before it or behind.
+      const away = stroke.time || stroke.look.ls === "" ? Math.max(...place.map(Math.abs)) : 0;
+      const layer = panel.reach && away > panel.reach ? null : layerOf(near / radius);
+      stroke.seen.push([canvas.width / 2 + scale * right, canvas.height / 2 - scale * up, layer]);
     }
   }
   // Stretches of one colour and layer, each reaching to the next one's first point.
@@ -48,7 +51,8 @@ function spaceOf(panel) {
     for (let k = 1, first = 0; k <= stroke.seen.length; k++) {
       const goesOn = k < stroke.seen.length && stroke.seen[k][2] === stroke.seen[first][2];
       if (goesOn && codeOf(stroke, k) === codeOf(stroke, first)) continue;
-      yield { stroke, first, end: k, layer: stroke.seen[first][2] };
+      const layer = stroke.seen[first][2];
+      if (layer !== null) yield { stroke, first, end: k, layer };
       first = k;
     }
   }
@@ -132,7 +136,8 @@ function spaceOf(panel) {
     let distance = 12 * devicePixelRatio, text = "";
     const known = panel.strokes.filter((stroke) => stroke.time || stroke.look.ls === "" && stroke.texts.length);
     for (const stroke of known) {
-      stroke.seen.forEach(([x, y], k) => {
+      stroke.seen.forEach(([x, y, layer], k) => {
+        if (layer === null) return;
         const apart = Math.hypot(x - event.offsetX * devicePixelRatio, y - event.offsetY * devicePixelRatio);
         // A mark comes behind its curve, and counts where both are as near.
         if (apart <= distance) [distance, text] = [apart, reading(stroke, k)];

@@ -130,28 +130,6 @@ def graticule() -> list[np.ndarray]:
     return parallels + meridians
 
 
-def separatrix_circles(A: np.ndarray) -> list[np.ndarray]:
-    """The two great circles of G/|G| (361, 3) on which D = 0, for moments A (3,); none if two are
-    equal.
-
-    There (1 - A_m/A_l) G_l^2 = (A_m/A_s - 1) G_s^2.
-    """
-    if len(set(A.tolist())) < 3:
-        return []
-    largest, middle, smallest = rigid_body.inertia_order(A)
-    # D = 0 in terms of G: D = (1 - A_m/A_l) G_l^2 - (A_m/A_s - 1) G_s^2.
-    slope = math.sqrt((1 - A[middle] / A[largest]) / (A[middle] / A[smallest] - 1))
-    turn = np.linspace(0, 2 * np.pi, 361)[:, None]
-    circles = []
-    for sign in (1, -1):
-        across = np.zeros(3)
-        across[largest], across[smallest] = 1, sign * slope
-        circles.append(
-            np.cos(turn) * across / math.hypot(1, slope) + np.sin(turn) * np.eye(3)[middle]
-        )
-    return circles
-
-
 def within_separatrix(directions: np.ndarray, A: np.ndarray | None) -> np.ndarray:
     """Whether D > 0 for directions (..., 3) of G of a body with moments A (3,); False without a
     body."""

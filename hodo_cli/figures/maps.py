@@ -17,6 +17,7 @@ from matplotlib.patheffects import withStroke
 from .. import HodoError
 from ..cases.figure_block import averaged
 from ..models.rigid_body import LABELS, BodyFrame
+from ..models.theory.gyrostat import separatrix_curves
 from ..models.theory.possible_crossings import turning_momenta
 from ..results.dataset import Cases
 from ..sweeps.view import SweepView
@@ -35,7 +36,7 @@ from .artists import (
     pair,
     styles,
 )
-from .geometry import View, edges, separatrix_circles, within_separatrix
+from .geometry import View, edges, within_separatrix
 from .sheet import Look, Sheet
 
 GAP = "#E4E4E4"
@@ -258,7 +259,7 @@ def map_sphere(
     axes.spines["geo"].set(color=GREY, lw=0.6)
     A = swept.body()
     axes.pcolormesh(*sphere_cells(directions, values, A), **look)
-    circles = [] if A is None else separatrix_circles(A)
+    circles = [] if A is None else separatrix_curves(A, np.zeros(3), 1.0)
     for circle in circles:
         axes.plot(*unbroken(circle), **SEPARATRIX, zorder=3, path_effects=HALO)
     globe(sheet, axes, directions, values, circles, look)

@@ -11,7 +11,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from ..models.rigid_body import BodyFrame
 from ..models.theory.gyrostat import separatrix_curves
 from ..results.dataset import Cases, motions_of
 from ..results.in_space import SPACE_AXES
@@ -47,7 +46,6 @@ from .geometry import (
     clearest,
     graticule,
     round_step,
-    separatrix_circles,
     stretches,
     windings,
 )
@@ -262,14 +260,11 @@ def common_circles(motions: Sequence[Motion]) -> list[np.ndarray]:
     first = motions[0]
     if of_other_body(motions):
         return []
-    body = first.case.system
-    if not isinstance(body, BodyFrame) or not (first.has_rotor or first.is_turned):
-        return separatrix_circles(first.inertia)
-    curves = separatrix_circles(first.inertia)
-    if body.rotor_momentum is not None:
-        curves = separatrix_curves(body.moments, body.rotor_momentum, float(first["G"][0]))
-    axes = np.eye(3) if body.principal_axes is None else body.principal_axes
-    return [curve @ axes for curve in curves]
+    rotor, momentum = np.zeros(3), 1.0
+    if first.has_rotor:
+        rotor, momentum = getattr(first.case.system, "rotor_momentum"), first["G"][0]  # noqa: B009
+    curves = separatrix_curves(first.inertia, rotor, momentum)
+    return [curve @ first.principal_axes for curve in curves]
 
 
 @dataclass(frozen=True)

@@ -182,9 +182,11 @@ def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:
         low, middle, high = order if c[order[1]] >= 0 else order[::-1]
         first, second = (np.eye(3)[i] / np.sqrt(max(abs(c[i]), 1e-12 * scale)) for i in (low, high))
         if abs(c[middle]) <= FLAT * scale:  # the cone is two planes, and each cuts out a circle
+            # Half a turn of the line is all of it.
+            half = turn / 2
             ways = [
-                np.cos(turn) * (first + sign * second) / np.linalg.norm(first + second)
-                + np.sin(turn) * np.eye(3)[middle]
+                np.cos(half) * (first + sign * second) / np.linalg.norm(first + second)
+                + np.sin(half) * np.eye(3)[middle]
                 for sign in (1, -1)
             ]
         else:
