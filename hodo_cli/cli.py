@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from . import BatchError, HodoError, __version__
 from .machine import RESOURCES
@@ -169,8 +170,6 @@ def _named_in(section: str) -> Callable[..., list[Any]]:
     so far, for a shell; file names where none fits."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-        from click.shell_completion import CompletionItem
-
         from .cases.config import load, parse
         from .storage.hdf5 import open_run
 
@@ -194,8 +193,6 @@ def _configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     """The case files that come with hodo, for a shell to complete; its own files where one begins
     with these letters."""
     from glob import escape, glob
-
-    from click.shell_completion import CompletionItem
 
     from .cases.config import BUNDLED_CONFIGS
 

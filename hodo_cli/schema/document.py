@@ -132,15 +132,19 @@ def _reason(error: Any, mark: yaml.Mark | None, text: str, override: str) -> str
         return str(error)
     # The end of a text may be a line beyond its last.
     lines = text.split("\n")[mark.line : mark.line + 1]
-    if any("\t" in line[: mark.column + 1] for line in lines):
-        return "a tab; indent with spaces"
-    if error.problem == "mapping values are not allowed in this context":
-        return "a second ': ' on one line: indent a new key, or put the text in quotes"
-    if error.context in OPENED and error.context_mark:
-        # An override is one line, and stands within a document of its own.
-        where = "" if override else f" of line {error.context_mark.line + 1}"
-        return f"{OPENED[error.context]}{where} is not closed, or lacks a comma"
-    return ", ".join(phrase for phrase in (error.context, error.problem) if phrase)
+    bracket, opening = OPENED.get(error.context, ""), error.context_mark
+    # An override is one line, and stands within a document of its own.
+    where = f" of line {opening.line + 1}" if opening and not override else ""
+    reasons = (
+        (any("\t" in line[: mark.column + 1] for line in lines), "a tab; indent with spaces"),
+        (
+            error.problem == "mapping values are not allowed in this context",
+            "a second ': ' on one line: indent a new key, or put the text in quotes",
+        ),
+        (bracket and opening, f"{bracket}{where} is not closed, or lacks a comma"),
+        (True, ", ".join(filter(None, (error.context, error.problem)))),
+    )
+    return next(reason for holds, reason in reasons if holds)
 
 
 class _Reader:
