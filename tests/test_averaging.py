@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from hodo_cli.models.averaging import free_turn, means, passage
+from hodo_cli.models.constants import attributes
+from hodo_cli.models.linear_diag import LinearDiagAveraged
 from hodo_cli.models.terms.torques import fluid_torque
 
 Triple = tuple[float, float, float]
@@ -17,6 +19,17 @@ Triple = tuple[float, float, float]
 BODY = free_turn.Body.of((1.0, 0.8, 0.6))
 FIG4, LAM4 = (0.8, 0.5, 0.74), (0.005, 0.004, 0.003)
 FIG12, LAM12 = (0.5, 0.25, 1.40435829552939), (0.005, 0.00625, 0.025 / 3)
+
+
+def linear_part(lam: Sequence[float], slow: free_turn.SlowVariables) -> np.ndarray:
+    """The periodic parts of X_e and X_o under linear resistance."""
+    form = LinearDiagAveraged(
+        inertia=BODY[:3],
+        initial=dict(zip("pqr", FIG4, strict=True)),
+        damping=tuple(lam),
+        mean_start="yes",
+    )
+    return form.part(0.0, slow, attributes(form.constants))
 
 
 class Foretold(NamedTuple):
@@ -125,8 +138,8 @@ def test_slow_variables_and_their_periodic_part() -> None:
     assert [slow.X, slow.Y, passage.shape_distance(slow.m1), 1 - slow.m1] == pytest.approx(
         [0.296, 0.171424, 0.54621943462551054, 0.57913513513513514], rel=1e-15
     )
-    closed = means.damped_part(BODY, LAM4, slow)
-    assert closed == pytest.approx((0.00080351012296, -0.00138743114381), rel=1e-11)
+    closed = linear_part(LAM4, slow)
+    assert closed == pytest.approx(np.array((0.00080351012296, -0.00138743114381)), rel=1e-11)
     series = means.periodic_part(
         BODY, lambda omega: -np.array(LAM4) * np.array(BODY[:3]) * omega, slow
     )
@@ -182,9 +195,9 @@ def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> Non
     slow = state_of_energy(J)
     X_e, X_o = slow.pair
     m = 1 - slow.m1
-    closed = X_o * means.fluid_loss(
-        means.fluid_weights(*BODY[:3], 1.0, slow.side), m, means.turn_means(m, slow.m1), X_e, X_o
-    )
+    cd, *others = means.fluid_weights(BODY)
+    weights = cd, *others[:: slow.side]
+    closed = X_e * X_o * means.fluid_loss(weights, m, means.turn_means(m, slow.m1))
     assert closed == pytest.approx(loss, rel=1e-14)
     dX, dY = means.mean_rates(
         BODY,
@@ -265,7 +278,7 @@ def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
 
 
 def mean_elements(lam: Sequence[float], slow: free_turn.SlowVariables) -> free_turn.SlowVariables:
-    (X_e, X_o), (dX_e, dX_o) = slow.pair, means.damped_part(BODY, lam, slow)
+    (X_e, X_o), (dX_e, dX_o) = slow.pair, linear_part(lam, slow)
     X_e, X_o = X_e * (1 - dX_e), X_o * (1 - dX_o)
     X, Y = (X_e, X_o) if slow.side > 0 else (X_o, X_e)
     w_e, w_o = BODY.weight(slow.side)

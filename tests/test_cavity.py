@@ -100,7 +100,7 @@ def test_for_an_axisymmetric_body_they_are_those_of_the_paper() -> None:
 
 @pytest.mark.parametrize("form", ["averaged", "averaged-as-printed"])
 def test_the_averaged_equations_are_those_of_the_independent_reference(form: str) -> None:
-    k = SimpleNamespace(A=8.0, C=4.0, kappa=0.6, N3=-0.3)
+    k = SimpleNamespace(A1=8.0, A3=4.0, kappa=0.6, N3=-0.3)
     system = series.cavity_averaged(8.0, 4.0, 0.6, -0.3, printed=form == "averaged-as-printed")
     for a, r in [(1.0, 1.0), (0.3, -0.7), (2.0, 0.0)]:
         da, dr = FORMS[form].rhs(0, (a, r), k)

@@ -198,11 +198,32 @@ def test_averaged_motions_pass_in_any_unit_of_time(rate: float, slowness: float)
     np.testing.assert_allclose(there.event_time * rate, here.event_time, rtol=1e-11)
 
 
-@pytest.mark.parametrize("model", ["linear-diag", "tensor", "cavity+constant", "torques"])
-def test_averaged_forms_refuse_what_only_another_unit_of_time_can_hold(model: str) -> None:
-    data = scaled(DATA[model], (1e-6, 1.0))
-    with pytest.raises(hodo_cli.HodoError, match="take a shorter unit of time"):
-        hodo_cli.run({"model": model, "form": "averaged", "time": {"end": 1e-6}} | data)
+TRIAXIAL = {"inertia": [1, 0.8, 0.6], "initial": DATA["linear-diag"]["initial"]}
+
+
+@pytest.mark.parametrize(
+    ("model", "other", "powers"),
+    [
+        ("linear-diag", {}, {"momentum": 1, "J": 0}),
+        ("tensor", {}, {"momentum": 1, "J": 0}),
+        ("cavity+constant", TRIAXIAL, {"momentum": 1, "J": 0}),
+        ("cavity+constant", {}, {"x": 2, "y": 2}),
+        ("torques", {}, {"momentum": 1, "J": 0}),
+    ],
+)
+def test_averaged_motions_are_alike_in_units_of_any_size(
+    model: str, other: dict[str, Any], powers: dict[str, int]
+) -> None:
+    def motion(of_time: float) -> Any:
+        data = scaled(DATA[model] | other, (of_time, 1.0))
+        time = {"end": 400 * of_time, "samples": 5}
+        return hodo_cli.run({"model": model, "form": "averaged", "time": time} | data)
+
+    here, there = motion(1.0), motion(2.0**-100)
+    assert there.attrs["status"] == "ok"
+    assert there.attrs["error"] < 1e-11
+    for name, power in powers.items():
+        np.testing.assert_allclose(there[name] * 2.0 ** (-100 * power), here[name], rtol=1e-11)
 
 
 @pytest.mark.heyoka

@@ -12,21 +12,13 @@ import numpy as np
 
 from ..arithmetic import hypot
 from ..schema.kinds import Choice, Key, Mistake
-from .averaging.capture import AT_SEPARATRIX, FREE
-from .averaging.fluid import (
-    fluid_constants,
-    fluid_distance,
-    fluid_output,
-    fluid_part,
-    fluid_rates,
-    through_with_fluid,
-)
-from .averaging.forms import MEAN_START, AveragedTurns, either, turning_constants
-from .averaging.free_turn import SlowVariables
-from .base import Constants, Event, Label, Model
+from .averaging.capture import AT_SEPARATRIX
+from .averaging.forms import MEAN_START, distance_to_edge
+from .averaging.free_turn import turning_body
+from .averaging.sums import ClosedTurns
+from .base import Constants, Event, EventOutcome, Label, Model
 from .cavity import Cavity
 from .constants import attributes
-from .terms.fluid import coefficient
 
 
 def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -34,9 +26,47 @@ def axial_spin(t: Any, y: Sequence[Any], k: Any) -> Any:
     return y[1]
 
 
-def enclosed_amplitude(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """g, the amplitude about the enclosed axis with the sense of rotation, as an event."""
-    return y[0]
+NEARLY_STOPPED = 2 * math.log(1e-8)
+"""By how much ln X_e has fallen when a constant torque has all but stopped a rotation, whose speed
+then falls evenly."""
+
+BEHIND = {"continue": 2.0, "stop": -100.0}
+"""By how much ln X_e differs from that of a motion NEARLY_STOPPED where it goes on in the other
+sense, and where it has stopped."""
+
+
+def distance_to_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """ln X_e less what it is of a motion NEARLY_STOPPED, as an event."""
+    return y[0] - k.ln_at_end
+
+
+def distance_to_edge_or_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """0 at the separatrix, and where the rotation of a motion that does not come to it stops, as an
+    event: of an exact rotation, or of a nearly symmetric body."""
+    return distance_to_edge(t, y, k) * distance_to_rest(t, y, k)
+
+
+def turned_round(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+    """The end of spin, and the motion behind it: the torque turns the sense round."""
+    ln_e, ln_o, scaled_phase, side, sense = y
+    # The mean speed at which sqrt(X_e) falls to 0 is that at half of it.
+    half = [float(ln_e) - 2 * math.log(2), *map(float, y[1:])]
+    by_e, *_ = AveragedTriaxial.rhs(float(t), half, attributes(vars(k)))
+    left, behind = -4 / by_e, k.ln_at_end + BEHIND[k.spin_reversal]
+    onward = t + left * (1 + math.exp(float(behind - ln_e) / 2))
+    # The angle is turned round too, so that the other components go on as they did.
+    state = 0 * ln_e + behind, ln_o, -scaled_phase, side, -sense
+    return EventOutcome(
+        float(t + left), {}, state, onward if k.spin_reversal == "continue" else None
+    )
+
+
+def through_or_stopped(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+    """The passage through the separatrix, or the end of a rotation that does not come to it."""
+    if distance_to_edge(t, y, k) < distance_to_rest(t, y, k):
+        return AveragedTriaxial.passage(t, y, k)
+    details = {"from": float(turning_body(k).label(y[3])), "to": 0.0}
+    return turned_round(t, y, k)._replace(details=details, onward=None)
 
 
 @dataclass(frozen=True)
@@ -52,7 +82,7 @@ class SymmetricCavity(Cavity):
         ),
     }
     state = ("a", "r")
-    smallest, fastest = AveragedTurns.smallest, AveragedTurns.fastest
+    degree = {"kappa": 3, "N3": 0}
     class_events = ()
     variables = {
         "x": Label(("time",), "square of the equatorial angular velocity, p^2 + q^2", "1/time^2"),
@@ -96,9 +126,8 @@ class SymmetricCavity(Cavity):
 
     @cached_property
     def constants(self) -> Constants:
-        A, _, C = self.inertia
-        kappa = coefficient(self.cavity, self.kappa)
-        return {"A": A, "C": C, "kappa": kappa, "N3": self.applied[2]}
+        # heyoka counts parameters up to the last that the equations use: A3, and not g.
+        return {name: value for name, value in super().constants.items() if name != "g"}
 
     @property
     def warnings(self) -> list[str]:
@@ -158,8 +187,8 @@ class Averaged(SymmetricCavity):
     def rhs(t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
         a, r = y
         return (
-            -k.kappa * k.C * (k.C - k.A) / k.A**3 * a * r * r,
-            k.kappa * (k.C - k.A) / (k.A * k.C) * a * a * r + k.N3 / k.C,
+            -k.kappa * k.A3 * (k.A3 - k.A1) / k.A1**3 * a * r * r,
+            k.kappa * (k.A3 - k.A1) / (k.A1 * k.A3) * a * a * r + k.N3 / k.A3,
         )
 
     @classmethod
@@ -198,7 +227,7 @@ class AveragedAsPrinted(SymmetricCavity):
 
 
 @dataclass(frozen=True)
-class AveragedTriaxial(AveragedTurns, Cavity):
+class AveragedTriaxial(ClosedTurns, Cavity):
     """The motion of a body with three different moments of inertia, averaged over the turns of its
     hodograph.
 
@@ -220,66 +249,19 @@ class AveragedTriaxial(AveragedTurns, Cavity):
     spin_reversal: str
     at_separatrix: str
 
-    state = ("g", "f", "scaled_phase", "side", "sense")
-    rhs = staticmethod(fluid_rates)
-    output = staticmethod(fluid_output)
-
-    @property
-    def sorted_torque(self) -> np.ndarray:
-        """epsilon M along the axes of largest, middle and smallest moment of inertia."""
-        return self.body.sort(self.applied)
-
-    @property
-    def unit(self) -> float:
-        """|G| sqrt((a - c)/a) at the start: the size of g or f, whatever its direction."""
-        body, omega = self.body, self.velocity(self.inertia, self.initial)
-        G = np.linalg.norm(np.array(self.inertia) * omega)
-        return float(G * math.sqrt((body.a - body.c) / body.a))
+    averaged_terms = ("kappa", "torque")
 
     @cached_property
     def constants(self) -> Constants:
-        body, kappa = self.body, coefficient(self.cavity, self.kappa)
-        torque, unit = self.sorted_torque.tolist(), self.unit
-        pace = kappa * unit * unit / (body.a * body.b * body.c)
-        # heyoka counts parameters up to the last that the equations use: that has to come last.
-        return {
-            **turning_constants(body),
-            "mean_start": self.mean_start,
-            "branch": self.at_separatrix if any(torque) else FREE,
-            **fluid_constants(body, kappa, torque, unit),
-            "scale": max(pace, math.hypot(*torque) / unit) or 1.0,
-        }
-
-    def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
-        square = self.unit**2
-        small = slow._replace(X=slow.X / square, Y=slow.Y / square)
-        part_e, part_o = fluid_part(attributes(self.constants), small)
-        return part_e / self.unit, part_o / self.unit
-
-    def states(self, slow: SlowVariables) -> np.ndarray:
-        unit, scale = self.unit, self.constants["scale"]
-        assert isinstance(scale, float)
-        g, f = (np.sqrt(value) / unit for value in slow.pair)
-        scaled_phase = slow.sense * scale * slow.phase
-        return np.stack((slow.sense * g, f, scaled_phase, slow.side + 0.0, slow.sense + 0.0))
-
-    def at_distance(self, y: np.ndarray, m1: Any) -> np.ndarray:
-        k = attributes(self.constants, np.longdouble)
-        f = np.abs(y[0]) * np.sqrt((1 - m1) / either(y[3], k.ratio_a, k.ratio_c))
-        return np.array([y[0], f, *y[2:]])
-
-    def smallness(self, y: np.ndarray) -> np.ndarray:
-        g, f = y.T[:2]
-        k = attributes(self.constants)
-        dg, df, turning, _, _ = fluid_rates(0.0, [*y.T], k)
-        # f of an exact rotation about the enclosed axis is 0, and stays so.
-        fall = np.divide(np.abs(df), f, out=np.zeros_like(f), where=f > 0)
-        # turning is scale n <dn>, and K is pi/(2 <dn>)
-        return np.asarray(np.maximum(np.abs(dg / g), fall) * np.pi / 2 * k.scale / np.abs(turning))
+        ln_at_end = math.log(self.slow_start.pair[0]) + NEARLY_STOPPED
+        return {"spin_reversal": self.spin_reversal, "ln_at_end": ln_at_end, **super().constants}
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        passage = Event("separatrix", fluid_distance, terminal=True, passage=through_with_fluid)
-        end = Event("end_of_spin", enclosed_amplitude, terminal=self.spin_reversal == "stop")
-        # Only a symmetric body can lose its spin before it comes to a separatrix.
-        return (end,) if len(set(self.inertia)) == 2 else (passage,)
+        if len(set(self.body[:3])) < 3:
+            # Only a symmetric body can lose its spin before it comes to a separatrix.
+            return (Event("end_of_spin", distance_to_rest, terminal=True, passage=turned_round),)
+        if not any(self.applied):
+            return super().run_events
+        function, passage = distance_to_edge_or_rest, through_or_stopped
+        return (Event("separatrix", function, terminal=True, passage=passage),)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..schema.kinds import Key, vector
-from .averaging.damped import Damped
-from .averaging.forms import MEAN_START
+from .averaging.forms import MEAN_START, Turn
+from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques
 from .terms.torques import DAMPING, rates_under
@@ -53,7 +53,7 @@ class LinearDiag(BodyUnderTorques):
 
 
 @dataclass(frozen=True)
-class LinearDiagAveraged(Damped, LinearDiag):
+class LinearDiagAveraged(ClosedTurns, LinearDiag):
     """The rigid body under linear resistance averaged over the turns of its hodograph.
 
     (ln X)' = -2 [lambda2 + (lambda1 - lambda2) <dn^2>]
@@ -71,3 +71,7 @@ class LinearDiagAveraged(Damped, LinearDiag):
 
     form = "averaged"
     keys = LinearDiag.keys | {"mean_start": MEAN_START}
+    averaged_terms = ("damping",)
+
+    def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
+        return max(map(abs, self.damping))

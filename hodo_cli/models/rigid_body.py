@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import HodoError
 from ..schema.kinds import Key, Mistake, Number, Table, vector
-from .base import Constants, Event, Label, Model
+from .base import Constants, Event, Label, Model, mistake_of
 from .theory.possible_crossings import Dissipation, axes_kept
 from .theory.steady_spin import tilt_growth_by_equations, tilt_growth_rates
 
@@ -251,7 +251,6 @@ class BodyFrame(Model):
     oriented = True
     no_axis_reason = ""
     smallest: ClassVar[float] = SMALLEST
-    fastest: ClassVar[float] = math.inf
     velocity = staticmethod(complete)
     variables = {"omega": Label(("time", "axis"), "angular velocity in body axes", "1/time")}
 
@@ -262,8 +261,8 @@ class BodyFrame(Model):
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
-        """What no body, or no start of a form, can be: its moments are from `smallest` to
-        1/`smallest`, its angular velocities at most `fastest`."""
+        """What no body, or no start of a form, can be; its moments are from `smallest` to
+        1/`smallest`."""
         A = data.get("inertia")
         if A is None:
             return
@@ -280,17 +279,7 @@ class BodyFrame(Model):
                 yield ("inertia", i), f"{moment:g} is out of range, {limits}: take other units"
         if "initial" not in data:
             return
-        try:
-            fastest = max(map(abs, cls.velocity(A, data["initial"])))
-        except ValueError as error:
-            yield ("initial",), str(error)
-            return
-        if fastest > cls.fastest:
-            yield (
-                ("initial",),
-                f"{fastest:g} is too fast for form {cls.form}, which takes angular velocities up "
-                f"to {cls.fastest:g}: take a shorter unit of time",
-            )
+        yield from mistake_of(("initial",), cls.velocity, A, data["initial"])
 
     @property
     def start(self) -> tuple[float, ...]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..schema.kinds import Either, Key, Number, Table, matrix
 from . import rigid_body
-from .averaging.damped import Damped
-from .averaging.forms import MEAN_START
+from .averaging.forms import MEAN_START, Turn
+from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques, is_diagonal
 from .terms.torques import RESISTANCE, rates_under, tensor_matrix
@@ -81,7 +81,7 @@ class Tensor(BodyUnderTorques):
 
 
 @dataclass(frozen=True)
-class TensorAveraged(Damped, Tensor):
+class TensorAveraged(ClosedTurns, Tensor):
     """The rigid body under a constant tensor of resistance, averaged over the turns of its
     hodograph.
 
@@ -96,15 +96,10 @@ class TensorAveraged(Damped, Tensor):
     form = "averaged"
     keys = Tensor.keys | {"mean_start": MEAN_START}
 
-    @property
-    def predictable(self) -> bool:
-        # The other entries move the phase by as much as a half turn, and make D change sign several
-        # times: of 11 senses that the diagonal alone would tell, 3 were right.
-        return is_diagonal(self.matrix)
+    averaged_terms = ("resistance",)
 
-    @property
-    def rate(self) -> float:
-        return float(np.linalg.norm(self.matrix / np.array(self.inertia)[:, None], ord=2))
+    def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
+        return np.linalg.norm(self.matrix / np.array(self.inertia)[:, None], ord=2)
 
     @property
     def warnings(self) -> list[str]:

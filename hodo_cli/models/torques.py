@@ -13,9 +13,9 @@ import numpy as np
 from ..arithmetic import log
 from ..schema.expression import Expression
 from ..schema.kinds import Either, Key, ListOf, Mistake, Number, Table, vector
-from .averaging.any_torque import averaged_form, mean_elements
-from .averaging.free_turn import Body
-from .averaging.sums import CLOSED, part_of_sum, rates_of_sum, weights_of_fluid
+from .averaging.any_torque import QuadratureTurns, averaged_form
+from .averaging.forms import mean_elements
+from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
 from .base import Bound, Constants, Event, EventOutcome, LookedUp, Model, mistake_of
 from .constants import attributes
 from .rigid_body import INITIAL, BodyFrame, body_constants, complete, enclosed_axis, is_tensor
@@ -208,7 +208,7 @@ class Torques(BodyUnderTorques, LookedUp):
         form = sum_of(terms_named(data), is_tensor(data["inertia"]))
         if cls.form == "full":
             return form(**data)
-        return averaged_sum(form, terms_named(data))(**data)  # type: ignore[arg-type]
+        return averaged_sum(form, terms_named(data))(**data)
 
     @classmethod
     def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -248,8 +248,6 @@ class Torques(BodyUnderTorques, LookedUp):
         if self.brake is not None:
             omega = np.array(self.velocity(self.inertia, self.initial))
             constants["momentum_at_start"] = float(np.linalg.norm(self.momentum(omega)))
-        if self.form != "full":
-            constants |= weights_of_fluid(Body.of(self.inertia))
         constants |= super().constants
         if self.frame is None:
             return constants
@@ -428,9 +426,9 @@ def amplitude_at_stop(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 def averaged_stop(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
     """The end of an averaged motion, whose |G| the brake brings to 0 at a known rate."""
-    mean = mean_elements(y, k)
-    time_left = float(mean["momentum"]) / float(coefficient_at(k, "brake", t))
-    return EventOutcome(float(t) + time_left, {"from": float(mean["enclosed_axis"])}, y)
+    mean = mean_elements(np.array([y]), k)
+    time_left = float(mean["momentum"][0]) / float(coefficient_at(k, "brake", t))
+    return EventOutcome(float(t) + time_left, {"from": float(mean["enclosed_axis"][0])}, y)
 
 
 def leg_end(leg: int, t: Any, y: Sequence[Any], k: Any) -> Any:
@@ -543,14 +541,13 @@ def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
                 yield (name, i) if isinstance(value, tuple) else (name,), NEGATIVE
 
 
-@cache
 def averaged_sum(full: type[Torques], names: tuple[str, ...]) -> type[BodyFrame]:
     """The averaged form of a sum: in closed form where each of its terms has one."""
-    if CLOSED.keys() >= set(names):
-        # The periodic part of a full tensor knows its other entries, which the means do not.
-        part = None if "resistance" in names else partial(part_of_sum, names)
-        return averaged_form(full, partial(rates_of_sum, names), part)  # type: ignore[arg-type]
-    return averaged_form(full)  # type: ignore[arg-type]
+    if not CLOSED.keys() >= set(names):
+        return averaged_form(full)  # type: ignore[arg-type]
+    # The periodic part of a full tensor knows its other entries, which the means do not.
+    bases = (ClosedMeans, QuadratureTurns) if "resistance" in names else (ClosedTurns,)
+    return averaged_form(full, *bases, terms=names)  # type: ignore[arg-type]
 
 
 @cache

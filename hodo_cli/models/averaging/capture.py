@@ -19,14 +19,16 @@ from typing import Any, NamedTuple
 
 from ... import HodoError
 from ...schema.kinds import Choice, Key
-from ..base import EventOutcome
-from .forms import EDGE, left_and_entered
-from .free_turn import parity_of
+from .free_turn import Body
 from .passage import CrossingPrediction, outcome, time_in_band
 
-FREE, STOP, OTHER, REVERSED = "free", "stop", "other-axis", "reversed"
-"""The branches at the separatrix: without a torque the motion goes through, else as the case
-says."""
+EDGE = 1e-10
+"""The u at which a motion is taken through the separatrix by formula: their error is of the size of
+its square, far below a double's last digit, and so much of u is left that 1 - m as a difference
+costs them nothing."""
+
+STOP, OTHER, REVERSED = "stop", "other-axis", "reversed"
+"""The branches at the separatrix under a torque, as a case names them."""
 
 AT_SEPARATRIX = Key(
     Choice(STOP, OTHER, REVERSED),
@@ -45,6 +47,9 @@ Pair = tuple[Any, Any]
 
 UNKNOWN = CrossingPrediction(math.nan, 0, math.nan, math.nan, 0.0)
 """The prediction of a passage whose phase is not known."""
+
+SAME_DRIFT = 1e-9
+"""The difference, relative to the larger, up to which two drifts are equal."""
 
 WEAKNESS = 0.5
 """How far off a probability may be, in units of half of what a half turn changes u by there: it is
@@ -69,6 +74,13 @@ class SeparatrixRates(NamedTuple):
         """u', times K."""
         return self.by_e - self.by_o
 
+    @property
+    def rate(self) -> float:
+        """How fast amplitudes change between an axis and the separatrix: max|lambda| under linear
+        resistance."""
+        rates = self.drift, self.rest, self.rest + self.by_e, self.rest + self.by_o
+        return max(map(abs, rates)) / 2
+
     def changes(self, time: float, u: float) -> tuple[float, float]:
         """The changes of ln X_e and ln X_o in a time in which u changes by `u`."""
         turns = u / self.drift  # the integral of dt/K
@@ -79,135 +91,121 @@ Bands = Mapping[Region, SeparatrixRates]
 
 
 class Arrival(NamedTuple):
-    """A motion at a small u before the separatrix: its region, sqrt(X_e) and sqrt(X_o), and its
-    phase; time and phase in the working precision."""
+    """A motion at a small u before the separatrix: its region, ln X_e and ln X_o, and its phase;
+    all but u in the working precision."""
 
     time: Any
     region: Region
     u: float
-    amplitudes: Pair
+    logarithms: Pair
     phase: Any
 
 
 class Departure(NamedTuple):
-    """A motion behind the separatrix, which goes on from the time `onward`; None: it stops there.
-
-    `time` and `details` are stored. `changes` are those of ln X_e and ln X_o; `swaps` says that the
-    axis e of this region is the axis o of the arrival's.
-    """
+    """A motion behind the separatrix, in its new region, which goes on from the time `onward`;
+    None: it stops there. `time` and `details` are stored."""
 
     time: float
     details: dict[str, float]
     region: Region
-    swaps: bool
-    changes: Pair
+    logarithms: Pair
     phase: Any
     onward: Any = None
 
-    def in_order(self, pair: Pair) -> Pair:
-        """A pair of the arrival's side as one of this side."""
-        return pair[::-1] if self.swaps else pair
-
-    def outcome(self, before: Sequence[Any], after: Sequence[Any]) -> EventOutcome:
-        """The event's outcome: the state `after`, in the precision of the state `before`."""
-        state = [0 * old + new for old, new in zip(before, after, strict=True)]
-        return EventOutcome(self.time, self.details, state, self.onward)
-
 
 def pass_separatrix(
-    k: Any,
+    body: Body,
     arrival: Arrival,
-    bands: Callable[[Pair], Bands],
+    bands_at: Callable[[Pair], Bands],
     branch: str,
     predictable: bool,
-    rate: float | None = None,
+    beyond: float,
 ) -> Departure:
-    """The passage, from a small u on one side to 2 EDGE on the other, by the formulas of `passage`.
+    """The passage, from a small u on one side to u = `beyond` on the other, by the formulas of
+    `passage`.
 
-    `k` has the constants of `turning_constants`; `bands` gives the rates at amplitudes on the
-    arrival's side. With `branch` FREE the motion changes its axis. Where it is `predictable` from
-    its phase, its sense, place and lag are those predicted, and `rate` is that of the perturbation
-    (default: the drift). Any other branch is a matter of chance: the motion ends here or takes it.
-    Regions have the sense about sorted axes, what is stored that about the axes as given.
+    `bands_at` gives the rates at ln X_e and ln X_o of the arrival's side. A torque that drives D
+    alike in all regions lets the motion change its axis; where that is `predictable` from its
+    phase, its sense, place and lag are those predicted. Else the region is a matter of chance: the
+    motion ends here or takes the `branch`. Regions have the sense about sorted axes, what is stored
+    that about the axes as given: an odd order makes a left-handed system, in which every rotation
+    is turned round.
 
-    At 2 EDGE the event that has found the separatrix cannot find it again. What is added to the
+    There the event that has found the separatrix cannot find it again. What is added to the
     state needs no more digits than a double has. Raises HodoError for a motion that comes back to
     the separatrix all the same, as a loose tolerance lets it.
     """
     side, _ = arrival.region
-    here = bands(arrival.amplitudes)[arrival.region]
+    bands = bands_at(arrival.logarithms)
+    here = bands[arrival.region]
     pull = -here.drift
     if not pull > 0:
         raise HodoError(
             "the averaged motion comes back to the separatrix that it leaves: its tol is too large"
         )
     seconds = time_in_band(arrival.u, pull)
-    to_edge = here.changes(seconds, -arrival.u)
-    edge = grown(arrival.amplitudes, to_edge)
-    n = float(k.turns_a if side > 0 else k.turns_c) * edge[0]
+    edge = added(arrival.logarithms, here.changes(seconds, -arrival.u))
+    amplitudes = tuple(math.exp(float(logarithm) / 2) for logarithm in edge)
+    a, b, c = body[:3]
+    n = math.sqrt((a - b if side > 0 else b - c) / (a * b * c)) * amplitudes[0]
     time = float(arrival.time) + seconds
     phase = arrival.phase + math.pi / 2 * n * arrival.u / pull
-    details = {"momentum": momentum(k, side, edge), "frequency": n}
+    details = {"momentum": momentum(body, amplitudes[::side]), "frequency": n}
     prediction, region = UNKNOWN, None
-    if branch == FREE:
-        foreseen = outcome(pull, n, float(phase), time, rate or pull)
+    if drives_alike(bands):
+        foreseen = outcome(pull, n, float(phase), time, here.rate)
         prediction = foreseen if predictable else UNKNOWN._replace(scatter=foreseen.scatter)
-        details |= prediction.details | {"sense": float(parity(k) * prediction.sense)}
+        details |= prediction.details | {"sense": float(body.parity * prediction.sense)}
         region = -side, prediction.sense or 1
     else:
-        drift = drift_by_region(bands(edge))
+        drift = drift_by_region(bands := bands_at(edge))
         shares = capture_shares(drift, arrival.region)
         details["probability"] = shares[-side, 1] + shares[-side, -1]
         details["probability_error"] = min(1.0, WEAKNESS * max(map(abs, drift.values())) / n)
         region = chosen_region(branch, shares, arrival.region)
+    labels = {1: body.order[0] + 1.0, -1: body.order[2] + 1.0}
+    details["from"] = labels[side]
     if region is None:
-        details |= left_and_entered(k, side, 0)
-        return Departure(time, details, arrival.region, False, to_edge, phase)
-    details |= left_and_entered(k, side, region[0])
-    there = bands(edge)[region]
-    onward = time_in_band(2 * EDGE, there.drift)
+        details["to"] = 0.0
+        return Departure(time, details, arrival.region, edge, phase)
+    details["to"] = labels[region[0]]
+    there = bands[region]
+    onward = time_in_band(beyond, there.drift)
     # The lag is spent near the middle axis, at the rate there.
-    beyond = there.changes(onward + prediction.lag, 2 * EDGE)
-    before = to_edge if region[0] == side else to_edge[::-1]
+    changes = there.changes(onward + prediction.lag, beyond)
     place = prediction.place if math.isfinite(prediction.place) else 0.0
     return Departure(
         time,
         details,
         region,
-        region[0] != side,
-        (before[0] + beyond[0], before[1] + beyond[1]),
-        math.pi * (place + 0.5) + math.pi / 2 * n * 2 * EDGE / there.drift,
+        added(edge if region[0] == side else edge[::-1], changes),
+        math.pi * (place + 0.5) + math.pi / 2 * n * beyond / there.drift,
         arrival.time + (seconds + prediction.lag + onward),
     )
 
 
-def grown(amplitudes: Pair, changes: Pair) -> Pair:
-    """Amplitudes after changes of the logarithms of their squares."""
-    first, second = (
-        x * math.exp(change / 2) for x, change in zip(amplitudes, changes, strict=True)
-    )
-    return first, second
+def added(logarithms: Pair, changes: Pair) -> Pair:
+    """The logarithms of X_e and X_o after changes of both."""
+    return logarithms[0] + changes[0], logarithms[1] + changes[1]
 
 
-def parity(k: Any) -> int:
-    """The sense about an axis as given of a rotation in the sense +1 about that axis as sorted: an
-    odd order makes a left-handed system, in which every rotation is turned round."""
-    largest, smallest = round(float(k.largest)) - 1, round(float(k.smallest)) - 1
-    return parity_of((largest, 3 - largest - smallest, smallest))
-
-
-def momentum(k: Any, side: int, amplitudes: Pair) -> float:
-    """|G| of a motion with these amplitudes on a side: G^2 = (a X + c Y)/(a - c)."""
-    a, c = float(k.a), float(k.c)
-    about, across = (a, c) if side > 0 else (c, a)
-    return math.hypot(
-        *(math.sqrt(A) * x for A, x in zip((about, across), amplitudes, strict=True))
-    ) / math.sqrt(a - c)
+def momentum(body: Body, amplitudes: Sequence[float]) -> float:
+    """|G| of a motion with these sqrt(X) and sqrt(Y): G^2 = (a X + c Y)/(a - c)."""
+    a, _, c = body[:3]
+    x, y = amplitudes
+    return math.hypot(math.sqrt(a) * x, math.sqrt(c) * y) / math.sqrt(a - c)
 
 
 def drift_by_region(bands: Bands) -> dict[Region, float]:
     """The drift of D in the four regions, up to one factor."""
     return {region: region[0] * band.drift for region, band in bands.items()}
+
+
+def drives_alike(bands: Bands) -> bool:
+    """Whether D drifts by the same in both senses of rotation on either side."""
+    about_a, turned_a, about_c, turned_c = (bands[region].drift for region in REGIONS)
+    most = SAME_DRIFT * max(abs(about_a), abs(about_c))
+    return abs(about_a - turned_a) <= most and abs(about_c - turned_c) <= most
 
 
 def arc_changes(drift: Mapping[Region, float]) -> dict[tuple[int, int], float]:

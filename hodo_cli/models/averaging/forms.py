@@ -1,31 +1,38 @@
-"""What the averaged forms share: what they store, when they apply, how they pass the separatrix.
-
-Their state is (e, o, scaled_phase, side), or (..., sense) where that counts: two measures of X_e
-and X_o; the phase in units of the slow time, so that it is of the size of the others; the side and
-the sense of rotation, +1 or -1, which only a passage changes.
-"""
+"""The averaged forms: their state and its equations, what they store, when they apply, how they
+pass the separatrix. What the torque does over a turn is a method of each form."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ...arithmetic import exp
 from ...schema.kinds import Choice, Key, Mistake
-from ..base import Label
+from ..base import Constants, Event, EventOutcome, Label
+from ..constants import attributes
 from ..rigid_body import BodyFrame, is_tensor
-from .free_turn import Body, SlowVariables, slow_elements
+from .capture import (
+    EDGE,
+    STOP,
+    Arrival,
+    Bands,
+    Pair,
+    pass_separatrix,
+)
+from .free_turn import Body, SlowVariables, slow_elements, turning_body
+from .means import Means, turn_means
 from .passage import shape_distance
-
-EDGE = 1e-10
-"""The u at which a motion is taken through the separatrix by formula: their error is of the size of
-its square, far below a double's last digit, and so much of u is left that 1 - m as a difference
-costs them nothing."""
 
 LARGE_RATIO = 0.1
 """Where averaging's small parameter is no longer small: errors are of some per cent from there
 on."""
+
+SYMMETRIC = 1e4
+"""The size of ln((a - b)/(b - c)) for two equal moments: there m is 0, and one side is missing."""
 
 MEAN_START = Key(
     Choice("yes", "no"),
@@ -43,61 +50,35 @@ STORED = {
 }
 
 
-def stored_elements(
-    k: Any, X_e: Any, X_o: Any, side: Any, unit: Any = 1.0
-) -> dict[str, np.ndarray]:
-    """The variables of STORED from X_e and X_o in units of unit**2 and the side, each (n,).
-
-    k has a, b, c and the body axes `largest` and `smallest`. The unit may be below the smallest
-    double: J and k^2 do not know it.
-    """
-    a, b, c, above = k.a, k.b, k.c, side > 0
-    X, Y = np.where(above, X_e, X_o), np.where(above, X_o, X_e)
-    double_energy, square = (X + Y) / (a - c), (a * X + c * Y) / (a - c)
-    outer, inner = (a - b) * X, (b - c) * Y
-    most = np.maximum(outer, inner)
-    return {
-        "kinetic_energy": double_energy * unit * unit / 2,
-        "momentum": np.sqrt(square) * unit,
-        "J": np.divide(square, double_energy, out=np.full_like(square, np.nan), where=square > 0),
-        "k2": np.divide(np.minimum(outer, inner), most, out=np.zeros_like(most), where=most > 0),
-        "enclosed_axis": np.where(above, k.largest, k.smallest).astype(np.int8),
-    }
+Roots = Mapping[int, Pair]
+"""sqrt(X_e) and sqrt(X_o) by side."""
 
 
-def with_part(mean: Any, part: Any, turns: Any) -> Any:
-    """Mean elements with their relative periodic part, by exp, so that they stay positive.
+class Turn(NamedTuple):
+    """A turn of the free motion: the body, its side and sense, sqrt(X_e) and sqrt(X_o), and m with
+    the means over the turn."""
 
-    Where the motion does not turn faster than it decays there is no part to speak of, and its
-    formula would divide rounding by n. `turns` (n,) is n in units of the rate of decay.
-    """
-    return mean * np.exp(np.where((turns > 1) & (np.abs(part) < 1), part, 0))
+    body: Body
+    side: Any
+    sense: Any
+    root_e: Any
+    root_o: Any
+    m: Any
+    mean: Means
 
+    @classmethod
+    def of(cls, y: Sequence[Any], k: Any) -> "Turn":
+        """The turn in a state."""
+        ln_e, ln_o, _, side, sense = y
+        # The state holds logarithms: X_e and X_o themselves would be 0 long before the shape of
+        # the motion is lost.
+        m = exp(ln_o - ln_e - side * k.turning_offset)
+        roots = exp(ln_e / 2), exp(ln_o / 2)
+        return cls(turning_body(k), side, sense, *roots, m, turn_means(m, 1 - m))
 
-def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """u less EDGE, of states with ln X_e, ln X_o and, fourth, the side that the motion is on: a
-    signed u would change sides in one step."""
-    return y[0] - y[1] + y[3] * k.turning_offset - EDGE
-
-
-def left_and_entered(k: Any, before: int, after: int) -> dict[str, float]:
-    """The body axes of the sides that a passage leaves and enters; 0 if it enters none."""
-    named = {1: float(k.largest), -1: float(k.smallest), 0: 0.0}
-    return {"from": named[before], "to": named[after]}
-
-
-def turning_constants(body: Body) -> dict[str, float]:
-    """The constants that every averaged form has: the body, and n/sqrt(X_e) on either side."""
-    volume = body.a * body.b * body.c
-    return {
-        "a": body.a,
-        "b": body.b,
-        "c": body.c,
-        "largest": body.order[0] + 1.0,
-        "smallest": body.order[2] + 1.0,
-        "turns_a": math.sqrt((body.a - body.b) / volume),
-        "turns_c": math.sqrt((body.b - body.c) / volume),
-    }
+    def frequency(self, k: Any) -> Any:
+        """n."""
+        return either(self.side, *k.turning_n) * self.root_e
 
 
 def either(side: Any, above: Any, below: Any) -> Any:
@@ -108,18 +89,90 @@ def either(side: Any, above: Any, below: Any) -> Any:
     return (1 + side) / 2 * above + (1 - side) / 2 * below
 
 
+def stored_elements(body: Body, squares: Any, side: Any, unit: Any) -> dict[str, np.ndarray]:
+    """The variables of STORED from X_e and X_o (2, n) in units of unit**2 and the side (n,).
+
+    The unit may be below the smallest double: J and k^2 do not know it.
+    """
+    a, b, c = body[:3]
+    X, Y = np.where(side > 0, squares, squares[::-1])
+    double_energy, square = (X + Y) / (a - c), (a * X + c * Y) / (a - c)
+    outer, inner = (a - b) * X, (b - c) * Y
+    most = np.maximum(outer, inner)
+    return {
+        "kinetic_energy": double_energy * unit * unit / 2,
+        "momentum": np.sqrt(square) * unit,
+        "J": np.divide(square, double_energy, out=np.full_like(square, np.nan), where=square > 0),
+        "k2": np.divide(np.minimum(outer, inner), most, out=np.zeros_like(most), where=most > 0),
+        "enclosed_axis": body.label(side).astype(np.int8),
+    }
+
+
+def squares_and_unit(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """X_e and X_o (2, n) of states (n, 5) in units of X_e, and its root (n,): the shape has its
+    digits where X_e itself is below the smallest double."""
+    ln_e, ln_o = y.T[:2]
+    return np.array((np.ones_like(ln_e), np.exp(ln_o - ln_e))), np.exp(ln_e / 2)
+
+
+def mean_elements(y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+    """The stored variables of states (n, 5) without their periodic part."""
+    squares, unit = squares_and_unit(y)
+    return stored_elements(turning_body(k), squares, y.T[3], unit)
+
+
+def slow_of(y: np.ndarray, k: SimpleNamespace) -> SlowVariables:
+    """The slow variables of states (n, 5)."""
+    ln_e, ln_o, scaled_phase, side, sense = y.T
+    X_e, X_o = np.exp(ln_e), np.exp(ln_o)
+    X, Y = np.where(side > 0, (X_e, X_o), (X_o, X_e))
+    # A motion that has stopped at the separatrix is beside it by EDGE.
+    m1 = np.maximum(-np.expm1(ln_o - ln_e - side * k.turning_offset), EDGE / 2)
+    return SlowVariables(X, Y, side, m1, sense, scaled_phase / k.turning_scale)
+
+
+def distance_to_edge(t: Any, y: Sequence[Any], k: Any) -> Any:
+    """u less `edge_of` the body, as an event: a signed u would change sides in one step."""
+    return y[0] - y[1] + y[3] * k.turning_offset - k.turning_edge
+
+
+def logarithmic_offset(body: Body) -> float:
+    """ln((a - b)/(b - c)), in u = side * offset + ln X_e - ln X_o."""
+    outer, inner = body.a - body.b, body.b - body.c
+    if outer and inner:
+        return math.log(outer / inner)
+    return SYMMETRIC if outer else -SYMMETRIC
+
+
+def edge_of(body: Body) -> float:
+    """The u at which motions are taken through the separatrix: EDGE, or more of a nearly symmetric
+    body. A torque takes that through both sides in so short a time that the coefficients of a
+    series would overflow; and one ulp in its moments changes u by more than this."""
+    outer, inner = sorted((body.a - body.b, body.b - body.c))
+    return EDGE * max(1.0, 1e-4 * math.sqrt(inner / outer)) if outer else EDGE
+
+
 @dataclass(frozen=True)
 class AveragedTurns(BodyFrame):
     """A body-frame model averaged over the turns of its hodograph; see `free_turn` for its
-    variables."""
+    variables.
+
+    The state is ln X_e, ln X_o, turning_scale * phi, the side and the sense: it has its digits
+    however far the motion has decayed, at both axes and at the separatrix. The scale makes the
+    phase of the size of the others. Only a passage changes the side and the sense, +1 or -1.
+    """
 
     mean_start: str
 
     form = "averaged"
     variables = STORED
     degree = {}
+    state = ("ln_e", "ln_o", "scaled_phase", "side", "sense")
     # Its equations are of high powers of the moments, in the case's own units.
-    smallest, fastest = 1e-30, 1e4
+    smallest = 1e-30
+    steady: ClassVar[float] = 1e4
+    """By how much ln X_o is below ln X_e for an exact rotation about the enclosed axis: it stays
+    one, and X_o is 0 beside X_e."""
     no_axis_reason = "averaged over the hodograph's turns: run stores its axis and its passages"
     class_events = ()
 
@@ -135,70 +188,164 @@ class AveragedTurns(BodyFrame):
             omega = cls.velocity(data["inertia"], data["initial"])
         except ValueError:  # said by the check above
             return
+        body = Body.of(data["inertia"])
         with np.errstate(all="ignore"):  # of numbers out of range, which are told next
-            slow = slow_elements(Body.of(data["inertia"]), omega)
+            slow = slow_elements(body, omega)
         if any(omega) and not 0 < max(slow.pair) < math.inf:
             yield ("initial",), "the square of the start is beyond the range of doubles"
-        elif not max(slow.pair) or slow.m1 < 2 * EDGE:
+        elif not max(slow.pair) or slow.m1 < 2 * edge_of(body):
             yield (
                 ("initial",),
                 "nothing turns at rest, nor on the separatrix or beside it: take form full",
             )
+
+    # What the torque does over a turn; the first is the mean of (ln X_e)' and (ln X_o)', for
+    # symbols too.
+
+    @classmethod
+    def rates(cls, t: Any, turn: Turn, k: Any) -> Pair:
+        """<(ln X_e)'> and <(ln X_o)'>."""
+        raise NotImplementedError
+
+    @classmethod
+    def bands(cls, t: float, body: Body, roots: Roots, k: Any) -> Bands:
+        """The mean rates beside the separatrix in every region."""
+        raise NotImplementedError
+
+    @classmethod
+    def is_even(cls, t: float, body: Body, roots: Roots, k: Any) -> bool:
+        """Whether R N(R omega) = N(omega), R = diag(1, -1, 1), beside the separatrix: then the
+        second order of averaging vanishes, and the phase at the separatrix is known."""
+        raise NotImplementedError
+
+    @classmethod
+    def part(cls, t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
+        """The periodic parts of X_e and X_o (2, ...) relative to them, at slow variables and times
+        (...); 0 where X_o is 0."""
+        raise NotImplementedError
+
+    def constants_of_means(self) -> dict[str, str | tuple[float, ...]]:
+        """The constants that `rates` has besides those of the full form."""
+        return {}
+
+    def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
+        """How fast the torque changes amplitudes, whose squares X_e and X_o are."""
+        by_e, by_o = self.rates(t, turn, k)
+        return np.maximum(np.abs(by_e), np.abs(by_o)) / 2
+
+    @classmethod
+    def rhs(cls, t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
+        turn = Turn.of(y, k)
+        turning = k.turning_scale * turn.frequency(k) * turn.mean.pace
+        return *cls.rates(t, turn, k), turning, 0 * turn.side, 0 * turn.sense
+
+    @classmethod
+    def output(cls, t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
+        (squares, unit), side = squares_and_unit(y), y.T[3]
+        # A capture by chance forgets the phase.
+        if k.turning_mean == "yes" and k.turning_branch == STOP:
+            slow, numbers = slow_of(y.astype(float), k), attributes(vars(k), np.float64)
+            with np.errstate(all="ignore"):  # nothing turns any more
+                part = cls.part(t, slow, numbers)
+            # Where the motion does not turn faster than it decays there is no part to speak of, and
+            # its formula would divide rounding by n; nor where it has stopped at the separatrix.
+            n = either(side, *k.turning_n) * unit
+            turns = (n > k.turning_rate) & (slow.m1 > EDGE / 2)
+            # By exp, so that they stay positive.
+            squares *= np.exp(np.where(turns & (np.abs(part) < 1), part, 0))
+        return stored_elements(turning_body(k), squares, side, unit)
+
+    @cached_property
+    def slow_start(self) -> SlowVariables:
+        """The slow variables of the start as it is given."""
+        return slow_elements(self.body, self.velocity(self.inertia, self.initial))
+
+    @cached_property
+    def constants(self) -> Constants:
+        body, slow = self.body, self.slow_start
+        a, b, c = body[:3]
+        constants = {
+            **super().constants,
+            "g": 0.0,
+            "turning_axes": "".join(map(str, body.order)),
+            "turning_mean": self.mean_start,
+            "turning_branch": getattr(self, "at_separatrix", STOP),
+            "turning_offset": logarithmic_offset(body),
+            "turning_edge": edge_of(body),
+            "turning_n": (math.sqrt((a - b) / (a * b * c)), math.sqrt((b - c) / (a * b * c))),
+            **self.constants_of_means(),
+        }
+        k = attributes(constants)
+        turn = Turn.of([*self.logarithms(slow), 0.0, slow.side, slow.sense], k)
+        rate, n = float(self.torque_rate(0.0, turn, k)), float(turn.frequency(k))
+        # heyoka counts parameters up to the last that the equations use: that has to come last.
+        return constants | {"turning_rate": rate, "turning_scale": rate / n or 1.0}
 
     @property
     def body(self) -> Body:
         """The body with its axes sorted."""
         return Body.of(self.inertia)
 
-    def periodic_start(self, slow: SlowVariables) -> tuple[np.ndarray, np.ndarray]:
-        """The periodic parts (...) of X_e and X_o relative to them, at starts (...)."""
-        raise NotImplementedError
-
-    def states(self, slow: SlowVariables) -> np.ndarray:
-        """The states (m, ...) with these slow variables (...)."""
-        raise NotImplementedError
-
-    def elements(self, omega: Any) -> tuple[SlowVariables, np.ndarray]:
-        """The slow variables (...) that motions with angular velocities (..., 3) start from, and
-        whether these have their mean elements."""
-        slow = slow_elements(self.body, omega)
+    def elements(self, slow: SlowVariables) -> tuple[SlowVariables, np.ndarray]:
+        """The slow variables (...) that motions start from, and whether these have their mean
+        elements."""
         if self.mean_start == "no":
             return slow, np.ones_like(slow.X, dtype=bool)
-        return shifted(self.body, slow, self.periodic_start(slow))
+        return shifted(self.body, slow, self.part(0.0, slow, attributes(self.constants)))
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
-        slow, _ = self.elements(omega)
-        # A start on the separatrix does not turn; `check` says so of a case.
-        return np.where(slow.m1 < 2 * EDGE, np.nan, self.states(slow))
+        return self.states(slow_elements(self.body, omega))
 
     @property
     def start(self) -> tuple[float, ...]:
-        return tuple(self.starts(np.array(super().start)).tolist())
+        return tuple(self.states(self.slow_start).tolist())
+
+    def states(self, given: SlowVariables) -> np.ndarray:
+        """The states (5, ...) of motions with starts (...)."""
+        slow, _ = self.elements(given)
+        k = attributes(self.constants)
+        y = [
+            *self.logarithms(slow),
+            k.turning_scale * slow.phase,
+            slow.side + 0.0,
+            slow.sense + 0.0,
+        ]
+        # A start on the separatrix does not turn; `check` says so of a case.
+        return np.where(slow.m1 < 2 * k.turning_edge, np.nan, np.stack(y))
+
+    @classmethod
+    def logarithms(cls, slow: SlowVariables) -> Pair:
+        """ln X_e and ln X_o; of an exact rotation about the enclosed axis, `steady` apart."""
+        X_e, X_o = slow.pair
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ln_e, ln_o = np.log(X_e), np.log(X_o)
+            return ln_e, np.where(X_o > 0, ln_o, ln_e - cls.steady)
 
     @property
     def extended_start(self) -> np.ndarray:
-        slow, _ = self.elements(np.array(super().start))
+        slow, _ = self.elements(self.slow_start)
         y = np.array(self.start, dtype=np.longdouble)
-        # Elsewhere u is of the size of the state, and has its digits.
-        near = slow.m1 < 0.5 and min(slow.pair) > 0
-        return self.at_distance(y, np.longdouble(slow.m1)) if near else y
-
-    def at_distance(self, y: np.ndarray, m1: Any) -> np.ndarray:
-        """A state with ln X_e, ln X_o and, fourth, the side, at m1 = 1 - m beside the separatrix,
-        whose digits the difference of two logarithms does not keep."""
-        u = -np.log1p(-m1)
-        return np.array([y[0], y[0] + y[3] * self.constants["turning_offset"] - u, *y[2:]])
+        if slow.m1 < 0.5 and min(slow.pair) > 0:
+            # Beside the separatrix the difference of two logarithms does not keep the digits of m1;
+            # elsewhere u is of the size of the state.
+            u = -np.log1p(-np.longdouble(slow.m1))
+            y[1] = y[0] + y[3] * logarithmic_offset(self.body) - u
+        return y
 
     @property
     def warnings(self) -> list[str]:
-        if self.elements(super().start)[1]:
+        if self.elements(self.slow_start)[1]:
             return super().warnings
         near = "the start is so near the separatrix that it is taken for its own mean element"
         return [*super().warnings, near]
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
-        """Averaging's parameter at states (n, 4): the perturbation's rate in quarter turns K/n."""
-        raise NotImplementedError
+        """Averaging's parameter at states (n, 5): the perturbation's rate in quarter turns K/n."""
+        k = attributes(self.constants)
+        turn = Turn.of([*y.T], k)
+        # K is pi/(2 <dn>)
+        rate = self.torque_rate(0.0, turn, k)
+        return np.asarray(rate * np.pi / 2 / (turn.frequency(k) * turn.mean.pace))
 
     def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         with np.errstate(all="ignore"):  # where nothing turns any more the ratio is infinite
@@ -211,10 +358,41 @@ class AveragedTurns(BodyFrame):
             f"{ratio[0]:.2g} at the start, and above {LARGE_RATIO:g} from t = {t[large[0]]:.6g} on"
         ]
 
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        if len(set(self.body[:3])) < 3:
+            return self.averaged_events
+        passage = Event("separatrix", distance_to_edge, terminal=True, passage=self.passage)
+        return *self.averaged_events, passage
 
-def shifted(
-    body: Body, slow: SlowVariables, part: tuple[np.ndarray, np.ndarray]
-) -> tuple[SlowVariables, np.ndarray]:
+    @classmethod
+    def passage(cls, t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
+        """The passage through the separatrix; unless the torque drives D alike in all regions it is
+        a matter of chance."""
+        ln_e, ln_o, scaled_phase = y[:3]
+        side, sense = (1 if value > 0 else -1 for value in y[3:])
+        u = float(ln_e - ln_o + side * k.turning_offset)
+        arrival = Arrival(t, (side, sense), u, (ln_e, ln_o), scaled_phase / k.turning_scale)
+        numbers = k if isinstance(t, float) else attributes(vars(k))
+        body, beyond = turning_body(numbers), 2 * numbers.turning_edge
+
+        def roots(logarithms: Pair) -> Roots:
+            e, o = (math.exp(float(logarithm) / 2) for logarithm in logarithms)
+            return {side: (e, o), -side: (o, e)}
+
+        def bands_at(logarithms: Pair) -> Bands:
+            return cls.bands(float(t), body, roots(logarithms), numbers)
+
+        predictable = k.turning_mean == "yes" and cls.is_even(
+            float(t), body, roots((ln_e, ln_o)), numbers
+        )
+        behind = pass_separatrix(body, arrival, bands_at, k.turning_branch, predictable, beyond)
+        scaled_phase = 0 * scaled_phase + k.turning_scale * behind.phase
+        state = [*behind.logarithms, scaled_phase, *(0 * scaled_phase + s for s in behind.region)]
+        return EventOutcome(behind.time, behind.details, state, behind.onward)
+
+
+def shifted(body: Body, slow: SlowVariables, part: np.ndarray) -> tuple[SlowVariables, np.ndarray]:
     """Slow variables (...) with the periodic parts of X_e and X_o, relative to them, taken off, and
     where that was done.
 

@@ -39,6 +39,11 @@ SMALLEST_M1 = 1e-300
 """The smallest 1 - m: at 0 the period is infinite, and Landen's transformation divides by 0."""
 
 
+SAME_MOMENTS = 1e-15
+"""The relative difference up to which two moments are equal, that of the rounding of data: the
+region between them would be narrower than 1e-7 of a motion, and at a place that rounding tells."""
+
+
 def parity_of(order: tuple[int, int, int]) -> int:
     """1 where sorted axes make a right-handed system, -1 where a left-handed one."""
     return 1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
@@ -63,6 +68,8 @@ class Body(NamedTuple):
             raise ValueError(
                 "with three equal moments of inertia nothing turns: nothing to average over"
             )
+        if min(a - b, b - c) <= SAME_MOMENTS * b:
+            b = a if a - b < b - c else c
         return cls(a, b, c, order, parity_of(order))
 
     def weight(self, side: Any) -> tuple[Any, Any]:
@@ -71,6 +78,10 @@ class Body(NamedTuple):
         above = np.asarray(side) > 0
         outer, inner = self.a - self.b, self.b - self.c
         return np.where(above, outer, inner), np.where(above, inner, outer)
+
+    def label(self, side: Any) -> Any:
+        """The label of the axis, as given, that motions on a side go round; side of any shape."""
+        return np.where(np.asarray(side) > 0, self.order[0] + 1, self.order[2] + 1)
 
     def sort(self, vector: Any) -> np.ndarray:
         """A pseudovector (..., 3), omega or a torque, along the sorted axes: an odd order turns it

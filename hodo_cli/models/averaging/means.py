@@ -18,7 +18,6 @@ from .free_turn import (
     SMALLEST_M1,
     Body,
     SlowVariables,
-    amplitude,
     free_motion_by_phase,
     turn_frequency,
 )
@@ -101,9 +100,9 @@ def shape_rate(lam: Sequence[Any], mean: Means) -> Any:
     return -2 * ((l_e - l_m) * mean.dd + (l_m - l_o) * mean.cc)
 
 
-def fluid_loss(weights: Sequence[Any], m: Any, mean: Means, X_e: Any, X_o: Any) -> Any:
-    """-h'/X_o of the fluid's torque, h = 2T, with `weights` = those of X_e cn^2 dn^2, X_e sn^2 dn^2
-    and X_o sn^2 cn^2.
+def fluid_loss(weights: Sequence[Any], m: Any, mean: Means) -> Any:
+    """-h'/(X_e X_o) of the fluid's torque, h = 2T, with the weights of cn^2 dn^2, sn^2 dn^2 and m
+    sn^2 cn^2.
 
     X_o is a factor of h': a steady rotation about the enclosed axis loses nothing. G is kept:
     X' = -c h', Y' = a h'.
@@ -111,33 +110,24 @@ def fluid_loss(weights: Sequence[Any], m: Any, mean: Means, X_e: Any, X_o: Any) 
     cd, sd, sc = weights
     # <sn^2 cn^2> and <sn^2 dn^2>, by sn^2 + cn^2 = 1 and dn^2 = 1 - m sn^2.
     ss_cc, ss_dd = mean.ss - mean.ssss, mean.ss - m * mean.ssss
-    return (cd * (mean.cc - m * ss_cc) + sd * ss_dd) * X_e + sc * ss_cc * X_o
+    return cd * (mean.cc - m * ss_cc) + sd * ss_dd + sc * m * ss_cc
 
 
-def fluid_weights(
-    a: float, b: float, c: float, kappa: float, side: int
-) -> tuple[float, float, float]:
-    """The weights of `fluid_loss` on one side, for moments a >= b >= c; zeros on a side that is not
-    there.
+def fluid_weights(body: Body) -> tuple[float, float, float]:
+    """The weights of `fluid_loss` on side +1, for kappa = 1; on side -1 the last two are exchanged.
 
     -h' = (2 kappa/abc) [(a-c)^2 (a+c-b) <p^2 r^2> + (a-b)^2 (a+b-c) <p^2 q^2>
-                         + (b-c)^2 (b+c-a) <q^2 r^2>]
+                         + (b-c)^2 (b+c-a) <q^2 r^2>], and X_o (b-c) = m X_e (a-b) on side +1
 
     Source: the power N.omega of Chernousko's torque, an identity in p, q, r.
     """
-    if side < 0:
-        # Exchanging a and c exchanges the sides; the three products of the identity keep their
-        # signs.
-        a, c = c, a
-    # Two equal moments leave one side only.
-    if a == b:
-        return 0.0, 0.0, 0.0
-    unit = 2 * kappa / (a * b * c)
-    pr = (a + c - b) / (a * c)
-    pq, qr = (
+    a, b, c = body[:3]
+    pr, pq, qr = (
+        (a + c - b) / (a * c),
         (a - b) * (a + b - c) / (a * b * (a - c)),
-        (b - c) ** 2 * (b + c - a) / (b * c * (a - b) * (a - c)),
+        (b - c) * (b + c - a) / (b * c * (a - c)),
     )
+    unit = 2 / (a * b * c)
     return unit * pr, unit * pq, unit * qr
 
 
@@ -208,18 +198,3 @@ def periodic_part(
         for rate in rates_over_turn(body, torque, slow, nodes)
     )
     return X, Y
-
-
-def damped_part(body: Body, lam: Sequence[float], slow: SlowVariables) -> tuple[Any, Any]:
-    """`periodic_part` relative to X_e and X_o (not X and Y) for linear resistance lam = (l1, l2,
-    l3) as sorted, closed.
-
-    (X_e - mean X_e)/X_e = -2 (l_e - l_m) Z/n,  (X_o - mean X_o)/X_o = -2 (l_o - l_m) Z/(m n), Z
-    Jacobi's zeta at the phase.
-    """
-    l1, l2, l3 = lam
-    above = np.asarray(slow.side) > 0
-    n = turn_frequency(body, slow.pair[0], slow.side)
-    _, zeta = amplitude(slow.phase, slow.m1)
-    e, o = np.where(above, l1, l3) - l2, np.where(above, l3, l1) - l2
-    return -2 * e * (1 - slow.m1) * zeta / n, -2 * o * zeta / n

@@ -1,128 +1,223 @@
-"""Averages of a sum of torques each of which has a closed mean: the rates add up."""
+"""Averages of a sum of torques each of which has a closed mean: the rates add up, and so do the
+periodic parts."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ..base import Event
 from ..terms import torques as terms
 from ..terms.laws import coefficient_at
-from .fluid import fluid_constants, fluid_part
-from .forms import either
-from .free_turn import Body, SlowVariables, turning_body
-from .means import Means, damped_part, fluid_loss, fluid_weights, linear_rates, turn_means
+from .capture import REGIONS, Bands, Pair, Region, SeparatrixRates
+from .forms import AveragedTurns, Roots, Turn, either
+from .free_turn import Body, SlowVariables, amplitude, turn_frequency, turning_body
+from .means import Means, fluid_loss, fluid_weights, linear_rates
 
-Rates = tuple[Any, Any]
-"""(ln X_e)' and (ln X_o)'."""
+BESIDE_SEPARATRIX = Means(1 - 1j, 1 - 4j / 3, 1j, 1j, math.pi / 2 * 1j)
+"""The means beside the separatrix, each x + y/K, as complex numbers x + iy: there K <cn^2> = K
+<dn^2> = 1, K <sn^2 cn^2> = 1/3 and K <dn> = pi/2."""
 
-
-class MeanTurn(NamedTuple):
-    """A turn of the free motion: the body, its side and sense, m with its means, X_e and X_o."""
-
-    body: Body
-    side: Any
-    sense: Any
-    m: Any
-    mean: Means
-    X_e: Any
-    X_o: Any
+UNEVEN = (*terms.CONSTANT.degree, "I12", "I13", "I21", "I23", "I31", "I32")
+"""The constants of torques that are not even; see `AveragedTurns.is_even`."""
 
 
-def linear_means(lam: Sequence[Any], turn: MeanTurn) -> Rates:
-    """The rates under linear resistance at rates lam about the body axes."""
+def damping_rates(t: Any, k: Any) -> Sequence[Any]:
+    """The rates of damping about the body axes."""
+    return [coefficient_at(k, name, t) for name in terms.DAMPING.degree]
+
+
+def resistance_rates(t: Any, k: Any) -> Sequence[Any]:
+    """The rates of a tensor of resistance: the means of p q, q r and p r are 0."""
+    return k.I11 / k.A1, k.I22 / k.A2, k.I33 / k.A3
+
+
+def linear_mean(rates: Callable[[Any, Any], Sequence[Any]], t: Any, turn: Turn, k: Any) -> Pair:
+    """(ln X_e)' and (ln X_o)' under linear resistance at rates about the body axes."""
+    lam = rates(t, k)
     l1, l2, l3 = (lam[axis] for axis in turn.body.order)
     return linear_rates((either(turn.side, l1, l3), l2, either(turn.side, l3, l1)), turn.mean)
 
 
-def damping_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """The rates under damping."""
-    return linear_means([coefficient_at(k, name, t) for name in terms.DAMPING.degree], turn)
+def linear_part(
+    rates: Callable[[Any, Any], Sequence[Any]], t: Any, slow: SlowVariables, k: Any
+) -> np.ndarray:
+    """The periodic parts under linear resistance.
+
+    (X_e - mean X_e)/X_e = -2 (l_e - l_m) Z/n,  (X_o - mean X_o)/X_o = -2 (l_o - l_m) Z/(m n), Z
+    Jacobi's zeta at the phase.
+    """
+    body, lam = turning_body(k), rates(t, k)
+    l1, l2, l3 = (lam[axis] for axis in body.order)
+    above = np.asarray(slow.side) > 0
+    _, zeta = amplitude(slow.phase, slow.m1)
+    e, o = np.where(above, l1, l3) - l2, np.where(above, l3, l1) - l2
+    swing = -2 * zeta / turn_frequency(body, slow.pair[0], slow.side)
+    return np.array((e * (1 - slow.m1) * swing, o * swing))
 
 
-def resistance_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """The rates under a tensor of resistance: the means of p q, q r and p r are 0."""
-    return linear_means((k.I11 / k.A1, k.I22 / k.A2, k.I33 / k.A3), turn)
-
-
-def fluid_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """The rates under the torque of a fluid, which keeps G."""
+def fluid_mean(t: Any, turn: Turn, k: Any) -> Pair:
+    """(ln X_e)' and (ln X_o)' under the torque of a fluid, which keeps G."""
     a, _, c = turn.body[:3]
-    pairs = zip(k.turning_weights_a, k.turning_weights_c, strict=True)
-    weights = [either(turn.side, above, below) for above, below in pairs]
-    loss = fluid_loss(weights, turn.m, turn.mean, turn.X_e, turn.X_o)
-    loss = coefficient_at(k, "kappa", t) * loss
-    return either(turn.side, c, -a) * loss * turn.X_o / turn.X_e, either(turn.side, -a, c) * loss
+    cd, above, below = k.turning_weights
+    weights = cd, either(turn.side, above, below), either(turn.side, below, above)
+    loss = coefficient_at(k, "kappa", t) * fluid_loss(weights, turn.m, turn.mean)
+    by_e, by_o = loss * turn.root_o * turn.root_o, loss * turn.root_e * turn.root_e
+    return either(turn.side, c, -a) * by_e, either(turn.side, -a, c) * by_o
 
 
-def constant_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """The rates under a torque constant in the body, of its component about the enclosed axis."""
-    a, _, c, order, parity = turn.body
-    M = [parity * coefficient_at(k, name, t) for name in terms.CONSTANT.degree]
-    about = either(
-        turn.side, M[order[0]] * ((a - c) / a) ** 0.5, M[order[2]] * ((a - c) / c) ** 0.5
-    )
-    return 2 * turn.sense * about * turn.mean.pace / turn.X_e**0.5, 0 * turn.m
+def fluid_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
+    """The periodic parts under the torque of a fluid.
+
+    Of sn^2 and of m sn^4 the integrals of zero mean, over n t, are -Z/m and (sn cn dn - 2 (1 + m)
+    Z/m)/3, with Jacobi's zeta. sn^4 comes with a factor m everywhere.
+    """
+    body, (X_e, X_o), m = turning_body(k), slow.pair, 1 - slow.m1
+    am, zeta = amplitude(slow.phase, slow.m1)
+    sn, cn = np.sin(am), np.cos(am)
+    fourth = (sn * cn * np.sqrt(cn * cn + slow.m1 * sn * sn) - 2 * (1 + m) * zeta) / 3
+    side, (cd, above, below) = np.asarray(slow.side), k.turning_weights
+    sd, sc = np.where(side > 0, above, below), np.where(side > 0, below, above)
+    total = cd * ((1 + m) * zeta + fourth) - sd * (zeta + fourth) - sc * (fourth + m * zeta)
+    change = coefficient_at(k, "kappa", t) * total / turn_frequency(body, X_e, side)
+    to_e, to_o = np.where(side > 0, body.c, -body.a), np.where(side > 0, -body.a, body.c)
+    return np.array((to_e * change * X_o, to_o * change * X_e))
 
 
-def brake_means(t: Any, turn: MeanTurn, k: Any) -> Rates:
-    """The rates under a brake, without a periodic part: |G| is constant over a turn."""
+def constant_torque(t: Any, k: Any) -> Sequence[Any]:
+    """A torque constant in the body, along the sorted axes a, b and c, in such units that X' = 2
+    sqrt(X) N_a about axis a."""
+    body = turning_body(k)
+    N = [body.parity * coefficient_at(k, name, t) for name in terms.CONSTANT.degree]
+    lever_a, lever_c = k.turning_levers
+    a, b, c = body.order
+    return lever_a * N[a], N[b] / body.b**0.5, lever_c * N[c]
+
+
+def constant_mean(t: Any, turn: Turn, k: Any) -> Pair:
+    """(ln X_e)' and (ln X_o)' under a torque constant in the body: its component about the
+    enclosed axis acts."""
+    above, _, below = constant_torque(t, k)
+    about = either(turn.side, above, below)
+    return 2 * turn.sense * about * turn.mean.pace / turn.root_e, 0 * turn.m
+
+
+def constant_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
+    """The periodic parts under a torque constant in the body.
+
+    The integrals of zero mean of dn, sn and cn are am - phi, -artanh(k cn/dn)/k and arcsin(k sn)/k.
+    """
+    body, (X_e, X_o) = turning_body(k), slow.pair
+    am, _ = amplitude(slow.phase, slow.m1)
+    sn, cn = np.sin(am), np.cos(am)
+    # A modulus of 0 is as good as one whose square is lost beside 1.
+    modulus, above = np.sqrt(np.maximum(1 - slow.m1, 1e-30)), np.asarray(slow.side) > 0
+    dn = np.sqrt(cn * cn + slow.m1 * sn * sn)
+    N_a, N_b, N_c = constant_torque(t, k)
+    about, across = np.where(above, N_a, N_c), np.where(above, N_c, N_a)
+    swing = np.arctanh(modulus * cn / dn) / modulus * slow.sense * N_b
+    root_e, root_o, (w_e, w_o) = np.sqrt(X_e), np.sqrt(X_o), body.weight(slow.side)
+    root = np.sqrt(w_e)
+    part_e = slow.sense * about * (am - slow.phase) / root_e + w_o / root * root_o / X_e * swing
+    aside = root * swing + across * np.arcsin(modulus * sn) / modulus
+    part_o = np.divide(aside, root_o, out=np.zeros_like(aside), where=root_o > 0)
+    return np.asarray(np.array((part_e, part_o)) * 2 / turn_frequency(body, X_e, slow.side))
+
+
+def brake_mean(t: Any, turn: Turn, k: Any) -> Pair:
+    """(ln X_e)' and (ln X_o)' under a brake."""
     a, _, c = turn.body[:3]
     outer, inner = either(turn.side, a, c), either(turn.side, c, a)
-    momentum = ((outer * turn.X_e + inner * turn.X_o) / (a - c)) ** 0.5
-    rate = -2 * coefficient_at(k, "brake", t) / momentum
+    square = outer * turn.root_e * turn.root_e + inner * turn.root_o * turn.root_o
+    rate = -2 * coefficient_at(k, "brake", t) / (square / (a - c)) ** 0.5
     return rate, rate
 
 
-CLOSED: Mapping[str, Callable[[Any, MeanTurn, Any], Rates]] = {
-    "damping": damping_means,
-    "resistance": resistance_means,
-    "kappa": fluid_means,
-    "torque": constant_means,
-    "brake": brake_means,
+def brake_part(t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
+    """No periodic parts: |G| is constant over a turn."""
+    return np.zeros((2, *np.shape(slow.X)))
+
+
+class ClosedAverage(NamedTuple):
+    """What a torque does over a turn: the mean rates of ln X_e and ln X_o, and the periodic parts
+    of X_e and X_o, relative to them."""
+
+    mean: Callable[[Any, Turn, Any], Pair]
+    part: Callable[[Any, SlowVariables, Any], np.ndarray]
+
+
+CLOSED: Mapping[str, ClosedAverage] = {
+    "damping": ClosedAverage(
+        partial(linear_mean, damping_rates), partial(linear_part, damping_rates)
+    ),
+    "resistance": ClosedAverage(
+        partial(linear_mean, resistance_rates), partial(linear_part, resistance_rates)
+    ),
+    "kappa": ClosedAverage(fluid_mean, fluid_part),
+    "torque": ClosedAverage(constant_mean, constant_part),
+    "brake": ClosedAverage(brake_mean, brake_part),
 }
-"""The terms of a sum whose means are known in closed form."""
+"""The terms of a sum whose averages are known in closed form."""
 
 
-def rates_of_sum(names: Iterable[str], t: Any, y: Sequence[Any], k: Any) -> tuple[Any, ...]:
-    """The averaged equations of `any_torque`, for a sum of terms of these names."""
-    ln_e, ln_o, _, side, sense = y
-    body = turning_body(k)
-    a, b, c = body[:3]
-    m = k.turning_e ** (ln_o - ln_e - side * k.turning_offset)
-    mean = turn_means(m, 1 - m)
-    turn = MeanTurn(body, side, sense, m, mean, k.turning_e**ln_e, k.turning_e**ln_o)
-    rates = [CLOSED[name](t, turn, k) for name in names]
-    n = (either(side, a - b, b - c) * turn.X_e / (a * b * c)) ** 0.5
-    rate_e, rate_o = sum(rate[0] for rate in rates), sum(rate[1] for rate in rates)
-    return rate_e, rate_o, k.turning_scale * n * mean.pace, 0 * side, 0 * sense
+class ClosedMeans(AveragedTurns):
+    """An averaged form whose mean rates are those of a sum of terms of CLOSED."""
+
+    averaged_terms: ClassVar[tuple[str, ...]]
+
+    def constants_of_means(self) -> dict[str, str | tuple[float, ...]]:
+        a, _, c = self.body[:3]
+        levers = math.sqrt((a - c) / a), math.sqrt((a - c) / c)
+        constants = {
+            "kappa": ("turning_weights", fluid_weights(self.body)),
+            "torque": ("turning_levers", levers),
+        }
+        named = [constants[name] for name in self.averaged_terms if name in constants]
+        return super().constants_of_means() | dict(named)
+
+    @classmethod
+    def rates(cls, t: Any, turn: Turn, k: Any) -> Pair:
+        by_e = by_o = 0
+        for name in cls.averaged_terms:
+            term_e, term_o = CLOSED[name].mean(t, turn, k)
+            by_e, by_o = by_e + term_e, by_o + term_o
+        return by_e, by_o
 
 
-def part_of_sum(
-    names: Iterable[str], t: Any, slow: SlowVariables, k: Any
-) -> tuple[np.ndarray, np.ndarray]:
-    """(X_e - mean X_e)/X_e and (X_o - mean X_o)/X_o (n,) at times t, of a sum of such terms."""
-    body, total = turning_body(k), np.zeros((2, *np.shape(slow.X)))
-    a, b, c = body[:3]
-    if "damping" in names:
-        lam = [coefficient_at(k, name, t) for name in terms.DAMPING.degree]
-        total += damped_part(body, [lam[axis] for axis in body.order], slow)
-    # The fluid's and a constant torque's are linear in kappa and in each component.
-    strengths = [coefficient_at(k, "kappa", t) if "kappa" in names else 0.0]
-    torque = [
-        coefficient_at(k, name, t) if "torque" in names else 0.0 for name in ("N1", "N2", "N3")
-    ]
-    strengths += [body.parity * torque[axis] for axis in body.order]
-    for strength, unit in zip(strengths, np.eye(4), strict=False):
-        if np.any(strength):
-            constants = fluid_constants(body, unit[0], unit[1:].tolist(), 1.0)
-            total += strength * np.array(
-                fluid_part(SimpleNamespace(a=a, b=b, c=c, **constants), slow)
-            )
-    return total[0], total[1]
+class ClosedTurns(ClosedMeans):
+    """An averaged form in closed form throughout."""
 
+    @classmethod
+    def bands(cls, t: float, body: Body, roots: Roots, k: Any) -> Bands:
+        bands: dict[Region, SeparatrixRates] = {}
+        for side, sense in REGIONS:
+            if sense < 0 and "torque" not in cls.averaged_terms:
+                bands[side, -1] = bands[side, 1]  # only a constant torque knows the sense
+                continue
+            turn = Turn(body, side, sense, *roots[side], 1.0, BESIDE_SEPARATRIX)
+            by_e, by_o = cls.rates(t, turn, k)
+            bands[side, sense] = SeparatrixRates(by_e.real, by_e.imag, by_o.imag)
+        return bands
 
-def weights_of_fluid(body: Body) -> dict[str, tuple[float, ...]]:
-    """The constants of a fluid's means, for kappa = 1."""
-    above, below = (fluid_weights(*body[:3], 1.0, side) for side in (1, -1))
-    return {"turning_weights_a": above, "turning_weights_c": below}
+    @classmethod
+    def is_even(cls, t: float, body: Body, roots: Roots, k: Any) -> bool:
+        return all(getattr(k, name, 0.0) == 0.0 for name in UNEVEN)
+
+    @classmethod
+    def part(cls, t: Any, slow: SlowVariables, k: Any) -> np.ndarray:
+        return np.array(sum(CLOSED[name].part(t, slow, k) for name in cls.averaged_terms))
+
+    @property
+    def run_events(self) -> tuple[Event, ...]:
+        torques, (largest, _, smallest) = self.dissipation, self.body.order
+        # Motions keep their side where nothing distinguishes the two outer axes, and a passage
+        # would divide by the difference.
+        if (
+            torques is not None
+            and not (torques.kappa or any(torques.torque))
+            and torques.damping[largest] == torques.damping[smallest]
+        ):
+            return self.averaged_events
+        return super().run_events
