@@ -59,20 +59,11 @@ def hashes(path: Path) -> dict[str, str]:
         return {name: run.summary(name)["hash"] for name in run.cases()}
 
 
-@pytest.mark.parametrize(
-    ("text", "order"),
-    [
-        ("cases: {b: {model: of another machine}, gone: {}, a: {}}", "bac"),
-        *(
-            (text, "acb")
-            for text in ("", "- cases", "a: 1", "cases: 5", "cases: [[b]]", "cases: {")
-        ),
-    ],
-)
-def test_cases_come_in_the_order_of_their_file(path: Path, text: str, order: str) -> None:
-    interrupted(path, {name: stored(1) for name in "acb"}, text)
+def test_cases_come_in_the_order_of_their_config(path: Path) -> None:
+    """Then those that it has not."""
+    interrupted(path, {name: stored(1) for name in ("other", "third", "first")})
     with pytest.warns(UserWarning, match="3 finished in a run"), open_batch(path) as run:
-        assert run.cases() == [*order]
+        assert run.cases() == ["first", "third", "other"]
 
 
 def test_the_case_file_is_stored_once_for_all_pieces(path: Path) -> None:
@@ -156,6 +147,19 @@ def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
     with open_run(path) as run:
         assert run.cases() == ["first", "second", "third"]
         assert run.text == CONFIG  # which has the figures of the new cases
+
+
+def test_a_changed_case_is_not_lost_when_others_are_added(path: Path) -> None:
+    with run_of(path, {"first": stored(1)}):
+        pass
+    interrupted(path, {"first": stored(2), "second": stored(2)})
+    publish_finished(path)
+    with open_run(path) as run:
+        assert [run.summary(name)["hash"] for name in run.cases()] == ["hash 1", "hash 2"]
+    assert {case.attributes["hash"] for case in finished_cases(path)["first"]} == {
+        "hash 1",
+        "hash 2",
+    }
 
 
 def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:

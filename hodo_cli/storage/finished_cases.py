@@ -11,8 +11,6 @@ from typing import Any
 
 from .. import HodoError
 from ..machine import memory_limit
-from ..schema.document import read
-from ..schema.mistakes import Mistakes
 from .hdf5 import ResultFile, open_run
 from .staging import chunks_in, identity, shards, staging_folders
 
@@ -68,12 +66,12 @@ class Batch(ResultFile):
     ) -> None:
         self.path = path
         self.damaged = result.damaged if result else {}
-        self.attributes = latest(newer)
+        self.attributes, order = latest(newer)
         self._result = result
         self._newer = newer
         self._room = memory_limit()
         published = result.groups() if result else []
-        self._names = in_order([*published, *newer], self.text)
+        self._names = in_order(dict.fromkeys([*published, *newer]), order)
 
     @contextmanager
     def open_group(self, name: str) -> Iterator[Any]:
@@ -146,23 +144,21 @@ ATTRIBUTES_FILE = "head.h5"
 """The file of a staging folder that holds the attributes of the result to be. Its text is the whole
 case file: in each of 10,000 shards it would be some 10 GB."""
 
+ORDER = "order"
+"""The attribute there that names the cases of the result in their order, a line each."""
 
-def latest(cases: Mapping[str, FinishedCase]) -> dict[str, Any]:
-    """The attributes of the result that the latest of some cases will be part of."""
+
+def latest(cases: Mapping[str, FinishedCase]) -> tuple[dict[str, Any], list[str]]:
+    """The attributes, and the cases in their order, of the result that the latest of some cases
+    will be part of."""
     file = max((case.file for case in cases.values()), key=_changed)
     with open_run(file.with_name(ATTRIBUTES_FILE)) as run:
-        return run.attributes
+        return run.attributes, str(run.attributes.pop(ORDER, "")).splitlines()
 
 
-def in_order(names: Iterable[str], text: str) -> dict[str, None]:
-    """Names of cases in the order in which a case file has them, then the others."""
-    ordered = dict.fromkeys(names)
-    # Read and not checked, which would take twice as long, and fail where a model of the user's own
-    # is missing. Another program may have written anything there.
-    with suppress(HodoError, LookupError, TypeError):
-        in_file = read(text, Mistakes("config"))["cases"]
-        ordered = dict.fromkeys([*(name for name in in_file if name in ordered), *ordered])
-    return ordered
+def in_order(names: Mapping[str, Any], order: Iterable[str]) -> dict[str, None]:
+    """Names of cases in an order that has more or fewer, then the others."""
+    return dict.fromkeys([*(name for name in order if name in names), *names])
 
 
 def _collect(run: ResultFile, cases: dict[str, list[FinishedCase]], more: Collection[str]) -> None:

@@ -17,7 +17,6 @@ from h5py import h5a, h5d, h5ds, h5g, h5l, h5o, h5t
 
 from .. import BatchError, HodoError
 from ..machine import RESOURCES, memory_limit
-from ..schema.document import YAML_SUFFIXES
 from ..text import in_bytes
 from .disk import (
     PATIENCE_OF_READER,
@@ -64,9 +63,6 @@ nan, which other programs compress to nothing."""
 MOST_ITEMS = 1000
 """Datasets or attributes in a group: ten times those of any case, and far fewer than would keep
 HDF5, which looks for each by its name, busy for minutes."""
-
-FEW_TEXTS = 16
-"""Texts that are read at once: a compromise between time, and memory if each is the whole file."""
 
 
 class ResultFile:
@@ -131,7 +127,7 @@ class ResultFile:
                 if size > self._room:
                     claimed = f"{in_bytes(size)}, with {in_bytes(self._room)} for it"
                     raise HodoError(f"{self.path}: {name}/{key} does not fit: {claimed}")
-                data = _texts(item) if h5py.check_string_dtype(item.dtype) else item[()]
+                data = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
                 dims = named[key] or (key,) * data.ndim
                 variables[key] = Variable(dims, data, _attributes(item))
             # Whoever may write the file may have written any report.
@@ -174,7 +170,11 @@ class ResultFile:
                 return "" if fits else "its head has changed"
             with self.open_group(name) as group:
                 content = self.read(name)
-                self._room -= size_of(content)  # leaves less to the other groups
+                # Any number of its texts may be the same long text of a small file. What is read of
+                # one group leaves less to the others.
+                if (size := size_of(content)) > self._room:
+                    return f"it does not fit: {in_bytes(size)}, with {in_bytes(self._room)} for it"
+                self._room -= size
                 return "" if _fits(group, content) else "its checksum does not fit"
         except (HodoError, BatchError) as error:  # a bad sector costs the case that lies there
             reason = str(error).removeprefix(f"{self.path}: ")
@@ -248,9 +248,9 @@ def _dataset(group: h5py.Group, name: str) -> h5py.Dataset:
     creation, item = opened.get_create_plist(), h5py.Dataset(opened)
     if creation.get_external_count() or creation.get_layout() == h5d.VIRTUAL:
         raise ValueError(f"the values of {name} are in other files")
-    is_plain = is_number(item.dtype) or h5py.check_string_dtype(item.dtype)
-    if not is_plain or item.shape is None:
-        raise ValueError(f"{name} holds neither numbers nor texts")
+    is_list_of_texts = h5py.check_string_dtype(item.dtype) and item.ndim == 1
+    if item.shape is None or not (is_number(item.dtype) or is_list_of_texts):
+        raise ValueError(f"{name} holds neither numbers nor a list of texts")
     return item
 
 
@@ -258,20 +258,6 @@ def _is_hard(group: h5py.Group, name: str) -> bool:
     """Whether a group has an item of this name itself, and not in another place or file."""
     links, link = group.id.links, encoded(name)
     return bool(links.exists(link) and links.get_info(link).type == h5l.TYPE_HARD)
-
-
-def _texts(item: h5py.Dataset) -> np.ndarray:
-    """A list of texts, a few at a time: any number of them may be the same long text of a small
-    file. Raises ValueError if they are longer than the file."""
-    if item.ndim != 1:
-        raise ValueError(f"{item.name} is no list of texts")
-    texts, room = np.empty(len(item), dtype=object), item.file.id.get_filesize()
-    for few in (slice(start, start + FEW_TEXTS) for start in range(0, len(item), FEW_TEXTS)):
-        texts[few] = item.asstr()[few]
-        room -= sum(map(len, texts[few]))
-        if room < 0:
-            raise ValueError(f"the texts of {item.name} are longer than the file")
-    return texts
 
 
 @contextmanager
@@ -377,21 +363,17 @@ def _why_closed(path: Path, error: Exception) -> str:
         return "a folder, not a file"
     for words, reason in REASONS.items():
         if words in str(error):
-            is_config = words == NO_HDF5 and path.suffix in YAML_SUFFIXES
-            return CONFIG_INSTEAD if is_config else reason
+            return reason
     number = getattr(error, "errno", None)
     return os.strerror(number).lower() if number else f"damaged ({_first_line(error)})"
 
 
-NO_HDF5 = "signature not found"
 REASONS = {
     "unable to lock file": "its folder has no file locks; set HDF5_USE_FILE_LOCKING=FALSE",
-    NO_HDF5: "not an HDF5 file",
+    "signature not found": "not an HDF5 file",
     "truncated file": "truncated: its end is missing; restore it, or move it away and run again",
 }
 """Why HDF5 does not open a file, by what it says: its errors have one class for everything."""
-
-CONFIG_INSTEAD = "a case file, where a result is expected: hodo run makes one of it"
 
 
 def _first_line(error: BaseException) -> str:

@@ -21,6 +21,7 @@ from typing import Self
 from .. import HodoError
 from .finished_cases import (
     ATTRIBUTES_FILE,
+    ORDER,
     FinishedCase,
     finished_cases,
     in_order,
@@ -43,8 +44,8 @@ much work a kill may cost."""
 def publish_finished(path: Path) -> None:
     """Add to a result the cases that it lacks and runs have finished which have not ended.
 
-    Those that it holds from before a change stay: they may be wanted again. So do the chunks of
-    sweeps, for the next run. Raises HodoError as `Writer` does.
+    Those that it holds from before a change stay: they may be wanted again. So does what dead runs
+    have left, for the next run. Raises HodoError as `Writer` does.
     """
     if not (shards := unpublished(path)):
         return
@@ -53,10 +54,10 @@ def publish_finished(path: Path) -> None:
             # A damaged case could not be copied into the new file, and would be gone.
             shards = {} if run.damaged else {n: f for n, f in shards.items() if n not in run}
     if shards:
-        attributes, cases = latest(shards), finished_cases(path)
-        with Writer(path, attributes, in_order(cases, str(attributes.get("config")))) as writer:
-            writer.keep_all_chunks()
-            for name, items in cases.items():
+        attributes, order = latest(shards)
+        with Writer(path, attributes, order) as writer:
+            writer.leave_dead()
+            for name, items in finished_cases(path).items():
                 writer.keep(shards.get(name, items[0]))
 
 
@@ -92,6 +93,8 @@ class Writer:
         """Raises HodoError as `open_run` does, or if a first result cannot be written there."""
         with self._open as failed:
             failed.enter_context(self._staging)
+            for folder in self._staging.dead:
+                self._chunks |= {chunk.name: chunk for chunk in chunks_in(folder)}
             self._identity = identity(self.path)
             if self._identity:
                 self._old = failed.enter_context(open_run(self.path))
@@ -158,13 +161,9 @@ class Writer:
     def chunks(self, sweep_id: str) -> set[int]:
         """The numbers of a sweep's chunks that this run and dead ones have finished. `sweep_id` is
         the digest of what the sweep depends on."""
-        with os_errors_as(self.path, KEPT):
-            for folder in self._staging.dead:
-                for chunk in chunks_in(folder, sweep_id):
-                    if chunk.name not in self._chunks and _is_sound(chunk):
-                        self._chunks[chunk.name] = chunk
-        known = [name.removesuffix(".h5").split("-") for name in self._chunks]
-        return {int(number) for _, id, number in known if id == sweep_id}
+        names = [name for name in self._chunks if _sweep_id(name) == sweep_id]
+        sound = [name for name in names if _is_sound(self._chunks[name])]
+        return {int(name.removesuffix(".h5").split("-")[2]) for name in sound}
 
     def add_chunk(self, sweep_id: str, number: int, group: Group) -> None:
         """Write a finished chunk of a sweep; it survives the death of this process. Raises
@@ -175,9 +174,12 @@ class Writer:
         self._chunks[chunk.name] = chunk
 
     def keep_all_chunks(self) -> None:
-        """Leave the chunks of dead runs where the next Writer finds them."""
-        for folder in self._staging.dead:
-            self.unfinished |= {chunk.name.split("-")[1] for chunk in chunks_in(folder)}
+        """Leave the chunks of dead runs for the next Writer."""
+        self.unfinished |= {_sweep_id(name) for name in self._chunks}
+
+    def leave_dead(self) -> None:
+        """Leave all that dead runs have finished for the next Writer."""
+        self._staging.dead.clear()
 
     def chunk(self, sweep_id: str, number: int) -> Group:
         """The members of a chunk, which is among `chunks`."""
@@ -205,7 +207,7 @@ class Writer:
             if not self._count:
                 # Before any shard: until the result is made, they are shown in its place.
                 file = self._staging / ATTRIBUTES_FILE
-                with create(file, self._attributes):
+                with create(file, {**self._attributes, ORDER: "\n".join(self._order)}):
                     pass
                 synced(file)
             self._count += 1
@@ -217,7 +219,7 @@ class Writer:
             if identity(self.path) != self._identity:
                 # Another process has replaced the result since this one began; what it has added is
                 # not lost.
-                is_there = identity(self.path) is not None
+                is_there = self.path.exists()
                 latest_result = stack.enter_context(open_run(self.path)) if is_there else None
             sources = self._sources(latest_result)
             if (
@@ -230,13 +232,7 @@ class Writer:
                 draft = self._staging / "whole.h5"
                 self._join(draft, sources, longer(latest_result, self._attributes.get("history")))
                 publish(draft, self._staging.path)
-        self._staging.clear(
-            {
-                _chunk_name(sweep_id, number)
-                for sweep_id in self.unfinished
-                for number in self.chunks(sweep_id)
-            }
-        )
+        self._staging.clear({name for name in self._chunks if _sweep_id(name) in self.unfinished})
 
     def _sources(self, latest_result: ResultFile | None) -> dict[str, ResultFile | Path]:
         """Where each case comes from, in the order of the new file."""
@@ -259,8 +255,7 @@ class Writer:
                     is_taken = ours is not None or old is None or name not in old
                 if is_taken:
                     sources[name] = latest_result
-        order = dict.fromkeys([*self._order, *sources])
-        return {name: sources[name] for name in order if name in sources}
+        return {name: sources[name] for name in in_order(sources, self._order)}
 
     def _join(self, draft: Path, sources: Mapping[str, ResultFile | Path], history: str) -> None:
         with create(draft, {**self._attributes, "history": history}) as output:
@@ -278,6 +273,10 @@ class Writer:
 
 def _chunk_name(sweep_id: str, number: int) -> str:
     return f"part-{sweep_id}-{number}.h5"
+
+
+def _sweep_id(chunk_name: str) -> str:
+    return chunk_name.split("-")[1]
 
 
 def _is_sound(file: Path) -> bool:
