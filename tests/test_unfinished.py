@@ -14,7 +14,7 @@ from hodo_cli.storage.group import Group
 from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.staging import replacing, staging_folders
 from hodo_cli.storage.update import update
-from hodo_cli.storage.writer import Writer, publish_finished
+from hodo_cli.storage.writer import Writer
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}, time: {end: 9}}
@@ -48,6 +48,12 @@ def interrupted(path: Path, groups: Mapping[str, Group], text: str = CONFIG) -> 
     """A run that was interrupted when it had finished these cases."""
     with suppress(KeyboardInterrupt), run_of(path, groups, text):
         raise KeyboardInterrupt
+
+
+def published(path: Path) -> None:
+    """What any change of a result does first."""
+    with update(path):
+        pass
 
 
 def stored(seed: int, status: str = "ok") -> Group:
@@ -130,7 +136,7 @@ def test_a_changed_case_is_shown_and_stays_apart(path: Path) -> None:
     interrupted(path, {"first": stored(2), "second": stored(2, "failed"), "third": stored(1)})
     with pytest.warns(UserWarning, match="a.h5: 1 finished in a run"):
         assert hashes(path) == {"first": "hash 2", "second": "hash 1", "third": "hash 1"}
-    publish_finished(path)
+    published(path)
     with open_run(path) as run:
         assert run.summary("first")["hash"] == "hash 1"
     assert [item.attributes["hash"] for item in finished_cases(path)["first"]] == [
@@ -143,7 +149,7 @@ def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
     with run_of(path, {"second": stored(1)}, "cases: {}"):
         pass
     interrupted(path, {"third": stored(1), "first": stored(1)})
-    publish_finished(path)
+    published(path)
     with open_run(path) as run:
         assert run.cases() == ["first", "second", "third"]
         assert run.text == CONFIG  # which has the figures of the new cases
@@ -153,7 +159,7 @@ def test_a_changed_case_is_not_lost_when_others_are_added(path: Path) -> None:
     with run_of(path, {"first": stored(1)}):
         pass
     interrupted(path, {"first": stored(2), "second": stored(2)})
-    publish_finished(path)
+    published(path)
     with open_run(path) as run:
         assert [run.summary(name)["hash"] for name in run.cases()] == ["hash 1", "hash 2"]
     assert {case.attributes["hash"] for case in finished_cases(path)["first"]} == {
@@ -166,7 +172,7 @@ def test_chunks_of_a_sweep_wait_for_the_next_run(path: Path) -> None:
     with suppress(KeyboardInterrupt), run_of(path, {"first": stored(1)}) as writer:
         writer.add_chunk("stamp", 0, stored(1))
         raise KeyboardInterrupt
-    publish_finished(path)
+    published(path)
     with open_run(path) as run:
         assert run.cases() == ["first"]
     with Writer(path, {}) as writer:
@@ -191,7 +197,7 @@ def test_a_result_that_is_damaged_is_left_alone(path: Path) -> None:
     path.write_bytes(content.replace(b"hash 1", b"hash 7", 1))
     interrupted(path, {"third": stored(1)})
     before = path.read_bytes()
-    publish_finished(path)
+    published(path)
     assert path.read_bytes() == before
 
 
@@ -206,7 +212,7 @@ def test_what_is_unfinished_is_as_private_as_its_result(path: Path) -> None:
     with replacing(path) as draft:
         assert stat.S_IMODE(draft.parent.stat().st_mode) == 0o700
         draft.write_bytes(path.read_bytes())
-    publish_finished(path)
+    published(path)
     assert hashes(path) == {"first": "hash 1", "second": "hash 2"}
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
