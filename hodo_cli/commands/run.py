@@ -278,7 +278,7 @@ def labelled(path: Path, names: Iterable[str]) -> list[str]:
     if not os.path.lexists(path):
         return []
     with open_run(path) as run:
-        sound = [name for name in names if name in run and name not in run.damaged]
+        sound = (name for name in names if name in run and name not in run.damaged)
         return [name for name in sound if run.summary(name, ("classify_warnings",))]
 
 
