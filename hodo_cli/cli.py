@@ -10,6 +10,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -124,14 +125,8 @@ def _refuse(ctx: click.Context, line: str) -> NoReturn:
 
 def _once() -> Callable[..., None]:
     """A function that prints each warning once: a command may open a file twice."""
-    printed = set()
-
-    def show(message: Warning, *_: object) -> None:
-        if str(message) not in printed:
-            printed.add(str(message))
-            _say(message)
-
-    return show
+    say_once = cache(_say)
+    return lambda message, *details: say_once(str(message))
 
 
 def _say(message: object) -> None:

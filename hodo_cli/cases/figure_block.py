@@ -488,8 +488,7 @@ def check_drawn(
             yield from _swept_mistakes(values, case, steady)
         return
     yield from _variable_mistakes(values, drawn)
-    for i, inset in enumerate(values.get("insets", ())):
-        yield from _inset_mistakes(inset, values, ("insets", i))
+    yield from _inset_mistakes(values)
     if steady:
         yield from _span_mistakes(values, cases)
 
@@ -550,14 +549,12 @@ def _parts(name: str) -> str:
     return ", ".join(f"{name}.{axis}" for axis in BODY_AXES)
 
 
-def _inset_mistakes(
-    inset: Mapping[str, Any], values: Mapping[str, Any], path: KeyPath
-) -> Iterator[Mistake]:
-    """Mistakes: panels and cases named by an inset that its figure does not have."""
-    cases = values["cases"]
-    panels = cases if values["panels"] == "case" else values["variables"]
-    for key, valid in (("panel", panels), ("case", cases)):
-        yield from unknown_names(key, {(*path, key): inset[key]}, valid)
+def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Mistakes: panels and cases named by insets that their figure does not have."""
+    for i, inset in enumerate(values.get("insets", ())):
+        panels = values["cases" if values["panels"] == "case" else "variables"]
+        for key, valid in (("panel", panels), ("case", values["cases"])):
+            yield from unknown_names(key, {("insets", i, key): inset[key]}, valid)
 
 
 def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
