@@ -277,7 +277,11 @@ class Model:
 
 
 class LookedUp:
-    """A form whose class is made where it is looked up: other processes look it up again."""
+    """A form whose class is made where it is looked up: other processes look it up again.
+
+    It stands last among the bases of a class: as the first one it would bring a full form before
+    the averaged one that is made of it.
+    """
 
     def __reduce__(self) -> tuple[Any, ...]:
         data = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]

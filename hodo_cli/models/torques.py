@@ -330,9 +330,8 @@ class Torques(BodyUnderTorques, LookedUp):
 
     @property
     def averaged_events(self) -> tuple[Event, ...]:
-        if self.brake is None:
-            return ()
-        return (Event("stopped", amplitude_at_stop, True, averaged_stop),)
+        stop = Event("stopped", amplitude_at_stop, True, averaged_stop)
+        return () if self.brake is None else (stop,)
 
     def off_corners(self, y: np.ndarray) -> np.ndarray:
         """Starts (m, ...) whose components that are 0 stand on the side that they enter, with its
