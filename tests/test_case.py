@@ -822,6 +822,8 @@ def conforms(value: Any, rule: Any, root: dict[str, Any]) -> bool:
             value <= rule.get("maximum", value),
             value < rule.get("exclusiveMaximum", math.inf),
         ]
+    if isinstance(value, str):
+        parts.append(len(value) >= rule.get("minLength", 0))
     if isinstance(value, str) and "pattern" in rule:
         parts.append(bool(re.search(rule["pattern"], value)))
     if isinstance(value, list):
@@ -844,8 +846,8 @@ KNOWN_WORDS = set(
     re.findall(
         r"\S+",
         """$schema $defs $ref title description default type enum const anyOf oneOf allOf if then
-        pattern maxLength items minItems maxItems minimum maximum exclusiveMinimum exclusiveMaximum
-        required properties additionalProperties propertyNames minProperties""",
+        pattern minLength maxLength items minItems maxItems minimum maximum exclusiveMinimum
+        exclusiveMaximum required properties additionalProperties propertyNames minProperties""",
     )
 )
 

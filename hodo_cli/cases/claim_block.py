@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..schema.kinds import (
     NAMES,
@@ -197,20 +197,30 @@ NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {
 CHECKS_OF_PAPERS = Path(__file__).parents[1] / "papers"
 
 
-@cache
-def checks_of_papers() -> dict[str, str]:
-    """The checks that are written for one text, and `Check` or `Trend` for each, by name.
+class PaperCheck(NamedTuple):
+    """What is known of a check that is written for one text, without loading it."""
 
-    They are read off the text of their modules: what computes stands above what files may say.
-    """
-    text = "".join(path.read_text(encoding="utf-8") for path in CHECKS_OF_PAPERS.glob("*.py"))
-    names = re.findall(r"^@(Check|Trend)\ndef (\w+)", text, re.MULTILINE)
-    return {name.replace("_", "-"): form for form, name in names}
+    is_trend: bool
+    models: Sequence[str]
+
+
+@cache
+def checks_of_papers() -> dict[str, PaperCheck]:
+    """The checks that are written for one text, by name, read off the text of their modules: what
+    computes stands above what files may say. A line `Models:` names those that a text is about."""
+    checks = {}
+    for path in CHECKS_OF_PAPERS.glob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        line = re.search(r"^Models: (.*)\.$", text, re.MULTILINE)
+        models = line[1].split(", ") if line else []
+        for form, name in re.findall(r"^@(Check|Trend)\ndef (\w+)", text, re.MULTILINE):
+            checks[name.replace("_", "-")] = PaperCheck(form == "Trend", models)
+    return checks
 
 
 CHECK = Variant("kind", CHECK_KINDS, "how it is checked")
-ID = Key(Text(), "name")
-WHERE = Key(Text(), "section, figure or equation of the text")
+ID = Key(Text(least=1), "name")
+WHERE = Key(Text(least=1), "section, figure or equation of the text")
 REMARK = Key(Text(), "remark", default="")
 THEOREM_KEY = Key(
     Text(),
@@ -276,7 +286,7 @@ CLAIM = {
     "id": ID,
     "where": WHERE,
     "original": Key(Text(), "the statement in the words of the text", default=""),
-    "statement": Key(Text(), "what the text says, in one sentence"),
+    "statement": Key(Text(least=1), "what the text says, in one sentence"),
     "erratum": Key(
         Text(),
         "erratum that the statement inherits; its readings are `as printed` and `corrected`",
@@ -294,8 +304,8 @@ CLAIM = {
 ERRATUM_KEYS = {
     "id": ID,
     "where": WHERE,
-    "printed": Key(Text(), "what is printed"),
-    "should_be": Key(Text(), "what it should be"),
+    "printed": Key(Text(least=1), "what is printed"),
+    "should_be": Key(Text(least=1), "what it should be"),
     **TESTED,
     "note": REMARK,
 }
@@ -388,6 +398,7 @@ def _check_entry(
         yield from within(paths["check"], _check_check(check, len(named)))
         cases, mistakes = _check_cases(named, case_of, is_swept=check["kind"] == "average")
         yield from within(prefix, mistakes)
+        yield from within(paths["check"], _check_models(check, cases))
         yield from within(paths["over"], _check_over(over or {}, cases, check_sweep))
         yield from _check_members(reading, over)
 
@@ -410,6 +421,8 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
     for name in QUANTITY_NAMES.keys() & values:
         if (n := len(values[name])) != count:
             yield ("values", name), f"expected {count} numbers, one for each case, got {n}"
+        if any(values[name]) and check["within"] >= max(map(abs, values[name])):
+            yield ("within",), f"expected less than the values of {name!r} themselves"
     if kind == "order" and count < 2:
         yield (), f"compares the values of two cases or more, got {count}"
     elif kind == "order" and check["by"] and count % check["by"]:
@@ -422,10 +435,21 @@ def _check_check(check: Mapping[str, Any], count: int) -> Iterator[Mistake]:
         yield from unknown_names("check", {("name",): check["name"]}, checks_of_papers())
 
 
+def _check_models(check: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mistake]:
+    """The mistake of a check of one text that meets a case of a model that the text is not
+    about."""
+    paper_check = checks_of_papers().get(check.get("name", ""))
+    for case in cases:
+        if paper_check and paper_check.models and case.model not in paper_check.models:
+            models = " or ".join(paper_check.models)
+            yield ("name",), f"is for cases of model {models}, and {case.name} is {case.model}"
+
+
 def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:
     """The mistakes in the keys that choose and count the members of `over`."""
     check = reading["check"]
-    is_trend = checks_of_papers().get(check.get("name")) == "Trend"
+    paper_check = checks_of_papers().get(check.get("name", ""))
+    is_trend = paper_check is not None and paper_check.is_trend
     for key in ("start", "share"):
         if reading.get(key) is not None and not over:
             yield (key,), "is about the members of `over`, which is not there"

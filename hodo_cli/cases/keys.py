@@ -95,7 +95,7 @@ COMMON = {
     ),
     "note": Key(Text(), "remark to be stored with the results", default=""),
     "assumes": Key(
-        Each(Text(), "names to texts"),
+        Each(Text(least=1), "names to texts"),
         "what the case takes that its source does not print",
         default={},
     ),

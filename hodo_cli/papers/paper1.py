@@ -1,6 +1,8 @@
 """Checks for A. L. Rachinskaya, Rotation of a rigid body in a resistant medium (UDC 521.1).
 
 Equation numbers are the paper's. Its body axes are ordered: A1 > A2 > A3.
+
+Models: linear-diag, tensor.
 """
 
 import itertools

@@ -2,6 +2,8 @@
 under the action of constant torque (2023).
 
 Equation numbers are the paper's; x = p^2 + q^2 and y = r^2. The body has A1 = A2 = A and A3 = C.
+
+Models: cavity+constant.
 """
 
 import itertools

@@ -2,6 +2,8 @@
 under a non-stationary torque (2017).
 
 Equation numbers are the paper's. The time of every motion is tau = epsilon t.
+
+Models: Lagrange-averaged.
 """
 
 import math

@@ -343,15 +343,17 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class Text(Kind):
-    """Any text."""
+    """Any text, of at least so many characters."""
+
+    least: int = 0
 
     def check(self, value: Any) -> str:
-        if isinstance(value, str):
+        if isinstance(value, str) and len(value) >= self.least:
             return str(value)
         raise expected(self, value, "; put it in quotes" if as_finite(value) is not None else "")
 
     def schema(self) -> dict[str, Any]:
-        return {"type": "string"}
+        return {"type": "string"} | ({"minLength": self.least} if self.least else {})
 
     def __str__(self) -> str:
         return "text"
