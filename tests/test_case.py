@@ -941,7 +941,7 @@ def test_a_result_is_no_case_file(tmp_path: Path) -> None:
         load(tmp_path / "a.h5")
     (tmp_path / "a.yaml").write_text("cases:\n")
     with (
-        pytest.raises(HodoError, match="a case file, where a result"),
+        pytest.raises(HodoError, match="hodo run makes one of a case file"),
         hodo_cli.open(tmp_path / "a.yaml"),
     ):
         pass

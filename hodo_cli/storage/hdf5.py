@@ -370,7 +370,7 @@ def _why_closed(path: Path, error: Exception) -> str:
 
 REASONS = {
     "unable to lock file": "its folder has no file locks; set HDF5_USE_FILE_LOCKING=FALSE",
-    "signature not found": "not an HDF5 file",
+    "signature not found": "not an HDF5 file (hodo run makes one of a case file)",
     "truncated file": "truncated: its end is missing; restore it, or move it away and run again",
 }
 """Why HDF5 does not open a file, by what it says: its errors have one class for everything."""
