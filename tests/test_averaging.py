@@ -3,12 +3,13 @@ passage through D = 0."""
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import mpmath
 import numpy as np
 import pytest
+from test_averaged import scaled
 
+from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.averaging import free_turn, means, passage
 from hodo_cli.models.constants import attributes
 from hodo_cli.models.linear_diag import LinearDiagAveraged
@@ -30,59 +31,6 @@ def linear_part(lam: Sequence[float], slow: free_turn.SlowVariables) -> np.ndarr
         mean_start="yes",
     )
     return form.part(0.0, slow, attributes(form.constants))
-
-
-class Foretold(NamedTuple):
-    """A passage as averaging sees it, and what is foreseen of the true one.
-
-    `time` is t*, from the start; X_e, X_o and `n` are taken there, with `phase` phi.
-    """
-
-    time: float
-    X_e: float
-    X_o: float
-    n: float
-    phase: float
-    foreseen: passage.CrossingPrediction
-
-
-def predicted_passage(
-    body: free_turn.Body, lam: Sequence[float], slow: free_turn.SlowVariables
-) -> Foretold | None:
-    """The passage of a motion that starts with these mean elements, or None if it never crosses;
-    lam as sorted."""
-    u = float(passage.shape_distance(slow.m1))
-    if not u < passage.farthest_that_crosses(lam, slow.side):
-        return None
-    approach = passage.separatrix_approach(lam, slow.side, u)
-    X_e, X_o = (
-        float(value) * math.exp(-float(fall))
-        for value, fall in zip(slow.pair, approach[1:], strict=True)
-    )
-    phase = slow.phase + turning_to_separatrix(body, lam, slow, u)
-    n, time = float(free_turn.turn_frequency(body, X_e, slow.side)), float(approach.time)
-    foreseen = passage.outcome(2 * abs(lam[0] - lam[2]), n, phase, time, max(map(abs, lam)))
-    return Foretold(time, X_e, X_o, n, phase, foreseen)
-
-
-def turning_to_separatrix(
-    body: free_turn.Body, lam: Sequence[float], slow: free_turn.SlowVariables, u: float
-) -> float:
-    """By how much the phase grows from u to the separatrix: the integral of phi' = n <dn> along the
-    motion."""
-    at = u * passage.FRACTIONS
-    mean = means.turn_means(np.exp(-at), -np.expm1(-at), free_turn.LANDEN)
-    start, there = (passage.separatrix_approach(lam, slow.side, v).fall_e for v in (u, at))
-    fallen = start - there
-    turning = free_turn.turn_frequency(body, slow.pair[0] * np.exp(-fallen), slow.side) * mean.pace
-    return float(
-        (
-            u
-            * passage.WEIGHTS
-            * turning
-            / np.abs(means.shape_rate(passage.on_side(lam, slow.side), mean))
-        ).sum()
-    )
 
 
 @pytest.mark.parametrize(
@@ -277,14 +225,6 @@ def test_no_crossing_against_the_theorem_or_beyond_the_threshold() -> None:
     ).tolist() == [True, False]
 
 
-def mean_elements(lam: Sequence[float], slow: free_turn.SlowVariables) -> free_turn.SlowVariables:
-    (X_e, X_o), (dX_e, dX_o) = slow.pair, linear_part(lam, slow)
-    X_e, X_o = X_e * (1 - dX_e), X_o * (1 - dX_o)
-    X, Y = (X_e, X_o) if slow.side > 0 else (X_o, X_e)
-    w_e, w_o = BODY.weight(slow.side)
-    return slow._replace(X=X, Y=Y, m1=1 - w_o * X_o / (w_e * X_e))
-
-
 @pytest.mark.parametrize(
     ("factor", "mean", "predicted", "place", "sense"),
     [
@@ -299,19 +239,18 @@ def mean_elements(lam: Sequence[float], slow: free_turn.SlowVariables) -> free_t
 def test_the_predictions_for_the_family_of_figure_4(
     factor: float, mean: float, predicted: float, place: float, sense: int
 ) -> None:
-    lam = [factor * x for x in LAM4]
-    found = predicted_passage(BODY, lam, mean_elements(lam, free_turn.slow_elements(BODY, FIG4)))
-    foreseen = found.foreseen
-    assert (found.time, foreseen.predicted, foreseen.place, foreseen.sense) == pytest.approx(
-        (mean, predicted, place, sense), rel=2e-11, abs=5e-6
+    (passage,) = integrate(scaled(factor, LAM4, 400)).events
+    details = passage.details
+    assert (passage.time, details["predicted"], details["place"]) == pytest.approx(
+        (mean, predicted, place), rel=2e-11, abs=5e-6
     )
+    assert details["sense"] == sense
 
 
 def test_a_sense_is_undetermined_where_s_is_near_a_whole_number() -> None:
-    lam = (0.009, 0.004, 0.007)
-    found = predicted_passage(BODY, lam, mean_elements(lam, free_turn.slow_elements(BODY, FIG4)))
-    assert found.foreseen.place == pytest.approx(0.987, abs=5e-4)
-    assert found.foreseen.sense == 0
+    (passage,) = integrate(scaled(1, (0.009, 0.004, 0.007), 400)).events
+    assert passage.details["place"] == pytest.approx(0.987, abs=5e-4)
+    assert passage.details["sense"] == 0
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ class DenseSolution(NamedTuple):
     that tell on which side of the separatrix it stands."""
 
     motion: Trajectory
-    signs: SignChanges
+    signs: list[SignChanges]
     rows: np.ndarray
 
 
@@ -125,23 +125,18 @@ def searched(
     samples = sample_times(case)
     times = with_checks(samples, case.time.start, case.time.end)
     times = times[times <= until]
-    search = search_of(body_of(case), uncertainty)
+    body = body_of(case)
+    kind = CrossingSearch if body.rotor_momentum is None else RegionSearch
+    search = kind(body, uncertainty)
     motion = solve(case, method, precision, tol, times, search)
     rows = np.searchsorted(times, samples)
-    return DenseSolution(motion, search.signs(), rows[rows < len(motion.time)])
+    return DenseSolution(motion, search.parts, rows[rows < len(motion.time)])
 
 
 def body_of(case: Case) -> BodyFrame:
     """The system of a case whose hodographs enclose an axis."""
     assert isinstance(case.system, BodyFrame)
     return case.system
-
-
-def search_of(body: BodyFrame, uncertainty: float) -> CrossingSearch:
-    """The search for the crossings of a body."""
-    if body.rotor_momentum is None:
-        return CrossingSearch(body.moments, uncertainty, body.principal_axes)
-    return RegionSearch(body.moments, uncertainty, body.principal_axes, h=body.rotor_momentum)
 
 
 def principal_omega(motion: Trajectory) -> np.ndarray:
@@ -311,7 +306,7 @@ def crossings_of(
             np.ldexp(momentum, exponent)[turning],
             sides,
         )
-    signs = SignChanges.joined([dense.signs, samples])
+    signs = SignChanges.joined([*dense.signs, samples])
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     band = CERTAIN * np.maximum(errors[before], errors[after])

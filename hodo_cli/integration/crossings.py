@@ -24,6 +24,7 @@ from ..models.base import Event, Model
 from ..models.constants import rescaled
 from ..models.rigid_body import UNSEPARATED, BodyFrame, inertia_order, margin
 from ..models.theory.gyrostat import region_of
+from .driver import StepObserver
 from .units import Clock, Units
 
 SEARCHED = 512
@@ -66,10 +67,6 @@ class SignChanges(NamedTuple):
     @classmethod
     def joined(cls, parts: list["SignChanges"]) -> "SignChanges":
         """The moments of several stretches, in order of time."""
-        if not parts:
-            return cls(
-                *(np.empty(0, dtype=bool if name == "vanishes" else float) for name in cls._fields)
-            )
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
         order = np.argsort(columns[0], kind="stable")
         return cls(*(column[order] for column in columns))
@@ -84,29 +81,39 @@ class CrossingList(NamedTuple):
     undecided: list[float]
 
 
-@dataclass
-class CrossingSearch:
-    """The `StepObserver` that searches the steps of a motion for zeros of D.
+class StepView(NamedTuple):
+    """Places of steps, each (k,): label, margin, |G|, and the rate by x at which the nearest
+    boundary comes nearer, relative to |omega|; of a body with a rotor the value and the slope by x
+    for both saddles (k, 2)."""
 
-    It notes no moment of a step in which |margin| stays above `uncertainty` all along. `A` are the
-    principal moments, and `axes` (3, 3) the principal axes in those of the state.
+    label: np.ndarray
+    margin: np.ndarray
+    momentum: np.ndarray
+    rate: np.ndarray
+    value: np.ndarray = np.empty((0, 2))
+    slope: np.ndarray = np.empty((0, 2))
+
+
+@dataclass
+class CrossingSearch(StepObserver):
+    """Searches the steps of a motion for zeros of D.
+
+    It notes no moment of a step in which |margin| stays above `uncertainty` all along.
     """
 
-    A: np.ndarray
+    body: BodyFrame
     uncertainty: float
-    axes: np.ndarray | None = None
     parts: list[SignChanges] = field(default_factory=list)
     filled: int = 0
 
     def __post_init__(self) -> None:
-        self.order = rigid_body.inertia_order(self.A)
-        largest, middle, smallest = self.order
+        self.A = self.body.moments
+        self.order = inertia_order(self.A)
         # Of a body with two equal moments D has one sign: a or b is 0.
-        self.two_sided = bool(self.A[largest] > self.A[middle] > self.A[smallest])
+        self.two_sided = len(set(self.A.tolist())) == 3
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """See `StepObserver.begin`."""
-        self.basis, self.clock, self.size = engine.basis, clock, units.size
+        super().begin(engine, clock, units)
         self.series = np.empty((SEARCHED, 3, engine.degree + 1), dtype=engine.dtype)
         self.times = np.empty((SEARCHED, 2), dtype=engine.dtype)
 
@@ -136,13 +143,8 @@ class CrossingSearch:
 
     def along_axes(self, series: np.ndarray) -> np.ndarray:
         """The coefficients (n, 3, degree + 1) of the components along the principal axes."""
-        if self.axes is None:
-            return series
-        return np.asarray(self.axes.astype(series.dtype) @ series)
-
-    def signs(self) -> SignChanges:
-        """All moments noted, in order of time."""
-        return SignChanges.joined(self.parts)
+        axes = self.body.principal_axes
+        return series if axes is None else np.asarray(axes.astype(series.dtype) @ series)
 
     def _bernstein(self, c: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The Bernstein coefficients (n, 3, degree + 1) of steps, and the rounding (n,) of a form.
@@ -150,14 +152,14 @@ class CrossingSearch:
         `c` is overwritten.
         """
         order = c.shape[2] - 1
-        if self.basis == TAYLOR:
+        if self.engine.basis == TAYLOR:
             # Powers of the time since the start of the step become powers of x = (t - start)/span.
             span = times[:, 1] - times[:, 0]
             c[:, :, 1:] *= np.cumprod(np.repeat(span[:, None], order, axis=1), axis=1)[:, None]
         a, b = rigid_body.separatrix_roots(self.A.astype(c.dtype), self.order)
-        noise = rounding(c, self.basis)
+        noise = rounding(c, self.engine.basis)
         form_noise = a * noise[:, self.order[0]] + b * noise[:, self.order[2]]
-        return c @ to_bernstein(self.basis, order, c.dtype), form_noise
+        return c @ to_bernstein(self.engine.basis, order, c.dtype), form_noise
 
     def _near(self, c: np.ndarray, times: np.ndarray) -> np.ndarray:
         """The steps (k,) in which |margin| may be `uncertainty` or less."""
@@ -196,32 +198,42 @@ class CrossingSearch:
     def _note(
         self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
     ) -> None:
-        """Note the motion at places x (k,) in steps with the Bernstein coefficients b (n, 3, degree
-        + 1)."""
-        A, degree = self.A.astype(b.dtype), b.shape[2] - 1
-        omega = np.matmul(b[row], weights(x, degree)[:, :, None])[:, :, 0]
-        slope = np.matmul(np.diff(b[row], axis=2), weights(x, degree - 1)[:, :, None])[:, :, 0]
+        """Note the motion at places x (k,), in any order, in steps with the Bernstein coefficients
+        b (n, 3, degree + 1)."""
+        order = np.lexsort((x, row))
+        row, x, vanishes = row[order], x[order], vanishes[order]
+        view = self._view(b, row, x)
+        start, end = self.clock.true_times(times[:, 0]), self.clock.true_times(times[:, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = np.nan_to_num(view.rate / (end - start)[row]).astype(float)
+        time = self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0]))
+        margin = np.where(vanishes, 0, view.margin).astype(float)
+        self.parts.append(SignChanges(time, margin, vanishes, rate, view.momentum, view.label))
+
+    def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
+        """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
+        A, (omega, slope) = self.A.astype(b.dtype), omega_and_slope(b[row], x)
         values, changes = (
-            np.abs(rigid_body.separatrix_forms(A, w.T, self.order)) for w in (omega, degree * slope)
+            np.abs(rigid_body.separatrix_forms(A, w.T, self.order)) for w in (omega, slope)
         )
         # Near the separatrix the margin is the smaller form, up to a factor of at most sqrt 2.
         change = np.where(values[0] < values[1], *changes)
         scale = np.hypot(*rigid_body.separatrix_roots(A, self.order))
-        start, end = self.clock.true_times(times[:, 0]), self.clock.true_times(times[:, 1])
         with np.errstate(divide="ignore", invalid="ignore"):
-            rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)) * (end - start)[row])
+            rate = change / (scale * np.sqrt(np.square(omega).sum(axis=1)))
         momentum = np.sqrt(np.square(rigid_body.angular_momentum(A, omega)).sum(axis=1))
-        margin = rigid_body.margin(A, omega, self.order)
-        self.parts.append(
-            SignChanges(
-                self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0])),
-                np.where(vanishes, 0, margin).astype(float),
-                vanishes,
-                rate.astype(float),
-                np.ldexp(momentum.astype(float), self.size),
-                np.where(margin > 0, self.order[0] + 1, self.order[2] + 1),
-            )
-        )
+        momentum = np.ldexp(momentum.astype(float), self.units.size)
+        margin, label = standing(self.body, omega)
+        return StepView(label, margin, momentum, rate)
+
+
+def omega_and_slope(b: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The angular velocities (k, 3) at places x (k,) in steps with Bernstein coefficients b (k, 3,
+    degree + 1), and their derivatives by x."""
+    degree = b.shape[2] - 1
+    omega = np.matmul(b, weights(x, degree)[:, :, None])
+    slope = np.matmul(np.diff(b, axis=2), weights(x, degree - 1)[:, :, None])
+    return omega[:, :, 0], degree * slope[:, :, 0]
 
 
 @np.errstate(all="ignore")
@@ -256,9 +268,7 @@ def with_middles(
     before, after = root[pair], root[pair + 1]
     row = np.concatenate((row, row[after]))
     x = np.concatenate((x, (x[before] + x[after]) / 2))
-    vanishes = np.concatenate((vanishes, np.zeros(len(pair), dtype=bool)))
-    order = np.lexsort((x, row))
-    return row[order], x[order], vanishes[order]
+    return row, x, np.concatenate((vanishes, np.zeros(len(pair), dtype=bool)))
 
 
 def read_sign_changes(
@@ -355,27 +365,12 @@ def nearest_margin(margins: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(np.isnan(sizes), np.inf, sizes).min(-1))
 
 
-class StepView(NamedTuple):
-    """Places of steps, each (k,): label, margin, |G|, and the rate by x at which the nearest
-    boundary comes nearer, relative to |omega|; the value and the slope by x for both saddles
-    (k, 2)."""
-
-    label: np.ndarray
-    margin: np.ndarray
-    momentum: np.ndarray
-    rate: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
-
-
 @dataclass
 class RegionSearch(CrossingSearch):
-    """The `StepObserver` that searches the steps of a body with a rotor for changes of its label.
+    """Searches the steps of a body with a rotor for changes of its label.
 
     It notes no moment of a step in which every margin stays above `uncertainty` all along.
     """
-
-    h: np.ndarray = None  # type: ignore[assignment]
 
     def flush(self) -> None:
         """Search the steps noted, in double precision or in long double."""
@@ -384,12 +379,8 @@ class RegionSearch(CrossingSearch):
             return
         series, times = extended(self.series[:n]), extended(self.times[:n])
         b, _ = self._bernstein(self.along_axes(series), times)
-        row, x = (
-            np.repeat(np.arange(n), VIEWED),
-            np.tile(np.linspace(0, 1, VIEWED), n),
-        )
         # In double for all: long double is ten times slower.
-        view = self._view(b.astype(float), row, x)
+        view = self._view(b.astype(float), *places_in(n, np.float64))
         clear = (view.margin > self.uncertainty).reshape(n, VIEWED).all(1)
         labels = view.label.reshape(n, VIEWED)
         clear &= (labels == labels[:, :1]).all(1) & ~self._turns(view, n).any((1, 2))
@@ -406,19 +397,15 @@ class RegionSearch(CrossingSearch):
 
     def _search_steps(self, b: np.ndarray, times: np.ndarray) -> None:
         """Note the places of steps, the extrema between them, and where the label changes."""
-        n, fp = len(b), b.dtype
-        row, x = (
-            np.repeat(np.arange(n), VIEWED),
-            np.tile(np.linspace(0, 1, VIEWED, dtype=fp), n),
-        )
+        row, x = places_in(n := len(b), b.dtype.type)
         turns = np.argwhere(self._turns(self._view(b, row, x), n))
-        low, saddle = turns[:, 1] / fp.type(VIEWED - 1), turns[:, 2]
+        low, saddle = x[turns[:, 1]], turns[:, 2]
 
-        def sign(row: np.ndarray, x: np.ndarray) -> np.ndarray:
+        def nearing(row: np.ndarray, x: np.ndarray) -> np.ndarray:
             view, at = self._view(b, row, x), np.arange(len(row))
             return np.asarray(view.value[at, saddle] * view.slope[at, saddle] < 0)
 
-        extrema = bisected(sign, turns[:, 0], low, low + 1 / fp.type(VIEWED - 1))
+        extrema = bisected(nearing, turns[:, 0], low, x[turns[:, 1] + 1])
         row, x = np.concatenate((row, turns[:, 0])), np.concatenate((x, extrema))
         order = np.lexsort((x, row))
         row, x = row[order], x[order]
@@ -431,17 +418,13 @@ class RegionSearch(CrossingSearch):
         places = bisected(unchanged, row[change], x[change], x[change + 1])
         vanishes = np.repeat((False, True), (len(x), len(places)))
         row, x = np.concatenate((row, row[change])), np.concatenate((x, places))
-        order = np.lexsort((x, row))
-        self._note_places(b, row[order], x[order], vanishes[order], times)
+        self._note(row, x, vanishes, b, times)
 
     def _view(self, b: np.ndarray, row: np.ndarray, x: np.ndarray) -> StepView:
         """The motion at places x (k,) in steps with Bernstein coefficients b (n, 3, degree + 1)."""
-        degree = b.shape[2] - 1
-        w = np.matmul(b[row], weights(x, degree)[:, :, None])[:, :, 0]
-        change = degree * np.matmul(np.diff(b[row], axis=2), weights(x, degree - 1)[:, :, None])
         # A rotor has a momentum of its own, so that nothing is homogeneous in omega.
-        w, change = np.ldexp(w, self.size), np.ldexp(change[:, :, 0], self.size)
-        A, h = self.A.astype(b.dtype), self.h.astype(b.dtype)
+        w, change = (np.ldexp(values, self.units.size) for values in omega_and_slope(b[row], x))
+        A, h = self.A.astype(b.dtype), np.asarray(self.body.rotor_momentum, dtype=b.dtype)
         region = region_of(A, h, w)
         slope = (region.gradient * change[:, None]).sum(-1)
         G = A * w + h
@@ -452,20 +435,13 @@ class RegionSearch(CrossingSearch):
             nearest = np.take_along_axis(np.abs(slope) / size, sizes.argmin(-1)[:, None], 1)[:, 0]
             falling = np.abs((G * A * change).sum(-1)) / square
         rate = np.where(region.label == UNSEPARATED, falling, nearest)
-        margin = nearest_margin(region.margin)
-        return StepView(region.label, margin, np.sqrt(square), rate, region.value, slope)
+        margin, momentum = nearest_margin(region.margin), np.sqrt(square).astype(float)
+        return StepView(region.label, margin, momentum, rate, region.value, slope)
 
-    def _note_places(
-        self, b: np.ndarray, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, times: np.ndarray
-    ) -> None:
-        view = self._view(b, row, x)
-        start, end = self.clock.true_times(times[:, 0]), self.clock.true_times(times[:, 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rate = np.nan_to_num(view.rate / (end - start)[row]).astype(float)
-        time = self.clock.true_times(times[row, 0] + x * (times[row, 1] - times[row, 0]))
-        margins = np.where(vanishes, 0, view.margin)
-        momentum = view.momentum.astype(float)
-        self.parts.append(SignChanges(time, margins, vanishes, rate, momentum, view.label))
+
+def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:
+    """The row and x (n * VIEWED,) of the places at which n steps are looked at."""
+    return np.repeat(np.arange(n), VIEWED), np.tile(np.linspace(0, 1, VIEWED, dtype=fp), n)
 
 
 def bisected(holds: Any, row: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@ every moment."""
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -57,14 +57,16 @@ class SampleBuffer:
         self.done += 1
 
 
-class StepObserver(Protocol):
+class StepObserver:
     """Sees every step of a motion, as an `Observer` that knows in which units the step is."""
 
     def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
         """The steps from here on are in these units, their times those of the clock."""
+        self.engine, self.clock, self.units = engine, clock, units
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         """See `Observer`."""
+        raise NotImplementedError
 
     def flush(self) -> None:
         """The units are about to change, or the motion has ended."""

@@ -10,7 +10,7 @@ import numpy as np
 from .. import HodoError, engines
 from ..cases.case import Case
 from ..engines.polynomial import TAYLOR
-from ..engines.protocol import EPS, LAST_STEP, Engine, Status, StepControl
+from ..engines.protocol import EPS, LAST_STEP, Status, StepControl
 from ..models.base import Model
 from ..models.constants import attributes
 from .driver import (
@@ -22,7 +22,7 @@ from .driver import (
     propagate,
 )
 from .trajectory import Occurrence, Trajectory
-from .units import Clock, Units, is_timed
+from .units import is_timed
 
 REFINEMENTS, FEW = {"taylor": 5}, 2
 """How often what approximates equations is refined: it takes twice as long each time, and seconds
@@ -39,47 +39,34 @@ def sample_times(case: Case) -> np.ndarray:
 
 
 @dataclass
-class AccuracyMonitor:
-    """A `StepObserver` that checks at the start of each step whether what approximates the
-    equations is right to a tolerance; `everywhere` tells whether it always was."""
+class AccuracyMonitor(StepObserver):
+    """Checks at the start of each step whether what approximates the equations is right to a
+    tolerance; `everywhere` tells whether it always was."""
 
     system: Model
     tol: float
     everywhere: bool = True
 
-    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """See `StepObserver.begin`."""
-        order = np.arange(engine.degree + 1)
-        # At the start of a step only the first power is left, and polynomials of Legendre or
-        # Chebyshev are 1 and -1 by turns.
-        self.at_start = np.where(order, 0.0, 1.0) if engine.basis == TAYLOR else (-1.0) ** order
-
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         """See `Observer`."""
-        state = engines.extended(series).astype(float) @ self.at_start
+        order = np.arange(self.engine.degree + 1)
+        # At the start of a step only the first power is left, and polynomials of Legendre or
+        # Chebyshev are 1 and -1 by turns.
+        at_start = np.where(order, 0.0, 1.0) if self.engine.basis == TAYLOR else (-1.0) ** order
+        state = engines.extended(series).astype(float) @ at_start
         k = attributes(self.system.constants)
         self.everywhere &= bool(self.system.is_accurate(state[:, np.newaxis], k, self.tol).all())
 
-    def flush(self) -> None:
-        """See `StepObserver.flush`."""
-
 
 @dataclass
-class StepTimes:
-    """A `StepObserver` that notes when each step ends."""
+class StepTimes(StepObserver):
+    """Notes when each step ends."""
 
     times: list[float]
-
-    def begin(self, engine: Engine, clock: Clock, units: Units) -> None:
-        """See `StepObserver.begin`."""
-        self.clock = clock
 
     def __call__(self, start: Any, end: Any, series: np.ndarray) -> None:
         """See `Observer`."""
         self.times.append(self.clock.true(end))
-
-    def flush(self) -> None:
-        """See `StepObserver.flush`."""
 
 
 def step_times(case: Case, method: str) -> np.ndarray:

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .free_turn import LANDEN, SMALLEST_M1, Body
-from .means import linear_rates, shape_rate, turn_means
+from .means import shape_rate, turn_means
 
 HALF, REACH = 100, 4.4
 """Nodes of the quadrature on either side of its middle, for 15 digits, and its end, where the
@@ -94,38 +94,15 @@ def farthest_that_crosses(lam: Sequence[float], side: int) -> float:
     return -math.log(resting[1]) if resting and resting[0] == side else math.inf
 
 
-class SeparatrixApproach(NamedTuple):
-    """From |u| = u (...) to the separatrix: the time it takes, and by how much ln X_e and
-    ln X_o fall."""
-
-    time: Any
-    fall_e: Any
-    fall_o: Any
-
-
-def separatrix_approach(lam: Sequence[float], side: int, u: Any) -> SeparatrixApproach:
-    """The quadratures from u (...); meaningless, without a warning, beyond `farthest_that_crosses`.
-    lam as sorted."""
-    nodes = np.asarray(u, dtype=float)[..., None] * FRACTIONS
-    mean = turn_means(np.exp(-nodes), -np.expm1(-nodes), LANDEN)
-    local = on_side(lam, side)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        seconds = np.asarray(u, dtype=float)[..., None] * WEIGHTS / np.abs(shape_rate(local, mean))
-    rate_e, rate_o = linear_rates(local, mean)
-    return SeparatrixApproach(
-        seconds.sum(-1), (-rate_e * seconds).sum(-1), (-rate_o * seconds).sum(-1)
-    )
-
-
 def crossing_time(lam: Sequence[float], side: int, u: Any) -> Any:
-    """t* (...) of motions at u (...) on a side; inf where they never cross. It knows neither
-    |omega| nor the body."""
-    with np.errstate(invalid="ignore"):
-        return np.where(
-            np.asarray(u) < farthest_that_crosses(lam, side),
-            separatrix_approach(lam, side, u).time,
-            np.inf,
-        )
+    """t* (...) of motions at u (...) on a side, by quadrature; inf where they never cross. It knows
+    neither |omega| nor the body; lam as sorted."""
+    u = np.asarray(u, dtype=float)
+    nodes = u[..., None] * FRACTIONS
+    mean = turn_means(np.exp(-nodes), -np.expm1(-nodes), LANDEN)
+    with np.errstate(divide="ignore", invalid="ignore"):  # beyond the last u that crosses
+        seconds = u[..., None] * WEIGHTS / np.abs(shape_rate(on_side(lam, side), mean))
+        return np.where(u < farthest_that_crosses(lam, side), seconds.sum(-1), np.inf)
 
 
 def shape_distance(m1: Any) -> Any:
