@@ -494,6 +494,17 @@ def test_an_enlarged_panel_of_quadrants_names_regions_by_letters(runs: Path) -> 
     assert names == [{"A (about $x_1$)", "B (about $x_3$)"}, {"A", "B"}]
 
 
+def test_greek_letters_look_as_in_formulas(several: Drawings) -> None:
+    for title, shown in {
+        "damping λ = 0.1, $τ_1$": "damping $λ$ = 0.1, $τ_1$",
+        "5 $ for λ": "5 $ for λ",
+    }.items():
+        sheet = several.draw("ball", title=title, labels=("λ", "b"))
+        assert sheet.figure.get_suptitle() == shown
+        assert {curve.curve for curve in sheet.shown} == {"$λ$", "b"}
+        assert sheet.csv().splitlines()[1].startswith("λ,")
+
+
 def test_a_title_is_broken_between_words_and_never_in_a_formula(several: Drawings) -> None:
     assert several.draw("ball", title="Fig 1").figure.get_suptitle() == "Fig 1"
     long = r"Fig 13: quadrants for $I_{11} = I_{13} = I_{31} = I_{33} = 0.005$, $|\omega(0)| = 1$"

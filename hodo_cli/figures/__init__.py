@@ -7,7 +7,7 @@ them all; `cases.figure_block` declares the keys that each takes.
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from .costs import cost, error_order, share
 from .files import save
 from .maps import sweep_curve, sweep_map
 from .plane import invariants, phase, quadrant_sketch, quadrants, time_series
-from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, check_tex, lighten, text_size
+from .sheet import FILMS, SHEET_STYLE, Drawing, Sheet, check_tex, lighten, slanted, text_size
 from .space import axis_trace, herpolhode, hodograph, sphere
 
 if TYPE_CHECKING:
@@ -72,14 +72,15 @@ def draw(
             f"scale_with: {unknown(f'figure {unknown_names[0]!r}', unknown_names[0], figures)}"
         )
     scale = [case for name in spec.get("scale_with", ()) for case in figures[name]["cases"]]
-    spec = {**with_time_symbol(spec, cases), "scale_cases": scale}
+    spec = {**with_time_symbol(spec, cases), "scale_cases": scale, "title": slanted(spec["title"])}
+    spec["labels"] = [*map(slanted, spec.get("labels", ()))]
     check(spec, cases)
     style = merged_style(spec["style"])
     look = {**SHEET_STYLE, **rc, **matplotlib_parameters(style)}
     with matplotlib.style.context(["default", look]):
         drawing = Drawing(layout=ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.06))
         drawing.parameters = look
-        for text in (*spec.get("labels", ()), f"${spec.get('time', 't')}$"):
+        for text in (*spec["labels"], f"${spec.get('time', 't')}$"):
             check_tex(text, text_size("legend.fontsize"))
         check_tex(spec["title"], text_size("figure.titlesize"))
         sheet = Sheet(drawing)
@@ -164,9 +165,14 @@ def render(
 ) -> DrawnFigure:  # fmt: skip
     """Draw one of the figures of a case file into the folder `out`; whatever goes wrong with it is
     its own problem."""
-    files = [out / f"{name}.{suffix}" for suffix in formats]
     try:
-        return DrawnFigure(name, tuple(_files(cases, figures, name, files)))
+        sheet = draw(figures[name], cases, figures)
+        files = [out / f"{name}.{suffix}" for suffix in formats]
+        files = [file for file in files if sheet.figure.film or file.suffix not in FILMS]
+        about = " ".join(filter(None, [figures[name]["caption"], *sheet.remarks]))
+        for file in files:
+            save(sheet, file, about)
+        return DrawnFigure(name, tuple(files))
     except HodoError as error:
         return DrawnFigure(name, problem="; ".join(str(error).splitlines()))
     except NOT_OF_A_CASE:
@@ -175,16 +181,3 @@ def render(
         # A mistake of ours in one figure shall not cost the others. Without a traceback, the kind
         # of the error belongs in the message.
         return DrawnFigure(name, problem=f"{type(error).__name__}: {error}")
-
-
-def _files(
-    cases: Cases, figures: Mapping[str, Mapping[str, Any]], name: str, files: Sequence[Path]
-) -> Iterator[Path]:
-    """The files of one figure, each when it is written."""
-    spec = figures[name]
-    sheet = draw(spec, cases, figures)
-    about = " ".join(filter(None, [spec["caption"], *sheet.remarks]))
-    for path in files:
-        if sheet.figure.film or path.suffix not in FILMS:
-            save(sheet, path, about)
-            yield path

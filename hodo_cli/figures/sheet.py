@@ -228,6 +228,13 @@ def without_tex(text: str) -> str:
     return re.sub(r"\$([^$]*)\$", letters, text)
 
 
+def slanted(text: str) -> str:
+    """A text whose Greek letters outside of formulas are set as within them."""
+    if text.count("$") % 2:  # a sum of money, and no formula
+        return text
+    return re.sub(r"(\$[^$]*\$)|([α-ω]+)", lambda part: part[1] or f"${part[2]}$", text)
+
+
 def _cell(value: object) -> object:
     """A cell of a table; a text that a spreadsheet would compute is quoted."""
     is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
