@@ -3,7 +3,6 @@
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,8 @@ from ..schema.mistakes import Mistakes
 from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.hdf5 import ResultFile, open_run
 from ..storage.provenance import history_line, root_attributes
-from ..storage.update import holds
 from ..storage.writer import Writer
-from .resume import result_named
-
-MEASURED_OR_REMARKED = ("run_time", "case")
-"""The attributes in which equal results may differ: the case's remarks may, its hash may not."""
+from .resume import has_all_of, result_named
 
 
 def merge_results(paths: Iterable[Path], out: Path) -> None:
@@ -55,15 +50,10 @@ def fuller(first: FinishedCase, second: FinishedCase) -> FinishedCase:
     for item in (first, second):
         with open_run(item.file) as run:
             groups.append(run.read(item.name))
-    a, b = (
-        replace(group, report=None, attributes={
-            key: value for key, value in group.attributes.items() if key not in MEASURED_OR_REMARKED
-        })
-        for group in groups
-    )  # fmt: skip
-    if holds(a, b):
+    a, b = groups
+    if has_all_of(a, b):
         return first
-    if holds(b, a):
+    if has_all_of(b, a):
         return second
     both = f"{first.file} and {second.file}"
     raise HodoError(f"{first.name} is in {both} with different results: rename it in one config")

@@ -6,6 +6,7 @@ import os
 import warnings
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -15,8 +16,10 @@ from ..cases.case import Case, dump
 from ..cases.config import Config, is_bare, load, parse, text_of
 from ..schema.document import YAML_SUFFIXES
 from ..storage.finished_cases import FinishedCase
+from ..storage.group import Group
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import staging_folders
+from ..storage.update import holds
 
 FORCED = "--force"
 
@@ -62,6 +65,18 @@ def why(case: Case, done: FinishedCase | None, force: bool) -> str:
         *zip(changed, REASONS, strict=True),
     )
     return next((reason for holds, reason in reasons if holds), "")
+
+
+MEASURED_OR_REMARKED = ("run_time", "case")
+"""The attributes in which equal results may differ: the case's remarks may, its hash may not."""
+
+
+def has_all_of(stored: Group, other: Group) -> bool:
+    """Whether a stored case has all that another result of the same case has; it may be labelled
+    besides."""
+    kept = other.attributes.keys() - MEASURED_OR_REMARKED
+    attributes = {key: other.attributes[key] for key in kept}
+    return holds(stored, replace(other, attributes=attributes, report=stored.report))
 
 
 def result_named(name: Path) -> tuple[Path, Config | None]:

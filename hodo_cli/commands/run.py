@@ -6,7 +6,7 @@ import re
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from operator import attrgetter
@@ -28,10 +28,17 @@ from ..storage.group import Group
 from ..storage.hdf5 import open_run
 from ..storage.provenance import history_line, root_attributes, typed
 from ..storage.staging import check_writable, chunks_in, staging_folders
-from ..storage.update import holds
 from ..storage.writer import Writer
 from ..text import NAMES_LISTED, abridged, file_name_fault
-from .resume import CONFIG_PATH, FORCED, case_digest, check_origin, path_from, why
+from .resume import (
+    CONFIG_PATH,
+    FORCED,
+    case_digest,
+    check_origin,
+    has_all_of,
+    path_from,
+    why,
+)
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
@@ -197,12 +204,9 @@ class Plan:
         old, digest_of_case = self.old.get(name), group.attributes["hash"]
         if not old or old.damage or group.late or old.attributes.get("hash") != digest_of_case:
             return False
-        attributes = {k: v for k, v in group.attributes.items() if k not in ("run_time", "case")}
         with suppress(HodoError), open_run(old.file) as run:
             is_ours = run.attributes.get(CONFIG_PATH) == path_from(self.config, self.path)
-            stored = run.read(name)
-            new = replace(group, attributes=attributes, report=stored.report)
-            return is_ours and holds(stored, new)
+            return is_ours and has_all_of(run.read(name), group)
         return False
 
 
