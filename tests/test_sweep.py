@@ -40,7 +40,7 @@ from hodo_cli.progress import Progress
 from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.writer import Writer
-from hodo_cli.sweeps import chunk, columns, grid, members, summary, sweep
+from hodo_cli.sweeps import chunk, columns, members, summary, sweep
 from hodo_cli.sweeps.single_cases import side_by_side
 from hodo_cli.sweeps.view import SweepView
 
@@ -815,7 +815,7 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
     for first, last in chunk.boxes(tuple(sizes), most):
         assert first == end
         assert 0 < last - first <= most
-        members = array[grid.box(tuple(sizes), first, last)]
+        members = array[sweep.box(tuple(sizes), first, last)]
         assert members.ravel().tolist() == list(range(first, last))
         end = last
     assert end == array.size

@@ -20,7 +20,7 @@ from ..integration.trajectory import Trajectory
 from ..models import rigid_body
 from ..models.constants import UNIT, contains_time, flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of
-from ..storage.group import Attribute, Group, Variable
+from ..storage.group import Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance, measure_crossings, step_of
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
@@ -46,9 +46,6 @@ TURNING = 20
 """By what factor a body averaged over its turns takes longer by itself than a top does."""
 
 
-NONE_ALONE = np.zeros(len(Rejection), dtype=np.int64)
-
-
 @dataclass(frozen=True)
 class Chunk:
     """The members `first` to `last` - 1 of a sweep, in the order in which the last axis varies
@@ -63,7 +60,7 @@ def chunks(case: Case) -> Iterator[Chunk]:
     """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
     sizes = shape(case)
     most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, -(-math.prod(sizes) // 16)))
-    if not fits_ensemble(case):
+    if reason_alone(case):
         most = min(most, ALONE)
     if "trajectory" in case.store:
         most = min(most, max(1, MOST_SAMPLED // (case.time.samples * len(case.system.state))))
@@ -81,11 +78,6 @@ def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
     for begin in range(0, math.prod(sizes), length * row):
         for low, high in pairwise(edges):
             yield begin + low, begin + high
-
-
-def fits_ensemble(case: Case) -> bool:
-    """Whether the members of a sweep go side by side."""
-    return not reason_alone(case)
 
 
 def reason_alone(case: Case) -> str:
@@ -116,15 +108,16 @@ def other_method(case: Case) -> str:
 
 
 def compute(chunk: Chunk) -> Group:
-    """The members of a chunk, reduced to a few numbers each: the task of a pool."""
+    """The members of a chunk, reduced to a few numbers each, with the number of those that each
+    `Rejection` has left to be integrated alone: the task of a pool."""
     began = thread_time()
     case, n = chunk.case, chunk.last - chunk.first
-    values = blank_columns(case, n)
+    values = blank_columns(case, n, Status.INVALID)
     rejection = np.full(n, Rejection.EVENTS.code)
-    if fits_ensemble(case):
+    if not reason_alone(case):
         rejection = integrated_together(chunk, values)
-    alone = np.flatnonzero((rejection > 0) & (values["status"] != Status.INVALID.code))
-    methods = {"taylor"} if (rejection == 0).any() else set()
+    methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
+    alone = np.flatnonzero(rejection)
     for i in alone.tolist():
         status, method, reduced = integrated_alone(case, chunk.first + i)
         values["status"][i] = status.code
@@ -135,17 +128,22 @@ def compute(chunk: Chunk) -> Group:
     return group_of_members(case, values, thread_time() - began, rejections, names)
 
 
+def lost_chunk(chunk: Chunk) -> Group:
+    """The columns of a chunk whose worker failed."""
+    values = blank_columns(chunk.case, chunk.last - chunk.first, Status.FAILED)
+    return group_of_members(chunk.case, values, 0.0, np.zeros(len(Rejection), dtype=int), "")
+
+
 def group_of_members(
     case: Case, values: Mapping[str, np.ndarray], run_time: float, rejections: np.ndarray,
     methods: str,
 ) -> Group:  # fmt: skip
-    """The columns of some members as they are stored, with the number of those that each
-    `Rejection` has left to be integrated alone."""
-    dims = {name: ("member", *column.dims) for name, column in columns(case).items()}
-    attributes: dict[str, Attribute] = {
-        "run_time": run_time, "rejections": rejections, "methods": methods,
-    }  # fmt: skip
-    return Group(attributes, {name: Variable(dims[name], data) for name, data in values.items()})
+    """The columns of some members as they are stored."""
+    variables = {
+        name: Variable(("member", *column.dims), values[name])
+        for name, column in columns(case).items()
+    }
+    return Group({"run_time": run_time, "rejections": rejections, "methods": methods}, variables)
 
 
 def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.ndarray]) -> None:
@@ -156,22 +154,22 @@ def enter(values: Mapping[str, np.ndarray], rows: Any, reduced: Mapping[str, np.
 
 def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.ndarray:
     """Fill in the members whose motions an ensemble accepts; returns the codes (n,) of why it
-    rejects the others."""
-    case, status = chunk.case, values["status"]
-    status[:] = Status.INVALID.code
-    rejection = np.full(len(status), Rejection.EVENTS.code)
+    rejects others, 0 for those without a body or a start too."""
+    case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
     for group in prepare(case, np.arange(chunk.first, chunk.last)):
-        status[group.positions] = Status.OK.code
         # One compiled step watches one event of each kind; of more, single cases keep the order.
-        if len(group.events) <= len({bool(event.passage) for event in group.events}):
-            e = replace(ensemble_of(case, group), times=times)
-            outcome = advance(e, step_of(e))
-            if e.event and not (e.model.no_axis_reason or e.model.always_absorbing):
-                measure_crossings(e, e.event, outcome)
-            reduced = reduced_ensemble(e, outcome, case.time)
-            enter(values, group.positions[outcome.accepted], reduced)
-            rejection[group.positions] = outcome.rejection
+        if len(group.events) > len({bool(event.passage) for event in group.events}):
+            rejection[group.positions] = Rejection.EVENTS.code
+            continue
+        e = replace(ensemble_of(case, group), times=times)
+        outcome = advance(e, step_of(e))
+        if e.event and not (e.model.no_axis_reason or e.model.always_absorbing):
+            measure_crossings(e, e.event, outcome)
+        accepted = group.positions[outcome.accepted]
+        values["status"][accepted] = Status.OK.code
+        enter(values, accepted, reduced_ensemble(e, outcome, case.time))
+        rejection[group.positions] = outcome.rejection
     return rejection
 
 
@@ -264,7 +262,7 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
     if not model.no_axis_reason:
         # Its crossings need the error of the motion, also where none is asked for if an ensemble
         # has not accepted it; `member` leaves it out for all others.
-        single = replace(single, error="on" if fits_ensemble(case) else case.error)
+        single = replace(single, error=case.error if reason_alone(case) else "on")
     try:
         motion = integrate(single)
         if motion.status is not Status.OK:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..cases.case import Case, Time
 from ..cases.sweep_block import axes_of
+from ..engines.protocol import Status
 from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence
 from ..models.base import LENGTHS
@@ -63,14 +64,15 @@ def lengths(case: Case, column: Stored) -> tuple[int, ...]:
     return tuple(case.time.samples if dim == "time" else LENGTHS[dim] for dim in column.dims)
 
 
-def blank_columns(case: Case, n: int) -> dict[str, np.ndarray]:
-    """All columns of n members of which nothing is known."""
-    return {
-        name: np.full(
-            (n, *lengths(case, column)), 0 if column.dtype[0] == "i" else np.nan, column.dtype
-        )
+def blank_columns(case: Case, n: int, status: Status) -> dict[str, np.ndarray]:
+    """All columns of n members that have ended in one way, and of which nothing else is known."""
+    blank = {"i": 0, "f": np.nan}
+    values = {
+        name: np.full((n, *lengths(case, column)), blank[column.dtype[0]], column.dtype)
         for name, column in columns(case).items()
     }
+    values["status"][:] = status.code
+    return values
 
 
 def shape(case: Case) -> tuple[int, ...]:

@@ -21,8 +21,8 @@ from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
 from ..models.attitude import angle_apart
 from ..storage.group import Group
-from .chunk import NONE_ALONE, Chunk, fits_ensemble, group_of_members
-from .columns import blank_columns
+from .chunk import Chunk, reason_alone
+from .ensemble.motions import Rejection
 from .members import member
 
 SAMPLE, NEAREST = 256, 64
@@ -75,7 +75,7 @@ def member_error(case: Case, end: MemberEnd) -> MemberError:
     Newton's method."""
     single, crossing = member(case, end.number), end.crossing_time
     finer = refined(single, single.system)
-    method = "taylor" if fits_ensemble(case) else choose(single)[0]
+    method = choose(single)[0] if reason_alone(case) else "taylor"
     tol = case.tol or PRECISION[case.precision]
     # nan where there is no crossing, and then the comparison is false.
     crossings = [crossing] if crossing < case.time.end else []
@@ -113,20 +113,13 @@ def crossing_error(reference: Trajectory) -> float:
     return float(distance[0])
 
 
-def lost_chunk(chunk: Chunk) -> Group:
-    """The columns of a chunk whose worker failed."""
-    values = blank_columns(chunk.case, chunk.last - chunk.first)
-    values["status"][:] = Status.FAILED.code
-    return group_of_members(chunk.case, values, 0.0, NONE_ALONE, "")
-
-
 class Summary:
     """Sums over the chunks of a sweep, the ends of the members whose error is measured, and how
     many of these have none, by reason."""
 
     def __init__(self, case: Case, total: int) -> None:
         self.case = case
-        self.status, self.alone = np.zeros(len(Status), dtype=np.int64), NONE_ALONE.copy()
+        self.status, self.alone = (np.zeros(len(words), dtype=int) for words in (Status, Rejection))
         self.steps, self.run_time = 0, 0.0
         self.methods: set[str] = set()
         self.unmeasured: Counter[str] = Counter()

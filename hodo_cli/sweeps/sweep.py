@@ -6,15 +6,28 @@ that a run that is killed goes on from there, and no more than a few of them are
 time.
 """
 
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
 from ..batch.digests import digest
 from ..batch.pool import Pool
 from ..cases.case import Case
+from ..cases.keys import keys_of
+from ..cases.sweep_block import axes_of, path_of
+from ..engines.protocol import EPS, Status
+from ..integration.solve import sample_times
 from ..progress import Progress
-from ..storage.group import Group
+from ..results.layout import TIME, Stored, case_attributes, inner_coordinates, with_units
+from ..storage.group import Attribute, Group, StreamedVariables, Variable
 from ..storage.writer import Writer
-from .chunk import Chunk, chunks, compute
-from .grid import group_of_columns
-from .summary import PROBES, Summary, lost_chunk, sampled_errors
+from .chunk import Chunk, chunks, compute, lost_chunk, reason_alone
+from .columns import lengths, shape, stored_columns
+from .ensemble.motions import Rejection
+from .summary import PROBES, Summary, sampled_errors
 
 
 def run_sweep(
@@ -25,7 +38,7 @@ def run_sweep(
     sweep_id = digest(case_digest)
     stored = writer.chunks(sweep_id) if resume else set()
     tasks = list(chunks(case))
-    problems: dict[str, int] = {}
+    problems: Counter[str] = Counter()
     lost: set[int] = set()
     if stored:
         progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
@@ -45,15 +58,121 @@ def run_sweep(
         progress.report(case.name, members * i / len(tasks))
         if isinstance(outcome, Exception):
             # A chunk that fails costs its own members; the sweep goes on and says how many.
-            problems[str(outcome)] = problems.get(str(outcome), 0) + chunk.last - chunk.first
+            problems[str(outcome)] += chunk.last - chunk.first
             lost.add(chunk.first)
-            summary.add(chunk, finished(chunk))
+            outcome = lost_chunk(chunk)
         else:
             writer.add_chunk(sweep_id, chunk.first, outcome)
-            summary.add(chunk, outcome)
+        summary.add(chunk, outcome)
 
     def report(share: float) -> None:
         progress.report(case.name, members + (1 - members) * share)
 
     errors = sampled_errors(pool, summary, report) if case.error == "on" else {}
-    return group_of_columns(case, case_digest, tasks, finished, summary, errors, problems)
+    attributes = sweep_attributes(case, case_digest, summary, problems) | errors
+    return group_of_columns(case, attributes, tasks, finished)
+
+
+def group_of_columns(
+    case: Case,
+    attributes: Mapping[str, Attribute],
+    tasks: Sequence[Chunk],
+    finished: Callable[[Chunk], Group],
+) -> Group:
+    """The sweep as it is stored, with its axes as dimensions; its variables are filled in from the
+    chunks when it is written."""
+    sizes, stored = shape(case), stored_columns(case)
+    names = [axis.name for axis in axes_of(case.sweep or {})]
+    variables = coordinates(case)
+    for name, column in stored.items():
+        # The shape and type of an array without its memory: a zero that stands everywhere.
+        outline = np.broadcast_to(np.zeros((), column.dtype), (*sizes, *lengths(case, column)))
+        variables[name] = Variable((*names, *column.dims), outline, column.attrs)
+    variables |= inner_coordinates(variables.values())
+
+    def fill() -> Iterator[tuple[str, Any, np.ndarray]]:
+        for task in tasks:
+            where, group = box(sizes, task.first, task.last), finished(task)
+            for name in stored:
+                data = group.variables[name].data
+                corners = [corner.stop - corner.start for corner in where]
+                yield name, where, data.reshape(*corners, *data.shape[1:])
+
+    late = StreamedVariables(frozenset(stored), fill)
+    return Group(attributes, with_units(variables, case), late)
+
+
+def sweep_attributes(
+    case: Case, case_digest: str, summary: Summary, problems: Mapping[str, int]
+) -> dict[str, Attribute]:
+    """The attributes of a sweep, without those of its errors."""
+    ok, failed, timeout, invalid, hidden = summary.status.tolist()
+    total = sum(summary.status.tolist())
+    status = Status.FAILED if failed or not ok + hidden else Status.OK
+    if status is Status.OK and timeout:
+        status = Status.TIMEOUT
+    remarks = (
+        (invalid, "are no body or have no start"),
+        (hidden, "are undecided: their error is larger than their distance from the separatrix"),
+        *((n, f"have no measured error: {why}") for why, n in summary.unmeasured.items()),
+    )
+    messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
+    messages += [
+        f"{n} of {total} members {outcome}"
+        for n, outcome in ((failed, "failed"), (timeout, "ran out of time"))
+        if n
+    ]
+    alone = summary.alone[1:].sum()
+    named = zip(summary.alone.tolist(), Rejection, strict=True)
+    why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
+    return case_attributes(
+        case,
+        case_digest,
+        method=", ".join(sorted(summary.methods)) or case.method,
+        method_reason=f"each by itself: {reason}"
+        if (reason := reason_alone(case))
+        else f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why),
+        members=total,
+        tol=case.tol or EPS,
+        steps=summary.steps,
+        run_time=summary.run_time,
+        error=math.nan,
+        error_kind="none",
+        status=status,
+        message="; ".join(messages) or ("" if ok + hidden else "no member is a body with a start"),
+        warnings="\n".join(f"{n} of {total} members {outcome}" for n, outcome in remarks if n),
+    )
+
+
+def coordinates(case: Case) -> dict[str, Variable]:
+    """The values along each axis; of a sphere, the directions."""
+    variables: dict[str, Variable] = {}
+    for axis in axes_of(case.sweep or {}):
+        numbers = np.arange(len(axis))
+        if axis.sphere is not None:
+            directions = Stored("direction of G at the start", (axis.name, "axis"))
+            variables[f"{axis.name}_vector"] = directions.holding(axis.directions(numbers))
+        else:
+            for i, key in enumerate(axis.keys):
+                stored = Stored(key, (axis.name,), units=stated_unit(case, key))
+                variables[key] = stored.holding(axis.values(i))
+    if "trajectory" in case.store:
+        variables["time"] = TIME.holding(sample_times(case))
+    return variables
+
+
+def stated_unit(case: Case, name: str) -> str:
+    """The unit of a swept key, in words; none of an angle, which may be given in degrees."""
+    keys, unit = keys_of(case.model, case.form)[1], "1"
+    for key in path_of(name):
+        if key in keys:
+            unit = keys[str(key)].unit
+            keys = getattr(keys[str(key)].kind, "keys", {})
+    return "1" if unit == "rad" else unit
+
+
+def box(sizes: tuple[int, ...], first: int, last: int) -> tuple[slice, ...]:
+    """The box of the members `first` to `last` - 1 in an array of these sizes, as a slice of each
+    axis."""
+    corners = zip(np.unravel_index(first, sizes), np.unravel_index(last - 1, sizes), strict=True)
+    return tuple(slice(int(low), int(high) + 1) for low, high in corners)

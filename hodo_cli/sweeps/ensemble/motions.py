@@ -146,39 +146,24 @@ class Ensemble:
         return np.where(np.abs(value) > self.uncertainty(event, t, y, k), np.sign(value), 0)
 
 
-@dataclass
 class Outcome:
     """What became of n motions: states at the end (m, n) in units of 2**exponent (n,), samples (m,
     n, s) in units of 2**sample_exponent (n, s), and the zeros of the event's function, with its
-    sign at both ends.
+    sign at both ends (n,).
 
     A terminal event ends a motion; `events` are those that motions have passed through, by number.
     Nothing here counts where the code of a `rejection` (n,) is not 0.
     """
 
-    state: np.ndarray
-    exponent: np.ndarray
-    steps: np.ndarray
-    rejection: np.ndarray
-    passages: Passages
-    first: np.ndarray
-    last: np.ndarray
-    samples: np.ndarray
-    sample_exponent: np.ndarray
-    events: dict[int, list[Occurrence]] = field(default_factory=dict)
-
-    @classmethod
-    def blank(cls, m: int, n: int, s: int) -> "Outcome":
+    def __init__(self, m: int, n: int, s: int) -> None:
         """Nothing known of n motions."""
-        exponent, steps, first, last = np.zeros((4, n), dtype=np.int64)
+        self.state, self.samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
+        self.exponent, self.steps, self.first, self.last = np.zeros((4, n), dtype=np.int64)
+        self.sample_exponent = np.zeros((n, s), dtype=np.int64)
+        self.rejection = np.full(n, Rejection.AT_REST.code, dtype=np.int8)
         none, empty = np.empty(0, dtype=np.int64), np.empty(0)
-        passages = Passages(none, empty, empty, empty, none, np.empty((m, 0)), none)
-        state, samples = np.full((m, n), np.nan), np.full((m, n, s), np.nan)
-        rejection = np.full(n, Rejection.AT_REST.code, dtype=np.int8)
-        sample_exponent = np.zeros((n, s), dtype=np.int64)
-        return cls(
-            state, exponent, steps, rejection, passages, first, last, samples, sample_exponent
-        )
+        self.passages = Passages(none, empty, empty, empty, none, np.empty((m, 0)), none)
+        self.events: dict[int, list[Occurrence]] = {}
 
     @property
     def accepted(self) -> np.ndarray:
