@@ -22,7 +22,7 @@ from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence, Trajectory
 from ..models import rigid_body
 from ..models.attitude import CONVENTION, VARIABLE
-from ..models.base import LENGTHS, Label
+from ..models.base import Label
 from ..models.rigid_body import BodyFrame
 from ..storage.group import Attribute, Group, Variable
 from .units import sentence_of_case, units_of_case
@@ -73,13 +73,11 @@ def case_attributes(case: Case, mark: str, **others: Any) -> dict[str, Attribute
     """The attributes of a stored case: `mark` is its hash, `others` are the rest by name. The
     source of a model that is not hodo's comes with it.
 
-    Raises TypeError if one of `ATTRIBUTES` is missing.
+    Raises KeyError if one of `ATTRIBUTES` is missing.
     """
     if source := models.added_source(case.model):
         others[MODEL_SOURCE] = source
     attributes = {"model": case.model, "form": case.form, "case": dump(case), "hash": mark} | others
-    if missing := ATTRIBUTES.keys() - attributes.keys():
-        raise TypeError(f"a case is stored without {', '.join(sorted(missing))}")
     return {name: attributes[name] for name in [*ATTRIBUTES, *others]}
 
 
@@ -99,11 +97,6 @@ class Stored(NamedTuple):
         """These values, labelled; texts are kept as they are, numbers in the declared type."""
         values = np.asarray(data, dtype=object if self.dtype == "O" else self.dtype)
         return Variable(self.dims, values, self.attrs | more)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The lengths of its dimensions, for one of a motion at a time."""
-        return tuple(LENGTHS[dim] for dim in self.dims)
 
     @property
     def attrs(self) -> dict[str, Attribute]:

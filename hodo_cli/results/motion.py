@@ -6,7 +6,8 @@ samples, here alone, when they are asked for.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
@@ -145,13 +146,17 @@ class Motion:
         }
         if "omega" not in vectors or not self.case.data.get("inertia"):
             return vectors
-        body = self.case.system
-        if self.axes == BODY_AXES and isinstance(body, BodyFrame):
-            return vectors | {"G": body.momentum(vectors["omega"])}
+        if self.axes == BODY_AXES and self.frame:
+            return vectors | {"G": self.frame.momentum(vectors["omega"])}
         if self.has_rotor or self.is_turned:
             return vectors  # each component of G needs all of omega
         moments = self.inertia[[BODY_AXES.index(axis) for axis in self.axes]]
         return vectors | {"G": rigid_body.angular_momentum(moments, vectors["omega"])}
+
+    @property
+    def frame(self) -> BodyFrame | None:
+        """The body, where its model is one of a body that turns freely in its own axes."""
+        return self.case.system if isinstance(self.case.system, BodyFrame) else None
 
     @property
     def body(self) -> tuple[Any, ...]:
@@ -167,21 +172,18 @@ class Motion:
     @cached_property
     def is_turned(self) -> bool:
         """Whether the components of vectors are not those along the principal axes."""
-        body = self.case.system
-        return isinstance(body, BodyFrame) and body.principal_axes is not None
+        return self.frame is not None and self.frame.principal_axes is not None
 
     @cached_property
     def principal_axes(self) -> np.ndarray:
         """The principal axes, row by row (3, 3), in the axes of vectors."""
-        if not self.is_turned:
-            return np.eye(3)
-        return np.asarray(self.case.system.principal_axes)  # type: ignore[attr-defined]
+        axes = self.frame.principal_axes if self.frame else None
+        return np.eye(3) if axes is None else axes
 
     @cached_property
     def principal_omega(self) -> np.ndarray:
         """Angular velocity (n, 3) along the principal axes."""
-        body = self.case.system
-        return body.to_principal(self.omega) if isinstance(body, BodyFrame) else self.omega
+        return self.frame.to_principal(self.omega) if self.frame else self.omega
 
     def _over_time(self, name: str) -> bool:
         return name in self.data and self.data[name].dims == ("time",)
@@ -200,11 +202,9 @@ class Motion:
         """The names of `QUANTITIES` that this case has what they need for."""
         names = []
         for name, quantity in QUANTITIES.items():
-            try:
+            with suppress(KeyError, HodoError):
                 quantity(self)
-            except (KeyError, HodoError):
-                continue
-            names.append(name)
+                names.append(name)
         return [name for name in names if not self._over_time(name)]
 
     @cached_property
@@ -225,9 +225,9 @@ class Motion:
     @cached_property
     def inertia(self) -> np.ndarray:
         """Principal moments of inertia (3,)."""
+        if self.frame:
+            return self.frame.moments
         moments = self.case.data["inertia"]
-        if self.is_turned:
-            return np.asarray(self.case.system.moments)  # type: ignore[attr-defined]
         if isinstance(moments, Mapping):  # a top gives A, twice, and C
             moments = (moments["A"], moments["A"], moments["C"])
         return np.array(moments, dtype=float)
@@ -287,15 +287,11 @@ class Motion:
 
     @property
     def crossing_time(self) -> np.ndarray:
-        """Times (m,) of the separatrix crossings within the samples; none in a case that is not
-        classified."""
+        """Times (m,) of the separatrix crossings from the first sample to the last; none in a case
+        that is not classified."""
         crossings = self.crossings if self.classified else ()
-        return self._within([crossing.time for crossing in crossings])
-
-    def _within(self, times: Sequence[float]) -> np.ndarray:
-        """The times that no sample before the first or after the last would have to stand for."""
-        every = np.array(times, dtype=float)
-        return every[(every >= self.time[0]) & (every <= self.time[-1])] if every.size else every
+        times = np.array([crossing.time for crossing in crossings])
+        return times[(times >= self.time[:1]) & (times <= self.time[-1:])]
 
     @property
     def events(self) -> tuple[tuple[str, float], ...]:
@@ -360,13 +356,11 @@ def motion_of(
 
 def case_of(attrs: Mapping[str, Any], owner: str) -> Case:
     """The case in the attributes of a stored one. Raises HodoError as `motion_of` does."""
-    return _parsed(typed(attrs, {"case": str}, owner)["case"])
+    return parsed(typed(attrs, {"case": str}, owner)["case"])
 
 
-@lru_cache(maxsize=256)
-def _parsed(text: str) -> Case:
-    # Most cases stand in several figures and on the page, and to parse one takes milliseconds.
-    return parse_case(text)
+# Most cases stand in several figures and on the page, and to parse one takes milliseconds.
+parsed = lru_cache(maxsize=256)(parse_case)
 
 
 def damage(data: Mapping[Any, Array]) -> str:
@@ -386,7 +380,9 @@ def damage(data: Mapping[Any, Array]) -> str:
             return f"its {name} has dimensions {', '.join(data[name].dims) or 'none'}"
     if problem := wrong_labels(data):
         return problem
-    if "omega" in present and not is_vector(data["omega"], data):
+    # A component for each of the body axes that are stored.
+    axes = data["axis"].data.shape if "axis" in data else None
+    if "omega" in present and data["omega"].data.shape[1:] != axes:
         return "its omega holds no vectors"
     sizes: dict[str, int] = {}
     for name in [*present, *(name for name in EVENT_COLUMNS if name in data)]:
@@ -396,18 +392,12 @@ def damage(data: Mapping[Any, Array]) -> str:
     return ""
 
 
-def is_vector(array: Array, data: Mapping[Any, Array]) -> bool:
-    """Whether an array over time has a component for each of the body axes that are stored."""
-    return "axis" in data and array.data.shape[1:] == data["axis"].data.shape
-
-
 def wrong_labels(data: Mapping[Any, Array]) -> str:
     """Which variable of a case or of a sweep holds numbers that are labels of no axis; an empty
     string if none does."""
-    for name in ("enclosed_axis", *AXIS_LABELS):
-        if name in data and not np.isin(data[name].data, list(rigid_body.LABELS)).all():
-            return f"its {name} holds labels that are none"
-    return ""
+    labelled = [name for name in ("enclosed_axis", *AXIS_LABELS) if name in data]
+    wrong = [x for x in labelled if not np.isin(data[x].data, list(rigid_body.LABELS)).all()]
+    return f"its {wrong[0]} holds labels that are none" if wrong else ""
 
 
 # What follows from the samples
