@@ -66,7 +66,6 @@ class ReferenceMotion:
     """
 
     motion: Trajectory
-    kind: str
     floor: float
     crossings: tuple[Crossing, ...]
     conserved: tuple[int, ...]
@@ -105,13 +104,12 @@ def truth(case: Case) -> ReferenceMotion:
         solve(variant, method, "extended", times=times) for variant in (case, *perturbed(case))
     ]
     floor = max(worst(errors_against(case, perturbation, motion)) for perturbation in moved)
-    kind = f"{method}, extended"
     if method == "taylor" and have_quadruple() and taylor_steps(case) < AFFORDABLE:
-        motion, kind = solve(case, method, "quadruple", times=times), f"{method}, quadruple"
+        motion = solve(case, method, "quadruple", times=times)
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
     changes = drifts(motion)
     conserved = tuple(i for i, change in enumerate(changes) if change <= UNCHANGED)
-    return ReferenceMotion(motion, kind, floor, tuple(crossings), conserved)
+    return ReferenceMotion(motion, floor, tuple(crossings), conserved)
 
 
 def worst(errors: Mapping[str, float]) -> float:
