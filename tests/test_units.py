@@ -228,16 +228,19 @@ def test_averaged_motions_are_alike_in_units_of_any_size(
 
 @pytest.mark.heyoka
 def test_members_pass_in_any_unit_of_time() -> None:
-    def passages(rate: float) -> Any:
-        data = scaled(BODY | {"damping": DAMPING}, (1 / rate, 1.0))
-        axis = {"initial.q": {"linspace": [0.45 * rate, 0.55 * rate, 200]}}
-        time = {"end": 1000 / rate, "samples": 1}
+    """So many members go side by side, but for those whose rates are as far from 1 as these are in
+    a unit that is 1e6 times too short: their steps would cost them three digits."""
+
+    def passages(unit: float) -> Any:
+        axis = {"initial.r": {"linspace": [0.5 / unit, 1.5 / unit, 1000]}}
+        data = {"kappa": 0.6048 * unit, "torque": [0, 0, -0.1 / unit**2], "epsilon": 0.1}
         return hodo_cli.sweep(
-            {"model": "linear-diag", "form": "averaged", "time": time, "sweep": axis} | data
+            {"model": "cavity+constant", "form": "averaged", "inertia": [8, 8, 4], **data}
+            | {"initial": {"p": 1 / unit, "q": 0, "r": 1 / unit}, "time": {"end": 60 * unit}}
+            | {"sweep": axis}
         )
 
-    here, there = passages(1.0), passages(2.0**-60)
+    here, there = passages(1.0), passages(1e6)
+    assert here.attrs["method_reason"] == "side by side, 0 of 1000 members by themselves"
     assert (here["status"] == there["status"]).all()
-    np.testing.assert_allclose(
-        there["event_time"] * 2.0**-60, here["event_time"], rtol=1e-11, equal_nan=True
-    )
+    np.testing.assert_allclose(there["event_time"] / 1e6, here["event_time"], rtol=2e-13)

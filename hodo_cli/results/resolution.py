@@ -40,17 +40,20 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     speed = np.linalg.norm(rate, axis=-1)
     with np.errstate(all="ignore"):  # where G stands still it turns by no angle
         curl = np.linalg.norm(np.cross(rate, bend), axis=-1) / speed**2
-    steps = np.diff(motion.time) * size
-    wide = np.maximum(np.append(steps, 0), np.append(0, steps))
+    wide = longer_intervals(motion.time) * size
     return np.where(speed > 0, np.nan_to_num(curl), 0) * wide, speed * wide * size
 
 
 def turns_in_space(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """As `turns`, of what the body carries along: it turns by |omega| times the time."""
-    steps = np.diff(motion.time)
-    wide = np.maximum(np.append(steps, 0), np.append(0, steps))
-    angle = np.linalg.norm(motion.omega, axis=-1) * wide
+    angle = np.linalg.norm(motion.omega, axis=-1) * longer_intervals(motion.time)
     return angle, angle * np.abs(motion.G).max(initial=0)
+
+
+def longer_intervals(time: np.ndarray) -> np.ndarray:
+    """The longer of the intervals (n,) beside each of some times (n,)."""
+    steps = np.diff(time, prepend=time[:1], append=time[-1:])
+    return np.maximum(steps[:-1], steps[1:])
 
 
 def coarse(

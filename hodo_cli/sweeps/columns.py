@@ -27,20 +27,13 @@ from ..results.layout import (
 def columns(case: Case) -> dict[str, Stored]:
     """All columns to which the members of a sweep are reduced: the variables at the end or, where
     trajectories are stored, at every sample."""
-    model = case.system
-    if "trajectory" in case.store:
-        final = {
-            name: Stored(variable.long_name, variable.dims, units=variable.units)
-            for name, variable in model.variables.items()
-        }
-    else:
-        final = {
-            name: Stored(
-                f"{variable.long_name}, at the end", variable.dims[1:], units=variable.units
-            )
-            for name, variable in model.variables.items()
-            if name != "enclosed_axis"  # as a label at the end it is `end_axis`
-        }
+    model, is_sampled = case.system, "trajectory" in case.store
+    words, first = ("", 0) if is_sampled else (", at the end", 1)
+    final = {
+        name: Stored(f"{variable.long_name}{words}", variable.dims[first:], units=variable.units)
+        for name, variable in model.variables.items()
+        if is_sampled or name != "enclosed_axis"  # as a label at the end it is `end_axis`
+    }
     reduced = MEMBER_CLASSIFIED
     if model.no_axis_reason:
         reduced = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})

@@ -109,35 +109,25 @@ def prepared_by_branch(
     case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
 ) -> Iterator[Prepared]:
     """The members at some positions, with values (p, n) at paths: those at once for which their
-    model takes the same branches."""
-    try:
-        together = prepared_at_once(case, paths, values, positions)
-    except BranchDivergence as branches:
-        for branch in (branches.where, ~branches.where):
-            yield from prepared_by_branch(case, paths, values, positions[branch])
-        return
-    if together is not None:
-        yield together
-        return
+    model takes the same branches; one by one if they are few, refused, or their model takes plain
+    numbers only."""
+    if len(positions) >= FEWEST_COLUMN:
+        try:
+            with np.errstate(all="ignore"):  # columns refuse what is not finite
+                _, system = described(case, paths, [Column(row) for row in values[:, positions]])
+            if system is not None:
+                yield Prepared.of(system, positions, system.start)
+                return
+        except BranchDivergence as branches:
+            for branch in (branches.where, ~branches.where):
+                yield from prepared_by_branch(case, paths, values, positions[branch])
+            return
+        except TypeError:
+            pass
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         _, system = described(case, paths, row)
         if system is not None:
             yield Prepared.of(system, position, system.start)
-
-
-def prepared_at_once(
-    case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
-) -> Prepared | None:
-    """The members at some positions if their model takes one branch; None if they are to be
-    prepared one by one: they are few, refused, or their model takes plain numbers only."""
-    if len(positions) < FEWEST_COLUMN:
-        return None
-    try:
-        with np.errstate(all="ignore"):  # columns refuse what is not finite
-            _, system = described(case, paths, [Column(row) for row in values[:, positions]])
-        return None if system is None else Prepared.of(system, positions, system.start)
-    except TypeError:
-        return None
 
 
 def alike(groups: Iterable[Prepared]) -> list[Prepared]:

@@ -106,22 +106,18 @@ def sweep_attributes(
     case: Case, case_digest: str, summary: Summary, problems: Mapping[str, int]
 ) -> dict[str, Attribute]:
     """The attributes of a sweep, without those of its errors."""
-    ok, failed, timeout, invalid, hidden = summary.status.tolist()
-    total = sum(summary.status.tolist())
+    counts = summary.status.tolist()
+    total, (ok, failed, timeout, invalid, hidden) = sum(counts), counts
     status = Status.FAILED if failed or not ok + hidden else Status.OK
     if status is Status.OK and timeout:
         status = Status.TIMEOUT
-    remarks = (
-        (invalid, "are no body or have no start"),
-        (hidden, "are undecided: their error is larger than their distance from the separatrix"),
-        *((n, f"have no measured error: {why}") for why, n in summary.unmeasured.items()),
-    )
+    remarks = {
+        "are no body or have no start": invalid,
+        "are undecided: their error is larger than their distance from the separatrix": hidden,
+    } | {f"have no measured error: {why}": n for why, n in summary.unmeasured.items()}
+    endings = {"failed": failed, "ran out of time": timeout}
     messages = [f"{count} of {total} members: {message}" for message, count in problems.items()]
-    messages += [
-        f"{n} of {total} members {outcome}"
-        for n, outcome in ((failed, "failed"), (timeout, "ran out of time"))
-        if n
-    ]
+    messages += [f"{n} of {total} members {outcome}" for outcome, n in endings.items() if n]
     alone = summary.alone[1:].sum()
     named = zip(summary.alone.tolist(), Rejection, strict=True)
     why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
@@ -140,7 +136,9 @@ def sweep_attributes(
         error_kind="none",
         status=status,
         message="; ".join(messages) or ("" if ok + hidden else "no member is a body with a start"),
-        warnings="\n".join(f"{n} of {total} members {outcome}" for n, outcome in remarks if n),
+        warnings="\n".join(
+            f"{n} of {total} members {outcome}" for outcome, n in remarks.items() if n
+        ),
     )
 
 
