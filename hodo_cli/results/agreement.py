@@ -3,7 +3,7 @@ each attribute that carries meaning."""
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -145,23 +145,17 @@ def number_agreement(b: ReferenceValues) -> np.ndarray:
     return b.of_size(b.size if one_sign else np.full(b.size.shape, np.max(b.size, initial=0)))
 
 
-class AgreementRule(NamedTuple):
-    """A kind of variable, by name and variable, and the difference that is allowed in it."""
+Rule = tuple[Callable[[str, Variable], bool], Callable[[ReferenceValues], np.ndarray]]
+"""A kind of variable, by name and variable, and the difference that is allowed in it."""
 
-    holds_for: Callable[[str, Variable], bool]
-    allowed: Callable[[ReferenceValues], np.ndarray]
-
-
-RULES = (
-    AgreementRule(lambda name, b: b.data.dtype.kind != "f", equal),
+RULES: Sequence[Rule] = (
+    (lambda name, b: b.data.dtype.kind != "f", equal),
     # A range that is swept is named by the key that it changes.
-    AgreementRule(
-        lambda name, b: name in b.dims or b.attrs.get("long_name") == name, input_agreement
-    ),
-    AgreementRule(lambda name, b: name in LOCATED, located_difference),
-    AgreementRule(lambda name, b: "axis" in b.dims and b.data.ndim > 1, vector_agreement),
-    AgreementRule(lambda name, b: "time" in b.dims, series_agreement),
-    AgreementRule(lambda name, b: True, number_agreement),
+    (lambda name, b: name in b.dims or b.attrs.get("long_name") == name, input_agreement),
+    (lambda name, b: name in LOCATED, located_difference),
+    (lambda name, b: "axis" in b.dims and b.data.ndim > 1, vector_agreement),
+    (lambda name, b: "time" in b.dims, series_agreement),
+    (lambda name, b: True, number_agreement),
 )
 """The kinds of variables; the first that holds counts."""
 
@@ -170,8 +164,8 @@ def allowed_difference(name: str, group: Group, tolerance: Tolerance) -> np.ndar
     """The difference allowed in a variable of the reference, of its shape or one that is spread to
     it."""
     variable = group.variables[name]
-    rule = next(rule for rule in RULES if rule.holds_for(name, variable))
-    return rule.allowed(ReferenceValues(name, group, tolerance))
+    allowed = next(allowed for holds_for, allowed in RULES if holds_for(name, variable))
+    return allowed(ReferenceValues(name, group, tolerance))
 
 
 # Errors

@@ -21,12 +21,12 @@ from .batch import (
     BatchState,
     CandidateSteps,
     columnwise,
+    motions_of,
     powers_within,
     shortened,
     states_after,
     time_reached,
     times_of,
-    units_of,
     zeros_of,
 )
 from .motions import Ensemble, Outcome, Passages, Rejection
@@ -160,14 +160,13 @@ def zeros_within(
     rise = powers[row, 1:].T * np.arange(1, powers.shape[1])[:, None]
     slope = value(rise, zeros.x[zeros.sure]) / steps.length[row]
     before, params = before[:, row], params[:, row]
-    size, rate = units_of(params)
+    motion, size, rate = motions_of(params)
     begin, rest = time_reached(params[END], before[m], before[m + 1], rate)
     times = begin + (rest + np.ldexp(place, -rate))
     taken = before[m + 2] + 2
     state = columnwise(
         partial(states_after, step), *shortened(before, params[:NUMBER], place, rate)
     )
-    motion = params[NUMBER].astype(np.int64)
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)
     certain_part = (STEP_ROUNDING + PER_STEP * e.tol) * taken / e.error_bound
     errors = certain_part * uncertainty + np.spacing(np.abs(times)) / 2

@@ -130,7 +130,7 @@ class BatchState:
         """Enter the states at the sample times within the steps since the last pause: a sample is a
         step that has no more time left."""
         e, m = self.ensemble, self.m
-        number, size, rate = self.params[NUMBER:].astype(np.int64)
+        number, size, rate = motions_of(self.params)
         history = np.stack(
             [*self.history, self.now[: m + TIME_ROWS]], axis=1
         )  # (m + TIME_ROWS, steps + 1, n)
@@ -154,12 +154,16 @@ class BatchState:
     def note_candidates(self, event: Event, columns: np.ndarray) -> None:
         """Remember the steps just taken in some columns, where an event's function may have zeros;
         a motion that is seen to have passed a terminal event stops."""
-        before, params = (a.take(columns, axis=1) for a in (self.next, self.params))
-        length = self.now[self.m + TIME_ROWS, columns]
-        self.candidates.append(CandidateSteps(before[: self.m + TIME_ROWS], length, params))
+        self.candidates.append(self.steps_taken(columns))
         # Where in the step it ended is found at the end, for all at once.
         if event.terminal:
             self.now[self.m, columns[self.changes_sign(event, columns)]] = 0
+
+    def steps_taken(self, columns: np.ndarray) -> CandidateSteps:
+        """The steps just taken in some columns."""
+        rows = self.m + TIME_ROWS
+        before, params = self.next[:rows].take(columns, axis=1), self.params.take(columns, axis=1)
+        return CandidateSteps(before, self.now[rows, columns], params)
 
     def changes_sign(self, event: Event, columns: np.ndarray) -> np.ndarray:
         """Whether (k,) an event's function differs in sign at the ends of the steps just taken."""
@@ -183,17 +187,17 @@ class BatchState:
         """Let the steps just taken end at the first zero of an event's function; returns those of
         the columns where there is one."""
         m = self.m
-        before, params = (a.take(columns, axis=1) for a in (self.next, self.params))
-        steps = CandidateSteps(before[: m + TIME_ROWS], self.now[m + TIME_ROWS, columns], params)
+        steps = self.steps_taken(columns)
         powers = powers_within(self.step, event, steps)
         zeros = zeros_of(powers, rounding(powers, TAYLOR))
         row, first = np.unique(zeros.row, return_index=True)
         passed, place = columns[row], zeros.x[first] * steps.length[row]
-        begin, k, rate = steps.before[:, row], params[:NUMBER, row], units_of(params)[1][row]
+        begin, params = steps.before[:, row], steps.params[:, row]
+        _, _, rate = motions_of(params)
         self.now[m : m + 2, passed] = exact_difference(begin[m], place)
         self.now[m + 1, passed] += begin[m + 1]
         self.now[m + TIME_ROWS, passed] = place
-        cut = shortened(begin, k, place, rate)
+        cut = shortened(begin, params[:NUMBER], place, rate)
         self.now[:m, passed] = columnwise(partial(states_after, self.step), *cut)
         self.now[m, passed[~zeros.sure[first]]] = np.nan
         return np.asarray(passed[zeros.sure[first]])
@@ -202,8 +206,9 @@ class BatchState:
         """Put a motion behind its passage of an event, in the case's own units."""
         e, m, event = self.ensemble, self.m, self.ensemble.passing
         now, params = self.now[:, [column]], self.params[:, [column]]
-        number, end = int(params[NUMBER, 0]), float(params[END, 0])
-        state = rescaled(e.model, now[:m].T, units_of(params)[0]) if e.model.degree else now[:m].T
+        (number,), size, _ = motions_of(params)
+        end = float(params[END, 0])
+        state = rescaled(e.model, now[:m].T, size) if e.model.degree else now[:m].T
         k = namespace(e.structure, e.constants[:, number].tolist())
         assert event is not None
         assert event.passage is not None
@@ -214,7 +219,7 @@ class BatchState:
             return
         if passage.details is not None:
             occurrence = Occurrence(event.kind, passage.time, passage.details)
-            self.outcome.events.setdefault(number, []).append(occurrence)
+            self.outcome.events.setdefault(int(number), []).append(occurrence)
         onward = end if passage.onward is None else min(float(passage.onward), end)
         self.now[:m, column] = passage.state
         self.now[m : m + 2, column] = exact_difference(end, onward)
@@ -235,8 +240,8 @@ class BatchState:
         np.copyto(remaining, restored, where=going)
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
         if self.pauses == 1 and self.ensemble.passing is None:
-            number = params[NUMBER].astype(np.int64)
-            span = np.ldexp(self.ensemble.lengths[0, number], units_of(params)[1])
+            number, _, rate = motions_of(params)
+            span = np.ldexp(self.ensemble.lengths[0, number], rate)
             going &= PAUSE * span < HOPELESS * (span - remaining)
         if np.count_nonzero(going) < FULL * len(going):
             self.drop(~going)
@@ -257,7 +262,7 @@ class BatchState:
 
     def enter(self, columns: np.ndarray) -> None:
         """Enter some columns in the outcome; they are then without a motion."""
-        number, size, _ = self.params[NUMBER:, columns].astype(np.int64)
+        number, size, _ = motions_of(self.params[:, columns])
         outcome = self.outcome
         outcome.state[:, number], outcome.exponent[number] = self.now[: self.m, columns], size
         remaining, _, outcome.steps[number] = self.now[self.m : self.m + TIME_ROWS, columns]
@@ -271,8 +276,7 @@ class BatchState:
         if not e.model.degree or not columns.size:
             return
         params = self.params[:, columns]
-        size, rate = units_of(params)
-        number = params[NUMBER].astype(np.int64)
+        number, size, rate = motions_of(params)
         y, k = self.now[:m, columns], vars(e.named(number))
         y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
         moment = None
@@ -289,10 +293,9 @@ class BatchState:
         self.params[:, columns] = params
 
 
-def units_of(params: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The size and the rate (k,) of the units of columns, from their params."""
-    size, rate = params[[SIZE, RATE]].astype(np.int64)
-    return size, rate
+def motions_of(params: np.ndarray) -> np.ndarray:
+    """The number of the motion of each column, and the size and the rate of its units (3, k)."""
+    return params[NUMBER:].astype(np.int64)
 
 
 def time_reached(end: Any, remaining: Any, lost: Any, rate: Any) -> tuple[Any, Any]:
@@ -304,7 +307,7 @@ def time_reached(end: Any, remaining: Any, lost: Any, rate: Any) -> tuple[Any, A
 
 def times_of(columns: np.ndarray, params: np.ndarray, m: int) -> np.ndarray:
     """The case's own times (k,) of columns with m state variables."""
-    rate = units_of(params)[1]
+    _, _, rate = motions_of(params)
     return np.asarray(sum(time_reached(params[END], columns[m], columns[m + 1], rate)))
 
 
