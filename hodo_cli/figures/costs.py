@@ -97,7 +97,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     line, points = np.linspace(0, end, 101), np.linspace(0, end, 11)
     crossing_times = swept.values("crossing_time", [other, sphere], {})
     for i, times in enumerate(crossing_times):
-        lam = swept.at(other, i).data["damping"]
+        lam = swept.at({other: i}).data["damping"]
         names.append(rf"$10^3\lambda = {', '.join(f'{1e3 * x:g}' for x in lam)}$")
         style = styles(len(names), spec["styles"])[-1]
         turning = Body.of(body.tolist())

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -231,9 +230,8 @@ def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndar
     ]
     ratios = np.empty((len(places[0]), len(places[1])))
     for row, i in enumerate(places[0]):
-        along = replace(swept, case=swept.at(x, int(i)))
         for column, j in enumerate(places[1]):
-            body = along.at(y, int(j)).system
+            body = swept.at({x: int(i), y: int(j)}).system
             if not isinstance(body, BodyFrame) or (terms := body.dissipation) is None:
                 raise HodoError(f"sweep {swept.name} has torques for which no sense is foretold")
             momentum = np.linalg.norm(body.momentum(np.array(body.start[:3])))

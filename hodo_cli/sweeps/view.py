@@ -12,9 +12,9 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case
 from ..cases.figure_block import BODY_AXES
-from ..cases.sweep_block import path_of, put
+from ..cases.sweep_block import path_of
 from ..models.rigid_body import BodyFrame
-from ..results.dataset import case_in, ordered, sweep_axes, swept_names
+from ..results.dataset import case_in, ordered, sorted_along, sweep_axes, swept_names
 from ..results.motion import wrong_labels
 
 if TYPE_CHECKING:
@@ -84,13 +84,10 @@ class SweepView:
             return np.array(self.case.data["inertia"], dtype=float)
         return body.moments if body.is_plain else None
 
-    def at(self, name: str, i: int) -> Case:
-        """The case with the values that vary along an axis as they are at a position."""
-        data = self.case.data
-        for key in swept_names(self.data):
-            if self.data.variables[key].dims == (name,):
-                data = put(data, path_of(key), float(self.data.variables[key].data[i]))
-        return replace(self.case, data=data)
+    def at(self, positions: Mapping[str, int]) -> Case:
+        """The case with the values that vary along axes as they are at positions there."""
+        varying = self.data[swept_names(self.data)]
+        return case_in(varying.isel(positions), f"case {self.name}")
 
     @property
     def sphere(self) -> str:
@@ -177,17 +174,9 @@ class SweepView:
         """
         data = self.data
         for name in names:
-            values = self.ticks(name)[0]
-            steps = np.diff(values)
-            if (steps >= 0).all() or (steps <= 0).all():
-                continue
-            order = np.argsort(values, kind="stable")
-            if repeated := values[order][1:][np.diff(values[order]) == 0].tolist():
-                message = (
-                    f"axis {name} of sweep {self.name} has {repeated[0]:.6g} twice, out of order"
-                )
-                raise HodoError(message)
-            data = data.isel({name: order})
+            values, _ = self.ticks(name)
+            if (np.diff(values) > 0).any():
+                data = sorted_along(data, name, values, f"sweep {self.name}")
         return replace(self, data=data)
 
     def ticks(self, name: str) -> tuple[np.ndarray, bool]:
