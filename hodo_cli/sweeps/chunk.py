@@ -12,19 +12,19 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, Time
 from ..engines import have_taylor
-from ..engines.protocol import EPS, Status
+from ..engines.protocol import Status
 from ..integration.classify import body_of, classify
 from ..integration.integrate import integrate
 from ..integration.solve import sample_times
 from ..integration.trajectory import Trajectory
 from ..models import rigid_body
-from ..models.constants import UNIT, contains_time, flatten, rescaled
+from ..models.constants import flatten, rescaled
 from ..results.layout import CROSSING_COLUMNS, columns_of
 from ..storage.group import Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance, measure_crossings, step_of
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
-from .members import Prepared, member, prepare
+from .members import member, prepare
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
 """Members of a chunk: their columns fit a processor's cache, and are long enough that what numpy
@@ -157,32 +157,20 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
     rejects others, 0 for those without a body or a start too."""
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
-    for group in prepare(case, np.arange(chunk.first, chunk.last)):
+    for positions, group in prepare(case, np.arange(chunk.first, chunk.last)):
         # One compiled step watches one event of each kind; of more, single cases keep the order.
         if len(group.events) > len({bool(event.passage) for event in group.events}):
-            rejection[group.positions] = Rejection.EVENTS.code
+            rejection[positions] = Rejection.EVENTS.code
             continue
-        e = replace(ensemble_of(case, group), times=times)
+        e = replace(group, times=times)
         outcome = advance(e, step_of(e))
         if e.event and not (e.model.no_axis_reason or e.model.always_absorbing):
             measure_crossings(e, e.event, outcome)
-        accepted = group.positions[outcome.accepted]
+        accepted = positions[outcome.accepted]
         values["status"][accepted] = Status.OK.code
         enter(values, accepted, reduced_ensemble(e, outcome, case.time))
-        rejection[group.positions] = outcome.rejection
+        rejection[positions] = outcome.rejection
     return rejection
-
-
-def ensemble_of(case: Case, group: Prepared) -> Ensemble:
-    """Members that share a compiled step, as an ensemble."""
-    model = type(case.system)
-    event = next((event for event in group.events if not event.passage), None)
-    passing = next((event for event in group.events if event.passage), None)
-    span, tol = (case.time.start, case.time.end), case.tol or EPS
-    form, constants = group.structure, group.constants
-    if model.degree and contains_time(model, form, group.events) and (UNIT, 0) not in form:
-        form, constants = (*form, (UNIT, 0)), np.vstack((constants, np.ones(len(group.positions))))
-    return Ensemble(model, form, constants, group.start, span, event, tol, passing)
 
 
 def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.ndarray]:

@@ -3,40 +3,38 @@
 import math
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from ..arithmetic import BranchDivergence, Column, of_members
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
-from ..models.base import Event, Model
-from ..models.constants import Structure, flatten, structure
+from ..engines.protocol import EPS
+from ..models.base import Model
+from ..models.constants import UNIT, contains_time, flatten, structure
 from ..models.rigid_body import BodyFrame
 from ..schema.kinds import KeyPath
 from .columns import shape
+from .ensemble.motions import Ensemble
 
 FEWEST_COLUMN = 16
 """Members below which each by itself takes less time to prepare than all at once."""
 
 
-class Prepared(NamedTuple):
-    """Members that can share a compiled step: their positions (k,), the structure and the events
-    that they have in common, and their constants (c, k) and starts (m, k)."""
+PreparedMembers = tuple[np.ndarray, Ensemble]
+"""The positions (n,) of members that can share a compiled step, and their motions."""
 
-    positions: np.ndarray
-    structure: Structure
-    events: tuple[Event, ...]
-    constants: np.ndarray
-    start: np.ndarray
 
-    @classmethod
-    def of(cls, system: Model, positions: np.ndarray, start: Iterable[Any]) -> "Prepared":
-        """The members at some positions that a system describes, with starts of their own."""
-        k, n = system.constants, len(positions)
-        events = (*system.run_events, *system.class_events)
-        numbers, starts = (rows(values, n) for values in (flatten(k), tuple(start)))
-        return cls(positions, structure(k), events, numbers, starts)
+def ensemble_of(case: Case, system: Model, n: int, start: Iterable[Any]) -> Ensemble:
+    """The motions of n members that a system describes, with starts of their own."""
+    model, k, events = type(system), system.constants, (*system.run_events, *system.class_events)
+    form, numbers = structure(k), [*flatten(k)]
+    if model.degree and contains_time(model, form, events) and (UNIT, 0) not in form:
+        form, numbers = (*form, (UNIT, 0)), [*numbers, 1.0]
+    constants, starts = (rows(values, n) for values in (numbers, tuple(start)))
+    times = case.time.start, case.time.end
+    return Ensemble(model, form, constants, starts, times, events, case.tol or EPS)
 
 
 def rows(numbers: Sequence[Any], n: int) -> np.ndarray:
@@ -89,7 +87,7 @@ def combinations(
     return paths, values, combination, sphere[0].directions(sphere[1]) if sphere else None
 
 
-def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
+def prepare(case: Case, members: np.ndarray) -> list[PreparedMembers]:
     """Members (n,) as their motions begin; those without a body or a start are left out."""
     paths, values, combination, direction = combinations(case, members)
     if direction is None:
@@ -98,7 +96,7 @@ def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
     sets = [described(case, paths, row) for row in values.T.tolist()]
     omega = velocities(sets, combination, direction)
     return alike(
-        Prepared.of(system, own, system.starts(omega[own]))
+        (own, ensemble_of(case, system, len(own), system.starts(omega[own])))
         for i, (_, system) in enumerate(sets)
         for own in [np.flatnonzero(combination == i)]
         if system is not None
@@ -107,7 +105,7 @@ def prepare(case: Case, members: np.ndarray) -> list[Prepared]:
 
 def prepared_by_branch(
     case: Case, paths: Sequence[KeyPath], values: np.ndarray, positions: np.ndarray
-) -> Iterator[Prepared]:
+) -> Iterator[PreparedMembers]:
     """The members at some positions, with values (p, n) at paths: those at once for which their
     model takes the same branches; one by one if they are few, refused, or their model takes plain
     numbers only."""
@@ -116,7 +114,7 @@ def prepared_by_branch(
             with np.errstate(all="ignore"):  # columns refuse what is not finite
                 _, system = described(case, paths, [Column(row) for row in values[:, positions]])
             if system is not None:
-                yield Prepared.of(system, positions, system.start)
+                yield positions, ensemble_of(case, system, len(positions), system.start)
                 return
         except BranchDivergence as branches:
             for branch in (branches.where, ~branches.where):
@@ -127,23 +125,23 @@ def prepared_by_branch(
     for position, row in zip(positions[:, None], values[:, positions].T.tolist(), strict=True):
         _, system = described(case, paths, row)
         if system is not None:
-            yield Prepared.of(system, position, system.start)
+            yield position, ensemble_of(case, system, 1, system.start)
 
 
-def alike(groups: Iterable[Prepared]) -> list[Prepared]:
+def alike(groups: Iterable[PreparedMembers]) -> list[PreparedMembers]:
     """Groups of members, joined where they can share a compiled step."""
-    kinds: dict[Hashable, list[Prepared]] = {}
-    for group in groups:
-        kinds.setdefault((group.structure, group.events), []).append(group)
+    kinds: dict[Hashable, list[PreparedMembers]] = {}
+    for positions, e in groups:
+        kinds.setdefault((e.structure, e.events), []).append((positions, e))
     return [joined(kind) for kind in kinds.values()]
 
 
-def joined(kind: list[Prepared]) -> Prepared:
-    """Groups of members of one structure as one."""
-    positions, constants, start = (
-        np.concatenate([group[field] for group in kind], axis=-1) for field in (0, 3, 4)
-    )
-    return Prepared(positions, kind[0].structure, kind[0].events, constants, start)
+def joined(kind: Sequence[PreparedMembers]) -> PreparedMembers:
+    """Members of one structure as one."""
+    constants = np.concatenate([e.constants for _, e in kind], axis=1)
+    start = np.concatenate([e.start for _, e in kind], axis=1)
+    positions = np.concatenate([positions for positions, _ in kind])
+    return positions, replace(kind[0][1], constants=constants, start=start)
 
 
 def velocities(

@@ -9,10 +9,10 @@ from ..cases.case import Case
 from ..integration.crossings import Crossing
 from ..integration.solve import sample_times
 from ..integration.trajectory import Trajectory
-from .chunk import crossing_columns, ensemble_of, other_method
+from .chunk import crossing_columns, other_method
 from .ensemble.advance import advance, step_of
 from .ensemble.motions import Ensemble
-from .members import Prepared, alike
+from .members import PreparedMembers, alike, ensemble_of
 
 FEWEST = 32
 """Single cases of one kind, below which each by itself takes less time than compiling the step."""
@@ -47,14 +47,13 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
 def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
     """The ensembles that single cases make, where there are enough of one kind, with the
     positions (n,) of their motions among the cases."""
-    kinds: dict[Hashable, list[Prepared]] = {}
+    kinds: dict[Hashable, list[PreparedMembers]] = {}
     for i, case in enumerate(cases):
         if watches_separatrix(case):
-            single = Prepared.of(case.system, np.array([i]), case.system.start)
+            single = np.array([i]), ensemble_of(case, case.system, 1, case.system.start)
             kinds.setdefault((type(case.system), case.time, case.tol), []).append(single)
-    for group in (group for singles in kinds.values() for group in alike(singles)):
-        if len(group.positions) >= FEWEST:
-            yield group.positions, ensemble_of(cases[group.positions[0]], group)
+    for singles in kinds.values():
+        yield from (group for group in alike(singles) if len(group[0]) >= FEWEST)
 
 
 def watches_separatrix(case: Case) -> bool:

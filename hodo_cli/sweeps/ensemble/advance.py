@@ -190,7 +190,8 @@ def measure_crossings(e: Ensemble, event: Event, outcome: Outcome) -> None:
     motion, time = passed.motion[first], passed.time[first]
     again = replace(
         e, start=e.start[:, motion], constants=e.constants[:, motion], span=(e.span[0], time),
-        event=None, times=np.empty(0), looser=LOOSER,
+        events=tuple(event for event in e.events if event.passage), times=np.empty(0),
+        looser=LOOSER,
     )  # fmt: skip
     end, k = advance(again, step_of(e)), vars(again.named())
     distance = time_to_zero(event, e.model, k, time, end.state, end.exponent)

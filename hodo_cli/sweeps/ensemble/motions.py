@@ -67,20 +67,28 @@ class Passages(NamedTuple):
 @dataclass(frozen=True)
 class Ensemble:
     """n motions: the constants of their equations (c, n), flat as `structure` says, their states at
-    the start (m, n), the times at which they begin and end, each one or (n,), the event whose zeros
-    are looked for, the one with a passage, through which they go on, and the tolerance, of which
-    each step takes `looser`."""
+    the start (m, n), the times at which they begin and end, each one or (n,), their events, at most
+    one of each kind, and the tolerance, of which each step takes `looser`."""
 
     model: type[Model]
     structure: Structure
     constants: np.ndarray
     start: np.ndarray
     span: tuple[Any, Any]
-    event: Event | None
+    events: tuple[Event, ...]
     tol: float
-    passing: Event | None = None
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
     looser: float = 1.0
+
+    @cached_property
+    def event(self) -> Event | None:
+        """The event whose zeros are looked for."""
+        return next((event for event in self.events if not event.passage), None)
+
+    @cached_property
+    def passing(self) -> Event | None:
+        """The event with a passage, through which motions go on."""
+        return next((event for event in self.events if event.passage), None)
 
     @property
     def error_bound(self) -> float:
