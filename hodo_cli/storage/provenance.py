@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer
 files."""
 
-TYPE_NAMES = {str: ("text", str), int: ("whole number", int), float: ("number", int | float)}
+# A dataset that xarray has read from a file has numpy's numbers for attributes.
+TYPE_NAMES = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
 
 STORED_VERSIONS = ("numpy", "scipy", "heyoka", "h5py")
 
