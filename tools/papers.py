@@ -51,7 +51,7 @@ SPOKEN = {
     "visible_turns_x1": "turns about x1",
     "visible_turns_x3": "turns about x3",
     "area_largest": "area in A",
-    "speed": "|omega|",
+    "speed =": "|omega| =",
     "area_smallest": "area in B",
     "growth_smallest": "rate of growth",
     "end_of_spin": "end of spin",
@@ -77,7 +77,8 @@ def spoken(text: str) -> str:
         text = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", words, text)
     letters = "|".join(GREEK)
     text = re.sub(rf"(?<![A-Za-z])({letters})(?![a-z])", lambda m: GREEK[m[1]], text)
-    text = text.replace("**", "^").replace("*", " ")
+    # Of a formula; t* is a time.
+    text = re.sub(r"(?<=\S)\*(?=\S)", " ", text.replace("**", "^"))
     for printed, sign in SIGNS.items():
         text = text.replace(printed, sign)
     text = re.sub(r"sqrt\((\w+)\)", r"√\1", text).replace("sqrt(", "√(")
