@@ -276,22 +276,27 @@ class AveragedTurns(BodyFrame):
             **self.constants_of_means(),
         }
         k = attributes(constants)
-        turn = Turn.of([*self.logarithms(slow), 0.0, slow.side, slow.sense], k)
+        turn = Turn.of([*map(float, (*self.logarithms(slow), 0.0, slow.side, slow.sense))], k)
         rate, n = float(self.torque_rate(0.0, turn, k)), float(turn.frequency(k))
         # heyoka counts parameters up to the last that the equations use: that has to come last.
         return constants | {"turning_rate": rate, "turning_scale": rate / n or 1.0}
 
-    @property
+    @cached_property
     def body(self) -> Body:
         """The body with its axes sorted."""
         return Body.of(self.inertia)
+
+    @cached_property
+    def numbers(self) -> SimpleNamespace:
+        """The constants as attributes."""
+        return attributes(self.constants)
 
     def elements(self, slow: SlowVariables) -> tuple[SlowVariables, np.ndarray]:
         """The slow variables (...) that motions start from, and whether these have their mean
         elements."""
         if self.mean_start == "no":
             return slow, np.ones_like(slow.X, dtype=bool)
-        return shifted(self.body, slow, self.part(0.0, slow, attributes(self.constants)))
+        return shifted(self.body, slow, self.part(0.0, slow, self.numbers))
 
     def starts(self, omega: np.ndarray) -> np.ndarray:
         return self.states(slow_elements(self.body, omega))
@@ -302,14 +307,9 @@ class AveragedTurns(BodyFrame):
 
     def states(self, given: SlowVariables) -> np.ndarray:
         """The states (5, ...) of motions with starts (...)."""
-        slow, _ = self.elements(given)
-        k = attributes(self.constants)
-        y = [
-            *self.logarithms(slow),
-            k.turning_scale * slow.phase,
-            slow.side + 0.0,
-            slow.sense + 0.0,
-        ]
+        (slow, _), k = self.elements(given), self.numbers
+        scaled_phase = k.turning_scale * slow.phase
+        y = [*self.logarithms(slow), scaled_phase, slow.side + 0.0, slow.sense + 0.0]
         # A start on the separatrix does not turn; `check` says so of a case.
         return np.where(slow.m1 < 2 * k.turning_edge, np.nan, np.stack(y))
 
@@ -341,7 +341,7 @@ class AveragedTurns(BodyFrame):
 
     def smallness(self, y: np.ndarray) -> np.ndarray:
         """Averaging's parameter at states (n, 5): the perturbation's rate in quarter turns K/n."""
-        k = attributes(self.constants)
+        k = self.numbers
         turn = Turn.of([*y.T], k)
         # K is pi/(2 <dn>)
         rate = self.torque_rate(0.0, turn, k)
