@@ -8,6 +8,7 @@ import math
 import os
 import pickle
 import random
+import warnings
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from scipy.special import ellipk
 from test_own_time import Timed, random_body, scaled, timed  # noqa: F401
 
 from hodo_cli import HodoError
-from hodo_cli.api import plot
+from hodo_cli.api import plot, sweep
 from hodo_cli.api import run as run_case
 from hodo_cli.cases.case import Case, dump, parse_case
 from hodo_cli.integration.integrate import integrate
@@ -465,3 +466,28 @@ def test_figures_take_the_momentum_of_body_and_fluid() -> None:
     free = run_case({**body, "model": "linear-diag", "damping": 0})
     with pytest.raises(HodoError, match=r"no 'kappa', which total_space\.x needs"):
         plot(free, "series", variables=names)
+
+
+def test_only_the_member_without_an_attitude_is_invalid() -> None:
+    """A quaternion of length 0 among others is no reason to lose these."""
+    case = {"model": "linear-diag", "inertia": A, "damping": 0, "initial": B, "time": {"end": 6},
+            "attitude": {"initial": [1, 0, 0, 0]}}  # fmt: skip
+    axis = {"attitude.initial.0": {"values": [0, 1, 2]}}
+    members = sweep({**case, "sweep": axis})
+    assert members.status.values.tolist() == [3, 0, 0]
+    last = run_case(case).attitude[-1]
+    assert np.isnan(members.attitude.values[0]).all()
+    turned = members.attitude.values
+    assert turned[1:] == pytest.approx(np.array([last, last]), abs=1e-13)
+
+
+def test_angles_that_lose_turns_between_samples_are_named() -> None:
+    """psi of 101 samples ends whole turns short: the unwrapping sees samples only."""
+    body = {"model": "linear-diag", "inertia": [3, 2, 1.2], "damping": 0.003, "attitude": "yes",
+            "initial": {"p": 0.3, "q": 1.1, "r": 0.2}}  # fmt: skip
+    for samples, lines in ((101, 1), (20001, 0)):
+        motion = run_case({**body, "time": {"end": 600, "samples": samples}})
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            plot(motion, "series", variables=["psi"])
+        assert [f"{w.message}".count("from one sample to the next") for w in caught] == [1] * lines

@@ -272,7 +272,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
             (),
         ),
         "span": Key(INTERVAL, "part of the time axis to show (default: all)", "time", None),
-        "seconds": Key(Number(above=0), "how long the film lasts", "s", 20.0),
+        "seconds": Key(Number(above=0, most=600), "how long the film lasts", "s", 20.0),
     },
     "quadrants": OF_CASES
     | TIME

@@ -190,6 +190,12 @@ class Oriented(Model, LookedUp):
     attitude: Any
     plain: ClassVar[type[Model]]
 
+    @classmethod
+    def check(cls, data: Mapping[str, Any]) -> Iterator[Mistake]:
+        yield from super().check(data)
+        # For the members of a sweep over numbers of the attitude.
+        yield from check_attitude(cls.plain, data)
+
     @property
     def start(self) -> tuple[Any, ...]:
         plain_start = super().start[: len(self.plain.state)]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cases.figure_block import KINDS_IN_SPACE
+from .in_space import ANGLES_IN_SPACE
 from .motion import Motion
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
@@ -88,7 +89,7 @@ OSCILLATING = ("p", "q", "r", "x", "y", "x1_direction")
 
 def oscillates(name: str) -> bool:
     """Whether a quantity oscillates with the turns, and does not follow their mean."""
-    return name in OSCILLATING or "." in name
+    return name in OSCILLATING or name in ANGLES_IN_SPACE or "." in name
 
 
 def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[str]:
@@ -98,8 +99,10 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
     if kind not in CURVES and not any(map(oscillates, names)):
         return []
     limit = OSCILLATION if kind == "series" else LARGEST_TURN
+    # The angles count the turns of the body in space, of which few samples lose whole ones.
+    in_space = kind in KINDS_IN_SPACE or any(name in ANGLES_IN_SPACE for name in names)
     remarks = [
-        coarse(motion, samples_within(motion, spec.get("span")), limit, kind in KINDS_IN_SPACE)
+        coarse(motion, samples_within(motion, spec.get("span")), limit, in_space)
         for motion in motions
         if "omega" in motion.vectors and len(motion.axes) == 3
     ]
