@@ -245,7 +245,9 @@ def one_fails(folder: Path, name: str, right: Motions, arm: Callable[[], object]
         assert again.exit_code == 0, (said, again.output)
     equal(motions(work / "x.h5"), right)
     assert [path.name for path in work.glob("*.h5")] == ["x.h5"]
-    assert not list(work.rglob(".*")), (said, os.listdir(work))
+    # An empty folder stays where the disk refuses to remove it, until the next draft of that file.
+    hidden = [path for path in work.rglob(".*") if not path.is_dir() or any(path.iterdir())]
+    assert not hidden, (said, hidden)
     assert name != "plot" or files_of(work / "figures") == drawn
     return count
 
