@@ -66,8 +66,9 @@ def library_digest() -> str:
 
 
 def process_digest() -> str:
-    """What this process computes with; it travels with every result. Raises BatchError if its code
-    has changed meanwhile."""
+    """The digest of the code, the libraries and the added models of this process; it travels with
+    every result. Raises BatchError if the code has changed meanwhile."""
+    # The count is the key of a cache: only modules that were loaded since can be newer.
     _check_sources(len(sys.modules))
     return f"{code_digest(swept=True)}-{library_digest()}{models.added_models_digest()}"
 

@@ -194,7 +194,7 @@ STYLED = OF_CASES | {
         default=(),
     ),
 }
-TIME = {
+TIME_KEYS = {
     "time": Key(
         Text(),
         r"symbol of time, in TeX (default: t where time has a unit, else \tau)",
@@ -238,7 +238,7 @@ GROUPS = {
 
 FIGURE_KINDS: dict[str, dict[str, Key]] = {
     "hodograph": STYLED
-    | TIME
+    | TIME_KEYS
     | {
         "colour": Key(Choice("axis", "time", "case"), COLOUR, default="axis"),
         "view": VIEW,
@@ -249,12 +249,12 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         ),
         "zoom": Key(Number(above=0), ZOOM, "moment of inertia / time", None),
     },
-    "sphere": STYLED | TIME | SPHERE,
+    "sphere": STYLED | TIME_KEYS | SPHERE,
     "herpolhode": STYLED
-    | TIME
+    | TIME_KEYS
     | {"colour": Key(Choice("axis", "time", "case"), COLOUR, default="case")},
     "axis-trace": STYLED
-    | TIME
+    | TIME_KEYS
     | SPHERE
     | {
         "axes": Key(
@@ -262,7 +262,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         ),
     },
     "body": OF_CASES
-    | TIME
+    | TIME_KEYS
     | {
         "view": VIEW,
         "moments": Key(
@@ -275,7 +275,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "seconds": Key(Number(above=0, most=600), "how long the film lasts", "s", 20.0),
     },
     "quadrants": OF_CASES
-    | TIME
+    | TIME_KEYS
     | {
         "scale_with": Key(
             NAMES, "figures of this file that share one scale with this one", default=()
@@ -292,7 +292,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "labels": Key(NAMES, "title of each panel, in the order of `bodies`", default=()),
     },
     "series": STYLED
-    | TIME
+    | TIME_KEYS
     | {
         "variables": Key(
             NAMES, "variables of the result, components such as `omega.x1`, or `D/2T`"
@@ -319,12 +319,12 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
         "insets": Key(ListOf(INSET), "enlargements inside panels", default=()),
     },
     "phase": STYLED
-    | TIME
+    | TIME_KEYS
     | {
         "x": Key(Text(), "variable on the horizontal axis, named as in a series"),
         "y": Key(Text(), "variable on the vertical axis"),
     },
-    "invariants": STYLED | TIME,
+    "invariants": STYLED | TIME_KEYS,
     "map": {
         "cases": Key(NAMES, "sweeps to draw, a row of panels each"),
     }
@@ -374,7 +374,7 @@ FIGURE_KINDS: dict[str, dict[str, Key]] = {
     | GROUPS
     | {"against": Key(NAMES, "the case that each of the cases is compared with")},
     "cost": STYLED | GROUPS,
-    "share": STYLED | TIME,
+    "share": STYLED | TIME_KEYS,
 }
 """The keys of each kind of figure, besides `kind`."""
 

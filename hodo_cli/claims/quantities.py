@@ -69,11 +69,11 @@ def number(m: Motion, name: str, at: str = "end") -> float:
     return float(quantity(m, name)[0 if at == "start" else -1])
 
 
-VISIBLE = 0.1
+VISIBLE_MOMENTUM = 0.1
 """The |G|, of about 1 at the start, above which a turn can be seen in a figure of the motion."""
 
 
-def stretches(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
+def stretches_about(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
     """The stretches of samples that enclose axis `axis` (0, 1, 2) with |G| above `least`, in
     order."""
     inside = m.labels == axis + 1
@@ -84,8 +84,8 @@ def stretches(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
 
 
 def most_turns(m: Motion, axis: int, least: float = 0.0) -> float:
-    """The most turns that G makes about an axis in one of its `stretches`."""
-    turns = [abs(swept_angle(m, axis, stretch)) for stretch in stretches(m, axis, least)]
+    """The most turns that G makes about an axis in one of its `stretches_about`."""
+    turns = [abs(swept_angle(m, axis, stretch)) for stretch in stretches_about(m, axis, least)]
     return max(turns, default=0.0)
 
 
@@ -94,7 +94,7 @@ def turns_at(m: Motion, moment: str) -> float:
     there."""
     i = 0 if moment == "start" else -1
     axis = int(m.labels[i]) - 1
-    return abs(swept_angle(m, axis, stretches(m, axis)[i])) if axis >= 0 else 0.0
+    return abs(swept_angle(m, axis, stretches_about(m, axis)[i])) if axis >= 0 else 0.0
 
 
 def swept_angle(m: Motion, about: int, samples: slice = slice(None)) -> float:
@@ -165,8 +165,8 @@ NUMBERS: dict[str, Callable[[Motion], float]] = {
     "crossings": lambda m: len(m.crossings),
     "first_crossing": lambda m: m.crossings[0].time if m.crossings else math.inf,
     "turns": lambda m: turns_at(m, "start"),
-    "visible_turns_x1": lambda m: most_turns(m, 0, VISIBLE),
-    "visible_turns_x3": lambda m: most_turns(m, 2, VISIBLE),
+    "visible_turns_x1": lambda m: most_turns(m, 0, VISIBLE_MOMENTUM),
+    "visible_turns_x3": lambda m: most_turns(m, 2, VISIBLE_MOMENTUM),
     "area_largest": lambda m: area(m, 0),
     "area_smallest": lambda m: area(m, 2),
     "growth_largest": lambda m: tilt_growth(m, 0),

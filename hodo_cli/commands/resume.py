@@ -27,7 +27,7 @@ CONFIG_PATH = "config_path"
 """The attribute of a result that tells its config from another of the same name."""
 
 # In this order, because another version of hodo may write the same case in other words.
-REASONS = (
+RERUN_REASONS = (
     "the code that computes it has changed",
     "heyoka, numpy or scipy is another version",
     "its case has changed",
@@ -62,7 +62,7 @@ def why(case: Case, done: FinishedCase | None, force: bool) -> str:
         (force, FORCED),
         # A timeout may be due to another program's work, so what did not end well is tried again.
         (status != "ok", f"its status is {status}"),
-        *zip(changed, REASONS, strict=True),
+        *zip(changed, RERUN_REASONS, strict=True),
     )
     return next((reason for holds, reason in reasons if holds), "")
 

@@ -92,7 +92,7 @@ class Engine(Protocol):
         ...
 
 
-UNEVEN = 1e-9
+SMALL_COMPONENT = 1e-9
 """The part of the largest component of a start below which another one is lost to the control of
 the error, which is relative to the largest: a series then takes steps in which what is small may
 grow by many powers of e, and so does that of a higher precision."""
@@ -102,7 +102,7 @@ def uneven(y: np.ndarray) -> Any:
     """Whether states (m,) or (m, n) have a component that is small beside the largest, but not
     0."""
     size = np.abs(y)
-    return ((size > 0) & (size < UNEVEN * size.max(axis=0))).any(axis=0)
+    return ((size > 0) & (size < SMALL_COMPONENT * size.max(axis=0))).any(axis=0)
 
 
 @dataclass
@@ -129,13 +129,13 @@ class StepControl:
 
     def __post_init__(self) -> None:
         self.deadline = perf_counter() + self.max_seconds
-        # The first step tells whether compiling has taken all the time.
-        self._look_at = 1.0
+        # The limits are first checked after one step, which includes the compilation.
+        self._next_check = 1.0
 
     def step(self, y: np.ndarray) -> bool:
         """Count a step that ended in `y`; False to stop."""
         self.steps += 1
-        if self.steps >= self._look_at and not self._goes_on():
+        if self.steps >= self._next_check and not self._goes_on():
             return False
         if self.rows is not None:
             y = y[self.rows]
@@ -157,7 +157,7 @@ class StepControl:
         if perf_counter() > self.deadline:
             spent = f"max_seconds: stopped after {self.max_seconds:g} s"
             return self.give_up(Status.TIMEOUT, spent)
-        self._look_at = min(self.steps + 64, self.max_steps)
+        self._next_check = min(self.steps + 64, self.max_steps)
         return True
 
     def give_up(self, status: Status, message: str) -> bool:

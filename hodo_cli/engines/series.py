@@ -13,7 +13,7 @@ from .. import arithmetic
 TINY = 1e-290
 """Added to what is divided by and may be 0."""
 
-Rule = Callable[[int], Any]
+CoefficientRule = Callable[[int], Any]
 
 
 class Series:
@@ -30,7 +30,7 @@ class Series:
 
     __array_ufunc__ = None  # array * Series must not be taken apart by numpy
 
-    def __init__(self, rule: Rule) -> None:
+    def __init__(self, rule: CoefficientRule) -> None:
         self._rule, self._known = rule, list[Any]()
 
     def __getitem__(self, k: int) -> Any:
@@ -40,7 +40,7 @@ class Series:
             self._known.append(self._rule(len(self._known)))
         return self._known[k]
 
-    def _new(self, rule: Rule) -> "Series":
+    def _new(self, rule: CoefficientRule) -> "Series":
         return type(self)(rule)
 
     def functions(
@@ -210,7 +210,7 @@ class Combination(Series):
         super().__init__(lambda k: total([factor * series[k] for factor, series in terms]))
         self.terms = terms
 
-    def _new(self, rule: Rule) -> "Combination":
+    def _new(self, rule: CoefficientRule) -> "Combination":
         return Combination((1.0, Series(rule)))
 
     def __neg__(self) -> Series:

@@ -195,7 +195,7 @@ def mark_points(
     if there is one."""
     number_marks(axes, crossings, frame)
     for style, points in ((START, ends[:1]), (END, ends[1:]), (CROSSING, crossings)):
-        shown = points[within(frame, points)]
+        shown = points[in_frame(frame, points)]
         (marks,) = axes.plot(shown[:, 0], shown[:, 1], **style, zorder=6, clip_on=False)
         # They may stick out of their panel; the layout would make room for them.
         marks.set_in_layout(False)
@@ -216,13 +216,13 @@ def number_marks(axes: Axes, crossings: np.ndarray, frame: np.ndarray | None = N
         numbers.setdefault(place, []).append(str(i + 1))
     look: Look = {"textcoords": "offset points", "size": "x-small", "path_effects": HALO}
     for place, texts in numbers.items():
-        if within(frame, crossings[place]):
+        if in_frame(frame, crossings[place]):
             text, point = ", ".join(abridged(texts, 6)), crossings[place]
             note = axes.annotate(text, pair(point), (3, 3), zorder=7, **look)
             note.set_in_layout(False)
 
 
-def within(frame: np.ndarray | None, points: np.ndarray) -> np.ndarray:
+def in_frame(frame: np.ndarray | None, points: np.ndarray) -> np.ndarray:
     """Which points (..., 2) lie in a frame (2, 2); all without one."""
     low, high = (-np.inf, np.inf) if frame is None else frame.T
     return np.asarray(((points >= low) & (points <= high)).all(axis=-1))

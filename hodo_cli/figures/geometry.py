@@ -58,7 +58,7 @@ RIM = 0.93
 """How far from the middle of the unit sphere a name may stand, so that all of it is within."""
 
 
-def beside(
+def places_beside(
     curves: Sequence[np.ndarray], lines: Sequence[np.ndarray], away: float = 0.09
 ) -> Iterator[np.ndarray]:
     """For each curve in view (n, 3) a place (2,) for its name: `away` from its point farthest from

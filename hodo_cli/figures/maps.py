@@ -296,7 +296,8 @@ def globe(
     sheet: Sheet, axes: Axes, directions: np.ndarray, values: np.ndarray,
     circles: Sequence[np.ndarray], look: Look,
 ) -> None:  # fmt: skip
-    """Keep the sphere of a map for figures that turn, a dot a direction, seen as it is printed."""
+    """Add the sphere of a map to the scenes of the sheet, a dot for each direction, so that its
+    page can turn it."""
     scene = sheet.scene(axes, View((0, 0)), (), globe=True)
     texts = [f"{value:.6g}" if math.isfinite(value) else "none" for value in values]
     shades = look["cmap"].with_extremes(bad=GAP)(look["norm"](np.ma.masked_invalid(values)))

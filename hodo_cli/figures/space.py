@@ -41,10 +41,10 @@ from .artists import (
 )
 from .geometry import (
     View,
-    beside,
     check_zoom,
     clearest,
     graticule,
+    places_beside,
     round_step,
     stretches,
     windings,
@@ -346,7 +346,7 @@ def draw_sphere(
         if named:
             # In space it stands beside the start, where it is on no side of the page.
             scene.add(1.08 * curve.directions[:1], texts=[curve.label], lw=0)
-    for curve, free in zip(named, beside(drawn, lines), strict=False):
+    for curve, free in zip(named, places_beside(drawn, lines), strict=False):
         axes.text(*pair(free), curve.label, ha="center", va="center", zorder=8, path_effects=HALO)
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()

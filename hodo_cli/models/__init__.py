@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from .. import HodoError
-from .added.mistakes import equations_mistake, located
+from .added.mistakes import equations_mistake, with_source_line
 from .added.sources import AddedModule, texts_of
 from .base import Model
 
@@ -171,7 +171,7 @@ def _load(path: str, name: str) -> AddedModule:
     except OSError as error:
         raise HodoError(f"{path}: {str(error.strerror).lower()}") from None
     except Exception as error:
-        raise HodoError(located(error, path)) from error
+        raise HodoError(with_source_line(error, path)) from error
     return AddedModule(path, module, texts_of(Path(path), text))
 
 

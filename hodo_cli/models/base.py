@@ -261,8 +261,8 @@ class Model:
 
     @staticmethod
     def is_accurate(y: np.ndarray, k: SimpleNamespace, tol: float) -> Any:
-        """Whether (n,) what approximates the equations is right to a tolerance at states y (m, n);
-        where it is not, a motion is integrated again with `refined_data` data."""
+        """For each state y (m, n), whether the approximation in the equations is right to a
+        tolerance (n,); a motion for which it is not is integrated again with `refined_data`."""
         return np.full(y.shape[1:], True)
 
     @property
@@ -284,7 +284,8 @@ class LookedUp:
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        data = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        named = fields(self)  # type: ignore[arg-type]
+        data = {field.name: getattr(self, field.name) for field in named}
         return rebuilt, (self.name, self.form, data)  # type: ignore[attr-defined]
 
 

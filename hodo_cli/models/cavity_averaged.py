@@ -41,8 +41,8 @@ def distance_to_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
 
 
 def distance_to_edge_or_rest(t: Any, y: Sequence[Any], k: Any) -> Any:
-    """0 at the separatrix, and where the rotation of a motion that does not come to it stops, as an
-    event: of an exact rotation, or of a nearly symmetric body."""
+    """The product of both distances: 0 at the separatrix, and at rest where that comes first, in an
+    exact rotation about an axis or a nearly symmetric body."""
     return distance_to_edge(t, y, k) * distance_to_rest(t, y, k)
 
 

@@ -82,7 +82,7 @@ def scaled_separatrix(A: Any, w: Any, order: tuple[int, int, int]) -> tuple[Any,
     return minus * plus, (minus * minus + plus * plus) / 2, most
 
 
-def part_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
+def share_of(total: Any, part: Any, of_nothing: float = 0.0) -> np.ndarray:
     """part/total, something else where the total is 0."""
     otherwise = np.full_like(total, of_nothing)
     return np.asarray(np.divide(part, total, out=otherwise, where=total > 0))
@@ -92,7 +92,7 @@ def separation(A: Any, omega: Any, order: tuple[int, int, int]) -> np.ndarray:
     """|D| as a part of the sum of its two terms (n,), for omega (3, n); infinite for a spherical
     body, which has no separatrix."""
     D, total, _ = scaled_separatrix(A, omega, order)
-    return np.where(A[order[0]] == A[order[2]], np.inf, part_of(total, np.abs(D)))
+    return np.where(A[order[0]] == A[order[2]], np.inf, share_of(total, np.abs(D)))
 
 
 CANCELLING = 1e-9
@@ -119,7 +119,7 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
 def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
     """`margin`, in the arithmetic of its arguments."""
     D, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
-    return part_of(np.sqrt(most * total), D)
+    return share_of(np.sqrt(most * total), D)
 
 
 def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
@@ -129,7 +129,7 @@ def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> 
     Its root is, roughly, the angle between the rotation and the middle axis of a triaxial body.
     """
     _, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
-    return part_of(most, total, of_nothing=1.0)
+    return share_of(most, total, of_nothing=1.0)
 
 
 def enclosed_axis(A: Any, omega: np.ndarray, band: Any) -> np.ndarray:

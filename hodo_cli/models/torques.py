@@ -316,11 +316,11 @@ class Torques(BodyUnderTorques, LookedUp):
     def run_events(self) -> tuple[Event, ...]:
         events = []
         for axis, entry in enumerate(self.quadratic_axes or ()):
-            sign = self.state.index(f"s{axis + 1}")
-            # What stays 0 is at its event all the time.
-            if any(first_values(entry)) and self.start[sign]:
-                zero, passage = (Bound(of, (axis, sign)) for of in (component, turned_over))
-                events.append(Event("turned", zero, True, passage))
+            sign_row = self.state.index(f"s{axis + 1}")
+            # A component that stays 0 would meet its event all the time.
+            if any(first_values(entry)) and self.start[sign_row]:
+                zero = Bound(component, (axis, sign_row))
+                events.append(Event("turned", zero, True, Bound(turned_over, (axis, sign_row))))
         if self.brake is not None:
             leg = self.state.index("leg")
             others = tuple(name for name in terms_named(vars(self)) if name != "brake")

@@ -45,8 +45,8 @@ def section_of(result: PageResult, folder: Path) -> Section:
             figure_entry(figure, config.figures[figure.name], motions, folder)
             for figure in result.figures
         ],
-        "statements": [*judged(cases, "_claims", config.claims)],
-        "errata": [*judged(cases, "_errata", config.errata)],
+        "statements": [*judged_entries(cases, "_claims", config.claims)],
+        "errata": [*judged_entries(cases, "_errata", config.errata)],
         "cases": [case_entry(motion) for motion in motions.values()],
     }
 
@@ -63,7 +63,7 @@ def figure_entry(
     return {
         "name": figure.name,
         "caption": " ".join(filter(None, [spec["caption"], *remarks])),
-        "about": described(spec, shown),
+        "about": described_by_kind(spec, shown),
         "problem": figure.problem,
         "files": [os.path.relpath(file, folder) for file in figure.files],
         "size": sizes[0] if sizes else (),
@@ -100,7 +100,7 @@ KINDS_IN_WORDS = {
 """What each kind of figure shows, for a reader who cannot see it."""
 
 
-def described(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
+def described_by_kind(spec: Mapping[str, Any], shown: Sequence[Motion]) -> str:
     """What a picture shows, in words: its kind, variables, cases and crossings."""
     parts = [KINDS_IN_WORDS[spec["kind"]]]
     if names := spec.get("variables") or spec.get("variable"):
@@ -131,7 +131,7 @@ VERDICT_COLUMNS = (
 )
 
 
-def judged(
+def judged_entries(
     cases: StoredCases, group: str, entries: Iterable[Mapping[str, Any]]
 ) -> Iterator[Section]:
     """The statements or misprints that `hodo claims` has judged, with their verdicts as a group

@@ -72,11 +72,10 @@ class ResultFile:
     hodo has written them.
     """
 
-    intact = False
-
     def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str]) -> None:
         self.path = path
         self.damaged = damaged
+        # By identity: a file that a checksum does not vouch for may have no damaged group either.
         self.intact = damaged is INTACT
         self.attributes: dict[str, Any] = _attributes(file)
         self._names = dict.fromkeys(file)
@@ -135,8 +134,8 @@ class ResultFile:
             return Group(_attributes(group), variables, report=report)
 
     def report(self, name: str, digest: str) -> Any:
-        """What a command has found from a group at this digest; None if it has found nothing yet,
-        or the file is not as hodo has written it. Raises HodoError as `summary` does."""
+        """The stored report of a command on a group, if it was made of this digest; None if there
+        is none, or the file is not as hodo has written it. Raises HodoError as `summary` does."""
         if not self.intact:
             return None
         with self.open_group(name) as group:

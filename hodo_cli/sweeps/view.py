@@ -32,7 +32,7 @@ def round_degrees(angle: float) -> float | None:
     return rounded if abs(degrees - rounded) <= 4 * math.ulp(degrees) else None
 
 
-EVEN = 1e-9
+EQUAL_STEPS = 1e-9
 """How much, relative to them, steps or ratios along an axis may differ that count as even."""
 
 
@@ -41,8 +41,8 @@ def in_even_ratios(values: np.ndarray) -> bool:
     if len(values) < 3 or (values <= 0).any():
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
-    uneven = np.ptp(steps) > EVEN * np.abs(steps).max()
-    return bool(uneven and np.ptp(ratios) <= EVEN * np.abs(ratios).max())
+    uneven = np.ptp(steps) > EQUAL_STEPS * np.abs(steps).max()
+    return bool(uneven and np.ptp(ratios) <= EQUAL_STEPS * np.abs(ratios).max())
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ class SweepView:
         return values, in_even_ratios(values)
 
     def unit(self, name: str) -> str:
-        """The unit of the values along an axis: that of its coordinate or, of an angle, degrees
-        where it was given so and else radians."""
+        """The unit of the values along an axis: that of its coordinate or, of an angle, degrees if
+        its first and last values are round ones, else radians."""
         variable = self.data.variables[(self.keys(name) or [name])[0]]
         if (stored := str(variable.attrs.get("units", "1"))) != "1":
             return stored

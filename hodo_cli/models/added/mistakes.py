@@ -16,7 +16,7 @@ HODO = Path(__file__).parents[2]
 """The package, which may stand in the folder of a model."""
 
 
-def located(error: Exception, path: str) -> str:
+def with_source_line(error: Exception, path: str) -> str:
     """An error that a file of models raises, after the line of it, or of a file that it imports
     from its own folder, where it did."""
     if isinstance(error, SyntaxError):
@@ -55,7 +55,7 @@ def equations_mistake(system: Model, path: str) -> str:
     except NotImplementedError:
         message = f"the model {system.name} states no rhs"
     except Exception as error:
-        return located(error, path)
+        return with_source_line(error, path)
     return f"{path}: {message}" if message else ""
 
 
@@ -78,8 +78,8 @@ class Symbol:
     __bool__ = __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _undecided
 
 
-FUNCTIONS = ("sin", "cos", "exp", "log", "sqrt")
-SYMBOLS[Symbol] = SimpleNamespace(**dict.fromkeys(FUNCTIONS, lambda x: x))
+FUNCTION_NAMES = ("sin", "cos", "exp", "log", "sqrt")
+SYMBOLS[Symbol] = SimpleNamespace(**dict.fromkeys(FUNCTION_NAMES, lambda x: x))
 
 
 def _try_symbols(system: Model) -> None:
@@ -88,7 +88,7 @@ def _try_symbols(system: Model) -> None:
     try:
         system.rhs(Symbol(), [Symbol() for _ in system.state], k)
     except TypeError as error:
-        allowed = f"+ - * / ** and {', '.join(FUNCTIONS)} of hodo_cli.functions"
+        allowed = f"+ - * / ** and {', '.join(FUNCTION_NAMES)} of hodo_cli.functions"
         error.args = (f"{error}; equations consist of {allowed}",)
         raise
 

@@ -82,17 +82,17 @@ def whole_turn(m1: Any, count: int) -> list[tuple[Any, Any, Any]]:
 
 
 def about_axes(full: Rhs, t: Any, w: Sequence[Any], k: Any, side: Any) -> tuple[Any, ...]:
-    """The torque's part of omega' about the enclosed, the middle and the other axis, for omega
-    about these."""
+    """omega' about the enclosed, the middle and the other axis, for omega about these: the torque's
+    part, since in `k` the gyroscopic terms have the factor g = 0."""
     body = turning_body(k)
-    about, middle, across = w
-    sorted_w = either(side, about, across), middle, either(side, across, about)
+    about, second, across = w
+    sorted_w = either(side, about, across), second, either(side, across, about)
     components: list[Any] = [0, 0, 0]
     for axis, component in zip(body.order, sorted_w, strict=True):
         components[axis] = body.parity * component
     rates = full(t, components, k)
-    p, q, r = (body.parity * rates[axis] for axis in body.order)
-    return either(side, p, r), q, either(side, r, p)
+    large, middle, small = (body.parity * rates[axis] for axis in body.order)
+    return either(side, large, small), middle, either(side, small, large)
 
 
 def torque_of(full: Rhs, t: Any, k: Any) -> Torque:

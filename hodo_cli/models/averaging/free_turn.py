@@ -174,7 +174,7 @@ def phase_of(am: Any, m1: Any) -> Any:
     levels = landen(m1)
     for a, b, _ in levels[:-1]:
         increase = np.arctan2(b * np.sin(am), a * np.cos(am))
-        # More and am are in the same quadrant; the arc tangent forgets whole turns.
+        # `increase` and `am` are in the same quadrant; the arc tangent drops whole turns.
         am = am + increase + 2 * np.pi * np.round((am - increase) / (2 * np.pi))
     return am / 2**LANDEN
 

@@ -96,10 +96,10 @@ def angular_momentum_of(w: Sequence[Any], k: Any) -> Components:
     """G = A omega, and h of a rotor."""
     G = times(k.tensor, w) if hasattr(k, "tensor") else (k.A1 * w[0], k.A2 * w[1], k.A3 * w[2])
     rotor = rotor_of(k)
-    return G if rotor is None else added(G, rotor)
+    return G if rotor is None else vector_sum(G, rotor)
 
 
-def added(a: Sequence[Any], b: Sequence[Any]) -> Components:
+def vector_sum(a: Sequence[Any], b: Sequence[Any]) -> Components:
     """The sum of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
@@ -114,11 +114,11 @@ def rates_under(terms: Iterable[Term], t: Any, y: Sequence[Any], k: Any) -> tupl
         extra_rates += term.rates(t, c, w, k, extra) if term.rates else [0 * x for x in extra]
         acceleration = term.function(t, c, w, k, extra)
         if term.by_momentum:
-            rates = added(rates, acceleration)
+            rates = vector_sum(rates, acceleration)
         else:
-            torque = acceleration if torque is None else added(torque, acceleration)
+            torque = acceleration if torque is None else vector_sum(torque, acceleration)
     if torque is not None:
-        rates = added(rates, accelerations(torque, k))
+        rates = vector_sum(rates, accelerations(torque, k))
     return *rates, *extra_rates
 
 
@@ -186,8 +186,8 @@ def cavity_torque(
     G = angular_momentum_of(w, k)
     turning = vector_product(G, w)
     first = accelerations(turning, k)
-    second = accelerations(added(vector_product(turning, w), vector_product(G, first)), k)
-    x, y, z = added(second, vector_product(w, first))
+    second = accelerations(vector_sum(vector_product(turning, w), vector_product(G, first)), k)
+    x, y, z = vector_sum(second, vector_product(w, first))
     return c[0] * x, c[0] * y, c[0] * z
 
 

@@ -122,7 +122,7 @@ def saddles(A: Any, h: Any, momentum: Any) -> SteadyRotations:
     return SteadyRotations(*chosen)
 
 
-class Region(NamedTuple):
+class HodographRegion(NamedTuple):
     """Where angular velocities (n, 3) stand among the hodographs through the lowest and the highest
     saddle.
 
@@ -141,7 +141,7 @@ class Region(NamedTuple):
     label: np.ndarray
 
 
-def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> Region:
+def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> HodographRegion:
     """The regions of angular velocities (n, 3); on the separatrix is a margin of at most `band`, a
     number or (n,)."""
     A, h = np.asarray(A), np.asarray(h)
@@ -163,7 +163,7 @@ def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> Region:
         smallest + 1: (margin > 0).all(-1),
     }
     label = np.select([*conditions.values()], [*conditions], BOTH).astype(np.int8)
-    return Region(value, np.abs(terms).sum(-1), gradient, margin, label)
+    return HodographRegion(value, np.abs(terms).sum(-1), gradient, margin, label)
 
 
 def separatrix_curves(A: Any, h: Any, momentum: float) -> list[np.ndarray]:

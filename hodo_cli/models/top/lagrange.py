@@ -39,7 +39,7 @@ NEAR, TOO_NEAR = 1e-8, 1e-14
 MOST_NODES, UNRESOLVED = 1000, 1e-12
 """The nodes beyond which no quadrature is refined, and the error of one that is worth a word."""
 
-LAWS = ("mu", "m", "a", "b")
+LAW_KEYS = ("mu", "m", "a", "b")
 """The keys of coefficients that may follow laws of time."""
 
 
@@ -116,7 +116,7 @@ class Top(Model):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        yield from laws_begun_too_soon({name: [data[name]] for name in LAWS}, start, "tau")
+        yield from laws_begun_too_soon({name: [data[name]] for name in LAW_KEYS}, start, "tau")
         if not law(data["mu"])[0]:
             return
         if start:
@@ -141,7 +141,7 @@ class Top(Model):
     @cached_property
     def constants(self) -> Constants:
         constants: dict[str, Any] = {**self.inertia}
-        for name in LAWS:
+        for name in LAW_KEYS:
             if (coefficient := getattr(self, name)) is not None:
                 constants |= law_constants(name, coefficient)
         return constants

@@ -20,10 +20,10 @@ from .batch import (
     STRIDE,
     BatchState,
     CandidateSteps,
-    columnwise,
-    motions_of,
+    call_padded,
     powers_within,
     shortened,
+    split_params,
     states_after,
     time_reached,
     times_of,
@@ -160,11 +160,11 @@ def zeros_within(
     rise = powers[row, 1:].T * np.arange(1, powers.shape[1])[:, None]
     slope = value(rise, zeros.x[zeros.sure]) / steps.length[row]
     before, params = before[:, row], params[:, row]
-    motion, size, rate = motions_of(params)
+    motion, size, rate = split_params(params)
     begin, rest = time_reached(params[END], before[m], before[m + 1], rate)
     times = begin + (rest + np.ldexp(place, -rate))
     taken = before[m + 2] + 2
-    state = columnwise(
+    state = call_padded(
         partial(states_after, step), *shortened(before, params[:NUMBER], place, rate)
     )
     uncertainty = np.ldexp(noise[row] / np.abs(slope), -rate)

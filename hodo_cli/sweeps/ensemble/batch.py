@@ -130,7 +130,7 @@ class BatchState:
         """Enter the states at the sample times within the steps since the last pause: a sample is a
         step that has no more time left."""
         e, m = self.ensemble, self.m
-        number, size, rate = motions_of(self.params)
+        number, size, rate = split_params(self.params)
         history = np.stack(
             [*self.history, self.now[: m + TIME_ROWS]], axis=1
         )  # (m + TIME_ROWS, steps + 1, n)
@@ -193,12 +193,12 @@ class BatchState:
         row, first = np.unique(zeros.row, return_index=True)
         passed, place = columns[row], zeros.x[first] * steps.length[row]
         begin, params = steps.before[:, row], steps.params[:, row]
-        _, _, rate = motions_of(params)
+        _, _, rate = split_params(params)
         self.now[m : m + 2, passed] = exact_difference(begin[m], place)
         self.now[m + 1, passed] += begin[m + 1]
         self.now[m + TIME_ROWS, passed] = place
         cut = shortened(begin, params[:NUMBER], place, rate)
-        self.now[:m, passed] = columnwise(partial(states_after, self.step), *cut)
+        self.now[:m, passed] = call_padded(partial(states_after, self.step), *cut)
         self.now[m, passed[~zeros.sure[first]]] = np.nan
         return np.asarray(passed[zeros.sure[first]])
 
@@ -206,7 +206,7 @@ class BatchState:
         """Put a motion behind its passage of an event, in the case's own units."""
         e, m, event = self.ensemble, self.m, self.ensemble.passing
         now, params = self.now[:, [column]], self.params[:, [column]]
-        (number,), size, _ = motions_of(params)
+        (number,), size, _ = split_params(params)
         end = float(params[END, 0])
         state = rescaled(e.model, now[:m].T, size) if e.model.degree else now[:m].T
         k = namespace(e.structure, e.constants[:, number].tolist())
@@ -240,7 +240,7 @@ class BatchState:
         np.copyto(remaining, restored, where=going)
         # An averaged motion is slow at the separatrix only, where its steps are the shorter.
         if self.pauses == 1 and self.ensemble.passing is None:
-            number, _, rate = motions_of(params)
+            number, _, rate = split_params(params)
             span = np.ldexp(self.ensemble.lengths[0, number], rate)
             going &= PAUSE * span < HOPELESS * (span - remaining)
         if np.count_nonzero(going) < FULL * len(going):
@@ -262,7 +262,7 @@ class BatchState:
 
     def enter(self, columns: np.ndarray) -> None:
         """Enter some columns in the outcome; they are then without a motion."""
-        number, size, _ = motions_of(self.params[:, columns])
+        number, size, _ = split_params(self.params[:, columns])
         outcome = self.outcome
         outcome.state[:, number], outcome.exponent[number] = self.now[: self.m, columns], size
         remaining, _, outcome.steps[number] = self.now[self.m : self.m + TIME_ROWS, columns]
@@ -276,7 +276,7 @@ class BatchState:
         if not e.model.degree or not columns.size:
             return
         params = self.params[:, columns]
-        number, size, rate = motions_of(params)
+        number, size, rate = split_params(params)
         y, k = self.now[:m, columns], vars(e.named(number))
         y = np.where(np.isfinite(y).all(axis=0), y, 1.0)  # what overflowed ends in any units
         moment = None
@@ -293,7 +293,7 @@ class BatchState:
         self.params[:, columns] = params
 
 
-def motions_of(params: np.ndarray) -> np.ndarray:
+def split_params(params: np.ndarray) -> np.ndarray:
     """The number of the motion of each column, and the size and the rate of its units (3, k)."""
     return params[NUMBER:].astype(np.int64)
 
@@ -307,7 +307,7 @@ def time_reached(end: Any, remaining: Any, lost: Any, rate: Any) -> tuple[Any, A
 
 def times_of(columns: np.ndarray, params: np.ndarray, m: int) -> np.ndarray:
     """The case's own times (k,) of columns with m state variables."""
-    _, _, rate = motions_of(params)
+    _, _, rate = split_params(params)
     return np.asarray(sum(time_reached(params[END], columns[m], columns[m + 1], rate)))
 
 
@@ -350,7 +350,7 @@ def states_after(step: "TaylorStep", columns: np.ndarray, k: np.ndarray) -> np.n
 def powers_within(step: "TaylorStep", event: Event, steps: CandidateSteps) -> np.ndarray:
     """The series (k, order + 1) of an event's function in steps, in powers of the part of each
     step."""
-    series = columnwise(partial(step.event_series, event), steps.before, steps.params[:NUMBER])
+    series = call_padded(partial(step.event_series, event), steps.before, steps.params[:NUMBER])
     return np.asarray(series.T * steps.length[:, None] ** np.arange(len(series)))
 
 
@@ -361,10 +361,11 @@ def zeros_of(powers: np.ndarray, noise: np.ndarray) -> Zeros:
     return isolate(np.matmul(powers[:, None], matrix)[:, 0], noise)
 
 
-def columnwise(
+def call_padded(
     function: Callable[[np.ndarray, np.ndarray], np.ndarray], columns: np.ndarray, k: np.ndarray
 ) -> np.ndarray:
-    """A compiled function of columns and constants, padded to the width that it wants."""
+    """The values of a compiled function at columns and constants, which are padded to the width
+    that it wants; those of the padding are cut off."""
     n = columns.shape[1]
     positions = padded(np.arange(n))
     return function(*(a.take(positions, axis=1) for a in (columns, k)))[:, :n]
