@@ -600,15 +600,18 @@ def test_swept_trajectories_are_those_of_single_cases(kind: str) -> None:
 @pytest.mark.heyoka
 def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> None:
     fast = f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}"
-    few = f"{SPIN}, torque: [0, 0, -0.1], initial: {{x: 1, y: 1}}, time: {{end: 1}}, error: off"
+    few = (
+        "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
+        "initial: {theta: 1, r: 1.7}, time: {end: 1}, error: off"
+    )
     expected = {
         f"{fast}, sweep: {{initial.p: {{values: [0, 1e-12, 0.8]}}}}":
         "side by side, 1 of 3 members by themselves "
         "(1: starts with a component that is small beside another)",
         f"{fast}, sweep: {{initial.p: {{values: [0.7, 0.8]}}}}":
         "side by side, 0 of 2 members by themselves",
-        f"{few}, sweep: {{initial.y: {{values: [1, 2]}}}}":
-        "each by itself: fewer than 1000 members are not worth compiling their step",
+        f"{few}, sweep: {{initial.r: {{values: [1.6, 1.7]}}}}":
+        "each by itself: fewer than 1750 members are not worth compiling their step",
         f"{fast}, max_steps: 900, sweep: {{initial.p: {{values: [0.7, 0.8]}}}}":
         "each by itself: limits of each member",
     }  # fmt: skip
