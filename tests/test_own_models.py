@@ -301,6 +301,8 @@ def refusal_of(hodo: Hodo, folder: Path, right: str, wrong: str) -> list[str]:
         ),
         ('"c": 2,', '"cc": 2,', ": `degree` names 'cc', but `constants` has: A1, A2, A3, g, c"),
         ('"c": 2,', '"c": 1,', ": `degree` does not fit rhs: with the constants of other units"),
+        # A term that is 0 at the start shows its degree later.
+        ("- k.c * w * r,", "- k.c * w * r + k.c * t * r,", ": `degree` does not fit rhs: with"),
         ("def rhs(t, y, k)", "def rates(t, y, k)", ": the model quadratic-drag states no rhs"),
     ],
 )
