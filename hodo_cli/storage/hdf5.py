@@ -72,6 +72,8 @@ class ResultFile:
     hodo has written them.
     """
 
+    intact = False  # of an unfinished run, which is no file
+
     def __init__(self, path: Path, file: h5py.File, damaged: Mapping[str, str]) -> None:
         self.path = path
         self.damaged = damaged
