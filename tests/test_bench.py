@@ -188,10 +188,10 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
 
 
 def test_a_bench_without_auto_says_nothing_of_it(hodo: Hodo, tmp_path: Path) -> None:
-    text = CONFIG.replace("auto, DOP853, exact", "taylor").replace(", tols: [1e-4, 1e-8]", "")
+    text = CONFIG.replace("auto, DOP853, exact", "collocation").replace(", tols: [1e-4, 1e-8]", "")
     (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
     done = hodo("bench", str(tmp_path / "a.yaml"))
     assert done.returncode == 0, done.stderr
     for row in done.stdout.splitlines()[1:]:
         _, *by_auto, method, _, _ = row.split()
-        assert (by_auto, method) == (["-"] * 5, "taylor")
+        assert (by_auto, method) == (["-"] * 5, "collocation")
