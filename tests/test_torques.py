@@ -469,12 +469,19 @@ def test_means_in_closed_form_are_those_of_the_quadrature(terms: Any, inertia: A
         assert closed[name].data == pytest.approx(summed[name].data, rel=1e-10)
 
 
-def test_the_stop_of_a_body_is_printed(tmp_path: Path) -> None:
+def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
     (tmp_path / "braked.yaml").write_text(
         "title: braked\ncases:\n  braked: {model: torques, inertia: [2, 1.5, 1], quadratic: 0.01,"
         " kappa: 0.02, brake: 0.004, initial: {p: 0.3, q: 0.7, r: -0.9}, time: {end: 300}}\n"
+        "figures: {braked: {kind: hodograph, cases: [braked]}}\n"
     )
-    assert call(tmp_path, "run", "braked").returncode == 0
+    ran = call(tmp_path, "run", "braked")
+    assert ran.returncode == 0
+    assert "ends at t = 204.428: stopped" in ran.stdout
     printed = call(tmp_path, "classify", "runs/braked.h5").stdout
     assert "one crossing at most, x3 to x1" in printed
     assert "stopped at 204.4278912504" in printed
+    assert call(tmp_path, "plot", "runs/braked.h5", "--format", "svg").returncode == 0
+    svg = (tmp_path / "runs/figures/braked/braked.svg").read_text()
+    assert "204.428" in svg
+    assert "undetermined" not in svg

@@ -249,8 +249,9 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
         times = [f"{time}\N{NO-BREAK SPACE}({i})" for i, time in enumerate(times, 1)]
     crossings = abridged(times, CROSSINGS_NAMED)
     end, crossing = "end", "$D = 0$"
-    if len({float(motion.time[-1]) for motion in motions}) == 1:
-        end += f", ${time} = {motions[0].time[-1]:.6g}${of_time}"
+    if len(ends := {ending(motion) for motion in motions}) == 1:
+        (end, when), *_ = ends
+        end += f", ${time} = {when}${of_time}"
     if len(motions) == 1:
         words = f"{crossing} at ${time}$ = {', '.join(crossings)}{of_time}"
         lines = textwrap.wrap(words, 80 if wide else 46)
@@ -259,9 +260,17 @@ def mark_handles(motions: Sequence[Motion], time: str, wide: bool = False) -> li
     return entries + ([Line2D([], [], **CROSSING, label=crossing)] if crossings else [])
 
 
+def ending(motion: Motion) -> tuple[str, str]:
+    """How a motion ends, and when: it stops, or its samples end."""
+    is_stopped = math.isfinite(motion.stop)
+    return "stop" if is_stopped else "end", f"{motion.stop if is_stopped else motion.time[-1]:.6g}"
+
+
 def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
     """Legend entries of the colours by enclosed axis that occur."""
-    present = {int(label) for motion in motions for label in np.unique(motion.labels)}
+    # A body at rest goes round no axis, and draws no curve.
+    moving = (motion.labels[motion.time <= motion.stop] for motion in motions)
+    present = {int(label) for labels in moving for label in np.unique(labels)}
     words = {0: "separatrix", -1: "undetermined", 4: "about both", 5: "unseparated"}
     order = sorted(present, key=lambda label: (label < 1, label))
     return [

@@ -49,9 +49,12 @@ def integrate(case: Case) -> Trajectory:
 
 def early_end(motion: Trajectory) -> str:
     """Which event ends a motion before its time; an empty string if none does."""
-    if not motion.events or not motion.time[-1] < motion.case.time.end:
+    if not motion.events:
         return ""
     last = motion.events[-1]
+    # The samples of a body that a brake has stopped go on.
+    if not (motion.time[-1] < motion.case.time.end or last.kind == "stopped"):
+        return ""
     return f"ends at t = {last.time:.6g}: {last.kind.replace('_', ' ')}"
 
 

@@ -301,6 +301,11 @@ class Motion:
         kinds, times = (np.atleast_1d(self.stored(f"event_{of}")) for of in ("kind", "time"))
         return tuple(zip(map(str, kinds), times.tolist(), strict=True))
 
+    @property
+    def stop(self) -> float:
+        """The time at which a brake has brought the body to rest; infinite without."""
+        return dict(self.events).get("stopped", math.inf)
+
     def at_crossings(self, values: np.ndarray) -> np.ndarray:
         """Values over time (n, k) at the crossings (m, k), interpolated between samples."""
         return np.stack(
