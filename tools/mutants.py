@@ -131,7 +131,9 @@ def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
     sys.path.insert(0, str(TREE))
     os.register_at_fork(after_in_child=partial(calls.begin, *WATCHED))
     recorder = Recorder()
-    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests], plugins=[recorder])
+    options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    if pytest.main([*options, *tests], plugins=[recorder]) > pytest.ExitCode.TESTS_FAILED:
+        sys.exit("the tests could not be mapped")
     tests_of: dict[str, list[tuple[float, str]]] = defaultdict(list)
     for test, functions in recorder.called.items():
         # What fails without a mutant notices none.
@@ -163,6 +165,8 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
 def mutants(rooms: list[str]) -> list[Mutant]:
     """Every change that can be made in these folders."""
     changes = []
+    if unknown := set(rooms) - {path.name for path in (TREE / "hodo_cli").iterdir()}:
+        sys.exit(f"no folders of the package: {', '.join(sorted(unknown))}")
     for path in sorted(p for room in rooms for p in (TREE / "hodo_cli" / room).rglob("*.py")):
         name = str(path.relative_to(TREE))
         every = places(ast.parse(path.read_text(encoding="utf-8")))
@@ -236,7 +240,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--map", action="store_true", help="begin anew: clone and map the tests")
-    parser.add_argument("--rooms", default=",".join(ROOMS), help="the folders that are broken")
+    parser.add_argument("--rooms", default=",".join(ROOMS), help="folders to break, with commas")
     parser.add_argument("tests", nargs="*", default=["tests"], help="those to be mapped")
     options = parser.parse_args()
     if options.map or not MAP.exists():
