@@ -175,7 +175,7 @@ def _named_in(section: str) -> Callable[..., list[Any]]:
             with suppress(HodoError), warnings.catch_warnings(action="ignore"):
                 if given.endswith(".h5"):
                     with open_run(given) as result:
-                        names += getattr(parse(result.text, given), section)
+                        names += getattr(parse(result.text, given, stored=True), section)
                 else:
                     names += getattr(load(given), section)
         items = [CompletionItem(name) for name in names if name.startswith(incomplete)]

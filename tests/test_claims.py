@@ -711,6 +711,37 @@ def test_verdicts_are_given_once_until_what_they_rest_on_changes(tmp_path: Path)
     assert path.read_bytes() != other.read_bytes()
 
 
+def test_a_result_whose_check_has_another_name_now_is_drawn_and_judged_for_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check = "cases: turning, check: {kind: paper, name: of-another-version}"
+    more = f"""\
+  - {{id: foretold, where: Fig 3, statement: It is., {check}, expect: reproduced}}
+figures: {{path: {{kind: hodograph, cases: turning}}}}
+errata:
+  - {{id: misprint, where: (1), printed: x, should_be: y, {check}}}
+"""
+    write_case_file(tmp_path, more=more)
+    path = tmp_path / "runs" / "c.h5"
+    known = {"of-another-version": claim_block.PaperCheck(is_trend=False, models=())}
+    with monkeypatch.context() as another_version:
+        another_version.setattr(claim_block, "checks_of_papers", lambda: known)
+        for command in ("run", "classify"):
+            call(tmp_path, command, "c.yaml")
+    assert "path.png" in call(tmp_path, "plot", path).stdout
+    for _ in range(2):
+        done = call(tmp_path, "claims", path, "--json")
+        assert done.returncode == 3  # an expected verdict is missing
+        (line,) = [line for line in done.stderr.splitlines() if "has no check" in line]
+        assert "'of-another-version': hodo run" in line
+        rows = json.loads(done.stdout)
+        verdicts = {row["id"]: row["verdict"] for row in (*rows["statements"], *rows["errata"])}
+        assert verdicts == {
+            "turns": "reproduced",
+            **dict.fromkeys(("lost", "foretold", "misprint"), "not tested"),
+        }
+
+
 def test_claims_and_errata_are_counted_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

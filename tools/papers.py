@@ -257,7 +257,7 @@ def summary(run: ResultFile, config: Config, claims: Sequence[Any], errata: Sequ
 
 def page(run: ResultFile) -> str:
     """All that a result says about its paper."""
-    config = parse(run.text, str(run.path))
+    config = parse(run.text, str(run.path), stored=True)
     errata, rows = stored(run, "_errata"), stored(run, "_claims")
     claims = [row for row in rows if not row["where"].startswith(OURS)]
     not_simply = [row for verdict in NOT_SIMPLY for row in claims if row["verdict"] == verdict]

@@ -81,9 +81,13 @@ class Judge:
 
     def _reading(self, claim: Mapping[str, Any]) -> Verdict:
         """The verdict on a claim without readings."""
-        if missing := unusable(claim["cases"], self.run):
+        kind, name = claim["check"]["kind"], claim["check"].get("name", "")
+        missing = unusable(claim["cases"], self.run)
+        if kind == "paper" and name not in self.checks:
+            missing = f"this version has no check {name!r}"
+        if missing:
             return Verdict(claim, NOT_TESTED, math.nan, missing)
-        if claim["check"]["kind"] == "average":
+        if kind == "average":
             return by_finding(claim, of_sweep(claim, self.run))
         return proved(self._measured(claim))
 

@@ -1,5 +1,6 @@
 """`hodo claims`: verdicts on the claims and errata of a result file."""
 
+import itertools
 import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from .. import HodoError
-from ..cases.claim_block import BY_READING, CONFIRMED
-from ..cases.config import Config, located, parse
+from ..cases.claim_block import BY_READING, CONFIRMED, readings
+from ..cases.config import Config, located
 from ..claims.finding import Verdict
 from ..claims.verdicts import Judge
 from ..papers import catalogue_of_checks
@@ -22,7 +23,7 @@ from ..storage.group import Group, Report, Variable
 from ..storage.hdf5 import ResultFile
 from ..storage.provenance import history_line
 from ..storage.update import update
-from .resume import content_digest, result_named, warn_of_changes
+from .resume import content_digest, result_named, stored_config, warn_of_changes
 
 Rows = list[dict[str, Any]]
 
@@ -61,7 +62,13 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
                 if digest and "_claims" in changes.run:
                     rows = changes.run.report("_claims", digest)
             if rows is None:
-                rows = judged(config or parse(text, str(path)), changes.run)
+                stated = config or stored_config(changes.run)
+                rows = judged(stated, changes.run)
+                if unknown := unknown_checks(stated):
+                    digest = ""  # verdicts that are not kept are given, with the warning, each time
+                    message = f"this version has no check {', '.join(map(repr, unknown))}"
+                    remedy = "hodo run with the case file of this version renews its statements"
+                    warnings.warn(f"{path}: {message}: {remedy}", stacklevel=2)
                 report = Report(digest, json.dumps(rows))
                 for table, (name, columns) in TABLES.items():
                     if rows[table]:
@@ -93,6 +100,14 @@ def judged(config: Config, run: ResultFile) -> dict[str, Rows]:
                     message = str(error).removeprefix(f"{run.path}: ")
                     raise located(config, place, message) from error
     return rows
+
+
+def unknown_checks(config: Config) -> list[str]:
+    """The names of checks in a result that another version of hodo has made, and this one lacks."""
+    entries = itertools.chain(config.claims, config.errata)
+    checks = [reading["check"] for entry in entries for reading in readings(entry).values()]
+    named = dict.fromkeys(check["name"] for check in checks if check and check["kind"] == "paper")
+    return [name for name in named if name not in catalogue_of_checks()]
 
 
 def claim_row(verdict: Verdict) -> dict[str, Any]:

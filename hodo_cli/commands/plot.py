@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import HodoError
 from ..batch.pool import pool
-from ..cases.config import Config, load, parse
+from ..cases.config import Config, load
 from ..cases.figure_block import PAGE_DATA, DrawnFigure
 from ..machine import library_version
 from ..progress import Progress
@@ -26,7 +26,7 @@ from ..schema.document import YAML_SUFFIXES
 from ..storage.finished_cases import open_batch
 from ..storage.hdf5 import ResultFile
 from ..storage.staging import replacing
-from .resume import CONFIG_PATH, content_digest, result_named, warn_of_changes
+from .resume import CONFIG_PATH, content_digest, result_named, stored_config, warn_of_changes
 
 if TYPE_CHECKING:
     from ..results.dataset import StoredCases
@@ -53,7 +53,7 @@ def opened(name: Path) -> Iterator[tuple[ResultFile, Config]]:
     path, config = result_named(name)
     with open_batch(path) as run:
         warn_of_changes(run, config, "plot")
-        config = config or parse(run.text, str(path))
+        config = config or stored_config(run)
         # Figures are drawn from the stored cases. A config without its own is quick to pickle.
         folder = (run.path.parent / str(run.attributes.get(CONFIG_PATH, ""))).parent
         figures = {name: with_sheet(spec, folder) for name, spec in config.figures.items()}
@@ -79,7 +79,7 @@ def split(names: Sequence[str]) -> tuple[list[Path], list[str]]:
         path, config = result_named(Path(names[0]))
         if config is None:
             with open_batch(path) as run:
-                config = parse(run.text, str(path))
+                config = stored_config(run)
         files += [name for name in configs if name not in config.figures]
     return (
         [Path(name) for name in names if name in files],

@@ -94,6 +94,11 @@ def result_named(name: Path) -> tuple[Path, Config | None]:
     return path, config
 
 
+def stored_config(run: ResultFile) -> Config:
+    """The config that a result holds. Raises HodoError if it cannot be read."""
+    return parse(run.text, str(run.path), stored=True)
+
+
 def path_from(config: Config, path: Path) -> str:
     """Where a config lies, seen from the folder of its result: a project that is moved as a whole
     keeps this path."""
@@ -125,7 +130,7 @@ def warn_of_changes(run: ResultFile, config: Config | None, command: str = "") -
     config = config or _config_of(run)
     if config is None:
         return
-    if section and getattr(parse(run.text, str(run.path)), section) != getattr(config, section):
+    if section and getattr(stored_config(run), section) != getattr(config, section):
         message = f"the {section} of {config.path} have changed since its run"
         warnings.warn(
             f"{run.path}: {message}: hodo {command} {config.path} takes them", stacklevel=2
