@@ -4,8 +4,8 @@
 which function, draws mutants (an operator, a comparison, a condition, a returned number) and runs
 for each the tests that call its function, shortest first. It prints the fate of each with the test
 that noticed it; a survivor wants a test or a sentence why it changes nothing, and with one the
-status is 1. What was tried before is not tried again, by this seed or another, until `--map`
-begins anew from the last commit.
+status is 1. What was mapped or tried before, by this seed or another, is not done again until
+`--map` begins anew from the last commit.
 
 Tools for this exist, but those that choose tests by coverage draw no sample by a seed, and those
 that draw one run the whole suite for each mutant: ten minutes, times 300, are two days.
@@ -23,10 +23,8 @@ import subprocess
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from functools import partial
+from multiprocessing import Process
 from pathlib import Path
-from time import perf_counter
-from types import CodeType
 from typing import NamedTuple
 
 import calls
@@ -37,12 +35,15 @@ WORK = ROOT / "build" / "mutants"
 TREE = WORK / "tree"
 """A clone: mutants never touch the code being worked on, and tests that ask git find a checkout."""
 
-MAP, FATES = WORK / "map.json", WORK / "fates.jsonl"
+MAP, FATES = WORK / "map.jsonl", WORK / "fates.jsonl"
 
 NOTES = WORK / "called"
-"""What `calls.py` notes of other processes and threads while a test runs."""
+"""What `calls.py` notes while a test runs."""
 
 WATCHED = str(TREE / "hodo_cli"), str(NOTES)
+
+HOOK = WORK / "hook"
+"""What processes load that are watched."""
 
 ROOMS = ("engines", "integration", "models", "sweeps", "results", "storage", "batch", "commands")
 """The folders of the package that hold numeric, storage and command code."""
@@ -68,78 +69,89 @@ class Mutant(NamedTuple):
     words: str
 
 
-class Recorder:
-    """A plugin of pytest: the functions of the package that each test calls, in this process and in
-    those that it starts, and its seconds."""
+def processor_time() -> float:
+    """Seconds of this process and those that it has waited for: other work on the machine does not
+    count."""
+    return sum(os.times()[:4])
 
-    def __init__(self) -> None:
-        self.called: dict[str, set[str]] = {}
-        self.codes: set[CodeType] = set()
+
+class Recorder:
+    """A plugin of pytest: adds to the map each test that passes, its seconds, and the functions of
+    the package that it calls, in this process and in those that it starts."""
+
+    def __init__(self, known: set[str]) -> None:
+        self.known = known
         self.made: dict[str, float] = {}
-        self.seconds: dict[str, float] = defaultdict(float)
+        self.began = 0.0
         self.failed: set[str] = set()
 
-    def pytest_runtest_logstart(self, nodeid: str) -> None:
-        codes = self.codes = set()
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        items[:] = [item for item in items if item.nodeid not in self.known]
+
+    def pytest_runtest_logstart(self) -> None:
         NOTES.write_text("")
-
-        # Nothing else is done here: what each call costs, a test pays a million times.
-        def watch(frame: object, event: str, argument: object) -> None:
-            codes.add(frame.f_code)  # type: ignore[attr-defined]
-
-        calls.begin(*WATCHED)  # in threads
-        sys.setprofile(watch)
+        calls.seen.clear()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Iterator[None]:
-        began = perf_counter()
+        began = processor_time()
         made = yield
-        self.made[fixturedef.argname] = perf_counter() - began
+        self.made[fixturedef.argname] = processor_time() - began
         return made
 
-    def pytest_runtest_teardown(self, item: pytest.Function) -> None:
-        # By itself a test pays for every fixture, here only the first that asks for it.
-        self.seconds[item.nodeid] += sum(self.made.get(name, 0) for name in item.fixturenames)
+    def pytest_runtest_call(self) -> None:
+        self.began = processor_time()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.seconds[report.nodeid] += report.duration if report.when == "call" else 0
         if report.failed:
             self.failed.add(report.nodeid)
 
-    def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        sys.setprofile(None)
-        here = (f"{code.co_filename}:{code.co_firstlineno}" for code in self.codes)
-        package = f"{TREE}/"
-        self.called[nodeid] = {
-            place.removeprefix(package)
-            for place in {*here, *NOTES.read_text(encoding="utf-8").splitlines()}
-            if place.startswith(package)
-        }
+    def pytest_runtest_teardown(self, item: pytest.Function) -> None:
+        # By itself a test pays for every fixture, here only the first that asks for it.
+        seconds = processor_time() - self.began + sum(map(self.made_in, item.fixturenames))
+        functions = sorted(set(NOTES.read_text(encoding="utf-8").splitlines()))
+        # What fails without a mutant notices none.
+        if item.nodeid not in self.failed:
+            with MAP.open("a", encoding="utf-8") as file:
+                print(json.dumps([item.nodeid, round(seconds, 3), functions]), file=file)
+
+    def made_in(self, fixture: str) -> float:
+        return self.made.get(fixture, 0.0)
 
 
-def recorded(tests: list[str]) -> dict[str, list[tuple[float, str]]]:
-    """The tests of each function, shortest first."""
+def record(tests: list[str], known: set[str]) -> None:
+    """Map these tests but for those that are."""
     # Before the tests load the package: both are to come from the clone.
     os.chdir(TREE)
-    hook = WORK / "hook"
-    hook.mkdir()
     # Python imports a module of this name when it starts, so processes that are spawned note too.
+    HOOK.mkdir(exist_ok=True)
     lines = f"import sys\nsys.path.append({str(ROOT / 'tools')!r})\n"
     lines += f"import calls\ncalls.begin(*{WATCHED!r})\n"
-    (hook / "sitecustomize.py").write_text(lines, encoding="utf-8")
-    os.environ["PYTHONPATH"] = os.pathsep.join((str(hook), str(TREE)))
+    (HOOK / "sitecustomize.py").write_text(lines, encoding="utf-8")
+    os.environ["PYTHONPATH"] = os.pathsep.join((str(HOOK), str(TREE)))
+    # What is compiled with notes stays apart.
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = str(HOOK)
     sys.path.insert(0, str(TREE))
-    os.register_at_fork(after_in_child=partial(calls.begin, *WATCHED))
-    recorder = Recorder()
+    calls.begin(*WATCHED)
     options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
-    if pytest.main([*options, *tests], plugins=[recorder]) > pytest.ExitCode.TESTS_FAILED:
+    ended = pytest.main([*options, *tests], plugins=[Recorder(known)])
+    nothing_new = known and ended == pytest.ExitCode.NO_TESTS_COLLECTED
+    if ended > pytest.ExitCode.TESTS_FAILED and not nothing_new:
         sys.exit("the tests could not be mapped")
-    tests_of: dict[str, list[tuple[float, str]]] = defaultdict(list)
-    for test, functions in recorder.called.items():
-        # What fails without a mutant notices none.
-        for function in functions if test not in recorder.failed else ():
-            tests_of[function].append((round(recorder.seconds[test], 3), test))
-    return {function: sorted(of) for function, of in tests_of.items()}
+
+
+def tests_by_function() -> dict[str, list[tuple[float, str]]]:
+    """The tests of each function, by the map, shortest first."""
+    tests: dict[str, list[tuple[float, str]]] = defaultdict(list)
+    for test, seconds, functions in mapped():
+        for function in functions:
+            tests[function.removeprefix(f"{TREE}/")].append((seconds, test))
+    return {function: sorted(of) for function, of in tests.items()}
+
+
+def mapped() -> list[tuple[str, float, list[str]]]:
+    """The lines of the map: a test, its seconds, the functions that it calls."""
+    return [json.loads(line) for line in MAP.open(encoding="utf-8")] if MAP.exists() else []
 
 
 def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
@@ -147,8 +159,7 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
 
     def walk(node: ast.AST, function: int) -> Iterator[tuple[ast.AST, str, int]]:
         if isinstance(node, ast.FunctionDef):
-            # As the interpreter counts: from the first decorator.
-            function = min([node.lineno, *(item.lineno for item in node.decorator_list)])
+            function = calls.first_line(node)
         operator = next(iter(getattr(node, "ops", [])), getattr(node, "op", None))
         if function and type(operator) in SWAPS:
             yield node, f"{type(operator).__name__} -> {SWAPS[type(operator)].__name__}", function
@@ -209,8 +220,8 @@ def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> tuple[str, str]:
         env={**os.environ, "PYTHONPATH": str(TREE), "PYTHONDONTWRITEBYTECODE": "1"},
     )  # fmt: skip
     try:
-        # Several times what they take at rest: what is still running then hangs.
-        output, _ = process.communicate(timeout=60 + 4 * spent)
+        # Many times what they take of a processor: what is still running then hangs.
+        output, _ = process.communicate(timeout=60 + 10 * spent)
     except subprocess.TimeoutExpired:
         return "hung", ""
     finally:
@@ -226,12 +237,11 @@ def fate(mutant: Mutant, tests: list[tuple[float, str]]) -> tuple[str, str]:
     return "survived" if whole_run else "killed", failed[1] if failed else ""
 
 
-def begin(tests: list[str]) -> None:
-    """Clone the last commit and map its tests, in place of what was tried before."""
+def begin() -> None:
+    """Clone the last commit, in place of what was tried before."""
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(TREE)], check=True)
-    MAP.write_text(json.dumps(recorded(tests)), encoding="utf-8")
 
 
 def main() -> int:
@@ -243,11 +253,17 @@ def main() -> int:
     parser.add_argument("--rooms", default=",".join(ROOMS), help="folders to break, with commas")
     parser.add_argument("tests", nargs="*", default=["tests"], help="those to be mapped")
     options = parser.parse_args()
-    if options.map or not MAP.exists():
-        begin(options.tests)
+    if options.map or not TREE.exists():
+        begin()
     # An interruption may have left a mutant in the clone.
     subprocess.run(["git", "checkout", "--quiet", "."], cwd=TREE, check=True)
-    tests = json.loads(MAP.read_text(encoding="utf-8"))
+    # In a process of its own: it loads the package, and what it starts later would note too.
+    recorder = Process(target=record, args=(options.tests, {test for test, *_ in mapped()}))
+    recorder.start()
+    recorder.join()
+    if recorder.exitcode:
+        return recorder.exitcode
+    tests = tests_by_function()
     FATES.touch()
     known = {tuple(key): end for *key, end in map(json.loads, FATES.open(encoding="utf-8"))}
     every = mutants(options.rooms.split(","))
