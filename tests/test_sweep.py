@@ -473,6 +473,70 @@ def test_the_end_of_spin_of_members() -> None:
     assert values["x"] == pytest.approx([1.2371, 1.2157], abs=1e-4)
 
 
+@pytest.mark.parametrize("alone", ["", ", max_steps: 100000"])
+@pytest.mark.parametrize(
+    ("torques", "axes"),
+    [
+        ("damping: [0.02, 0.01, 0.003]", {1, 3}),
+        ("kappa: 0.3", {1}),
+        ("rotor: [0, 0, 0.1], damping: 0.004", {rigid_body.UNSEPARATED}),
+    ],
+)
+def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone: str) -> None:
+    """When, about which axis, and that axis' share of the span, which ends with the stop; the last
+    member does not stop within it."""
+    case = one(
+        f"model: torques, inertia: [1, 0.8, 0.6], {torques}, "
+        "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 400}, "
+        "store: [event_time, event_from, end_axis, share], "
+        f"sweep: {{brake: {{values: [0.03, 0.0035, 0.0027, 1e-6]}}}}{alone}"
+    )
+    stored = computed(case)
+    found = {k: v.tolist() for k, v in stored.items() if k in columns.stored_columns(case)}
+    assert math.isnan(found["event_time"][3])
+    assert found["event_from"][3] == rigid_body.UNDETERMINED
+    assert {*found["event_from"][:3]} == axes
+    for i in range(3):
+        motion = integrate(members.member(case, i))
+        assert found["event_time"][i] == pytest.approx(motion.events[0].time, rel=1e-13)
+        assert found["event_from"][i] == motion.events[0].details["from"]
+        assert found["end_axis"][i] == rigid_body.UNDETERMINED
+        if axes <= {1, 2, 3}:  # the others have no share
+            part = found["event_time"][i] / 400
+            assert sum(found["share"][i]) == pytest.approx(part, rel=1e-12)
+
+
+def test_only_what_a_brake_stops_has_a_time_of_its_stop() -> None:
+    with pytest.raises(HodoError, match="unknown variable 'event_time'"):
+        one(f"{FIG4}, {BALL}, sweep: {{damping.2: {{values: [0]}}}}, store: [event_time]")
+
+
+@pytest.mark.heyoka
+def test_the_error_of_members_that_stop_is_that_of_the_time(tmp_path: Path) -> None:
+    """A time that is off by 1e-9 is seen, and members that end too small are counted."""
+    body = "model: torques, inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}"
+    case = one(f"{body}, damping: 0.004, brake: 0.01, time: {{start: -50, end: 400}}, "
+               "sweep: {brake: {values: [0.01]}}")  # fmt: skip
+    end = summary.member_end(chunk.Chunk(case, 0, 1), computed(case), 0)
+    right = summary.member_error(case, end).final
+    time = end.final["event_time"]
+    off = summary.member_error(case, end._replace(final={"event_time": time + 84e-9})).final
+    assert (right < 1e-14, off) == (True, pytest.approx(1e-9, rel=1e-3))
+    text = f"""\
+title: t
+cases:
+  stopped: {{{body}, brake: 0.01, time: {{end: 400}}, sweep: {{brake: {{values: [0.01, 0.02]}}}}}}
+  decayed: {{{body}, damping: 9, time: {{end: 400}}, sweep: {{damping.0: {{values: [8, 9]}}}}}}
+"""
+    stored = results(tmp_path, text, pool(1))
+    with h5py.File(stored) as file:
+        stopped, decayed = (dict(file[name].attrs) for name in ("stopped", "decayed"))
+    assert stopped["error"] < 1e-14
+    assert (stopped["error_sample"], stopped["warnings"]) == (2, "")
+    assert decayed["error_sample"] == 0
+    assert decayed["warnings"] == "2 of 2 members have no measured error: they end below 1e-290"
+
+
 @pytest.mark.heyoka
 def test_an_error_is_measured() -> None:
     """A probe sees an error that is put in, in the state and in the time."""

@@ -36,7 +36,7 @@ from ..schema.kinds import (
 from ..schema.mistakes import Mistakes, Place
 from ..schema.write import write
 from .keys import COMMON, REMARKS, all_keys, keys_in
-from .sweep_block import check_axes, storable
+from .sweep_block import check_axes, first_values, storable
 
 # Safe as a group of HDF5 (no slash), as a file, and in a shell; `_` in front is kept for groups
 # that are no cases.
@@ -213,6 +213,7 @@ def checked_case(name: Any, block: Block) -> Case:
     # A case without an attitude is the same whether it says so or not.
     without = {KEY} if values.get(KEY) in (None, "no") else set()
     data = {key: values[key] for key in keys_of_form(model) if key in values.keys() - without}
+    data |= first_values(values.get("sweep") or {}, model, data)
     model_data = {key: value for key, value in data.items() if key != KEY}
     mistakes += [*model.check(model_data), *check_attitude(model, data)]
     if "time" in values and not mistakes:

@@ -68,7 +68,10 @@ REDUCED = (
 """The columns to which a member of a sweep is reduced, besides its final state, where a hodograph
 encloses an axis."""
 
-AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis")
+STOPPED = ("event_time", "event_from")
+"""The columns of a member that may come to rest."""
+
+AXIS_LABELS = ("crossing_from", "crossing_to", "start_axis", "end_axis", "event_from")
 """The reduced columns that are labels of axes, whose mean would mean nothing."""
 
 PASSED = (
@@ -209,7 +212,7 @@ def _linspace(first: float, last: float, number: int, index: np.ndarray) -> np.n
 
 def storable(model: type[Model]) -> list[str]:
     """The variables that `store:` may name in a sweep of a model."""
-    reduced: tuple[str, ...] = REDUCED
+    reduced: tuple[str, ...] = (*REDUCED, *STOPPED) if model.stops else REDUCED
     if model.no_axis_reason:
         reduced = (*PASSED, "event_time") if "enclosed_axis" in model.variables else ("event_time",)
     return [*model.variables, *reduced, "steps", "status", "trajectory"]
@@ -228,6 +231,22 @@ def axes_of(sweep: Mapping[str, Any]) -> list[Axis]:
 def path_of(key: str) -> KeyPath:
     """Where the value of a key such as damping.2 stands; positions count from zero."""
     return tuple(int(step) if step.isdecimal() else step for step in key.split("."))
+
+
+def first_values(
+    sweep: Mapping[str, Any], model: type[Model], data: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The first values of those swept keys of a case that it does not give itself: it is then of
+    the same kind as its members."""
+    values = {}
+    for (key, *inside), value_range in (
+        ranged for axis in axes_of(sweep) for ranged in axis.ranges
+    ):
+        ((_, (first, *_)),) = value_range.items()
+        missing = not inside and data.get(name := str(key), "") is None
+        if missing and (kind := model.keys[name].kind).takes(first):
+            values[name] = kind.check(first)
+    return values
 
 
 def check_axes(

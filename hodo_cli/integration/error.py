@@ -154,12 +154,13 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
 
 
 def passages_apart(motion: Trajectory, reference: Trajectory) -> float:
-    """The largest relative difference of the times at which two motions pass on through an
-    event."""
+    """The largest difference of the times at which two motions pass on through an event, relative
+    to the time since the start."""
     times = [[e.time for e in path.events if e.details] for path in (motion, reference)]
     if len(times[0]) != len(times[1]):
         return math.inf
-    return max((abs(a - b) / abs(b) for a, b in zip(*times, strict=True)), default=0.0)
+    start = motion.case.time.start
+    return max((abs(a - b) / (b - start) for a, b in zip(*times, strict=True)), default=0.0)
 
 
 def subtracted(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -119,6 +119,8 @@ class Model:
     A model is `always_absorbing` if it has `absorbing_axes` whatever the data: no motion crosses
     the separatrix twice, and errors do not grow beside it.
 
+    A model `stops` if an event may bring its motions to rest, where no axis is enclosed any more.
+
     `no_axis_reason` says why the enclosed axis does not apply; it is empty where it does.
     """
 
@@ -136,6 +138,7 @@ class Model:
     oriented: ClassVar[bool] = False
     batchable: ClassVar[bool] = True
     always_absorbing: ClassVar[bool] = False
+    stops: ClassVar[bool] = False
     no_axis_reason: ClassVar[str] = (
         "the state has no angular velocity in body axes, so no axis is enclosed"
     )

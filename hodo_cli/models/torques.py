@@ -568,6 +568,7 @@ def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
         "batchable": not (terms.QUADRATIC_AXES in chosen or in_any_axes or terms.ROTOR in chosen),
         "fixed_in_space": tuple(terms.SPACE.extra) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
+        "stops": terms.BRAKE in chosen,
     }
     form = type("Torques", (Torques,), attributes_of)
     return dataclass(frozen=True)(form)

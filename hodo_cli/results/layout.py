@@ -227,6 +227,14 @@ MEMBER_STEPS = {"steps": Stored("steps of the integration", (), "i4")}
 
 MEMBER_EVENT = {"event_time": Stored("time of the event that ended the motion", units="time")}
 
+MEMBER_STOPPED = {
+    "event_time": Stored("time at which a brake stopped the body", units="time"),
+    "event_from": Stored(
+        "axis that the hodograph enclosed as the body stopped", (), "i1", flags=AXIS_FLAGS
+    ),
+}
+"""The columns of a sweep's members that may come to rest."""
+
 UNASKED = ("share", "separation", "steps")
 """The columns of a sweep that are stored only where the case asks for them."""
 

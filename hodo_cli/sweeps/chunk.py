@@ -180,11 +180,11 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     ends = output_of(e, accepted, times, end, outcome.exponent[accepted, None])
     final = {name: values[:, 0] for name, values in ends.items()}
     final["steps"] = outcome.steps[accepted]
+    events = [outcome.events.get(i, []) for i in accepted.tolist()]
     if "enclosed_axis" in final:
         begin = np.array([e.span[0]])
         start = e.model.output(begin, e.start[:, accepted].T, e.named(accepted))
         axes = start["enclosed_axis"], final["enclosed_axis"]
-        events = [outcome.events.get(i, []) for i in accepted.tolist()]
         return final | event_columns(events, axes)
     if e.times.size:
         samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
@@ -193,8 +193,10 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     row = np.searchsorted(accepted, passed.motion)
     if not e.model.no_axis_reason:
         first, last = (enclosed(e, side[accepted]) for side in (outcome.first, outcome.last))
-        labels = label_columns(first, last, row, crossing_columns(e, passed), time)
-        return final | labels | {"separation": least_separation(e, outcome, accepted)}
+        final |= event_columns(events, None)
+        crossings = crossing_columns(e, passed)
+        final |= label_columns(first, last, row, crossings, final["event_time"], time)
+        return final | {"separation": least_separation(e, outcome, accepted)}
     event_time = np.full(len(accepted), np.nan)
     event_time[row] = passed.time  # of several, the last one counts
     return final | {"event_time": event_time}
@@ -284,18 +286,18 @@ def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
 
 
 def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
-    """The columns (1,) of the labels of a single case, and whether they are certain."""
+    """The columns (1,) of the labels and events of a single case, and whether its labels are
+    certain."""
     case, omega = motion.case, motion.variables["omega"]
     classification = classify(case, motion.method, motion.tol, motion.error, omega)
     body = body_of(case)
     # In true size only where a rotor sets a scale: elsewhere a decayed motion would be 0 there.
-    last = motion.omega[-1] if body.rotor_momentum is None else motion.variables["omega"][-1]
-    nearest = body.separation(np.array([body.start[:3], last], dtype=float)).min()
+    end = motion.omega[-1] if body.rotor_momentum is None else motion.variables["omega"][-1]
+    nearest = body.separation(np.array([body.start[:3], end], dtype=float)).min()
     member = np.zeros(len(classification.crossings), dtype=np.int64)
-    columns = columns_of(CROSSING_COLUMNS, classification.crossings)
-    crossings = {name: variable.data for name, variable in columns.items()}
-    labels = label_columns(
-        classification.labels[:1], classification.labels[-1:], member, crossings, case.time
-    )
-    status = Status.UNDECIDED if classification.hidden else Status.OK
-    return status, labels | {"separation": np.array([nearest])}
+    stored = columns_of(CROSSING_COLUMNS, classification.crossings)
+    crossings = {name: variable.data for name, variable in stored.items()}
+    first, last = classification.labels[:1], classification.labels[-1:]
+    columns = event_columns([motion.events], None) | {"separation": np.array([nearest])}
+    columns |= label_columns(first, last, member, crossings, columns["event_time"], case.time)
+    return Status.UNDECIDED if classification.hidden else Status.OK, columns

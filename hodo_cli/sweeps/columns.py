@@ -11,6 +11,7 @@ from ..engines.protocol import Status
 from ..integration.crossings import Crossing
 from ..integration.trajectory import Occurrence
 from ..models.base import LENGTHS
+from ..models.rigid_body import UNDETERMINED
 from ..results.layout import (
     CROSSING_COLUMNS,
     MEMBER_CLASSIFIED,
@@ -18,6 +19,7 @@ from ..results.layout import (
     MEMBER_PASSED,
     MEMBER_STATUS,
     MEMBER_STEPS,
+    MEMBER_STOPPED,
     UNASKED,
     Stored,
     passages_as_crossings,
@@ -34,7 +36,7 @@ def columns(case: Case) -> dict[str, Stored]:
         for name, variable in model.variables.items()
         if is_sampled or name != "enclosed_axis"  # as a label at the end it is `end_axis`
     }
-    reduced = MEMBER_CLASSIFIED
+    reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.stops else {})
     if model.no_axis_reason:
         reduced = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
     return final | reduced | MEMBER_STEPS | MEMBER_STATUS
@@ -86,11 +88,12 @@ def event_columns(
     occurrences: Sequence[Sequence[Occurrence]], axes: tuple[np.ndarray, np.ndarray] | None
 ) -> dict[str, np.ndarray]:
     """The columns of the events of n members; with the axes (n,) that they enclose at start and
-    end, if the model knows them, those of their passages too."""
+    end, if the model stores them, those of their passages too."""
     last = [events[-1] if events else Occurrence("", math.nan) for events in occurrences]
     filled = {"event_time": np.array([event.time for event in last])}
     if axes is None:
-        return filled
+        axis = [event.details.get("from", UNDETERMINED) for event in last]
+        return filled | {"event_from": np.array(axis)}
     for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
         detail = name.removeprefix("event_")
         filled[name] = np.array([event.details.get(detail, math.nan) for event in last])
@@ -109,17 +112,18 @@ def label_columns(
     end: np.ndarray,
     member: np.ndarray,
     crossings: Mapping[str, np.ndarray],
+    stop: np.ndarray,
     time: Time,
 ) -> dict[str, np.ndarray]:
-    """The columns of the labels of n members from the axes that they enclose at both ends (n,), and
+    """The columns of the labels of n members from the axes that they enclose at both ends (n,),
     from their crossings (k,), in order of member and time, by the names under which the first of
-    each member is stored."""
+    each member is stored, and from the times (n,) at which they stop, nan where they do not."""
     n = len(start)
     filled = {
         "start_axis": start,
         "end_axis": end,
         "crossings": np.bincount(member, minlength=n),
-        "share": shares(start, end, member, crossings, time),
+        "share": shares(start, end, member, crossings, np.fmin(stop, time.end), time),
     }
     crossing, first = np.unique(member, return_index=True)
     for name, values in crossings.items():
@@ -133,9 +137,11 @@ def shares(
     end: np.ndarray,
     member: np.ndarray,
     crossings: Mapping[str, np.ndarray],
+    turning_until: np.ndarray,
     time: Time,
 ) -> np.ndarray:
-    """The part of the span (n, 3) for which each axis is enclosed; arguments as `label_columns`."""
+    """The part of the span (n, 3) for which each axis is enclosed, by members that turn until some
+    times (n,); other arguments as `label_columns`."""
     n, (crossing, first) = len(start), np.unique(member, return_index=True)
     # A start on D = 0 leaves it at once, for the axis that the motion keeps until it crosses.
     axis = np.where(start == 0, end, start)
@@ -148,7 +154,7 @@ def shares(
     order = np.lexsort((begin, member))
     member, axis, begin = member[order], axis[order], begin[order]
     last = np.diff(member, append=n) != 0
-    until = np.where(last, time.end, np.roll(begin, -1))
+    until = np.where(last, turning_until[member], np.roll(begin, -1))
     share = np.zeros((n, 3))
     known = (axis > 0) & (axis <= 3) & (time.end > time.start)
     np.add.at(share, (member[known], axis[known] - 1), (until - begin)[known])

@@ -39,8 +39,14 @@ LEVELS = (0.5, 0.9, 0.99, 1.0)
 """Of the errors, these quantiles are stored."""
 
 
+LEAST = 1e-290
+"""The size of a stored number from which on its error is measured: of smaller ones, components may
+be below the smallest normal double, and differ for that alone."""
+
+
 class MemberEnd(NamedTuple):
-    """A member as it is stored: its number, its variables at the end, its first crossing."""
+    """A member as it is stored: its number, its variables at the end, with the time of its last
+    event, and that of its first crossing."""
 
     number: int
     final: Mapping[str, np.ndarray]
@@ -89,9 +95,14 @@ def member_error(case: Case, end: MemberEnd) -> MemberError:
 
 
 def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
-    """The largest error of the stored variables of a member at its end; of a vector relative to its
-    length there, of a number to its largest value at start and end, since it may vanish."""
+    """The largest error of the stored variables of a member at its end, and of the time of its last
+    event; of a vector relative to its length there, of a number to its largest value at start and
+    end, since it may vanish, of the time to that since the start."""
     errors = [0.0]
+    if "event_time" in final:
+        last = reference.events[-1].time if reference.events else math.inf
+        off = abs(float(final["event_time"]) - last)
+        errors.append(off / (last - reference.case.time.start))
     for name in reference.variables.keys() & final.keys():
         values, off = reference.variables[name], final[name] - reference.variables[name][-1]
         if name == "attitude":
@@ -152,10 +163,9 @@ class Summary:
 
     @property
     def ends(self) -> list[MemberEnd]:
-        """The members whose error is to be measured."""
+        """The members whose error is asked for."""
         ends = {end.number: end for end in [*self._ends, *(end for _, end in self._near)]}
-        # Smaller, components may be below the smallest normal double, and differ for that alone.
-        return [ends[number] for number in sorted(ends) if largest(ends[number]) > 1e-290]
+        return [ends[number] for number in sorted(ends)]
 
 
 def member_end(chunk: Chunk, columns: Mapping[str, np.ndarray], i: int) -> MemberEnd:
@@ -166,6 +176,8 @@ def member_end(chunk: Chunk, columns: Mapping[str, np.ndarray], i: int) -> Membe
             values = columns[name][i]
             # A member whose samples are stored has an axis more.
             final[name] = values[-1] if values.ndim == len(variable.dims) else values
+    if "event_time" in columns and not math.isnan(columns["event_time"][i]):
+        final["event_time"] = columns["event_time"][i]
     crossing = math.nan if chunk.case.system.no_axis_reason else columns["crossing_time"][i]
     return MemberEnd(int(chunk.first + i), final, float(crossing))
 
@@ -180,7 +192,8 @@ def sampled_errors(
 ) -> dict[str, Any]:
     """Quantiles of the measured errors; the summary counts members that have none. `report` is
     called with the finished share of them."""
-    ends = summary.ends
+    asked = summary.ends
+    ends = [end for end in asked if largest(end) > LEAST]
     tasks = [ends[i : i + PROBED] for i in range(0, len(ends), PROBED)]
     errors: list[MemberError] = []
     for i, (task, outcome) in enumerate(pool.map(partial(probe, summary.case), tasks), 1):
@@ -189,6 +202,7 @@ def sampled_errors(
             outcome = [MemberError(problem=str(outcome))] * len(task)
         errors += outcome
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
+    summary.unmeasured[f"they end below {LEAST:g}"] = len(asked) - len(ends)
     states = [error.final for error in errors if not math.isnan(error.final)]
     times = [error.crossing_time for error in errors if not math.isnan(error.crossing_time)]
     kinds = sorted({error.kind for error in errors} - {"none"})
