@@ -489,7 +489,7 @@ def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone:
         f"model: torques, inertia: [1, 0.8, 0.6], {torques}, "
         "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 400}, "
         "store: [event_time, event_from, end_axis, share], "
-        f"sweep: {{brake: {{values: [0.03, 0.0035, 0.0027, 1e-6]}}}}{alone}"
+        f"sweep: {{brake: {{values: [0.1, 0.0035, 0.0027, 1e-6]}}}}{alone}"
     )
     stored = computed(case)
     found = {k: v.tolist() for k, v in stored.items() if k in columns.stored_columns(case)}
