@@ -134,6 +134,8 @@ def test_the_fluid_of_a_gyrostat_is_that_of_its_free_motion() -> None:
         },
         {"rotor": ROTOR, "kappa": 0.02, "damping": 0.004, "brake": 0.001},
         {"damping": {"law": "exponential", "value": 0.01, "rate": 0.02}},
+        # In closed form.
+        {"damping": 0.004, "brake": 0.002, "attitude": "yes"},
     ],
 )
 def test_a_full_tensor_tells_the_same_in_other_axes(terms: Any) -> None:
@@ -146,6 +148,11 @@ def test_a_full_tensor_tells_the_same_in_other_axes(terms: Any) -> None:
     assert ours.enclosed_axis.data.tolist() == theirs.enclosed_axis.data.tolist()
     assert ours.principal_moments.data == pytest.approx(BODY, rel=1e-14)
     assert ours.principal_axes.data @ TURN == pytest.approx(np.eye(3), abs=1e-14)
+    assert ours.method == theirs.method
+    if "attitude" in terms:  # from either body's axes to space, which are those of the start
+        space = Rotation.from_quat(theirs.attitude.data, scalar_first=True).as_matrix()
+        turned = Rotation.from_quat(ours.attitude.data, scalar_first=True).as_matrix()
+        assert turned == pytest.approx(TURN @ space @ TURN.T, abs=2e-13)
 
 
 def test_a_crossing_in_other_axes_comes_at_the_same_time() -> None:

@@ -217,6 +217,28 @@ OLD_NAMES = {
 }
 
 
+def test_a_tensor_of_resistance_follows_its_laws() -> None:
+    rates = [fading(0.005), [0.002, 1e-5], 0.003]
+    damped = run(B, 100, damping=rates)
+    entries = [scaled_law(rate, A) for rate, A in zip(rates, BODY, strict=True)]
+    rows = [[entries[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
+    assert run(B, 100, resistance=rows).omega.data == pytest.approx(damped.omega.data, abs=1e-14)
+    ends = hodo.sweep(
+        {
+            "model": "torques", "inertia": BODY, "initial": B, "time": {"end": 100},
+            "resistance": rows, "sweep": {"resistance.0.0.rate": {"values": [0.01, 0.1]}},
+        }
+    )  # fmt: skip
+    assert ends.omega.data[0] == pytest.approx(damped.omega.data[-1], abs=1e-13)
+    assert np.abs(np.diff(ends.omega.data, axis=0)).max() > 0.01
+
+
+def scaled_law(law: Any, factor: float) -> Any:
+    if isinstance(law, dict):
+        return {**law, "value": factor * law["value"]}
+    return [factor * x for x in law] if isinstance(law, list) else factor * law
+
+
 @pytest.mark.parametrize(("model", "terms"), OLD_NAMES.items(), ids=OLD_NAMES)
 def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> None:
     case = {"inertia": BODY, "initial": C, "time": {"end": 100, "samples": 11}, **terms}
@@ -240,6 +262,9 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
         ({"expression": ["p^2", "0", "0"]}, "expression.0: column 2 .* a power is"),
         ({"expression": ["0", "0x1", "0"]}, "expression.1: column 1"),
         ({"kappa": float("inf")}, "kappa: expected a finite number"),
+        ({"kappa": [1, -3, 1]}, "kappa: a negative coefficient drives the body"),
+        ({"quadratic": [1, [1, -3, 1], 1]}, "quadratic.1: a negative coefficient drives"),
+        ({"resistance": {"diagonal": [1], "off_diagonal": "x"}}, "off_diagonal: expected a"),
         (
             {
                 "damping": {"law": "power", "value": 1, "rate": 1, "exponent": -1},
@@ -295,12 +320,19 @@ def test_any_coefficient_may_vary(key: str, values: list[float], member: Any) ->
     assert swept["omega"].values[-1] == pytest.approx(alone["omega"].values[-1], abs=1e-13)
 
 
+def fading(value: float, rate: float = 0.01) -> dict[str, Any]:
+    return {"law": "exponential", "value": value, "rate": rate}
+
+
+POWER = {"law": "power", "rate": 0.1, "exponent": 1}
+
+
 @pytest.mark.parametrize(
     ("terms", "predictions"),
     [
         (
             {"damping": MEDIUM, "kappa": 0.03},
-            ["x3 to x1 only above .G. = 0.261861, x1 to x3 only below 0.244949; .* at 0.250217"],
+            ["only x3 to x1 above .G. = 0.261861, only x1 to x3 below 0.244949; .* at 0.250217"],
         ),
         ({"damping": MEDIUM}, ["one crossing at most, x1 to x3"]),
         ({"kappa": 0.03}, ["one crossing at most, x3 to x1"]),
@@ -314,7 +346,22 @@ def test_any_coefficient_may_vary(key: str, values: list[float], member: Any) ->
             ["one crossing at most, x1 to x3", "stops after 250.238 to 304.98"],
         ),
         ({"damping": MEDIUM, "torque": [0, 0.001, 0.001]}, []),
-        ({"damping": {"law": "exponential", "value": 0.01, "rate": 1}}, []),
+        # Under laws of time, what holds at all times of the case.
+        ({"damping": fading(0.01)}, ["no crossing is possible"]),
+        ({"damping": fading(0.01), "kappa": [0.01, 1e-4]}, ["one crossing at most, x3 to x1"]),
+        ({"damping": [fading(0.005), 0.004, 0.0015]}, ["one crossing at most, x1 to x3"]),
+        ({"damping": [fading(0.005), 0.004, 0.003]}, []),
+        ({"damping": [fading(0.005), 0.004, fading(0.003)]}, ["one crossing at most, x1 to x3"]),
+        ({"damping": [[0.005, -1e-4, 8e-7], 0.004, 0.0015]}, ["one crossing at most, x1 to x3"]),
+        ({"damping": [[0.005, -1e-4, 8e-7], 0.004, 0.002]}, []),
+        ({"damping": [fading(0.004, -0.02), 0, {**POWER, "value": 0.003}]}, []),
+        ({"damping": [fading(0.004, -0.02), 0, {**POWER, "value": 0.001}]}, ["one crossing"]),
+        ({"damping": [fading(0.005), 0, [0.001, 1e-6]]}, []),
+        ({"quadratic_axes": fading(0.01)}, ["one crossing at most, x3 to x1"]),
+        ({"resistance": {"diagonal": fading(0.01), "off_diagonal": 0}}, ["one crossing"]),
+        ({"resistance": {"diagonal": 0.01, "off_diagonal": fading(0.01)}}, []),
+        ({"damping": 0.01, "torque": [[0, -0.1, 1e-3], 0, 0]}, []),
+        ({"damping": [fading(0.05, 0.05), fading(0.025, 0.05), 0], "kappa": 0.01}, []),
     ],
 )
 def test_classify_says_what_theory_foretells(terms: Any, predictions: list[str]) -> None:

@@ -130,7 +130,7 @@ def area(m: Motion, side: int) -> float:
 def tilt_growth(m: Motion, side: int) -> float:
     """The rate at which a small tilt away from the axis of largest (0) or smallest (2) inertia
     grows."""
-    rates = m.case.system.tilt_growth
+    rates = m.case.system.tilt_growth(m.case.time.start)
     if rates is None:
         raise HodoError(f"case {m.name} has no medium, which the growth of a tilt needs")
     return float(rates[m.order[side]])

@@ -86,7 +86,7 @@ def classify(
     axes = body.enclosed(principal_omega(dense.motion)[samples], CERTAIN * errors[samples])
     resting = at_rest(extended(state), dense.motion.exponent[samples])
     labels[: len(samples)] = np.where(resting, rigid_body.UNDETERMINED, axes)
-    labels = completed(labels, case.system.absorbing_axes)
+    labels = completed(labels, case.system.absorbing_axes(case.time.start, case.time.end))
     listed = crossings_of(dense, errors)
     crossings, warnings = (
         resolve_conflicts(listed, *reference)
@@ -96,9 +96,11 @@ def classify(
     hidden = bool(warnings)
     if len(samples) < len(omega):
         warnings += (f"no labels after {len(samples)} samples: {dense.motion.message}",)
-    system = case.system
-    growth, final, predictions = system.tilt_growth, system.final_axis, tuple(system.predictions)
-    return Classification(labels, tuple(crossings), warnings, growth, final, hidden, predictions)
+    system, time = case.system, case.time
+    return Classification(
+        labels, tuple(crossings), warnings, system.tilt_growth(time.start), system.final_axis,
+        hidden, tuple(system.predictions(time.start, time.end)),
+    )  # fmt: skip
 
 
 class DenseSolution(NamedTuple):
@@ -310,7 +312,9 @@ def crossings_of(
     after = np.searchsorted(time, signs.time).clip(max=len(time) - 1)
     before = np.where(time[after] == signs.time, after, np.maximum(after - 1, 0))
     band = CERTAIN * np.maximum(errors[before], errors[after])
-    known = case.system.absorbing_axes if absorbing is None else absorbing
+    known = absorbing
+    if known is None:
+        known = case.system.absorbing_axes(case.time.start, case.time.end)
     listed = read_sign_changes(signs, band, known)
     # A body set going from rest stands on a side as soon as the time differs from the start.
     started = case.time.start + 1e-12 * (case.time.end - case.time.start)

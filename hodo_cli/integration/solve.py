@@ -171,7 +171,8 @@ def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Tra
     """
     if not case.system.has_closed_form:
         raise HodoError(
-            f"{case.name}: method exact needs torques along G: equal damping, a brake, or both"
+            f"{case.name}: method exact needs torques along G: equal damping, a brake, or both, all"
+            " constant"
         )
     if precision == "quadruple":
         raise HodoError(f"{case.name}: method exact works in double and extended precision only")

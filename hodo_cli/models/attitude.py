@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from ..arithmetic import cos, hypot, sin
 from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
 from .base import Bound, Event, EventOutcome, Label, LookedUp, Model, Passage
+from .rigid_body import BodyFrame
 from .theory.attitude import composed, free_attitude, product
 
 KEY = "attitude"
@@ -229,9 +230,10 @@ class Oriented(Model, LookedUp):
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The attitude too: that of the free body at the time of its clock."""
         states, exponent = super().exact_states(t)
-        inertia = np.array(self.inertia)  # type: ignore[attr-defined]
-        start = np.array(self.start)
-        free = free_attitude(inertia, start[:3], self.free_times(t))
+        body, start = cast(BodyFrame, self), np.array(self.start)
+        omega = body.to_principal(start[:3])
+        free = free_attitude(body.moments, omega, self.free_times(t))
+        free[:, 1:] = body.from_principal(free[:, 1:])
         Q = product(start[-4:].astype(free.dtype), free)
         return np.concatenate((states, Q), axis=1), exponent
 

@@ -205,16 +205,14 @@ class Model:
         begins from it."""
         return np.array(self.start, dtype=np.longdouble)
 
-    @property
-    def tilt_growth(self) -> np.ndarray | None:
-        """The rates (3,) at which a small tilt away from each body axis grows; None where theory
-        gives none."""
+    def tilt_growth(self, t: float) -> np.ndarray | None:
+        """The rates (3,) at which a small tilt away from each body axis grows at a time; None where
+        theory gives none."""
         return None
 
-    @property
-    def predictions(self) -> list[str]:
-        """What theory says of the motion, from the data alone: sentences, with units in words
-        behind their numbers, as in "stops after 12.5 [time]"."""
+    def predictions(self, start: float, end: float) -> list[str]:
+        """What theory says of the motion between two times, from the data alone: sentences, with
+        units in words behind their numbers, as in "stops after 12.5 [time]"."""
         return []
 
     @property
@@ -242,9 +240,9 @@ class Model:
         """The axis enclosed in the end, where theory predicts it from the data alone."""
         return None
 
-    @property
-    def absorbing_axes(self) -> frozenset[int]:
-        """The axes that the hodograph encloses for ever once it does, by the equations alone."""
+    def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
+        """The axes that the hodograph does not leave between two times once it encloses them, by
+        the equations alone."""
         return frozenset()
 
     @property

@@ -330,6 +330,11 @@ class BodyFrame(Model):
         axes = self.principal_axes
         return vectors if axes is None else np.asarray(vectors @ axes.T.astype(vectors.dtype))
 
+    def from_principal(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (..., 3) along the principal axes in the axes of the case."""
+        axes = self.principal_axes
+        return vectors if axes is None else np.asarray(vectors @ axes.astype(vectors.dtype))
+
     def enclosed(self, omega: np.ndarray, band: Any = 0.0) -> np.ndarray:
         """The label (n,) of angular velocities (n, 3) along the principal axes, as of
         `enclosed_axis`."""
@@ -347,18 +352,24 @@ class BodyFrame(Model):
         cover them."""
         return None
 
-    @property
-    def absorbing_axes(self) -> frozenset[int]:
-        return frozenset() if self.dissipation is None else axes_kept(self.dissipation)
+    def dissipation_at(self, t: float) -> Dissipation | None:
+        """The same at a time, under laws of time too."""
+        return self.dissipation
 
-    @property
-    def tilt_growth(self) -> np.ndarray | None:
-        if self.dissipation is None:
+    def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
+        """The same at times between two at which it is all that it is there; empty for None."""
+        return () if self.dissipation is None else (self.dissipation,)
+
+    def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
+        return axes_kept(self.dissipations(start, end))
+
+    def tilt_growth(self, t: float) -> np.ndarray | None:
+        if (dissipation := self.dissipation_at(t)) is None:
             # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
             return tilt_growth_by_equations(self) if self.is_plain else None
         omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
         speeds = np.copysign(np.linalg.norm(omega), omega)
-        rates = tilt_growth_rates(self.dissipation, speeds)
+        rates = tilt_growth_rates(dissipation, speeds)
         return rates if np.isfinite(rates).any() else None
 
     @property

@@ -6,13 +6,29 @@ from typing import Any
 
 import numpy as np
 
-from ..schema.kinds import Either, Key, Number, Table, matrix
+from ..schema.kinds import Either, Key, Kind, ListOf, Number, Table, matrix
 from . import rigid_body
 from .averaging.forms import MEAN_START, Turn
 from .averaging.sums import ClosedTurns
 from .rigid_body import INERTIA, INITIAL
 from .terms.body import BodyUnderTorques, is_diagonal
-from .terms.torques import RESISTANCE, rates_under, tensor_matrix
+from .terms.torques import RESISTANCE, rates_under, tensor_entries
+
+
+def resistance_key(entry: Kind, **more: Any) -> Key:
+    """The key of a tensor of resistance whose entries are of a kind."""
+    unit = "moment of inertia / time"
+    two = {
+        "diagonal": Key(entry, "every I_ii", unit=unit),
+        "off_diagonal": Key(entry, "every I_ij, i != j", unit=unit),
+    }
+    row = ListOf(entry, length=3, title="3 numbers, polynomials in t or laws")
+    rows = (
+        matrix(3)
+        if isinstance(entry, Number)
+        else ListOf(row, length=3, title="3 rows of 3 numbers or laws")
+    )
+    return Key(Either(rows, Table(two)), "tensor I of -I omega", unit=unit, **more)
 
 
 @dataclass(frozen=True)
@@ -35,21 +51,7 @@ class Tensor(BodyUnderTorques):
     form = "full"
     keys = {
         "inertia": INERTIA,
-        "resistance": Key(
-            Either(
-                matrix(3),
-                Table(
-                    {
-                        "diagonal": Key(Number(), "every I_ii", unit="moment of inertia / time"),
-                        "off_diagonal": Key(
-                            Number(), "every I_ij, i != j", unit="moment of inertia / time"
-                        ),
-                    }
-                ),
-            ),
-            "tensor of resistance I",
-            unit="moment of inertia / time",
-        ),
+        "resistance": resistance_key(Number()),
         "initial": INITIAL,
     }
     degree = {"g": 2} | RESISTANCE.degree
@@ -61,7 +63,7 @@ class Tensor(BodyUnderTorques):
     @property
     def matrix(self) -> np.ndarray:
         """I as a 3x3 array."""
-        return tensor_matrix(self.resistance)
+        return np.reshape(tensor_entries(self.resistance), (3, 3))
 
     @property
     def final_axis(self) -> int | None:

@@ -19,7 +19,7 @@ from .averaging.sums import CLOSED, ClosedMeans, ClosedTurns
 from .base import Bound, Constants, Event, EventOutcome, LookedUp, Model, mistake_of
 from .constants import attributes
 from .rigid_body import INITIAL, BodyFrame, body_constants, complete, enclosed_axis, is_tensor
-from .tensor import Tensor
+from .tensor import resistance_key
 from .terms import torques as terms
 from .terms.body import BodyUnderTorques, coefficients_of, terms_named
 from .terms.fluid import CAVITY, coefficient
@@ -30,6 +30,8 @@ from .terms.laws import (
     first_values,
     is_law,
     laws_begun_too_soon,
+    least_value,
+    zero_of_base,
 )
 from .terms.torques import (
     TERMS,
@@ -45,6 +47,7 @@ from .theory.gyrostat import region_of
 from .theory.possible_crossings import (
     CrossingPattern,
     Dissipation,
+    axes_kept,
     outer_axes,
     possible_crossings,
     turning_momenta,
@@ -90,14 +93,15 @@ class Torques(BodyUnderTorques, LookedUp):
     (`inertia`), or the full tensor in any body axes, in which all else is then given and stored,
     while labels name the principal axes; G = A omega + h, with the angular momentum h of a rotor
     (`rotor`), which turns at constant speed in the body. Each coefficient but those of
-    `resistance`, `cavity`, `rotor` and `expression` may be a law of time. Only the terms named are
+    `cavity`, `rotor` and `expression` may be a law of time. Only the terms named are
     part of the equations. A brake brings G to 0 (event `stopped`): from there on omega is 0, or
     -A^-1 h, and no axis is enclosed. What has a corner where omega_i = 0 is integrated from one
     such moment to the next. With a rotor the hodograph goes round x1, x3, both, or neither
     (`unseparated`): see `theory.gyrostat`.
 
-    The torque along G of equal damping, a brake, or both changes the clock of the free motion and
-    not its path: such a case is solved in closed form (method exact).
+    A torque along G, as of equal damping, equal quadratic drag or a brake, changes the clock of the
+    free motion and not its path. Under constant damping, a constant brake, or both, the clock has a
+    closed form, and so has the motion (method exact).
     """
 
     damping: Any
@@ -131,12 +135,7 @@ class Torques(BodyUnderTorques, LookedUp):
             unit="1/time",
             default=None,
         ),
-        "resistance": Key(
-            Tensor.keys["resistance"].kind,
-            "tensor I of -I omega",
-            unit="moment of inertia / time",
-            default=None,
-        ),
+        "resistance": resistance_key(coefficient_kind("moment of inertia / time"), default=None),
         "quadratic": Key(
             coefficients_kind("1"), "coefficients c_i of -c_i |omega| A_i omega_i", default=None
         ),
@@ -237,7 +236,8 @@ class Torques(BodyUnderTorques, LookedUp):
 
     @classmethod
     def check_span(cls, data: Mapping[str, Any], start: float, end: float) -> Iterator[Mistake]:
-        return laws_begun_too_soon(coefficients_of(data), start)
+        yield from laws_begun_too_soon(coefficients_of(data), start)
+        yield from negative_coefficients(data, (start, end))
 
     @cached_property
     def constants(self) -> Constants:
@@ -363,14 +363,14 @@ class Torques(BodyUnderTorques, LookedUp):
         if along is None or math.isinf(along.stop):
             return None
         _, s = along.clock(np.array([along.stop]))
-        omega = free_motion(self.moments, np.array(self.start[:3]), s)
-        details = stop_details(self.momentum(omega)[0], self.enclosed(omega)[0])
+        omega = free_motion(self.moments, self.to_principal(np.array(self.start[:3])), s)
+        momentum = self.momentum(self.from_principal(omega))
+        details = stop_details(momentum[0], self.enclosed(omega)[0])
         return "stopped", EventOutcome(along.stop, details, ())
 
-    @property
-    def predictions(self) -> list[str]:
+    def predictions(self, start: float, end: float) -> list[str]:
         terms, named = self.dissipation, terms_named(vars(self))
-        crossings = [] if terms is None else crossings_foretold(terms)
+        crossings = crossings_foretold(self.dissipations(start, end))
         # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
         if named == ("brake", "rotor") and isinstance(self.brake, float):
             terms = Dissipation(self.moments)
@@ -487,22 +487,27 @@ def resting(k: Any) -> Sequence[Any]:
     return (0.0, 0.0, 0.0) if rotor is None else accelerations([-x for x in rotor], k)
 
 
-def crossings_foretold(terms: Dissipation) -> list[str]:
-    """Which crossings are possible, in a sentence."""
-    largest, smallest = (f"x{i + 1}" for i in outer_axes(terms.inertia))
-    up, down = f"{smallest} to {largest}", f"{largest} to {smallest}"
+def crossings_foretold(moments: Sequence[Dissipation]) -> list[str]:
+    """Which crossings are possible, in a sentence, by what a sum of torques is at all decisive
+    moments."""
+    if not moments:
+        return []
+    largest, smallest = outer_axes(moments[0].inertia)
+    up, down = f"x{smallest + 1} to x{largest + 1}", f"x{largest + 1} to x{smallest + 1}"
     at_most_one = {
-        CrossingPattern.NONE: "no crossing is possible",
-        CrossingPattern.TO_SMALLEST: f"one crossing at most, {down}",
-        CrossingPattern.TO_LARGEST: f"one crossing at most, {up}",
+        frozenset({largest + 1, smallest + 1}): "no crossing is possible",
+        frozenset({smallest + 1}): f"one crossing at most, {down}",
+        frozenset({largest + 1}): f"one crossing at most, {up}",
     }
-    pattern = possible_crossings(terms)
-    if pattern is CrossingPattern.THERE_AND_BACK:
-        turning = turning_momenta(terms)
-        fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning)
-        band = f"{up} only above |G| = {fluid}, {down} only below {damping}"
-        return [f"{band}; on the mean the sense turns at {mean}"]
-    return [at_most_one[pattern]] if pattern in at_most_one else []
+    if kept := axes_kept(moments):
+        return [at_most_one[kept]]
+    terms, *others = moments
+    if others or possible_crossings(terms) is not CrossingPattern.THERE_AND_BACK:
+        return []
+    turning = turning_momenta(terms)
+    fluid, damping, mean = (f"{G:.6g} [moment of inertia / time]" for G in turning)
+    band = f"only {up} above |G| = {fluid}, only {down} below {damping}"
+    return [f"{band}; on the mean the sense turns at {mean}"]
 
 
 def rotation_held(terms: Dissipation) -> list[str]:
@@ -531,13 +536,18 @@ def mistakes_of_tensor(data: Mapping[str, Any]) -> Iterator[Mistake]:
             yield (name,), "needs principal axes where it is unequal: give resistance, or moments"
 
 
-def negative_coefficients(data: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes of coefficients of which only positive ones resist."""
+def negative_coefficients(
+    data: Mapping[str, Any], span: tuple[float, float] | None = None
+) -> Iterator[Mistake]:
+    """The mistakes of coefficients of which only positive ones resist: of numbers, or of laws
+    between two times."""
+    start, end = span or (0.0, 0.0)
     for name in ("quadratic", "quadratic_axes", "kappa", "brake"):
         value = data.get(name)
         for i, entry in enumerate(() if value is None else TERMS[name].coefficients(value)):
-            if not is_law(entry) and entry < 0:
-                yield (name, i) if isinstance(value, tuple) else (name,), NEGATIVE
+            is_meant = is_law(entry) == (span is not None) and start > zero_of_base(entry)
+            if is_meant and least_value(entry, start, end) < 0:
+                yield (name, i) if len(TERMS[name].degree) > 1 else (name,), NEGATIVE
 
 
 def averaged_sum(full: type[Torques], names: tuple[str, ...]) -> type[BodyFrame]:

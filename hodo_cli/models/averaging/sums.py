@@ -31,7 +31,8 @@ def damping_rates(t: Any, k: Any) -> Sequence[Any]:
 
 def resistance_rates(t: Any, k: Any) -> Sequence[Any]:
     """The rates of a tensor of resistance: the means of p q, q r and p r are 0."""
-    return k.I11 / k.A1, k.I22 / k.A2, k.I33 / k.A3
+    diagonal = (coefficient_at(k, name, t) for name in ("I11", "I22", "I33"))
+    return [entry / moment for entry, moment in zip(diagonal, (k.A1, k.A2, k.A3), strict=True)]
 
 
 def linear_mean(rates: Callable[[Any, Any], Sequence[Any]], t: Any, turn: Turn, k: Any) -> Pair:

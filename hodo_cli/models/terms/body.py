@@ -1,5 +1,6 @@
 """A rigid body under a sum of torques: what follows from the coefficients that its case gives."""
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -10,9 +11,9 @@ from ..base import Constants
 from ..rigid_body import BodyFrame, body_constants
 from ..theory.along_momentum import AlongMomentum
 from ..theory.closed_form import free_motion, scaled_motion
-from ..theory.possible_crossings import Dissipation
+from ..theory.possible_crossings import Dissipation, axis_weights, outer_axes
 from .fluid import cavity_warnings, coefficient, weak
-from .laws import is_law, law_constants, scaled
+from .laws import decisive_times, is_law, law_constants, scaled, value_at
 from .torques import TERMS
 
 TENSOR_ROUNDING = 1e-13
@@ -93,10 +94,20 @@ class BodyUnderTorques(BodyFrame):
         return constants | body_constants(self.inertia)
 
     @property
+    def changing_terms(self) -> frozenset[str]:
+        """The terms that have a coefficient under a law of time."""
+        given = self.term_coefficients.items()
+        return frozenset(term for term, entries in given if any(map(is_law, entries)))
+
+    @property
     def dissipation(self) -> Dissipation | None:
+        return None if self.changing_terms else self.dissipation_at(0.0)
+
+    def dissipation_at(self, t: float) -> Dissipation | None:
         given, axes = self.term_coefficients, self.principal_axes
-        if given.keys() & NOT_COVERED or any(is_law(x) for of in given.values() for x in of):
+        if given.keys() & NOT_COVERED:
             return None
+        given = {term: tuple(value_at(x, t) for x in entries) for term, entries in given.items()}
         damping, covered = given.get("damping", ZEROS), True
         if "resistance" in given:
             I = np.reshape(given["resistance"], (3, 3))
@@ -110,11 +121,35 @@ class BodyUnderTorques(BodyFrame):
         (kappa,) = given.get("kappa", (0.0,))
         return Dissipation(self.moments, damping, quadratic, by_axes, kappa, torque, covered)
 
+    def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
+        terms = [self.dissipation_at(t) for t in self.decisive_times(start, end)]
+        return tuple(filter(None, terms))
+
+    def decisive_times(self, start: float, end: float) -> set[float]:
+        """Times between two at which the coefficients that the theorems compare have every order
+        that they have there; not a number where no formula tells them."""
+        # A brake has no part in the theorems.
+        given, changing = self.term_coefficients, self.changing_terms - {"brake"}
+        if not changing:
+            return {start}
+        across = [x for i, x in enumerate(given.get("resistance", ())) if i % 4]
+        is_turned = self.principal_axes is not None and "resistance" in changing
+        is_summed = {"damping", "resistance"} <= given.keys()
+        if is_turned or is_summed or "torque" in changing or any(map(is_law, across)):
+            return {math.nan}
+        weights = axis_weights(self.moments)
+        pairs = [(given["kappa"][0], 0.0)] if "kappa" in given else []
+        for name in given.keys() & weights.keys():
+            entries = given[name][::4] if name == "resistance" else given[name]
+            first, last = (scaled(entries[i], weights[name][i]) for i in outer_axes(self.moments))
+            pairs.append((first, last))
+        return {t for pair in pairs for t in decisive_times(*pair, start, end)}
+
     @property
     def warnings(self) -> list[str]:
         # What changes with time warns of nothing at the start.
         given = {
-            term: tuple(0.0 if is_law(x) else x for x in entries)
+            term: entries if term not in self.changing_terms else (0.0,) * len(entries)
             for term, entries in self.term_coefficients.items()
         }
         omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
@@ -138,12 +173,12 @@ class BodyUnderTorques(BodyFrame):
 
     @property
     def along_momentum(self) -> AlongMomentum | None:
-        """The rates of equal damping, a brake, or both, all constant; None for other sums, for a
-        tensor of inertia, and where a brake has nothing to brake."""
+        """The rates of equal damping, a brake, or both, all constant; None for other sums, and
+        where a brake has nothing to brake."""
         given = self.term_coefficients
         damping, brake = given.get("damping", (0.0,)), given.get("brake", (0.0,))
-        others = given.keys() - {"damping", "brake"} or self.principal_axes is not None
-        if others or any(map(is_law, damping + brake)) or len(set(damping)) > 1:
+        others = given.keys() - {"damping", "brake"} or self.changing_terms
+        if others or len(set(damping)) > 1:
             return None
         if "brake" not in given:
             return AlongMomentum(damping[0], 0.0)
@@ -155,7 +190,8 @@ class BodyUnderTorques(BodyFrame):
         return self.form == "full" and self.along_momentum is not None
 
     def exact_states(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        A, omega, along = self.moments, np.array(self.start[:3]), self.along_momentum
+        A, omega = self.moments, self.to_principal(np.array(self.start[:3]))
+        along = self.along_momentum
         assert along is not None
         if not along.brake:
             state, exponent = scaled_motion(A, omega, along.damping, t)
@@ -166,7 +202,7 @@ class BodyUnderTorques(BodyFrame):
             exponent = np.where(slowed > 0, exponent, AT_REST)
         # The size of G at the start of a leg of braking: there are no legs here.
         legs = np.zeros((len(t), int("brake" in self.term_coefficients)), dtype=state.dtype)
-        return np.hstack((state, legs)), exponent
+        return np.hstack((self.from_principal(state), legs)), exponent
 
     def free_times(self, t: np.ndarray) -> np.ndarray:
         assert self.along_momentum is not None

@@ -151,6 +151,11 @@ def slope_at(k: Any, name: str, t: Any) -> Any:
     return -rate * value if kind == "exponential" else last * rate * value / (1 + rate * t)
 
 
+def value_at(coefficient: Any, t: float) -> Any:
+    """The value of a coefficient as given in a case; a number at any time."""
+    return coefficient_at(SimpleNamespace(**law_constants("c", coefficient)), "c", t)
+
+
 def least_value(coefficient: Any, start: float, end: float) -> float:
     """The smallest value of a law between two times; of the laws other than polynomials all are
     monotonic."""
@@ -159,8 +164,36 @@ def least_value(coefficient: Any, start: float, end: float) -> float:
     if kind == "polynomial" and len(values) > 2:
         turns = np.roots([i * values[i] for i in range(len(values) - 1, 0, -1)]).real.tolist()
         times += [t for t in turns if start < t < end]
-    k = SimpleNamespace(**law_constants("c", coefficient))
-    return min(float(coefficient_at(k, "c", t)) for t in times)
+    return min(float(value_at(coefficient, t)) for t in times)
+
+
+def decisive_times(first: Any, second: Any, start: float, end: float) -> list[float]:
+    """Times between two at which the difference of two coefficients has every sign that it has
+    there; not a number where no formula tells them."""
+    if first == second:
+        return [start]
+    laws = law(first), law(second)
+    named = {kind or "polynomial" for kind, _, _ in laws}
+    if named == {"polynomial"}:
+        one, other = (np.polynomial.Polynomial(values) for _, values, _ in laws)
+        turns = (one - other).deriv().roots().real.tolist()
+    elif named > {"polynomial"} and any(len(values) > 1 for _, values, _ in laws):
+        return [math.nan]
+    else:
+        # Both keep their signs, and with c' = a c/(1 + s t) their ratio turns once at most.
+        (a, s), (b, u) = map(relative_slope, laws)
+        turns = [(b - a) / (a * u - b * s)] if a * u != b * s else []
+    return [start, *(t for t in turns if start < t < end), end]
+
+
+def relative_slope(of: tuple[str, tuple[Any, ...], tuple[Any, ...]]) -> tuple[float, float]:
+    """a and s of a law c(t), but a polynomial, with c' = a c/(1 + s t)."""
+    match of:
+        case "exponential", _, (rate, _):
+            return -rate, 0.0
+        case "power", _, (rate, exponent):
+            return rate * exponent, rate
+    return 0.0, 0.0
 
 
 def first_values(coefficient: Any) -> tuple[Any, ...]:

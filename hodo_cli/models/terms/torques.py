@@ -8,8 +8,6 @@ so that numbers, arrays and an engine's symbols all pass through it.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ...arithmetic import evaluate
 from ...schema.expression import parse_expression
 from .laws import coefficient_at
@@ -45,12 +43,12 @@ def alone(coefficient: Any) -> tuple[Any, ...]:
     return (coefficient,)
 
 
-def tensor_matrix(tensor: Sequence[Sequence[float]] | Mapping[str, float]) -> np.ndarray:
-    """The tensor of resistance that a case gives, as a 3x3 array."""
+def tensor_entries(tensor: Sequence[Sequence[Any]] | Mapping[str, Any]) -> tuple[Any, ...]:
+    """The entries (9,) of the tensor of resistance that a case gives, row by row."""
     if isinstance(tensor, Mapping):
         on, off = tensor["diagonal"], tensor["off_diagonal"]
-        return np.array([[on, off, off], [off, on, off], [off, off, on]])
-    return np.array(tensor)
+        return on, off, off, off, on, off, off, off, on
+    return tuple(entry for row in tensor for entry in row)
 
 
 def gyroscopic(w: Sequence[Any], k: Any) -> Components:
@@ -244,11 +242,7 @@ ENTRIES = tuple(f"I{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
 """The constants of a tensor of resistance, row by row."""
 
 DAMPING = Term(damping_torque, dict.fromkeys(("lam1", "lam2", "lam3"), 1), by_momentum=True)
-RESISTANCE = Term(
-    resistance_torque,
-    dict.fromkeys(ENTRIES, 1),
-    coefficients=lambda tensor: tuple(tensor_matrix(tensor).ravel().tolist()),
-)
+RESISTANCE = Term(resistance_torque, dict.fromkeys(ENTRIES, 1), coefficients=tensor_entries)
 FLUID = Term(cavity_torque, {"kappa": 3}, coefficients=alone)
 CONSTANT = Term(body_torque, dict.fromkeys(("N1", "N2", "N3"), 0))
 QUADRATIC = Term(quadratic_torque, dict.fromkeys(("c1", "c2", "c3"), 2), by_momentum=True)

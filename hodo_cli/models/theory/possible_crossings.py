@@ -19,11 +19,13 @@ turns the body to axis 1, slow, the damping turns it back to axis 3. Averaged ov
 beside the separatrix the sense turns where kappa G^2 f = lambda_1 - lambda_3, f = (2 alpha +
 beta)/3.
 
-All of it holds for constant coefficients, a diagonal tensor of resistance (lambda_i += I_ii/A_i),
-and without a torque fixed in the body or in space, an expression or a rotor. A body with two equal
-moments never crosses.
+All of it holds for a diagonal tensor of resistance (lambda_i += I_ii/A_i), and without a torque
+fixed in the body or in space, an expression or a rotor. Under laws of time D' is that of each
+moment: what excludes a crossing has to do so at all times, and "two at most" need not hold. A body
+with two equal moments never crosses.
 """
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -77,6 +79,19 @@ def outer_axes(inertia: Any) -> tuple[int, int]:
     return largest, smallest
 
 
+def axis_weights(inertia: Any) -> dict[str, list[float]]:
+    """By what the coefficients (3,) of terms are multiplied where those of two axes are compared,
+    by the key of the term."""
+    A = np.asarray(inertia, float)
+    c, b, a = np.sort(A)
+    largest, smallest = outer_axes(A)
+    # |p| and |r| on the separatrix are as these.
+    speeds = np.zeros(3)
+    speeds[largest], speeds[smallest] = np.sqrt(c * (b - c)), np.sqrt(a * (a - b))
+    weights = {"damping": 1 + 0 * A, "quadratic": 1 + 0 * A, "resistance": 1 / A}
+    return {key: w.tolist() for key, w in (weights | {"quadratic_axes": speeds}).items()}
+
+
 def turning_momenta(terms: Dissipation) -> SenseReversal:
     """Where fluid and damping change places."""
     c, b, a = np.sort(np.asarray(terms.inertia, float))
@@ -95,37 +110,39 @@ def turning_momenta(terms: Dissipation) -> SenseReversal:
 def possible_crossings(terms: Dissipation) -> CrossingPattern:
     """The crossings that a motion can have.
 
-    kappa and the quadratic coefficients are at least 0; for negative damping beside fluid less is
-    known.
+    For negative damping beside fluid less is known, and nothing where a coefficient is not a
+    number.
     """
     c, b, a = np.sort(np.asarray(terms.inertia, float))
     if a == b or b == c:
         return CrossingPattern.NONE
-    if not terms.covered or np.any(terms.torque):
+    if not terms.covered or np.any(terms.torque) or not terms.kappa >= 0:
         return CrossingPattern.UNKNOWN
     largest, smallest = outer_axes(terms.inertia)
-    damping, quadratic = (x[largest] - x[smallest] for x in (terms.damping, terms.quadratic))
-    # |p| and |r| on the separatrix are as sqrt(c (b - c)) and sqrt(a (a - b)).
-    first, last = terms.quadratic_axes[largest], terms.quadratic_axes[smallest]
-    by_axes = first * np.sqrt(c * (b - c)) - last * np.sqrt(a * (a - b))
-    media, has_fluid = (damping, quadratic, by_axes), terms.kappa > 0
-    if max(media) <= 0:
+    by_axes = np.multiply(terms.quadratic_axes, axis_weights(terms.inertia)["quadratic_axes"])
+    media = [x[largest] - x[smallest] for x in (terms.damping, terms.quadratic, by_axes)]
+    damping, quadratic, across = media
+    has_fluid = terms.kappa > 0
+    if np.max(media) <= 0:
         turns_up = has_fluid or min(media) < 0
         return CrossingPattern.TO_LARGEST if turns_up else CrossingPattern.NONE
-    if not has_fluid and min(media) >= 0:
+    if not has_fluid and np.min(media) >= 0:
         return CrossingPattern.TO_SMALLEST
     # |G| alone tells which of fluid and damping is the stronger, and it falls.
-    is_two_sided = has_fluid and damping > 0 and not quadratic and not by_axes
+    is_two_sided = has_fluid and damping > 0 and not quadratic and not across
     turns = is_two_sided and min(terms.damping) >= 0
     return CrossingPattern.THERE_AND_BACK if turns else CrossingPattern.UNKNOWN
 
 
-def axes_kept(terms: Dissipation) -> frozenset[int]:
-    """The body axes, 1 to 3, each of which is enclosed for ever once it is."""
-    largest, smallest = outer_axes(terms.inertia)
-    kept = {
-        CrossingPattern.NONE: {largest + 1, smallest + 1},
-        CrossingPattern.TO_LARGEST: {largest + 1},
-        CrossingPattern.TO_SMALLEST: {smallest + 1},
+def axes_kept(moments: Sequence[Dissipation]) -> frozenset[int]:
+    """The body axes, 1 to 3, each of which is enclosed for ever once it is; by what a sum of
+    torques is at all decisive moments."""
+    patterns = [possible_crossings(terms) for terms in moments]
+    if not patterns:
+        return frozenset()
+    largest, smallest = outer_axes(moments[0].inertia)
+    never_left = {
+        largest + 1: {CrossingPattern.NONE, CrossingPattern.TO_LARGEST},
+        smallest + 1: {CrossingPattern.NONE, CrossingPattern.TO_SMALLEST},
     }
-    return frozenset(kept.get(possible_crossings(terms), ()))
+    return frozenset(axis for axis, among in never_left.items() if among.issuperset(patterns))
