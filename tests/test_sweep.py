@@ -39,6 +39,7 @@ from hodo_cli.models import rigid_body
 from hodo_cli.progress import Progress
 from hodo_cli.results import layout
 from hodo_cli.storage.group import Group, Variable
+from hodo_cli.storage.hdf5 import open_run
 from hodo_cli.storage.writer import Writer
 from hodo_cli.sweeps import chunk, columns, members, summary, sweep
 from hodo_cli.sweeps.single_cases import side_by_side
@@ -768,6 +769,105 @@ def test_a_killed_sweep_goes_on_from_its_last_chunk(tmp_path: Path, hodo: Hodo) 
             file["ball"]["crossing_time"][0, :300], values["crossing_time"], equal_nan=True
         )
         assert (file["ball"]["status"][:] == Status.OK.code).all()
+
+
+GROWING = {
+    "finer steps and more directions": (
+        f"{FIG4}, {BALL}, sweep: {{damping.2: {{linspace: [0.001, 0.009, NEW]}}, "
+        "direction: {sphere: {count: NEW, seed: 1}}}",
+        ("3", "40"), ("5", "90"),
+    ),
+    "even ratios": (
+        f"{FIG12}, initial: {{p: 0.2, q: 0.4, r: 0.9}}, "
+        "sweep: {resistance.diagonal: {logspace: [1e-3, 1e-1, NEW]}}",
+        ("5",), ("9",),
+    ),
+    "values between, by another method": (
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, method: DOP853, sweep: {{"
+        "initial.q: {values: NEW}, "
+        "body: {zip: {inertia.1: {values: NEW}, inertia.2: {values: NEW}}}}",
+        ("[0.1, 0.2]", "[0.7, 0.8]", "[0.6, 0.5]"),
+        ("[0.15, 0.2, 0.3, 0.1]", "[0.7, 0.9, 0.8]", "[0.6, 0.5, 0.5]"),
+    ),
+    "trajectories": (
+        f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, store: [trajectory], "
+        "sweep: {initial.p: {values: NEW}}",
+        ("[0.8, 0.1]",), ("[0.1, 0.7, 0.8]",),
+    ),
+    "few columns": (
+        f"{FIG4}, {BALL}, store: [crossing_time], sweep: {{d: {{sphere: {{count: NEW}}}}}}",
+        ("300",), ("400",),
+    ),
+    "no axis": (
+        "model: Lagrange-averaged, inertia: {A: 1.5, C: 1}, mu: 0.5, a: [0.125, 1], b: [0.1, 1], "
+        "initial: {theta: 60 deg, r: 1.7}, time: {end: 5}, error: off, "
+        "sweep: {initial.theta: {values: NEW}}",
+        ("[30 deg, 60 deg]",), ("[30 deg, 60 deg, 45 deg]",),
+    ),
+}  # fmt: skip
+"""Sweeps with the places of what grows, and what stands there at first and later."""
+
+
+def stored_sweeps(folder: Path, *texts: str) -> Group:
+    """The last of some sweeps, of which each is run onto the result of the one before."""
+    folder.mkdir()
+    for text in texts:
+        path = results(folder, f"title: t\ncases:\n  a: {{{text}}}\n", pool(1))
+    with open_run(path) as stored:
+        return stored.read("a")
+
+
+@pytest.mark.heyoka
+@pytest.mark.parametrize("kind", GROWING)
+def test_a_sweep_that_grows_computes_its_new_members_only(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, *values = GROWING[kind]
+    pattern = text.replace("error: off", "error: on").replace("NEW", "%s")
+    before, after = (pattern % entries for entries in values)
+    first, whole = (math.prod(columns.shape(one(text))) for text in (before, after))
+    fresh, computed_now = stored_sweeps(tmp_path / "fresh", after), []
+    stored_sweeps(tmp_path / "grown", before)
+
+    def members_of(case: Case, numbers: np.ndarray) -> Any:
+        computed_now.extend(numbers.tolist())
+        return members.prepare(case, numbers)
+
+    def alone(case: Case, number: int) -> Any:
+        computed_now.append(number)
+        return as_before(case, number)
+
+    as_before = chunk.integrated_alone
+    monkeypatch.setattr(chunk, "prepare", members_of)
+    monkeypatch.setattr(chunk, "integrated_alone", alone)
+    path = results(tmp_path / "grown", f"title: t\ncases:\n  a: {{{after}}}\n", pool(1))
+    with open_run(path) as stored:
+        grown = stored.read("a")
+    assert len(set(computed_now)) == whole - first > 0
+    for name, variable in fresh.variables.items():
+        np.testing.assert_array_equal(variable.data, grown.variables[name].data, err_msg=name)
+    for key in ("members", "steps", "method", "status", "error_kind", "warnings"):
+        assert grown.attributes[key] == fresh.attributes[key], key
+    assert f"{first} of {whole} members from an earlier run" in grown.attributes["method_reason"]
+    assert grown.attributes["error_sample"] >= min(whole, summary.SAMPLE)
+    assert 0 < grown.attributes["error"] == grown.attributes["error_quantiles"][-1] < 1e-8
+
+
+@pytest.mark.heyoka
+def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path: Path) -> None:
+    axes = "{damping.2: {values: [0.001, 0.002]}, d: {sphere: {count: 9}}}"
+    text = f"{FIG4}, {BALL}, sweep: {axes}"
+    changes = {
+        "[0.001, 0.002]": "[0.001, 0.003, 0.004]",  # a value is gone
+        "damping.2": "damping.1",
+        "count: 9": "count: 9, seed: 2",
+        "count: 9}": "count: 8}",
+        "end: 1000": "end: 999",
+    }
+    for i, (old, new) in enumerate(changes.items()):
+        changed = text.replace(old, new)
+        grown = stored_sweeps(tmp_path / f"{i}", text, changed)
+        assert "earlier" not in grown.attributes["method_reason"], new
 
 
 def test_what_a_sweep_takes_on_the_disk_is_foreseen() -> None:

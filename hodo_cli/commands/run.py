@@ -9,9 +9,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
+from math import prod
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import NOT_OF_A_CASE, HodoError
 from ..batch.digests import digest
@@ -39,6 +40,9 @@ from .resume import (
     path_from,
     why,
 )
+
+if TYPE_CHECKING:
+    from ..sweeps.growth import Earlier
 
 IS_KEPT = "is kept: nothing that it depends on has changed"
 LEFT_AND_KEPT = "is kept, though it is not in the config any more (--prune drops it)"
@@ -81,7 +85,7 @@ class Plan:
         """For each case that is asked for, why it runs or not; and for each stored one that has
         left the config, whether it stays."""
         does = {
-            name: f"will run: {self.reasons[name]}{self._chunks_kept(name)}"
+            name: f"will run: {self.reasons[name]}{self._kept_of_sweep(name)}"
             if name in self.reasons
             else IS_KEPT
             for name in self.asked
@@ -90,16 +94,29 @@ class Plan:
         does |= {name: LEFT if name in self.dropped else LEFT_AND_KEPT for name in left}
         return [f"{name}: {what}" for name, what in does.items()]
 
-    def _chunks_kept(self, name: str) -> str:
-        """The chunks that an interrupted run of a sweep has left, counted in words; "" for none."""
+    def _kept_of_sweep(self, name: str) -> str:
+        """The chunks of a sweep that an interrupted run has left, or the members that its stored
+        result holds, counted in words; "" for none."""
         sweep_ids = () if self.reasons[name] == FORCED else self._sweep_ids([name])
         places = product(staging_folders(self.path), sweep_ids)
         kept = {chunk.name for folder, sweep_id in places for chunk in chunks_in(folder, sweep_id)}
-        if not kept:
-            return ""
-        from ..sweeps.chunk import chunks
+        if kept:
+            from ..sweeps.chunk import chunks
 
-        return f"; {len(kept)} of its {len([*chunks(self.config.cases[name])])} chunks are kept"
+            return f"; {len(kept)} of its {len([*chunks(self.config.cases[name])])} chunks are kept"
+        if earlier := self.earlier(name):
+            count = f"{earlier.attributes['members']} of its {prod(earlier.sizes)} members"
+            return f"; {count} are kept"
+        return ""
+
+    def earlier(self, name: str) -> "Earlier | None":
+        """The stored result of a sweep that has only grown since."""
+        case = self.config.cases[name]
+        if self.reasons.get(name) in (None, FORCED) or not case.sweep or name not in self.stored:
+            return None
+        from ..sweeps.growth import earlier_result
+
+        return earlier_result(case, case_digest(case), self.stored[name])
 
     def execute(
         self, pool: Pool, progress: Progress, fail_fast: bool = False
@@ -336,8 +353,8 @@ def outcomes(
 
             resume = plan.reasons.get(case.name) != FORCED
             try:
-                id = case_digest(case)
-                yield case, sweep.run_sweep(case, id, pool, writer, resume, progress)
+                id, earlier = case_digest(case), plan.earlier(case.name)
+                yield case, sweep.run_sweep(case, id, pool, writer, resume, progress, earlier)
             except NOT_OF_A_CASE:
                 raise
             except Exception as error:

@@ -4,7 +4,7 @@ import json
 import os
 import stat
 import warnings
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import islice
@@ -134,6 +134,15 @@ class ResultFile:
             # Whoever may write the file may have written any report.
             report = _report(group) if self.intact else None
             return Group(_attributes(group), variables, report=report)
+
+    def blocks(
+        self, name: str, variables: Iterable[str], box: tuple[slice, ...]
+    ) -> Iterator[tuple[str, np.ndarray]]:
+        """A box of some variables of a group, each with its name: of the first of its dimensions.
+        Raises HodoError as `read` does."""
+        with self.open_group(name) as group:
+            for key in variables:
+                yield key, _dataset(group, key)[box]
 
     def report(self, name: str, digest: str) -> Any:
         """The stored report of a command on a group, if it was made of this digest; None if there

@@ -24,6 +24,7 @@ from ..storage.group import Group, Variable
 from .columns import blank_columns, columns, event_columns, label_columns, shape
 from .ensemble.advance import advance, measure_crossings, step_of
 from .ensemble.motions import Ensemble, Outcome, Passages, Rejection
+from .growth import Earlier
 from .members import member, prepare
 
 LARGEST_CHUNK, SMALLEST_CHUNK = 16384, 256
@@ -49,15 +50,31 @@ TURNING = 20
 @dataclass(frozen=True)
 class Chunk:
     """The members `first` to `last` - 1 of a sweep, in the order in which the last axis varies
-    fastest."""
+    fastest; those that an earlier result holds are not computed."""
 
     case: Case
     first: int
     last: int
+    earlier: Earlier | None = None
+
+    @property
+    def taken(self) -> np.ndarray:
+        """Which of its members (n,) an earlier result holds."""
+        if self.earlier is None:
+            return np.zeros(self.last - self.first, dtype=bool)
+        return self.earlier.holds(self.first, self.last)
+
+    def completed(self, computed: Group) -> Group:
+        """Its columns with those of the members that an earlier result holds. Raises HodoError if
+        that cannot be read any more."""
+        if self.earlier is None:
+            return computed
+        return self.earlier.completed(self.case, self.first, self.last, computed)
 
 
-def chunks(case: Case) -> Iterator[Chunk]:
-    """The tasks of a sweep. They depend on the case alone, so that another run finds the same."""
+def chunks(case: Case, earlier: Earlier | None = None) -> Iterator[Chunk]:
+    """The tasks of a sweep. Their members depend on the case alone, so that another run finds the
+    same."""
     sizes = shape(case)
     most = min(LARGEST_CHUNK, max(SMALLEST_CHUNK, -(-math.prod(sizes) // 16)))
     if reason_alone(case):
@@ -65,7 +82,7 @@ def chunks(case: Case) -> Iterator[Chunk]:
     if "trajectory" in case.store:
         most = min(most, max(1, MOST_SAMPLED // (case.time.samples * len(case.system.state))))
     for first, last in boxes(sizes, most):
-        yield Chunk(case, first, last)
+        yield Chunk(case, first, last, earlier)
 
 
 def boxes(sizes: tuple[int, ...], most: int) -> Iterator[tuple[int, int]]:
@@ -111,9 +128,9 @@ def compute(chunk: Chunk) -> Group:
     """The members of a chunk, reduced to a few numbers each, with the number of those that each
     `Rejection` has left to be integrated alone: the task of a pool."""
     began = thread_time()
-    case, n = chunk.case, chunk.last - chunk.first
-    values = blank_columns(case, n, Status.INVALID)
-    rejection = np.full(n, Rejection.EVENTS.code)
+    case, taken = chunk.case, chunk.taken
+    values = blank_columns(case, len(taken), Status.INVALID)
+    rejection = np.where(taken, 0, Rejection.EVENTS.code)
     if not reason_alone(case):
         rejection = integrated_together(chunk, values)
     methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
@@ -157,7 +174,9 @@ def integrated_together(chunk: Chunk, values: Mapping[str, np.ndarray]) -> np.nd
     rejects others, 0 for those without a body or a start too."""
     case, rejection = chunk.case, np.zeros(chunk.last - chunk.first, dtype=np.int64)
     times = sample_times(case) if "trajectory" in case.store else np.empty(0)
-    for positions, group in prepare(case, np.arange(chunk.first, chunk.last)):
+    computed = np.flatnonzero(~chunk.taken)
+    for own, group in prepare(case, chunk.first + computed):
+        positions = computed[own]
         # One compiled step watches one event of each kind; of more, single cases keep the order.
         if len(group.events) > len({bool(event.passage) for event in group.events}):
             rejection[positions] = Rejection.EVENTS.code

@@ -126,13 +126,15 @@ def crossing_error(reference: Trajectory) -> float:
 
 class Summary:
     """Sums over the chunks of a sweep, the ends of the members whose error is measured, and how
-    many of these have none, by reason."""
+    many of these have none, by reason; with what the attributes of an `earlier` result say of the
+    members that are taken over from it."""
 
-    def __init__(self, case: Case, total: int) -> None:
-        self.case = case
+    def __init__(self, case: Case, total: int, earlier: Mapping[str, Any] | None = None) -> None:
+        self.case, self.earlier = case, earlier or {}
         self.status, self.alone = (np.zeros(len(words), dtype=int) for words in (Status, Rejection))
-        self.steps, self.run_time = 0, 0.0
-        self.methods: set[str] = set()
+        self.steps = int(self.earlier.get("steps", 0))
+        self.run_time = float(self.earlier.get("run_time", 0.0))
+        self.methods = {*filter(None, str(self.earlier.get("method", "")).split(", "))}
         self.unmeasured: Counter[str] = Counter()
         # Seeded by the number of members: the same sweep has the same sample wherever it runs.
         draw = np.random.default_rng(total)
@@ -143,15 +145,15 @@ class Summary:
     def add(self, chunk: Chunk, group: Group) -> None:
         """Add a finished chunk."""
         columns = {name: variable.data for name, variable in group.variables.items()}
-        status = columns["status"]
+        status, taken = columns["status"], chunk.taken
         self.status += np.bincount(status, minlength=len(Status))
-        self.steps += int(columns["steps"].sum())
+        self.steps += int(columns["steps"][~taken].sum())
         self.run_time += float(group.attributes["run_time"])
         self.alone += np.asarray(group.attributes["rejections"])
         self.methods.update(str(group.attributes["methods"]).split())
         if self.case.error == "off":
             return
-        ok = np.flatnonzero(status == Status.OK.code)
+        ok = np.flatnonzero((status == Status.OK.code) & ~taken)
         if not self.case.system.no_axis_reason:
             separation = columns["separation"]
             nearest = ok[np.argsort(separation[ok])[:NEAREST]]
@@ -203,14 +205,26 @@ def sampled_errors(
         errors += outcome
     summary.unmeasured = Counter(error.problem for error in errors if error.problem)
     summary.unmeasured[f"they end below {LEAST:g}"] = len(asked) - len(ends)
-    states = [error.final for error in errors if not math.isnan(error.final)]
-    times = [error.crossing_time for error in errors if not math.isnan(error.crossing_time)]
+    states = [error.final for error in errors] + earlier_errors(summary, "error_quantiles")
+    times = [error.crossing_time for error in errors]
+    times += earlier_errors(summary, "crossing_error_quantiles")
+    states, times = ([x for x in measured if not math.isnan(x)] for measured in (states, times))
     kinds = sorted({error.kind for error in errors} - {"none"})
+    kinds += [str(summary.earlier.get("error_kind", "none"))]
     return {
         "error": max(states, default=math.nan),
-        "error_kind": kinds[0] if kinds else "none",
+        "error_kind": kinds[0],
         "error_sample": len(states),
         "error_levels": np.array(LEVELS),
         "error_quantiles": np.quantile(states or [math.nan], LEVELS),
         "crossing_error_quantiles": np.quantile(times or [math.nan], LEVELS),
     }
+
+
+def earlier_errors(summary: Summary, name: str) -> list[float]:
+    """Upper bounds for the errors that an earlier run has measured, by their stored quantiles: as
+    many as lie between two of these have the larger one."""
+    if name not in summary.earlier:
+        return []
+    ranks = np.floor(np.array(LEVELS) * int(summary.earlier["error_sample"])).astype(int)
+    return list(np.repeat(summary.earlier[name], np.diff(ranks, prepend=0)).tolist())

@@ -27,26 +27,35 @@ from ..storage.writer import Writer
 from .chunk import Chunk, chunks, compute, lost_chunk, reason_alone
 from .columns import lengths, shape, stored_columns
 from .ensemble.motions import Rejection
+from .growth import Earlier
 from .summary import PROBES, Summary, sampled_errors
 
 
 def run_sweep(
-    case: Case, case_digest: str, pool: Pool, writer: Writer, resume: bool, progress: Progress
+    case: Case,
+    case_digest: str,
+    pool: Pool,
+    writer: Writer,
+    resume: bool,
+    progress: Progress,
+    earlier: Earlier | None = None,
 ) -> Group:
-    """All members of a sweep as the group of a result file; with `resume`, the chunks that an
-    earlier run with the same digest has stored are kept."""
+    """All members of a sweep as the group of a result file; the members of an `earlier` result are
+    kept and, with `resume`, the chunks that a run with the same digest has stored."""
     sweep_id = digest(case_digest)
     stored = writer.chunks(sweep_id) if resume else set()
-    tasks = list(chunks(case))
+    tasks = list(chunks(case, earlier))
     problems: Counter[str] = Counter()
     lost: set[int] = set()
     if stored:
         progress.detail(f"{case.name}: {len(stored)} of {len(tasks)} chunks are kept")
 
     def finished(chunk: Chunk) -> Group:
-        return lost_chunk(chunk) if chunk.first in lost else writer.chunk(sweep_id, chunk.first)
+        if chunk.first in lost:
+            return chunk.completed(lost_chunk(chunk))
+        return writer.chunk(sweep_id, chunk.first)
 
-    summary = Summary(case, tasks[-1].last)
+    summary = Summary(case, tasks[-1].last, earlier.attributes if earlier else {})
     kept = [chunk for chunk in tasks if chunk.first in stored]
     for chunk in kept:
         summary.add(chunk, finished(chunk))
@@ -58,10 +67,11 @@ def run_sweep(
         progress.report(case.name, members * i / len(tasks))
         if isinstance(outcome, Exception):
             # A chunk that fails costs its own members; the sweep goes on and says how many.
-            problems[str(outcome)] += chunk.last - chunk.first
+            problems[str(outcome)] += int(np.count_nonzero(~chunk.taken))
             lost.add(chunk.first)
-            outcome = lost_chunk(chunk)
+            outcome = chunk.completed(lost_chunk(chunk))
         else:
+            outcome = chunk.completed(outcome)
             writer.add_chunk(sweep_id, chunk.first, outcome)
         summary.add(chunk, outcome)
 
@@ -121,13 +131,16 @@ def sweep_attributes(
     alone = summary.alone[1:].sum()
     named = zip(summary.alone.tolist(), Rejection, strict=True)
     why = "; ".join(f"{count}: {rejection}" for count, rejection in named if rejection and count)
+    reason = f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why)
+    if not_together := reason_alone(case):
+        reason = f"each by itself: {not_together}"
+    if taken := summary.earlier.get("members", 0):
+        reason = f"{taken} of {total} members from an earlier run, the others {reason}"
     return case_attributes(
         case,
         case_digest,
         method=", ".join(sorted(summary.methods)) or case.method,
-        method_reason=f"each by itself: {reason}"
-        if (reason := reason_alone(case))
-        else f"side by side, {alone} of {total} members by themselves" + f" ({why})" * bool(why),
+        method_reason=reason,
         members=total,
         tol=case.tol or EPS,
         steps=summary.steps,

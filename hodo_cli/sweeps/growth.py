@@ -1,0 +1,105 @@
+"""Sweeps that have grown: the members that an earlier result holds are taken over from it, and only
+the others are computed."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cases.case import Case, dump, parse_case
+from ..cases.sweep_block import Axis, axes_of
+from ..storage.finished_cases import FinishedCase
+from ..storage.group import Group
+from ..storage.hdf5 import open_run
+from .columns import shape, stored_columns
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """An earlier result of a sweep that has grown since: its file, its name there, its attributes,
+    and the lengths of the axes now.
+
+    `places` are the positions (n,) that the values along each axis have in the earlier result, -1
+    for new ones; of a sphere, how many directions that has, which are the first ones.
+    """
+
+    file: Path
+    name: str
+    attributes: Mapping[str, Any]
+    sizes: tuple[int, ...]
+    places: tuple[np.ndarray | int, ...]
+
+    def positions(self, first: int, last: int) -> np.ndarray:
+        """Where the members `first` to `last` - 1 stand in the earlier result (axes, n), -1 along
+        an axis that has no such value there."""
+        index = np.unravel_index(np.arange(first, last), self.sizes)
+        return np.array([
+            np.where(i < place, i, -1) if isinstance(place, int) else place[i]
+            for place, i in zip(self.places, index, strict=True)
+        ])  # fmt: skip
+
+    def holds(self, first: int, last: int) -> np.ndarray:
+        """Which of these members (n,) are in the earlier result."""
+        return np.asarray((self.positions(first, last) >= 0).all(axis=0))
+
+    def completed(self, case: Case, first: int, last: int, group: Group) -> Group:
+        """The group of a chunk with the stored columns of the members that the earlier result
+        holds. Raises HodoError if that cannot be read any more."""
+        taken = self.holds(first, last)
+        if not taken.any():
+            return group
+        positions = self.positions(first, last)[:, taken]
+        corner = positions.min(axis=1)
+        box = tuple(map(slice, corner, positions.max(axis=1) + 1))
+        variables = dict(group.variables)
+        with open_run(self.file) as run:
+            for name, values in run.blocks(self.name, stored_columns(case), box):
+                data = variables[name].data.copy()
+                data[taken] = values[tuple(positions - corner[:, None])]
+                variables[name] = replace(variables[name], data=data)
+        return replace(group, variables=variables)
+
+
+def earlier_result(case: Case, case_digest: str, stored: FinishedCase | None) -> Earlier | None:
+    """The stored result of a sweep to which it only adds values and directions, if all of that
+    ended well and was computed by the same code; else None."""
+    if stored is None or stored.damage or stored.attributes.get("status") != "ok":
+        return None
+    versions, stored_versions = (
+        digests.split("-")[:2] for digests in (case_digest, str(stored.attributes.get("hash")))
+    )
+    before = parse_case(str(stored.attributes["case"])) if versions == stored_versions else None
+    if before is None or before.sweep is None or case.sweep is None:
+        return None
+    is_same = dump(replace(before, sweep=case.sweep), False) == dump(case, False)
+    if not is_same or list(before.sweep) != list(case.sweep):
+        return None
+    pairs = zip(axes_of(case.sweep), axes_of(before.sweep), strict=True)
+    places = [places_of(*axes) for axes in pairs]
+    known = tuple(place for place in places if place is not None)
+    if len(known) < len(places):
+        return None
+    with open_run(stored.file) as run:
+        attributes = run.summary(stored.name)
+    return Earlier(stored.file, stored.name, attributes, shape(case), known)
+
+
+def places_of(axis: Axis, before: Axis) -> np.ndarray | int | None:
+    """The entry of `Earlier.places` for an axis; None if the earlier one has other keys, or a value
+    that is not on it any more."""
+    if axis.sphere is not None and before.sphere is not None:
+        is_prefix = axis.sphere["seed"] == before.sphere["seed"] and len(before) <= len(axis)
+        return len(before) if is_prefix else None
+    if axis.sphere or before.sphere or axis.keys != before.keys:
+        return None
+    # To the last bit: half the step of a linspace has the values of the whole one.
+    positions = {values: i for i, values in enumerate(values_along(before))}
+    places = np.array([positions.get(values, -1) for values in values_along(axis)])
+    return places if len({*places.tolist()} - {-1}) == len(before) else None
+
+
+def values_along(axis: Axis) -> Iterator[tuple[float, ...]]:
+    """The values of all keys of an axis, position by position."""
+    return zip(*(axis.values(i).tolist() for i in range(len(axis.keys))), strict=True)
