@@ -161,6 +161,8 @@ def test_the_command_writes_a_labelled_dataset_a_table_and_a_figure(
         *["3", "digits", "6", "digits", "9", "digits", "12", "digits"],
     ]
     assert done.stderr.startswith("a: 4 accurate, 2 failed with a message (")
+    needs = "a: method exact needs torques along G"
+    assert f"\nexact at 0.0001, exact at 1e-08: {needs}" in done.stderr
     assert (tmp_path / "runs" / "figures" / "small.png").stat().st_size > 10_000
     script = (
         "import json, xarray\n"

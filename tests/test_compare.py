@@ -495,6 +495,21 @@ def test_the_program_meets_the_reference_and_a_damping_off_by_1e_9_does_not(
     }
 
 
+def test_labels_that_a_result_lacks_are_one_line_a_case(tmp_path: Path) -> None:
+    body = "inertia: [1, 0.8, 0.6], initial: {p: .8, q: .5, r: .74}, time: {end: 1, samples: 2}"
+    cases = "free: {model: linear-diag}, averaged: {model: linear-diag, form: averaged, damping: 1}"
+    (tmp_path / "a.yaml").write_text(f"defaults: {{{body}}}\ncases: {{{cases}}}\n", "utf-8")
+    assert call(tmp_path, "run", "a.yaml", "--quiet").returncode == 0
+    (tmp_path / "runs" / "bare.h5").write_bytes((tmp_path / "runs" / "a.h5").read_bytes())
+    assert call(tmp_path, "classify", "a.yaml").returncode == 0
+    done = call(tmp_path, "compare", "runs/bare.h5", "runs/a.h5")
+    lines = done.stdout.splitlines()[1:]
+    # The averaged motion brings its labels with it.
+    assert [line.split()[:2] for line in lines] == [["free", "labels"], ["averaged", "crossing_G"]]
+    assert lines[0].endswith("inf  DIFFERS  missing: not classified")
+    assert done.returncode == 3
+
+
 def test_compare_prints_the_worst_of_each_case_and_says_0_or_3(tmp_path: Path) -> None:
     path = REFERENCE / "paper3.h5"
     same = call(tmp_path, "compare", path, path)

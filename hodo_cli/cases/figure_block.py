@@ -49,17 +49,21 @@ class DrawnFigure:
     warnings: tuple[str, ...] = ()
 
 
-DERIVED = (
+IN_BODY = (
     *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H", "speed"),
-    *("x1_direction", "tilt", "separatrix_distance", "psi", "theta", "phi"),
-    *(f"attitude.{part}" for part in "abcd"),
+    *("x1_direction", "tilt", "separatrix_distance"),
+)
+BY_ATTITUDE = (
+    *("psi", "theta", "phi", *(f"attitude.{part}" for part in "abcd")),
     *(
         f"{name}_space.{axis}"
         for name in ("G", "omega", "x1", "x2", "x3", "total")
         for axis in "xyz"
     ),
 )
-"""The quantities that `results.motion` computes from the samples of a motion."""
+DERIVED = IN_BODY + BY_ATTITUDE
+"""The quantities that `results.motion` computes from the samples of a motion: from its state, and
+from where the body points in space."""
 
 FORMULA = Expression(("t", *filter(str.isidentifier, DERIVED), "u1", "u2", "u3"))
 """A formula in the time and the variables of a motion."""
@@ -534,11 +538,14 @@ def _wrong_variable(name: str, case: Drawable, derived: Collection[str] = ()) ->
     """Why a name stands for no number that a case stores, or that is derived from it; an empty
     string if it does. A vector needs a component, and a number has none."""
     base, dot, axis = name.partition(".")
+    if name in derived and name in BY_ATTITUDE and not case.attitude and name not in case.stored:
+        return f"case {case.name} stores no attitude, which {name} needs: write `attitude: yes`"
     valid = list(dict.fromkeys([*derived, *case.stored]))
     if name in derived or (base in case.vectors and base in valid and axis in BODY_AXES):
         return ""
     if base not in valid:
-        return unknown(f"variable {name!r} of case {case.name}", name, valid)
+        its_own = [name for name in valid if case.attitude or name not in BY_ATTITUDE]
+        return unknown(f"variable {name!r} of case {case.name}", base, its_own)
     if base in case.vectors:
         return f"{base} is a vector: name a component, {_parts(base)}"
     return f"{base} is no vector, and has no component {axis!r}" if dot else ""

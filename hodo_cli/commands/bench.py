@@ -2,9 +2,9 @@
 tolerance."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -111,6 +111,8 @@ def try_cases(cases: Sequence[Case], settings: Mapping[str, Any], jobs: int, qui
                 trials[case.name], spent = outcome
                 counts = count_of_trials(trials[case.name])
                 progress.say(f"{case.name}: {counts} ({seconds(spent)})")
+                for line in messages_of_trials(trials[case.name], product(methods, tols)):
+                    progress.say(line)
             progress.done(case.name, problem)
     names = [case.name for case in cases]
     return table_of_trials(names, methods, tols, chain(*(trials[name] for name in names)))
@@ -120,6 +122,18 @@ def count_of_trials(trials: Sequence[Trial]) -> str:
     """How many of the trials have each verdict."""
     counts = {word: sum(trial.status == word for trial in trials) for word in TRIAL_VERDICTS}
     return ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+
+
+def messages_of_trials(
+    trials: Sequence[Trial], asked: Iterable[tuple[str, float]]
+) -> Iterator[str]:
+    """Each message of a trial, behind the methods and tolerances that were asked for there."""
+    tried: dict[str, list[str]] = {}
+    for trial, (method, tol) in zip(trials, asked, strict=True):
+        if trial.message:
+            at = "" if math.isnan(tol) else f" at {tol:g}"
+            tried.setdefault(trial.message, []).append(f"{method}{at}")
+    return (f"{', '.join(names)}: {message}" for message, names in tried.items())
 
 
 def auto_failed(bench: Group) -> bool:

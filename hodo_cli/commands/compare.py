@@ -8,6 +8,7 @@ and `atol`.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -102,12 +103,18 @@ def sound(run: ResultFile, name: str) -> Group:
 
 def compared_case(a: Group, b: Group, tolerance: Tolerance) -> list[Line]:
     """The lines of one case. An attribute has one only if it differs, and how the case was computed
-    only if a value does: a reference may be computed otherwise, to the same values."""
+    only if a value does: a reference may be computed otherwise, to the same values. Labels that
+    the first case lacks altogether have a line in common."""
     cases = []
+    unlabelled = "classify_warnings" in b.attributes.keys() - a.attributes.keys()
+    if unlabelled:
+        attributes = without_labels(b.attributes, a.attributes)
+        b = replace(b, attributes=attributes, variables=without_labels(b.variables, a.variables))
     with suppress(HodoError):
         cases = [parse_case(str(group.attributes.get("case", ""))) for group in (a, b)]
     lines = [
         *differing_settings(cases, a, b),
+        *[("labels", math.inf, "missing: not classified")] * unlabelled,
         *((name, math.inf, place) for name, place in differing_attributes(a, b)),
         *compared_variables(a, b, tolerance),
     ]
@@ -162,11 +169,9 @@ def compared_variables(a: Group, b: Group, tolerance: Tolerance) -> Iterator[Lin
     ]
     # By nearest time, since a reference may be thinned and an end of spin falls a rounding apart.
     rows = matching(*times)
-    of_labels = () if "enclosed_axis" in a.variables else LABELS_STORED
     for key, reference in b.variables.items():
         if key not in a.variables:
-            what = "missing: not classified" if key in of_labels else "missing"
-            yield key, math.inf, what
+            yield key, math.inf, "missing"
             continue
         ours = a.variables[key].data
         if reference.dims[:1] == ("time",) and ours.shape[:1] == times[0].shape:
@@ -181,8 +186,16 @@ def compared_variables(a: Group, b: Group, tolerance: Tolerance) -> Iterator[Lin
             yield key, math.inf, place or "of another order of magnitude"
 
 
-LABELS_STORED = ("enclosed_axis", *CROSSING_COLUMNS, "growth_rate", "final_axis")
-"""The variables that `classify` adds to a case."""
+OF_LABELS = {
+    *("classify_warnings", "predictions", "enclosed_axis", *CROSSING_COLUMNS),
+    *("growth_rate", "final_axis", "axis"),
+}
+"""The attributes and variables that `classify` adds to a case."""
+
+
+def without_labels(stored: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes or variables without those that `classify` adds and another case lacks."""
+    return {name: item for name, item in stored.items() if name in other or name not in OF_LABELS}
 
 
 def matching(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
