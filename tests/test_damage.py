@@ -269,6 +269,7 @@ def test_the_parts_of_a_sweep_that_has_not_ended_stay(
     assert "no space left" in done.stderr
     monkeypatch.undo()
     assert hodo("run", config, "--out", tmp_path, "--case", "a").exit_code == 0
+    assert hodo("show", tmp_path / "x.h5").exit_code == 0
     again = hodo("run", config, "--out", tmp_path, "-v")
     assert again.exit_code == 0
     assert re.search(r"^s: 1 of \d+ chunks are kept$", again.stderr, re.MULTILINE)
@@ -634,10 +635,11 @@ def test_drafts_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> N
 def test_the_history_does_not_grow_without_bound(result: Path) -> None:
     with open_run(result) as run:
         history = str(run.attributes["history"])
-        for i in range(300):
+        for count in range(len(history.splitlines()) + 1, 300):
             run.attributes["history"] = history
-            history = writer.longer(run, f"line {i}")
-    assert len(history.splitlines()) == writer.MOST_LINES
+            history = writer.longer(run, f"line {count}")
+            assert len(history.splitlines()) == min(count, writer.MOST_LINES)
+            assert ("..." in history.splitlines()) == (count > writer.MOST_LINES)
     assert history.splitlines()[-1] == "line 299"
 
 

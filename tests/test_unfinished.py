@@ -1,7 +1,9 @@
 """Batches that are running, or were interrupted: what they have finished can be used at once."""
 
 import json
+import os
 import stat
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -143,6 +145,17 @@ def test_a_changed_case_is_shown_and_stays_apart(path: Path) -> None:
         "hash 1",
         "hash 2",
     ]
+
+
+def test_of_two_runs_that_have_not_ended_the_later_one_is_shown(path: Path) -> None:
+    with run_of(path, {"first": stored(1)}):
+        (earlier,) = path.parent.rglob("2.h5")
+        with run_of(path, {"first": stored(2)}):
+            (later,) = {*path.parent.rglob("2.h5")} - {earlier}
+            for last, file in enumerate([earlier, later, earlier], 1):
+                os.utime(file, ns=(0, time.time_ns() + last * 10**9))
+                with pytest.warns(UserWarning, match="1 finished in a run"):
+                    assert hashes(path) == {"first": f"hash {1 if file == earlier else 2}"}
 
 
 def test_cases_are_added_in_the_order_of_the_config(path: Path) -> None:
