@@ -2,13 +2,14 @@
 it."""
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
 import sysconfig
 import tempfile
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,12 @@ def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
             main, [*map(str, arguments)], prog_name="hodo"
         )
     return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
+
+
+@cache
+def schema() -> dict[str, Any]:
+    """What `hodo schema` prints."""
+    return dict(json.loads(call(ROOT, "schema").stdout))
 
 
 @lru_cache(maxsize=64)

@@ -5,22 +5,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
 from click.testing import CliRunner
 
 from hodo_cli import figures, open
-from hodo_cli.cases.config import Config, parse
-from hodo_cli.cases.figure_block import DrawnFigure
+from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
-from hodo_cli.figures.sheet import Sheet
-from hodo_cli.results.dataset import StoredCases
 
 
 @dataclass
 class Drawings:
     """The cases of a result, and the case file that it was made from."""
 
-    cases: StoredCases
-    config: Config
+    cases: Mapping[str, xr.Dataset]
+    config: Any
 
     @classmethod
     def of(cls, path: Path) -> "Drawings":
@@ -31,12 +29,12 @@ class Drawings:
     def figures(self) -> dict[str, dict[str, Any]]:
         return self.config.figures
 
-    def draw(self, figure: str | Mapping[str, Any], **changes: Any) -> Sheet:
+    def draw(self, figure: str | Mapping[str, Any], **changes: Any) -> Any:
         """A figure by its name or its keys, some of them changed."""
         spec = self.figures[figure] if isinstance(figure, str) else figure
         return figures.draw({**spec, **changes}, self.cases, self.figures)
 
-    def render(self, name: str, formats: tuple[str, ...], out: Path) -> DrawnFigure:
+    def render(self, name: str, formats: tuple[str, ...], out: Path) -> Any:
         return figures.render(self.cases, self.figures, name, formats, out)
 
 

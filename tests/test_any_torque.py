@@ -12,7 +12,7 @@ from scipy.special import ellipj, ellipk
 from test_averaged import CLOSE, case, cavity, chance
 from test_docs import snippets
 
-from hodo_cli.cases.case import Case
+from hodo_cli import Case
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.trajectory import Trajectory

@@ -12,8 +12,8 @@ import xarray as xr
 from conftest import ROOT, Hodo
 
 import hodo_cli
-from hodo_cli import HodoError, api
-from hodo_cli.cases.case import Case
+import hodo_cli as api
+from hodo_cli import Case, HodoError
 from hodo_cli.cases.config import load
 
 FIG4 = {

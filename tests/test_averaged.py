@@ -14,8 +14,8 @@ import pytest
 from conftest import call
 from scipy.special import ellipk
 
-from hodo_cli import HodoError
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, HodoError
+from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate

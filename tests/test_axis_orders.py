@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from test_averaged import FIG12, case, cavity, chance, full
 
-from hodo_cli.cases.case import Case
+from hodo_cli import Case
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.sweeps.single_cases import FEWEST, side_by_side

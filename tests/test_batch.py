@@ -20,10 +20,9 @@ import stress
 from click.testing import CliRunner, Result
 from conftest import Hodo
 
-from hodo_cli import HodoError
+from hodo_cli import Case, HodoError
 from hodo_cli.batch import memory
 from hodo_cli.batch.pool import pool
-from hodo_cli.cases.case import Case
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import series
 
-from hodo_cli import HodoError
-from hodo_cli.cases.case import Case, variation
+from hodo_cli import Case, HodoError
+from hodo_cli.cases.case import variation
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.classify import classify

@@ -12,8 +12,8 @@ from conftest import classified
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, engines, tables
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, HodoError, engines, tables
+from hodo_cli.cases.case import Time
 from hodo_cli.integration import crossings
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate

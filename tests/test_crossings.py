@@ -9,7 +9,8 @@ from conftest import classified
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case
+from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import load
 
 pytestmark = pytest.mark.engines

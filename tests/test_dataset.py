@@ -1,9 +1,11 @@
 """Result files as xarray datasets, and what follows from the samples of a motion."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,24 +15,27 @@ from conftest import ROOT
 import hodo_cli
 from hodo_cli import HodoError
 from hodo_cli.cases.config import load
-from hodo_cli.cases.sweep_block import REDUCED
-from hodo_cli.integration.crossings import Crossing
-from hodo_cli.integration.trajectory import Occurrence
-from hodo_cli.results import layout
-from hodo_cli.results.dataset import dataset
-from hodo_cli.results.motion import QUANTITIES, Motion, motion_of
-from hodo_cli.storage.group import Variable
-from hodo_cli.storage.hdf5 import open_run
+from hodo_cli.results.dataset import motion_from
+from hodo_cli.results.motion import QUANTITIES
 
 SAMPLE = ROOT / "tests" / "data" / "format1.h5"
 
 
-def sample(name: str) -> Motion:
-    """A case of the committed sample of the format, read without xarray; its `spin` names no model,
-    and takes that of `fig4` here."""
-    with open_run(SAMPLE) as run:
-        group, case = run.read(name), run.summary("fig4")["case"]
-    return motion_of(group.variables, {**group.attributes, "case": case}, name)
+FIG4: dict[str, Any] = {
+    "model": "linear-diag",
+    "inertia": [1, 0.8, 0.6],
+    "damping": [0.005, 0.004, 0.003],
+    "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+    "time": {"end": 400, "samples": 3},
+}
+
+
+def sample(name: str, **changed: Any) -> Any:
+    """A case of the committed sample of the format, with other variables; its `spin` names no
+    model, and takes that of `fig4` here."""
+    cases = hodo_cli.open(SAMPLE)
+    data = cases[name].assign_attrs(case=cases["fig4"].attrs["case"])
+    return motion_from(data.assign(changed), name)
 
 
 def test_cases_of_the_sample() -> None:
@@ -71,8 +76,8 @@ for name, data in theirs.items():
 """
     import pickle
 
-    with open_run(SAMPLE) as run:
-        ours = {name: dataset(run.read(name)) for name in ("fig4", "spin", "_claims")}
+    cases = hodo_cli.open(SAMPLE)
+    ours = {name: cases[name] for name in ("fig4", "spin", "_claims")}
     done = subprocess.run(
         [sys.executable, "-c", script, str(SAMPLE)], input=pickle.dumps(ours), capture_output=True
     )
@@ -80,25 +85,43 @@ for name, data in theirs.items():
 
 
 def test_every_column_of_a_sweep_that_a_case_may_ask_for_is_declared() -> None:
-    assert set(REDUCED) == set(layout.MEMBER_CLASSIFIED)
+    swept = FIG4 | {"sweep": {"damping.0": {"values": [0.005, 0.006]}}}
+    with pytest.raises(HodoError) as refusal:
+        hodo_cli.Case.of(swept | {"store": ["none"]})
+    declared = re.search(r"\(valid: (.*)\)", str(refusal.value))
+    assert declared
+    names = set(declared[1].split(", ")) - {"trajectory"}
+    assert set(hodo_cli.sweep(swept | {"store": [*names]}).data_vars) == names
+    assert names - {"steps", "share", "separation"} == set(hodo_cli.sweep(swept).data_vars)
 
 
 def test_what_x_and_y_of_the_averaged_cavity_determine() -> None:
     case = load(ROOT / "configs" / "paper2.yaml").cases["fig1"]
-    values = {"x": np.array([1.0, 0.25, 0.5]), "y": np.array([1.0, 0.36, 0.0])}
-    variables = {name: Variable(("time",), of) for name, of in values.items()}
-    m = Motion(case, variables)
+    data = hodo_cli.run(case)
     A, _, C = case.data["inertia"]
-    G = np.hypot(A * np.sqrt(values["x"]), C * np.sqrt(values["y"]))
-    np.testing.assert_allclose(m["G"], G, rtol=2e-15)
+    assert data.x[0] == data.y[0] == 1
+    G = np.hypot(A * np.sqrt(data.x), C * np.sqrt(data.y))
+    np.testing.assert_allclose(motion_from(data, "fig1")["G"], G, rtol=2e-15)
 
 
 def test_a_passage_to_another_axis_is_a_crossing_with_the_error_of_its_time() -> None:
-    def passage(time: float, to: int) -> Occurrence:
-        return Occurrence("separatrix", time, {"from": 1, "to": to, "momentum": 0.5})
-
-    events = [passage(20.0, 3), passage(30.0, 1), passage(40.0, 0), Occurrence("end_of_spin", 50)]
-    assert layout.passages_as_crossings(events, 1e-9) == [Crossing(20.0, 1, 3, 0.5, 20 * 1e-9)]
+    """Not one behind which it is told to stop, nor one that it is turned back at."""
+    opposed = {"model": "cavity+constant", "form": "averaged", "inertia": [1, 0.8, 0.6],
+               "kappa": 0, "torque": [-1e-3, 0, -3e-4], "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+               "time": {"end": 1000, "samples": 11}}  # fmt: skip
+    passed = {
+        branch: hodo_cli.run(opposed | {"at_separatrix": branch})
+        for branch in ("stop", "reversed", "other-axis")
+    }
+    assert [data.event_to.values.tolist() for data in passed.values()] == [[0], [1], [3]]
+    assert [data.crossing_time.size for data in passed.values()] == [0, 0, 1]
+    other = passed["other-axis"]
+    assert other.crossing_time.values == other.event_time.values
+    assert (other.crossing_from, other.crossing_to) == (1, 3)
+    assert other.crossing_G.values == other.event_momentum.values
+    fine = hodo_cli.run(opposed | {"at_separatrix": "stop", "precision": "extended"})
+    off = abs(other.event_time - fine.event_time)
+    assert off <= other.crossing_error <= 1e-9 * other.event_time
 
 
 def test_what_omega_determines() -> None:
@@ -128,8 +151,7 @@ def test_what_omega_determines() -> None:
 
 def test_the_momentum_is_right_where_its_square_is_lost() -> None:
     m = sample("fig4")
-    omega = layout.Stored("angular velocity", ("time", "axis")).holding(m.omega * 2.0**-1000)
-    tiny = Motion(m.case, {**m.data, "omega": omega})
+    tiny = sample("fig4", omega=(("time", "axis"), m.omega * 2.0**-1000))
     assert (tiny["G"] == m["G"] * 2.0**-1000).all()
     assert (tiny["G2"] == 0).all()
 
@@ -158,7 +180,7 @@ def test_crossings_and_events() -> None:
     spin = sample("spin")
     assert [kind for kind, _ in spin.events] == ["end of spin"]
     assert not spin.crossing_time.size
-    with pytest.raises(HodoError, match="case fig4 has no labels of the enclosed axis: run"):
+    with pytest.raises(HodoError, match="case spin has no labels of the enclosed axis: run"):
         _ = spin.crossings
 
 

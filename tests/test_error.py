@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hodo_cli import engines
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, engines
+from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import parse
 from hodo_cli.integration import driver, error
 from hodo_cli.integration.integrate import integrate

@@ -21,7 +21,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from mpmath import mpf
 
-from hodo_cli.cases.case import Case
+from hodo_cli import Case
 from hodo_cli.cases.config import parse
 from hodo_cli.models.theory import closed_form
 

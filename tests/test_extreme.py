@@ -13,8 +13,8 @@ import pytest
 from conftest import exact_motion
 from numpy.polynomial.legendre import legvander
 
-from hodo_cli import engines
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, engines
+from hodo_cli.cases.case import Time
 from hodo_cli.cases.config import load
 from hodo_cli.engines import collocation
 from hodo_cli.integration import choice

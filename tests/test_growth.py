@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from conftest import classified
 
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case
+from hodo_cli.cases.case import Time
 from hodo_cli.commands import classify
 from hodo_cli.integration.integrate import integrate
 

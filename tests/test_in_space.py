@@ -21,10 +21,9 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from test_own_time import Timed, random_body, scaled, timed  # noqa: F401
 
-from hodo_cli import HodoError
-from hodo_cli.api import plot, sweep
-from hodo_cli.api import run as run_case
-from hodo_cli.cases.case import Case, dump, parse_case
+from hodo_cli import Case, HodoError, plot, sweep
+from hodo_cli import run as run_case
+from hodo_cli.cases.case import dump, parse_case
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory

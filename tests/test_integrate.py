@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from conftest import exact_motion
 
-from hodo_cli import HodoError, engines
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, HodoError, engines
+from hodo_cli.cases.case import Time
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration import choice
 from hodo_cli.integration.integrate import integrate, remarks

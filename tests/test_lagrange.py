@@ -16,8 +16,8 @@ import pytest
 import series
 
 import hodo_cli as hodo
-from hodo_cli import HodoError
-from hodo_cli.cases.case import Case, Time, variation
+from hodo_cli import Case, HodoError
+from hodo_cli.cases.case import Time, variation
 from hodo_cli.cases.config import load, parse
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hodo_cli import engines
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, engines
+from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
 from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.integrate import integrate

@@ -16,8 +16,8 @@ import pytest
 import series
 from conftest import classified
 
-from hodo_cli import HodoError
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, HodoError
+from hodo_cli.cases.case import Time
 from hodo_cli.integration.integrate import integrate
 
 pytestmark = pytest.mark.engines

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from conftest import classified, exact_motion
 
-from hodo_cli import functions, models
+from hodo_cli import Case, functions, models
 from hodo_cli.cases import keys
-from hodo_cli.cases.case import Case, Time
+from hodo_cli.cases.case import Time
 from hodo_cli.engines import have_taylor
 from hodo_cli.functions import abs, cos, exp, log, sin, sqrt
 from hodo_cli.models.base import Constants, Label

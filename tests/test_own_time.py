@@ -20,9 +20,8 @@ import pytest
 import series
 from conftest import classified
 
-from hodo_cli import models
+from hodo_cli import Case, models
 from hodo_cli.cases import keys
-from hodo_cli.cases.case import Case
 from hodo_cli.engines import have_taylor
 from hodo_cli.models.base import Constants, Label
 from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame

@@ -1,14 +1,15 @@
 """A curve through too few samples is said to be a polygon, and a fine one is not."""
 
 import re
+import warnings
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import ROOT, call
 
+import hodo_cli
 from hodo_cli.cases.config import load
-from hodo_cli.results.dataset import motion_from, open_cases
-from hodo_cli.results.resolution import coarse_curves
 
 BODY = "{model: linear-diag, inertia: [1, 0.8, 0.6], damping: [0.005, 0.004, 0.003], "
 STARTS = {
@@ -43,13 +44,16 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str
         name: call(folder, "plot", "runs/m.h5", name, "--format", "svg").stderr
         for name in ("fast-space", "fast-time", "fast-mean", "fine-space", "fine-time")
     }
+    assert call(folder, "classify", "runs/m.h5").returncode == 0
     return folder, done
 
 
-def remarks(folder: Path, name: str, kind: str, *variables: str) -> list[str]:
-    with open_cases(folder / "runs" / "m.h5") as cases:
-        spec = {"kind": kind, "variables": variables}
-        return coarse_curves(spec, [motion_from(cases[name], name)])
+def is_polygon(data: Any, kind: str, **keys: Any) -> bool:
+    """Whether a warning says so of a figure."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        hodo_cli.plot(data, kind, **keys)
+    return any("polygon" in str(warning.message) for warning in caught)
 
 
 def test_a_polygon_is_said_to_be_one_in_a_line_and_in_the_caption(
@@ -87,7 +91,8 @@ def test_what_counts_is_the_turning_between_samples(
     variables: tuple[str, ...],
     coarse: bool,
 ) -> None:
-    assert bool(remarks(drawn[0], name, kind, *variables)) is coarse
+    data = hodo_cli.open(drawn[0] / "runs" / "m.h5")[name]
+    assert is_polygon(data, kind, **({"variables": [*variables]} if variables else {})) is coarse
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1e3])
@@ -108,13 +113,13 @@ def test_samples_that_nobody_names_follow_the_motion(
     case = f"{{{body}, {start}, error: off, time: {{end: {end}}}}}"
     (tmp_path / "m.yaml").write_text(f"cases: {{a: {case}}}", encoding="utf-8")
     assert call(tmp_path, "run", "m.yaml", "--quiet").returncode == 0
-    with open_cases(tmp_path / "runs" / "m.h5") as cases:
-        motion = motion_from(cases["a"], "a")
-    assert not coarse_curves({"kind": "hodograph"}, [motion])
-    assert len(motion.time) == motion.case.time.samples <= 50_001
+    data = hodo_cli.open(tmp_path / "runs" / "m.h5")["a"]
+    assert not is_polygon(data, "hodograph", colour="case")
+    assert f"samples: {data.time.size}, " in data.attrs["case"]
+    assert data.time.size <= 50_001
 
 
 def test_a_thinned_motion_is_a_polygon() -> None:
-    with open_cases(ROOT / "runs" / "reference" / "paper1.h5") as cases:
-        spec = load(ROOT / "configs" / "paper1.yaml").figure("fig4")
-        assert coarse_curves(spec, [motion_from(cases[name], name) for name in spec["cases"]])
+    cases = hodo_cli.open(ROOT / "runs" / "reference" / "paper1.h5")
+    spec = load(ROOT / "configs" / "paper1.yaml").figure("fig4")
+    assert is_polygon([cases[name] for name in spec["cases"]], spec["kind"])

@@ -22,10 +22,10 @@ from conftest import ROOT, Hodo, classified, exact_motion
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hodo_cli import HodoError, models
+from hodo_cli import Case, HodoError, models
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases import sweep_block
-from hodo_cli.cases.case import Case, parse_case
+from hodo_cli.cases.case import parse_case
 from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol

@@ -14,8 +14,8 @@ import series
 from conftest import classified
 from tangents import Tangent, near_tangents
 
-from hodo_cli import engines
-from hodo_cli.cases.case import Case, Time
+from hodo_cli import Case, engines
+from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
 from hodo_cli.models.base import Event
 

@@ -10,8 +10,7 @@ import pytest
 from conftest import call
 
 import hodo_cli
-from hodo_cli import models
-from hodo_cli.cases.case import Case
+from hodo_cli import Case, models
 from hodo_cli.integration.classify import classify
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.results.layout import case_group, label_group
