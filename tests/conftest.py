@@ -9,7 +9,7 @@ import sys
 import sysconfig
 import tempfile
 from collections.abc import Callable
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -63,19 +63,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 Hodo = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@pytest.fixture
-def hodo(tmp_path: Path) -> Hodo:
-    """Run `hodo ARGUMENTS` as a process in `tmp_path`; keyword arguments are those of
+def run_hodo(folder: Path, *arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run `hodo ARGUMENTS` as a process in a folder; keyword arguments are those of
     subprocess.run."""
     script = Path(sysconfig.get_path("scripts")) / "hodo"
+    command = [str(script), *map(str, arguments)]
+    return subprocess.run(
+        command, **{"cwd": folder, "capture_output": True, "text": True, **options}
+    )
 
-    def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
-        command = [str(script), *map(str, arguments)]
-        return subprocess.run(
-            command, **{"cwd": tmp_path, "capture_output": True, "text": True, **options}
-        )
 
-    return run
+@pytest.fixture
+def hodo(tmp_path: Path) -> Hodo:
+    """`run_hodo` in `tmp_path`."""
+    return partial(run_hodo, tmp_path)
 
 
 def call(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:

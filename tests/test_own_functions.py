@@ -6,132 +6,28 @@ one at the time t + a (1 - cos b t)/b, m times as fast. HODO_FUZZ sets the numbe
 kind (default 5).
 """
 
+import json
 import math
 import os
 import random
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
-from conftest import classified, exact_motion
+from conftest import ROOT, exact_motion, run_hodo
 
-from hodo_cli import Case, functions, models
-from hodo_cli.cases import keys
-from hodo_cli.cases.case import Time
+from hodo_cli import Case, functions
 from hodo_cli.engines import have_taylor
-from hodo_cli.functions import abs, cos, exp, log, sin, sqrt
-from hodo_cli.models.base import Constants, Label
-from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
-from hodo_cli.schema.kinds import Key, Number, vector
-from hodo_cli.sweeps import chunk
 
 pytestmark = pytest.mark.engines
 
 COUNT = int(os.environ.get("HODO_FUZZ", "5"))
+OWN = ROOT / "tests" / "own_models" / "waving.py"
 
 METHODS = [*(["taylor"] if have_taylor() else []), "collocation", "DOP853"]
-
-
-def free(p: Any, q: Any, r: Any, k: Any) -> tuple[Any, Any, Any]:
-    """The rates of a free body."""
-    return (
-        k.g * (k.A2 - k.A3) / k.A1 * q * r,
-        k.g * (k.A3 - k.A1) / k.A2 * p * r,
-        k.g * (k.A1 - k.A2) / k.A3 * p * q,
-    )
-
-
-@dataclass(frozen=True)
-class Waving(BodyFrame):
-    """Equal damping -m'/m, m = 1 + a sin(b t), from the time itself."""
-
-    depth: float
-    rate: float
-
-    name = "waving"
-    form = "full"
-    keys: ClassVar[dict[str, Key]] = {
-        "inertia": INERTIA,
-        "depth": Key(Number(), "a"),
-        "rate": Key(Number(), "b"),
-        "initial": INITIAL,
-    }
-    degree: ClassVar[dict[str, int]] = {"g": 2, "unit": 1}
-
-    @staticmethod
-    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
-        p, q, r = y[:3]
-        rate = k.unit * k.a * k.b * cos(k.b * t) / (1 + k.a * sin(k.b * t))
-        return tuple(f + rate * x for f, x in zip(free(p, q, r, k), y, strict=True))
-
-    @cached_property
-    def constants(self) -> Constants:
-        return {**super().constants, "a": self.depth, "b": self.rate, "unit": 1.0}
-
-
-@dataclass(frozen=True)
-class Oscillating(Waving):
-    """The same, with sin(b t) and cos(b t) as two more variables of the state."""
-
-    name = "oscillating"
-    form = "full"
-    state = ("p", "q", "r", "s", "c")
-    state_degree: ClassVar[dict[str, int]] = {"s": 0, "c": 0}
-    variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {"s": Label(("time",), "sine")}
-
-    @staticmethod
-    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
-        p, q, r, s, c = y
-        rate = k.unit * k.a * k.b * c / (1 + k.a * s)
-        own = [f + rate * x for f, x in zip(free(p, q, r, k), (p, q, r), strict=True)]
-        return (*own, k.unit * k.b * c, -k.unit * k.b * s)
-
-    @property
-    def start(self) -> tuple[float, ...]:
-        return (*super().start, 0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Disguised(BodyFrame):
-    """Damping about three axes, times functions that are 1 together."""
-
-    damping: tuple[float, float, float]
-
-    name = "disguised"
-    form = "full"
-    keys: ClassVar[dict[str, Key]] = {
-        "inertia": INERTIA,
-        "damping": Key(vector(3), "lambda"),
-        "initial": INITIAL,
-    }
-    degree: ClassVar[dict[str, int]] = {"g": 2, "lam": 1}
-
-    @staticmethod
-    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
-        p, q, r = y
-        square = (p * p + r * r) / (p * p + q * q + r * r)
-        one = sin(square) ** 2 + sqrt(cos(square) ** 4) + exp(log(1 + square)) - 1 - square
-        terms = zip(free(p, q, r, k), k.lam, y, strict=True)
-        return tuple(f - one * lam * x for f, lam, x in terms)
-
-    @cached_property
-    def constants(self) -> Constants:
-        return {**super().constants, "lam": self.damping}
-
-
-@pytest.fixture(autouse=True)
-def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The models, as if they were hodo's own."""
-    for model in (Waving, Oscillating, Disguised):
-        forms: dict[str, Any] = {"full": model}
-        models.add_averaged(forms)
-        monkeypatch.setitem(models.catalogue(), model.name, forms)
-    yield
-    keys.keys_of.cache_clear()
-    keys.all_keys.cache_clear()
+WAVING = ("waving", "oscillating")
 
 
 def body(draw: random.Random) -> dict[str, Any]:
@@ -148,6 +44,51 @@ def waving(seed: int) -> dict[str, Any]:
     return body(draw) | law | {"time": {"end": draw.uniform(1, 60), "samples": 13}}
 
 
+def depths(seed: int) -> list[float]:
+    """Of the members of a sweep."""
+    depth = waving(seed)["depth"]
+    return [depth, depth / 2, 0.0]
+
+
+def disguised(seed: int, most: float) -> dict[str, Any]:
+    draw = random.Random(seed)
+    return body(draw) | {"damping": [draw.uniform(0.001, most) for _ in range(3)]}
+
+
+def cases() -> Iterator[tuple[str, dict[str, Any]]]:
+    """All that is tried, by names of model, method or form, and seed."""
+    for seed in range(COUNT):
+        data = waving(seed)
+        for model in WAVING:
+            for method in METHODS:
+                tol = {"tol": 1e-10} if method == "DOP853" else {}
+                yield f"{model}-{method}-{seed}", {"model": model, "method": method, **data, **tol}
+            swept = {"sweep": {"depth": {"values": depths(seed)}}, "store": ["omega"]}
+            swept["time"] = {"end": data["time"]["end"]}
+            yield f"{model}-members-{seed}", {"model": model, **data, **swept}
+        for model in ("disguised", "linear-diag"):
+            data = {"model": model, **disguised(seed, 0.005), "time": {"end": 200.0}}
+            yield f"{model}-full-{seed}", data
+            # Of the first order, which is that of the equations alone.
+            yield f"{model}-averaged-{seed}", data | {"form": "averaged", "mean_start": "no"}
+            data = {"model": model, **disguised(seed, 0.1), "time": {"end": 1.0, "samples": 3}}
+            yield f"{model}-tilting-{seed}", data
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Iterator[h5py.File]:
+    """The motions, integrated and classified as a user does it."""
+    folder = tmp_path_factory.mktemp("own")
+    apart = {} if have_taylor() else {"averaged", "members"}
+    given = {name: case for name, case in cases() if name.split("-")[-2] not in apart}
+    (folder / "own.yaml").write_text(json.dumps({"cases": given}), encoding="utf-8")
+    for command in ("run", "classify"):
+        done = run_hodo(folder, "--models", OWN, command, "own.yaml")
+        assert done.returncode == 0, done.stderr
+    with h5py.File(folder / "runs" / "own.h5") as file:
+        yield file
+
+
 def truth(data: dict[str, Any], times: np.ndarray) -> np.ndarray:
     """omega (n, 3) at times (n,) of a waving body."""
     a, b = data["depth"], data["rate"]
@@ -158,99 +99,69 @@ def truth(data: dict[str, Any], times: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("model", ["waving", "oscillating"])
-def test_its_motions_are_right_to_their_stated_errors(model: str, method: str) -> None:
+@pytest.mark.parametrize("model", WAVING)
+def test_its_motions_are_right_to_their_stated_errors(
+    result: h5py.File, model: str, method: str
+) -> None:
     for seed in range(COUNT):
-        data = waving(seed)
-        given = {"model": model, "method": method, **data}
-        if method == "DOP853":
-            given["tol"] = 1e-10
-        motion, _ = classified(Case.of(given))
-        assert motion.status == "ok", (seed, motion.message)
-        true = truth(data, motion.time)
-        off = np.linalg.norm(motion.variables["omega"] - true, axis=1)
+        data, motion = waving(seed), result[f"{model}-{method}-{seed}"]
+        assert motion.attrs["status"] == "ok", (seed, motion.attrs["message"])
+        time, error = motion["time"][()], motion.attrs["error"]
+        true = truth(data, time)
+        off = np.linalg.norm(motion["omega"] - true, axis=1)
         # The closed form has its own rounding, and the start that of the data.
         worst = (off / np.linalg.norm(true, axis=1)).max()
-        assert worst < 3 * motion.error + 3e-13, seed
+        assert worst < 3 * error + 3e-13, seed
         if model == "oscillating":
-            sine = np.sin(data["rate"] * motion.time)
-            assert np.abs(motion.variables["s"] - sine).max() < 3 * motion.error + 1e-13
+            assert np.abs(motion["s"] - np.sin(data["rate"] * time)).max() < 3 * error + 1e-13
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("model", ["waving", "oscillating"])
-def test_members_of_a_sweep_are_its_motions(model: str) -> None:
+@pytest.mark.parametrize("model", WAVING)
+def test_members_of_a_sweep_are_its_motions(result: h5py.File, model: str) -> None:
     for seed in range(COUNT):
         data = waving(seed)
-        depths = [data["depth"], data["depth"] / 2, 0.0]
-        given = {"model": model, **data, "sweep": {"depth": {"values": depths}}}
-        given["time"] = {"end": data["time"]["end"]}
-        case = Case.of(given | {"store": ["omega"]})
-        group = chunk.compute(chunk.Chunk(case, 0, 3))
-        for i, depth in enumerate(depths):
-            true = truth(data | {"depth": depth}, np.array([case.time.end]))[0]
-            off = np.linalg.norm(group.variables["omega"].data[i] - true)
+        for i, depth in enumerate(depths(seed)):
+            true = truth(data | {"depth": depth}, np.array([data["time"]["end"]]))[0]
+            off = np.linalg.norm(result[f"{model}-members-{seed}/omega"][i] - true)
             assert off < 1e-11 * np.linalg.norm(true), (seed, i)
 
 
-def test_functions_that_are_1_change_no_motion() -> None:
-    """In full and averaged, with the labels and crossings."""
-    forms = ("full", "averaged") if have_taylor() else ("full",)
+def test_functions_that_are_1_change_no_motion(result: h5py.File) -> None:
+    """Nor its crossings."""
     for seed in range(COUNT):
-        draw = random.Random(seed)
-        data = body(draw) | {"damping": [draw.uniform(0.001, 0.005) for _ in range(3)]}
-        for form in forms:
-            both = [
-                classified(Case.of({"model": model, "form": form, **data, "time": {"end": 200.0}}))
-                if form == "full"
-                else (integrated(model, data), None)
-                for model in ("disguised", "linear-diag")
-            ]
-            (ours, labelled), (theirs, expected) = both
-            if form == "full":
-                apart = np.linalg.norm(ours.variables["omega"] - theirs.variables["omega"], axis=1)
-                sizes = np.linalg.norm(theirs.variables["omega"], axis=1)
-                assert (apart / sizes).max() < 10 * (ours.error + theirs.error), seed
-                crossings = zip(labelled.crossings, expected.crossings, strict=True)
-                for a, b in crossings:
-                    assert abs(a.time - b.time) < 10 * (a.error + b.error) + 1e-11, seed
-                assert labelled.growth == pytest.approx(expected.growth, nan_ok=True, abs=1e-12)
-            else:
-                assert close(ours, theirs), seed
+        ours, theirs = (result[f"{model}-full-{seed}"] for model in ("disguised", "linear-diag"))
+        errors = ours.attrs["error"] + theirs.attrs["error"]
+        apart = np.linalg.norm(ours["omega"] - theirs["omega"][()], axis=1)
+        assert (apart / np.linalg.norm(theirs["omega"], axis=1)).max() < 10 * errors, seed
+        assert len(ours["crossing_time"]) == len(theirs["crossing_time"])
+        allowed = 10 * (ours["crossing_error"] + theirs["crossing_error"][()]) + 1e-11
+        assert (abs(ours["crossing_time"] - theirs["crossing_time"][()]) < allowed).all(), seed
 
 
-def integrated(model: str, data: dict[str, Any]) -> Any:
-    """The averaged form of the first order, which is that of the equations alone."""
-    from hodo_cli.integration.integrate import integrate
-
-    given = {"model": model, "form": "averaged", **data, "mean_start": "no"}
-    return integrate(Case.of({**given, "time": {"end": 200.0}}))
-
-
-def close(ours: Any, theirs: Any) -> bool:
-    """Whether two averaged motions agree to their stated errors."""
-    n = min(len(ours.time), len(theirs.time))
-    a, b = (motion.variables["momentum"][:n] for motion in (ours, theirs))
-    return bool(np.abs(a - b).max() < (10 * (ours.error + theirs.error) + 1e-10) * b.max())
+@pytest.mark.heyoka
+def test_functions_that_are_1_change_no_averaged_motion(result: h5py.File) -> None:
+    for seed in range(COUNT):
+        both = [result[f"{model}-averaged-{seed}"] for model in ("disguised", "linear-diag")]
+        n = min(len(motion["time"]) for motion in both)
+        a, b = (motion["momentum"][:n] for motion in both)
+        errors = sum(motion.attrs["error"] for motion in both)
+        assert np.abs(a - b).max() < (10 * errors + 1e-10) * b.max(), seed
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_tilt_grows_by_the_equations_as_by_the_formula(seed: int) -> None:
-    draw = random.Random(seed)
-    A, rates = [draw.uniform(0.55, 1) for _ in range(3)], [draw.uniform(0, 0.1) for _ in range(3)]
-    start = {"p": 0.3, "q": 0.4, "r": -0.5, "G": None}
-    system = Disguised(inertia=tuple(A), initial=start, damping=tuple(rates))
-    known = {"inertia": tuple(A), "initial": start, "damping": tuple(rates)}
-    expected = Case("known", "linear-diag", "full", known, Time(end=1.0)).system.tilt_growth(0.0)
-    assert system.dissipation is None
-    assert system.tilt_growth(0.0) == pytest.approx(expected, nan_ok=True, rel=1e-9, abs=1e-14)
+@pytest.mark.parametrize("kind", ["full", "tilting"])
+def test_a_tilt_grows_by_the_equations_as_by_the_formula(result: h5py.File, kind: str) -> None:
+    for seed in range(COUNT):
+        ours, theirs = (
+            result[f"{model}-{kind}-{seed}/growth_rate"][()]
+            for model in ("disguised", "linear-diag")
+        )
+        assert ours == pytest.approx(theirs, nan_ok=True, rel=1e-9, abs=1e-14)
 
 
-def test_no_growth_is_told_where_it_changes_with_the_time() -> None:
-    start = {"p": 0.3, "q": 0.4, "r": -0.5, "G": None}
-    for model in (Waving, Oscillating):
-        system = model(inertia=(1.0, 0.8, 0.6), initial=start, depth=0.1, rate=1.0)
-        assert system.tilt_growth(0.0) is None
+def test_no_growth_is_told_where_it_changes_with_the_time(result: h5py.File) -> None:
+    assert not [name for name in result if "growth_rate" in result[name] and "-full-" not in name
+                and "-tilting-" not in name]  # fmt: skip
 
 
 @pytest.mark.parametrize("number", [0.3, np.float64(0.3), np.longdouble(0.3), np.full(3, 0.3)])
@@ -259,4 +170,4 @@ def test_functions_of_numbers_and_arrays(number: Any) -> None:
         value = getattr(functions, name)(number)
         assert np.allclose(np.asarray(value, float), getattr(math, name)(0.3), rtol=1e-15)
         assert np.asarray(value).dtype == np.asarray(number).dtype
-    assert np.all(abs(-number) == number)
+    assert np.all(functions.abs(-number) == number)

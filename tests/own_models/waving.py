@@ -1,0 +1,97 @@
+"""Models of a user's own whose equations contain functions, the time and more than omega."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+from hodo_cli.functions import cos, exp, log, sin, sqrt
+from hodo_cli.models.base import Constants, Label
+from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
+from hodo_cli.schema.kinds import Key, Number, vector
+
+
+def free(p: Any, q: Any, r: Any, k: Any) -> tuple[Any, Any, Any]:
+    """The rates of a free body."""
+    return (
+        k.g * (k.A2 - k.A3) / k.A1 * q * r,
+        k.g * (k.A3 - k.A1) / k.A2 * p * r,
+        k.g * (k.A1 - k.A2) / k.A3 * p * q,
+    )
+
+
+@dataclass(frozen=True)
+class Waving(BodyFrame):
+    """Equal damping -m'/m, m = 1 + a sin(b t), from the time itself."""
+
+    depth: float
+    rate: float
+
+    name = "waving"
+    form = "full"
+    keys: ClassVar[dict[str, Key]] = {
+        "inertia": INERTIA,
+        "depth": Key(Number(), "a"),
+        "rate": Key(Number(), "b"),
+        "initial": INITIAL,
+    }
+    degree: ClassVar[dict[str, int]] = {"g": 2, "unit": 1}
+
+    @staticmethod
+    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
+        p, q, r = y[:3]
+        rate = k.unit * k.a * k.b * cos(k.b * t) / (1 + k.a * sin(k.b * t))
+        return tuple(f + rate * x for f, x in zip(free(p, q, r, k), y, strict=True))
+
+    @cached_property
+    def constants(self) -> Constants:
+        return {**super().constants, "a": self.depth, "b": self.rate, "unit": 1.0}
+
+
+@dataclass(frozen=True)
+class Oscillating(Waving):
+    """The same, with sin(b t) and cos(b t) as two more variables of the state."""
+
+    name = "oscillating"
+    form = "full"
+    state = ("p", "q", "r", "s", "c")
+    state_degree: ClassVar[dict[str, int]] = {"s": 0, "c": 0}
+    variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {"s": Label(("time",), "sine")}
+
+    @staticmethod
+    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
+        p, q, r, s, c = y
+        rate = k.unit * k.a * k.b * c / (1 + k.a * s)
+        own = [f + rate * x for f, x in zip(free(p, q, r, k), (p, q, r), strict=True)]
+        return (*own, k.unit * k.b * c, -k.unit * k.b * s)
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        return (*super().start, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Disguised(BodyFrame):
+    """Damping about three axes, times functions that are 1 together."""
+
+    damping: tuple[float, float, float]
+
+    name = "disguised"
+    form = "full"
+    keys: ClassVar[dict[str, Key]] = {
+        "inertia": INERTIA,
+        "damping": Key(vector(3), "lambda"),
+        "initial": INITIAL,
+    }
+    degree: ClassVar[dict[str, int]] = {"g": 2, "lam": 1}
+
+    @staticmethod
+    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
+        p, q, r = y
+        square = (p * p + r * r) / (p * p + q * q + r * r)
+        one = sin(square) ** 2 + sqrt(cos(square) ** 4) + exp(log(1 + square)) - 1 - square
+        terms = zip(free(p, q, r, k), k.lam, y, strict=True)
+        return tuple(f - one * lam * x for f, lam, x in terms)
+
+    @cached_property
+    def constants(self) -> Constants:
+        return {**super().constants, "lam": self.damping}
