@@ -16,6 +16,7 @@ import pytest
 from conftest import ROOT, Hodo, call, schema
 
 from hodo_cli import HodoError
+from hodo_cli.cases import claim_block
 from hodo_cli.cases.config import load, parse
 from hodo_cli.claims import variations
 from hodo_cli.commands import claims
