@@ -179,16 +179,14 @@ class Axis:
     def directions(self, index: np.ndarray) -> np.ndarray:
         """The unit vectors (n, 3) of a sphere at positions (n,), uniform and independent."""
         assert self.sphere is not None
-        directions = np.empty((len(index), 3))
-        blocks = index // DRAWN_AT_ONCE
-        for block in np.unique(blocks):
-            here = blocks == block
-            # Seeded by the block, so that any process draws any part, and the same members whatever
-            # the chunks.
-            vectors = np.random.default_rng([self.sphere["seed"], int(block)]).standard_normal(
-                (DRAWN_AT_ONCE, 3)
-            )
-            directions[here] = vectors[index[here] % DRAWN_AT_ONCE]
+        # Seeded by the block, so that any process draws any part, and the same members whatever the
+        # chunks.
+        occurring, block = np.unique(index // DRAWN_AT_ONCE, return_inverse=True)
+        drawn = [
+            np.random.default_rng([self.sphere["seed"], number]).standard_normal((DRAWN_AT_ONCE, 3))
+            for number in occurring.tolist()
+        ]
+        directions = np.array(drawn)[block, index % DRAWN_AT_ONCE]
         return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 

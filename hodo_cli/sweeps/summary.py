@@ -23,7 +23,7 @@ from ..models.attitude import angle_apart
 from ..storage.group import Group
 from .chunk import Chunk, reason_alone
 from .ensemble.motions import Rejection
-from .members import member
+from .members import members_as_cases
 
 SAMPLE, NEAREST = 256, 64
 """Members whose error is measured: drawn at random, and nearest to the separatrix."""
@@ -66,9 +66,10 @@ class MemberError(NamedTuple):
 def probe(case: Case, ends: Sequence[MemberEnd]) -> list[MemberError]:
     """The errors of some members; an exception costs its own member."""
     errors = []
-    for end in ends:
+    singles = members_as_cases(case, np.array([end.number for end in ends]), samples=2)
+    for end, single in zip(ends, singles, strict=True):
         try:
-            errors.append(member_error(case, end))
+            errors.append(member_error(case, single, end))
         except NOT_OF_A_CASE:
             raise
         except Exception as error:  # of whatever kind, since the sweep itself is computed
@@ -76,11 +77,13 @@ def probe(case: Case, ends: Sequence[MemberEnd]) -> list[MemberError]:
     return errors
 
 
-def member_error(case: Case, end: MemberEnd) -> MemberError:
-    """The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
-    Newton's method."""
-    single, crossing = member(case, end.number), end.crossing_time
-    finer = refined(single, single.system)
+def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
+    """The error of a member of a sweep, which is also a case by itself.
+
+    The error of a crossing is |D / (dD/dt)| where the reference stands at that time: a step of
+    Newton's method.
+    """
+    finer, crossing = refined(single, single.system), end.crossing_time
     method = choose(single)[0] if reason_alone(case) else "taylor"
     tol = case.tol or PRECISION[case.precision]
     # nan where there is no crossing, and then the comparison is false.
