@@ -83,12 +83,17 @@ def weaker(m: Motion, factor: float, end: float, samples: int) -> Case:
     return changed(m.case, {"cavity": cavity, "epsilon": data["epsilon"] * factor, "time": time})
 
 
+SMALL_NUMBER = 0.01
+"""The Reynolds number up to which a flow is taken as slow."""
+
+
 @Check
 def small_Reynolds_number(motions: Sequence[Motion]) -> Finding:
-    """The Reynolds number of the flow at the start is at most 0.01; decided by the largest."""
+    """The Reynolds number of the flow at the start is a SMALL_NUMBER; decided by the largest."""
     numbers = [reynolds(m.case.data["cavity"], m.omega[0]) for m in motions]
     words = f"Re = {listed(numbers)}"
-    return Finding(if_true(max(numbers) <= 0.01), max(numbers), words, "a number above 0.01")
+    holds, contrary = max(numbers) <= SMALL_NUMBER, f"a number above {SMALL_NUMBER:g}"
+    return Finding(if_true(holds), max(numbers), words, contrary)
 
 
 TURN_SAMPLES = 401
