@@ -8,18 +8,14 @@ from .text import NAMES_LISTED, abridged, magnitude, seconds, table
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases with their method, cost, error, warnings, and what they assume where that is known."""
-    header = (
-        "case",
-        "model",
-        "form",
-        "method",
-        "steps",
-        "run time",
-        "error",
-        "warnings",
-        "assumes",
-    )
+    """Cases with their method, cost, error and warnings; below them, once each, the warnings that
+    several cases share, and what cases assume where that is known."""
+    header = ("case", "model", "form", "method", "steps", "run time", "error", "warnings")
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        assumed = [f"assumes {row['assumes']}"] if row.get("assumes") else []
+        for text in (*remarks(row), *assumed):
+            names.setdefault(text, []).append(row["case"])
     lines = [
         [
             row["case"],
@@ -29,20 +25,24 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
             str(row["steps"]),
             seconds(row["run_time"]),
             magnitude(row["error"]),
-            remark(row),
-            row.get("assumes", ""),
+            "; ".join(text for text in remarks(row) if len(names[text]) == 1),
         ]
         for row in rows
     ]
-    return table(header, lines, right=("steps", "run time", "error"), optional=("assumes",))
+    shared = [
+        f"{', '.join(abridged(cases, NAMES_LISTED))}: {text}"
+        for text, cases in names.items()
+        if len(cases) > 1 or text.startswith("assumes ")
+    ]
+    return "\n".join([table(header, lines, right=("steps", "run time", "error")), *shared])
 
 
-def remark(row: Mapping[str, Any]) -> str:
-    """How a case ended, unless well and at its time, and its warnings, on one line."""
+def remarks(row: Mapping[str, Any]) -> list[str]:
+    """How a case ended, unless well and at its time, and its warnings."""
     ended = [row["message"]] if row["message"] else []
     if row["status"] != "ok":
         ended = [f"{row['status']}: {row['message']}"]
-    return "; ".join([*ended, *row["warnings"].splitlines()])
+    return [*ended, *row["warnings"].splitlines()]
 
 
 def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Hodo, call
 
+from hodo_cli import tables
 from hodo_cli.commands.resume import content_digest
 from hodo_cli.storage.group import Group, Report, Variable
 from hodo_cli.storage.hdf5 import open_run
@@ -82,6 +83,19 @@ def test_show_says_what_a_case_assumes(hodo: Hodo, config: Path) -> None:
     assert hodo("run", config).returncode == 0
     rows = json.loads(hodo("show", "runs/two.h5", "--json").stdout)
     assert [row["assumes"] for row in rows] == ["r0: by reading", ""]
+    *_, last = hodo("show", "runs/two.h5").stdout.splitlines()
+    assert last == "turns: assumes r0: by reading"
+
+
+def test_what_several_cases_are_warned_of_is_one_line_below_their_table() -> None:
+    ended = {"model": "m", "form": "f", "method": "taylor", "steps": 1, "run_time": 0.0}
+    ended |= {"error": 0.0, "status": "ok", "message": ""}
+    warned = {"a": "slow\nrough", "b": "rough", "c": ""}
+    rows = [{**ended, "case": name, "warnings": text} for name, text in warned.items()]
+    _, first, second, _, last = tables.case_table(rows).splitlines()
+    assert first.split()[-1] == "slow"
+    assert second.split()[-1] == "0"
+    assert last == "a, b: rough"
 
 
 def test_json_has_no_numbers_that_are_not_finite(hodo: Hodo, config: Path) -> None:

@@ -254,3 +254,9 @@ def test_a_page_runs_nothing_that_another_folder_brings(place: Path) -> None:
             address = attributes[name]
             assert not address.startswith(("//", "/", "\\"))
             assert ":" not in address
+
+
+def test_results_of_one_title_are_told_apart(tmp_path: Path) -> None:
+    page = page_in(plotted(tmp_path, first="One", second="One", paper="Other"))
+    headings = re.findall("<h2>(.*?)</h2>", page.text)
+    assert headings == ["Other", "One (first)", "One (second)"]

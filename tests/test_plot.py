@@ -28,6 +28,7 @@ from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
 from hodo_cli.cases.figure_block import FIGURE_KINDS
 from hodo_cli.cli import main
+from hodo_cli.figures.geometry import places_beside
 
 PAPERS = ("paper1", "paper2", "paper3")
 
@@ -445,6 +446,13 @@ def test_names_of_curves_stand_on_the_sphere(runs: Path) -> None:
     axes = Drawings.of(runs / "paper1.h5").draw("fig1").figure.axes[0]
     places = {text.get_text(): np.hypot(*text.get_position()) for text in axes.texts}
     assert all(places[name] < 0.95 for name in ("1", "2", "3", "3′", "4"))
+
+
+def test_names_of_curves_that_meet_stand_apart() -> None:
+    turn = np.linspace(0, 2 * np.pi, 500)
+    circle = 0.5 * np.stack([np.cos(turn), np.sin(turn), np.ones(500)], axis=-1)
+    first, second = places_beside([circle, circle], [])
+    assert np.linalg.norm(first - second) > 0.05
 
 
 def test_a_figure_is_named_and_its_axes_are_those_of_the_momentum(runs: Path) -> None:
@@ -943,6 +951,25 @@ def test_numbers_of_passages_have_a_scale_even_if_they_are_0_and_1() -> None:
     assert set(made.crossings.values.ravel().tolist()) == {0, 1}
     figure = api.plot(made, "map", variable="crossings", x="damping.0", y="damping.2")
     assert figure.axes[-1].get_xlabel() == "number of passages"
+    assert figure.axes[0].collections[0].get_cmap().N == 2
+    assert figure.axes[-1].get_xticks().tolist() == [0, 1]
+    # A line between two values is no result.
+    lines = api.plot(made, "curve", variable="crossings", x="damping.0", by="damping.2").axes[0]
+    assert {line.get_linewidth() for line in lines.lines[::2]} == {0.4}
+
+
+@pytest.mark.parametrize("damping", [0, 1e-9])
+def test_a_constant_quantity_is_drawn_as_one(damping: float) -> None:
+    start = {"initial": {"p": 0.8, "q": 0.5, "r": 0.74}, "time": {"end": 100}, "attitude": "yes"}
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": damping}
+    data = api.run({**body, **start})
+    momentum, turned, wobbling = api.plot(data, "series", variables=["G", "G_space.x", "p"]).axes
+    for axes, name in ((momentum, "G"), (turned, "G_space.x")):
+        low, high = axes.get_ylim()
+        # It falls by 1e-7, which is seen, or changes by rounding, which is not.
+        assert (high - low > 0.1) == (damping == 0), name
+        assert [text.get_text()[:8] for text in axes.texts] == ["constant"] * (damping == 0)
+    assert not wobbling.texts
 
 
 @pytest.mark.parametrize(

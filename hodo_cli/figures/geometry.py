@@ -62,12 +62,12 @@ def places_beside(
     curves: Sequence[np.ndarray], lines: Sequence[np.ndarray], away: float = 0.09
 ) -> Iterator[np.ndarray]:
     """For each curve in view (n, 3) a place (2,) for its name: `away` from its point farthest from
-    the others, on the reader's side if it can be, and on the side of that point where no curve, and
-    none of the other lines (n, 3), is near.
+    the others, on the reader's side if it can be, and on the side of that point where no curve,
+    none of the other lines (n, 3), and no name of another curve is near.
     """
     # 200 points of each curve place a name as well as 20,000 would.
     thinned = [curve[:: max(1, len(curve) // 200)] for curve in curves]
-    every = np.concatenate([line[:: max(1, len(line) // 400)] for line in (*curves, *lines)])
+    taken = np.concatenate([line[:: max(1, len(line) // 400)] for line in (*curves, *lines)])[:, :2]
     turn = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = away * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     for i, curve in enumerate(thinned):
@@ -75,7 +75,9 @@ def places_beside(
         others = np.concatenate([*thinned[:i], *thinned[i + 1 :]] or [curve[:1]])
         around = near[clearest(others, near), :2] + ring
         inside = around[np.hypot(*around.T) < RIM]
-        yield inside[clearest(every, inside)]
+        place = inside[clearest(taken, inside)]
+        taken = np.concatenate([taken, [place]])
+        yield place
 
 
 def check_zoom(zoom: float, nearest: float) -> None:

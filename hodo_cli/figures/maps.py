@@ -108,6 +108,10 @@ def sweeps_of(cases: Cases, spec: Mapping[str, Any], *across: str) -> list[Sweep
     return sweeps
 
 
+MOST_COUNTS = 8
+"""The largest difference of counts that have a colour each: of more, colours are too alike."""
+
+
 def colour_scale_of(
     spec: Mapping[str, Any], values: np.ndarray, labelled: Mapping[int, str]
 ) -> tuple[Normalize, Colormap]:
@@ -118,6 +122,9 @@ def colour_scale_of(
         labels = range(int(low), int(high) + 1)
         colours = ListedColormap([AXIS_COLOUR.get(label, PURPLE) for label in labels])
         return Normalize(low - 0.5, high + 0.5), colours
+    if spec["range"] is None and high - low <= MOST_COUNTS and (values % 1 == 0).all():
+        # The colours of a continuous scale would show counts that no member has.
+        return Normalize(low - 0.5, high + 0.5), hues().resampled(int(high - low) + 1)
     scale = Normalize(*(spec["range"] or (low, high)))
     if (part := spec["variable"].rpartition(".")[2]) not in LABELS.values():
         return scale, hues()
@@ -153,6 +160,9 @@ def colour_bar(sheet: Sheet, scale: ScalarMappable, label: str) -> None:
         panchor=False,  # where `map_sphere` has it
     )
     bar.set_label(filled(label, sheet.figure.get_figwidth()))
+    if scale.cmap.N <= MOST_COUNTS + 1:
+        first, behind = scale.get_clim()
+        bar.set_ticks(np.arange(math.ceil(first), behind).tolist())
 
 
 def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
@@ -301,7 +311,9 @@ def globe(
     scene = sheet.scene(axes, View((0, 0)), (), globe=True)
     texts = [f"{value:.6g}" if math.isfinite(value) else "none" for value in values]
     shades = look["cmap"].with_extremes(bad=GAP)(look["norm"](np.ma.masked_invalid(values)))
-    dots: Look = {"ls": "", "marker": "o", "ms": 3, "mec": GREY, "mew": 0.3}
+    # As large as their distance allows, so that neighbours do not hide each other.
+    size = min(3.0, 80 / math.sqrt(len(values)))
+    dots: Look = {"ls": "", "marker": "o", "ms": size, "mec": GREY, "mew": 0.1 * size}
     scene.add(directions, shades[:, :3], np.arange(len(values)), texts, **dots)
     for circle in circles:
         scene.add(circle, **SEPARATRIX)
@@ -367,19 +379,22 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     if spec["level"] is not None:
         axes.axhline(spec["level"], **SEPARATRIX)
     ticks = [swept.ticks(spec["x"]) for swept in sweeps]
-    x = np.concatenate([values for values, _ in ticks])
     axes.set(
         xscale="log" if all(even for _, even in ticks) else "linear",
-        xlim=(x.min(), x.max()) if len(x) > 1 else None,
         xlabel=axis_name(sweeps[0], spec["x"]),
         # Lines that are no longer than the panel is high.
         ylabel=filled(map_label(sweeps, spec), 0.55 * sheet.figure.get_figheight()),
     )
+    axes.margins(x=0.02)
     handles: list[Line2D] = []
     if len(curves) > 1 or spec["labels"]:
         handles = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
     missing = Line2D([], [], ls="", marker="x", ms=4, color=GREY, label=absence(spec["variable"]))
     sheet.legend = [*handles, *([missing] if lacking else [])]
+
+
+FEW_VALUES = 12
+"""Values along a curve, below which its marks are drawn larger, and the line between them fine."""
 
 
 def absence(variable: str) -> str:
@@ -402,7 +417,9 @@ def curve_of(
     x, _ = swept.ticks(spec["x"])
     values = swept.values(spec["variable"], [spec["x"]], indices)
     shown = {column(swept, spec["x"]): x, spec["variable"]: values}
-    axes.plot(x, values, **style, marker=".", ms=3, label=label)
+    # A line between few values would pass for a result.
+    width = {"lw": 0.4, "ms": 5} if len(x) < FEW_VALUES else {"ms": 3}
+    axes.plot(x, values, **style, **width, marker=".", label=label)
     if (error := STORED_ERRORS.get(spec["variable"], "")) in swept.data:
         shown[error] = swept.values(error, [spec["x"]], indices)
         axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])

@@ -11,12 +11,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
 
 from .. import HodoError
+from ..cases.figure_block import BODY_AXES
+from ..engines.protocol import EPS
 from ..models import rigid_body
 from ..models.rigid_body import slope
 from ..models.terms.body import BodyUnderTorques
 from ..results.dataset import Cases, motions_of
 from ..results.motion import Motion, formula_values
 from ..results.resolution import samples_within
+from ..text import magnitude
 from .artists import (
     AXIS_COLOUR,
     BLACK,
@@ -194,6 +197,8 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         for (motion, name), style in zip(curves, looks, strict=True):
             series_curve(sheet, axes, spec, group, motion, name, style)
         axes.margins(x=0.02, y=0.08)
+        if not by_case:
+            widen_constant(axes, curves)
         if spec["level"] is not None:
             axes.axhline(spec["level"], **SEPARATRIX)
         if by_case:
@@ -217,6 +222,34 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     handles += passage_handles(motions) if spec["passages"] == "yes" else event_handles(motions)
     handles += [Line2D([], [], **LAW_LOOK, label=law) for law in spec["formula"].values()]
     sheet.legend = handles
+
+
+ROUNDING = 1000
+"""A quantity that changes by less than so many times the stated error of its motion is constant for
+the eye: it is computed from several values with such errors, which grow along a motion."""
+
+
+def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
+    """Give a panel of constant quantities a scale on which they look so, and say it: on that of
+    their rounding errors they would look like noise."""
+    values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
+    size = max(largest_length(motion, name) for motion, name in curves)
+    # A motion whose error is not measured has some rounding.
+    error = max(np.fmax(motion.attrs.get("error", 0.0), EPS) for motion, _ in curves)
+    if not np.ptp(values) <= ROUNDING * error * size:
+        return
+    middle, half = values.mean(), 0.1 * size or 1.0
+    axes.set_ylim(middle - half, middle + half)
+    words = f"constant to {magnitude(np.ptp(values))}" if np.ptp(values) else "constant"
+    axes.annotate(words, (0.97, 0.95), xycoords="axes fraction", ha="right", va="top", size="small")
+
+
+def largest_length(motion: Motion, variable: str) -> float:
+    """The largest size of a variable; of a component, the length of its vector."""
+    name, dot, part = variable.rpartition(".")
+    of_vector = next((parts for parts in (BODY_AXES, "xyz") if dot and part in parts), ())
+    parts = [motion[f"{name}.{part}"] for part in of_vector] or [motion[variable]]
+    return float(np.sqrt(np.square(parts).sum(axis=0)).max())
 
 
 def series_curve(

@@ -2,6 +2,7 @@
 text, numbers and names of files in the shape that `section_of` writes, or is left out."""
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -36,12 +37,17 @@ SECTION = {
 
 def stored_sections(folder: Path, first: Sequence[str]) -> list[Section]:
     """The sections of a page: those of papers first, then those of the names given, in their order,
-    then all others by name."""
+    then all others by name; equal titles are told apart by the names of the results."""
     ranks = {name: rank for rank, name in enumerate(first)}
-    return sorted(
+    sections = sorted(
         readable_sections(folder),
         key=lambda section: (not section["paper"], ranks.get(section["name"], len(ranks))),
     )
+    titles = Counter(section["title"] for section in sections)
+    for section in sections:
+        if titles[section["title"]] > 1:  # of a result, and of another that it was merged into
+            section["title"] += f" ({section['name']})"
+    return sections
 
 
 def readable_sections(folder: Path) -> Iterator[Section]:
