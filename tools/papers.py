@@ -169,6 +169,11 @@ def deciding(row: Mapping[str, Any]) -> Iterator[str]:
     yield f"**{row['verdict'].capitalize()}**: {shortened(row['evidence'])}."
     if row["verdict"] not in NOT_SIMPLY:
         yield f"Contradicted by {shortened(row['contradicted_by'])}."
+    yield from remarks(row)
+
+
+def remarks(row: Mapping[str, Any]) -> Iterator[str]:
+    """What is measured, where that is not what is said, and the remark on a statement."""
     if row["measured"]:
         yield f"Measured: {plain(row['measured'])}."
     yield plain(sentence(row["note"]))
@@ -184,7 +189,7 @@ def statement(row: Mapping[str, Any]) -> str:
 def theorem(row: Mapping[str, Any]) -> str:
     """A statement that holds by theorem, with the reason and the motions that tried it."""
     why, tried = plain(sentence(row["theorem"])), shortened(row["evidence"])
-    return item([*saying(row), f"**{sentence(THEOREM)}**", why, f"Tried: {tried}."])
+    return item([*saying(row), f"**{sentence(THEOREM)}**", why, f"Tried: {tried}.", *remarks(row)])
 
 
 def misprint(row: Mapping[str, Any]) -> str:
