@@ -346,6 +346,11 @@ POWER = {"law": "power", "rate": 0.1, "exponent": 1}
             ["one crossing at most, x1 to x3", "stops after 250.238 to 304.98"],
         ),
         ({"damping": MEDIUM, "torque": [0, 0.001, 0.001]}, []),
+        ({"damping": MEDIUM, "brake": fading(0.002)}, ["one crossing at most, x1 to x3"]),
+        # The diagonal of a tensor bounds no |G|' where it has other entries.
+        ({"resistance": {"diagonal": 0.003, "off_diagonal": 0.0029}, "brake": 0.002}, []),
+        ({"damping": fading(0.01), "brake": 0.002}, ["no crossing is possible"]),
+        ({"damping": fading(0.01), "brake": [0.002, 1e-5]}, ["no crossing is possible"]),
         # Under laws of time, what holds at all times of the case.
         ({"damping": fading(0.01)}, ["no crossing is possible"]),
         ({"damping": fading(0.01), "kappa": [0.01, 1e-4]}, ["one crossing at most, x3 to x1"]),

@@ -241,11 +241,15 @@ def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndar
     ratios = np.empty((len(places[0]), len(places[1])))
     for row, i in enumerate(places[0]):
         for column, j in enumerate(places[1]):
-            body = swept.at({x: int(i), y: int(j)}).system
-            if not isinstance(body, BodyFrame) or (terms := body.dissipation) is None:
+            case = swept.at({x: int(i), y: int(j)})
+            body, time = case.system, case.time
+            if (
+                not isinstance(body, BodyFrame)
+                or len(terms := body.dissipations(time.start, time.end)) != 1
+            ):
                 raise HodoError(f"sweep {swept.name} has torques for which no sense is foretold")
             momentum = np.linalg.norm(body.momentum(np.array(body.start[:3])))
-            ratios[row, column] = momentum / turning_momenta(terms).mean
+            ratios[row, column] = momentum / turning_momenta(*terms).mean
     return places, ratios
 
 

@@ -346,30 +346,22 @@ class BodyFrame(Model):
         A = self.moments
         return separation(A[:, None], self.to_principal(omega).T, inertia_order(A))
 
-    @property
-    def dissipation(self) -> Dissipation | None:
-        """The torques as the theorems on crossings and tilts take them; None where these do not
-        cover them."""
-        return None
-
-    def dissipation_at(self, t: float) -> Dissipation | None:
-        """The same at a time, under laws of time too."""
-        return self.dissipation
-
     def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
-        """The same at times between two at which it is all that it is there; empty for None."""
-        return () if self.dissipation is None else (self.dissipation,)
+        """The torques as the theorems on crossings and tilts take them, at such times between two
+        that what excludes a crossing at these excludes it always: one time where they are
+        constant. Empty where the theorems do not cover them."""
+        return ()
 
     def absorbing_axes(self, start: float, end: float) -> frozenset[int]:
         return axes_kept(self.dissipations(start, end))
 
     def tilt_growth(self, t: float) -> np.ndarray | None:
-        if (dissipation := self.dissipation_at(t)) is None:
+        if not (dissipations := self.dissipations(t, t)):
             # About which axes a body with a rotor is in steady rotation, `theory.gyrostat` says.
             return tilt_growth_by_equations(self) if self.is_plain else None
         omega = self.to_principal(np.array(self.velocity(self.inertia, self.initial)))
         speeds = np.copysign(np.linalg.norm(omega), omega)
-        rates = tilt_growth_rates(dissipation, speeds)
+        rates = tilt_growth_rates(dissipations[0], speeds)
         return rates if np.isfinite(rates).any() else None
 
     @property

@@ -369,8 +369,9 @@ class Torques(BodyUnderTorques, LookedUp):
         return "stopped", EventOutcome(along.stop, details, ())
 
     def predictions(self, start: float, end: float) -> list[str]:
-        terms, named = self.dissipation, terms_named(vars(self))
-        crossings = crossings_foretold(self.dissipations(start, end))
+        moments, named = self.dissipations(start, end), terms_named(vars(self))
+        terms = None if self.changing_terms or not moments else moments[0]
+        crossings = crossings_foretold(moments)
         # Neither fluid nor a rotor changes |G|; but a fluid beside a rotor does.
         if named == ("brake", "rotor") and isinstance(self.brake, float):
             terms = Dissipation(self.moments)
@@ -382,7 +383,7 @@ class Torques(BodyUnderTorques, LookedUp):
 
     def stop_foretold(self, terms: Dissipation) -> list[str]:
         """When the brake stops the body, or between which times: fluid does not change |G|."""
-        if not self.brake or self.quadratic or self.quadratic_axes:
+        if not self.brake or not terms.covered or self.quadratic or self.quadratic_axes:
             return []
         rate = self.brake / float(np.linalg.norm(self.momentum(np.array(self.start[:3]))))
         first, last = (AlongMomentum(of(terms.damping), rate).stop for of in (max, min))

@@ -212,13 +212,13 @@ class ClosedTurns(ClosedMeans):
 
     @property
     def run_events(self) -> tuple[Event, ...]:
-        torques, (largest, _, smallest) = self.dissipation, self.body.order
+        largest, _, smallest = self.body.order
         # Motions keep their side where nothing distinguishes the two outer axes, and a passage
-        # would divide by the difference.
-        if (
-            torques is not None
-            and not (torques.kappa or any(torques.torque))
+        # would divide by the difference. Laws of time that agree in any span agree always.
+        moments = self.dissipations(0.0, 1.0)
+        is_alike = all(
+            not (torques.kappa or any(torques.torque))
             and torques.damping[largest] == torques.damping[smallest]
-        ):
-            return self.averaged_events
-        return super().run_events
+            for torques in moments
+        )
+        return self.averaged_events if moments and is_alike else super().run_events

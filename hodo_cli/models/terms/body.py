@@ -99,15 +99,15 @@ class BodyUnderTorques(BodyFrame):
         given = self.term_coefficients.items()
         return frozenset(term for term, entries in given if any(map(is_law, entries)))
 
-    @property
-    def dissipation(self) -> Dissipation | None:
-        return None if self.changing_terms else self.dissipation_at(0.0)
+    def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
+        if self.term_coefficients.keys() & NOT_COVERED:
+            return ()
+        return tuple(map(self.dissipation_at, self.decisive_times(start, end)))
 
-    def dissipation_at(self, t: float) -> Dissipation | None:
-        given, axes = self.term_coefficients, self.principal_axes
-        if given.keys() & NOT_COVERED:
-            return None
-        given = {term: tuple(value_at(x, t) for x in entries) for term, entries in given.items()}
+    def dissipation_at(self, t: float) -> Dissipation:
+        """The torques at a time, all of them covered by the theorems."""
+        axes, coefficients = self.principal_axes, self.term_coefficients.items()
+        given = {term: tuple(value_at(x, t) for x in entries) for term, entries in coefficients}
         damping, covered = given.get("damping", ZEROS), True
         if "resistance" in given:
             I = np.reshape(given["resistance"], (3, 3))
@@ -121,16 +121,12 @@ class BodyUnderTorques(BodyFrame):
         (kappa,) = given.get("kappa", (0.0,))
         return Dissipation(self.moments, damping, quadratic, by_axes, kappa, torque, covered)
 
-    def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
-        terms = [self.dissipation_at(t) for t in self.decisive_times(start, end)]
-        return tuple(filter(None, terms))
-
     def decisive_times(self, start: float, end: float) -> set[float]:
         """Times between two at which the coefficients that the theorems compare have every order
         that they have there; not a number where no formula tells them."""
         # A brake has no part in the theorems.
         given, changing = self.term_coefficients, self.changing_terms - {"brake"}
-        if not changing:
+        if not changing or start == end:
             return {start}
         across = [x for i, x in enumerate(given.get("resistance", ())) if i % 4]
         is_turned = self.principal_axes is not None and "resistance" in changing
