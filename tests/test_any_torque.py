@@ -10,31 +10,31 @@ import pytest
 from conftest import Hodo
 from scipy.special import ellipj, ellipk
 from test_averaged import CLOSE, case, cavity, chance
+from test_averaged import full as full_case
 from test_docs import snippets
 
 from hodo_cli import Case
 from hodo_cli.engines import have_taylor
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.trajectory import Trajectory
-from hodo_cli.models import find
-from hodo_cli.models.averaging.any_torque import averaged_form, whole_turn
+from hodo_cli.models.averaging import any_torque
 
 EXAMPLE = next(text for text in snippets("docs/models.md", "python") if "class " in text)
 
 
 @pytest.mark.parametrize("m", [0, 1e-3, 0.5, 0.99, 1 - 1e-8])
 def test_the_functions_of_jacobi_at_the_nodes(m: float) -> None:
-    seen = np.array(whole_turn(1 - m, 64))
+    seen = np.array(any_torque.whole_turn(1 - m, 64))
     known = np.array(ellipj(np.arange(64) * ellipk(m) / 16, m))[:3].T
     assert seen == pytest.approx(known, abs=2e-14)
 
 
 def by_quadrature(known: Case, nodes: int = 128) -> Trajectory:
     """The motion of an averaged case by the equations of its full form alone."""
-    full = find(known.model, "full")
+    full = type(full_case(known).system)
     own = {key: value for key, value in known.data.items() if key in full.keys}
     branch = known.data.get("at_separatrix", "stop")
-    form = averaged_form(full)  # type: ignore[arg-type]
+    form = any_torque.averaged_form(full)  # type: ignore[arg-type]
     of = form(**own, mean_start=known.data["mean_start"], at_separatrix=branch, nodes=nodes)
     copy = replace(known, error="off", method="auto" if have_taylor() else "DOP853")
     object.__setattr__(copy, "system", of)

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 import mpmath
 import numpy as np
 import pytest
-from test_averaged import scaled
+from test_averaged import case, fluid_torque, scaled
 
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.models.averaging import free_turn, means, passage
 from hodo_cli.models.constants import attributes
-from hodo_cli.models.linear_diag import LinearDiagAveraged
-from hodo_cli.models.terms.torques import fluid_torque
 
 Triple = tuple[float, float, float]
 
@@ -24,12 +22,7 @@ FIG12, LAM12 = (0.5, 0.25, 1.40435829552939), (0.005, 0.00625, 0.025 / 3)
 
 def linear_part(lam: Sequence[float], slow: free_turn.SlowVariables) -> np.ndarray:
     """The periodic parts of X_e and X_o under linear resistance."""
-    form = LinearDiagAveraged(
-        inertia=BODY[:3],
-        initial=dict(zip("pqr", FIG4, strict=True)),
-        damping=tuple(lam),
-        mean_start="yes",
-    )
+    form = case(damping=lam).system
     return form.part(0.0, slow, attributes(form.constants))
 
 
@@ -149,7 +142,7 @@ def test_the_fluid_takes_the_energy_that_it_should(J: float, loss: float) -> Non
     assert closed == pytest.approx(loss, rel=1e-14)
     dX, dY = means.mean_rates(
         BODY,
-        lambda w: np.stack(fluid_torque(BODY[:3], np.moveaxis(w, -1, 0), 1.0), -1),
+        lambda w: fluid_torque(BODY[:3], w),
         slow,
         means.nodes_for(slow.m1),
     )

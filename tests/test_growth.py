@@ -1,12 +1,14 @@
 """The growth of a small tilt, and the axis in the end: what `classify` says of a medium."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
-from conftest import classified
+from conftest import call, classified
 
 from hodo_cli import Case
 from hodo_cli.cases.case import Time
-from hodo_cli.commands import classify
 from hodo_cli.integration.integrate import integrate
 
 pytestmark = pytest.mark.engines
@@ -65,9 +67,13 @@ def test_a_small_tilt_grows_at_the_rate(axis: int) -> None:
     assert rate == pytest.approx(case.system.tilt_growth(0.0)[axis], rel=0.03)
 
 
-def test_the_table_has_the_rates_by_axis_but_for_the_middle_one() -> None:
-    assert classify.growth(np.array([0.1, np.nan, -0.2])) == {"x1": 0.1, "x3": -0.2}
-    assert classify.growth(None) == {}
+def test_the_table_has_the_rates_by_axis_but_for_the_middle_one(tmp_path: Path) -> None:
+    case = diagonal(0.005, 0.004, 0.003)
+    cases = {"damped": case.entries, "free": diagonal(0, 0, 0).entries}
+    (tmp_path / "a.yaml").write_text(json.dumps({"cases": cases}), encoding="utf-8")
+    assert call(tmp_path, "run", "a.yaml", "--quiet").returncode == 0
+    rows = json.loads(call(tmp_path, "classify", "a.yaml", "--json").stdout)
+    assert [row["growth"] for row in rows] == [{"x1": 0.0015, "x3": -0.0015}, {}]
 
 
 def test_a_symmetric_body_has_one_rate() -> None:

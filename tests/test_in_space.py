@@ -4,10 +4,11 @@ closed form, and what is constant in space.
 HODO_FUZZ sets the number of random bodies (default 200).
 """
 
+import json
 import math
 import os
-import pickle
 import random
+import re
 import warnings
 from itertools import product
 from pathlib import Path
@@ -16,22 +17,18 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import call, classified
+from conftest import call, classified, run_hodo
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
-from test_own_time import Timed, random_body, scaled, timed  # noqa: F401
+from test_own_time import TIMED, random_body, scaled
 
 from hodo_cli import Case, HodoError, plot, sweep
 from hodo_cli import run as run_case
-from hodo_cli.cases.case import dump, parse_case
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory
-from hodo_cli.models.attitude import angle_apart
 from hodo_cli.models.theory.attitude import free_attitude
 from hodo_cli.results.dataset import motion_from
-from hodo_cli.sweeps import chunk
-from hodo_cli.sweeps.members import member
 
 COUNT = int(os.environ.get("HODO_FUZZ", "200"))
 
@@ -57,10 +54,16 @@ def in_space(motion: Trajectory) -> np.ndarray:
     return Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1)).apply(G)
 
 
+def angles(ours: Any, theirs: Any) -> Any:
+    """The angles (...) between attitudes (..., 4), Q and -Q being the same."""
+    ours, theirs = (Q / np.linalg.norm(Q, axis=-1, keepdims=True) for Q in (ours, theirs))
+    nearer = np.minimum(*(np.linalg.norm(ours - s * theirs, axis=-1) for s in (1, -1)))
+    return 4 * np.arcsin(np.minimum(nearer / 2, 1))
+
+
 def apart(ours: Any, theirs: Any) -> float:
     """The largest angle between attitudes."""
-    ours, theirs = np.array(ours), np.array(theirs)
-    return float(np.max(angle_apart(ours - theirs, theirs)))
+    return float(np.max(angles(ours, theirs)))
 
 
 ROWS = [
@@ -154,7 +157,7 @@ def test_random_bodies_are_in_closed_form() -> None:
         case = made(times[-1], inertia=inertia.tolist(), initial=initial)
         motion = solve(case, "taylor", times=times)
         exact = free_attitude(inertia, omega, times)
-        off = angle_apart(attitudes(motion) - exact, exact)
+        off = angles(attitudes(motion), exact)
         phase = np.linalg.norm(omega) * times
         worst = max(worst, float((off / (1e-15 * (10 + 30 * phase))).max()))
         assert attitudes(motion) == pytest.approx(exact, abs=1e-9)  # on the same branch
@@ -222,23 +225,25 @@ def test_the_fluid_keeps_body_and_fluid_together() -> None:
 
 
 @pytest.mark.engines
-@pytest.mark.parametrize("size", [0, 300])
-def test_a_model_of_ones_own_has_it(size: int) -> None:
-    """Under a couple F e fixed in space, G in space is G(0) + F t e; the direction that the model
-    carries along is that of e in the body."""
+def test_a_model_of_ones_own_has_it(tmp_path: Path) -> None:
+    """In other processes too, at any scale: under a couple F e fixed in space, G in space is
+    G(0) + F t e; the direction that the model carries along is that of e in the body."""
     body = random_body(4, torques=True) | {"damping": [0.0] * 3, "torque": 0.0, "rate": 0.0}
     body |= {"law": "polynomial", "time": {"end": 40.0, "samples": 5}}
-    motion, _ = classified(Case.of(scaled(body, size, attitude="yes")))
-    assert [*motion.variables] == ["omega", "gamma", "attitude"]
-    e, t = np.array([0, 0.6, 0.8]), motion.time[:, None]
-    F = motion.case.data["force"]
-    G = in_space(motion)
-    moved = G - G[0] - F * t * e
-    assert np.abs(moved).max() < 1e-13 * np.abs(G).max()
-    turned = Rotation.from_quat(np.roll(attitudes(motion), -1, axis=1))
-    assert turned.apply(motion.variables["gamma"]) == pytest.approx(np.tile(e, (5, 1)), abs=1e-13)
-    again = pickle.loads(pickle.dumps(motion.case))
-    assert again.system.start == motion.case.system.start
+    cases = {f"size{size}": scaled(body, size, attitude="yes") for size in (0, 300)}
+    (tmp_path / "a.yaml").write_text(json.dumps({"cases": cases}), encoding="utf-8")
+    done = run_hodo(tmp_path, "--models", TIMED, "run", "a.yaml", "-j", "2")
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "runs" / "a.h5") as file:
+        for name, case in cases.items():
+            motion = file[name]
+            assert {"omega", "gamma", "attitude"} <= set(motion)
+            e, t = np.array([0, 0.6, 0.8]), motion["time"][()][:, None]
+            turned = Rotation.from_quat(np.roll(motion["attitude"], -1, axis=1))
+            G = turned.apply(np.array(case["inertia"]) * motion["omega"])
+            moved = G - G[0] - case["force"] * t * e
+            assert np.abs(moved).max() < 1e-13 * np.abs(G).max()
+            assert turned.apply(motion["gamma"]) == pytest.approx(np.tile(e, (5, 1)), abs=1e-13)
 
 
 TOP = {
@@ -392,29 +397,27 @@ def test_warned(attitude: dict[str, Any], words: str) -> None:
 
 def test_a_case_without_it_is_as_before() -> None:
     """`attitude: no` is the case without the key, and no case knows of it that does not name it."""
-    plain, said = made(1, attitude="no"), dump(made(1, attitude="no"))
-    assert "attitude" not in said
+    plain = made(1, attitude="no")
+    assert "attitude" not in plain.entries
     assert plain.system.state == ("p", "q", "r")
     assert type(made(1).system) is type(made(2).system) is not type(plain.system)
     named = made(1, attitude={"euler": ["60 deg", 1, 2]})
-    assert parse_case(dump(named)) == named
+    assert Case.of(named.entries) == named
 
 
 @pytest.mark.heyoka
 def test_members_have_it() -> None:
     """At the end of each, and along each: as of single cases; aligned with the G of each."""
-    case = Case.of(
-        {"model": "linear-diag", "inertia": A, "damping": [0.005, 0.004, 0.003], "initial": B,
-         "attitude": {"align": "G"}, "time": {"end": 60, "samples": 4},
-         "sweep": {"start": {"sphere": {"count": 40, "seed": 3}}}}
-    )  # fmt: skip
-    group = chunk.compute(chunk.Chunk(case, 0, 40))
-    values = {name: variable.data for name, variable in group.variables.items()}
-    assert values["attitude"].shape == (40, 4)
-    assert group.attributes["rejections"].sum() <= 1
+    case = {"model": "linear-diag", "inertia": A, "damping": [0.005, 0.004, 0.003], "initial": B,
+            "attitude": {"align": "G"}, "time": {"end": 60, "samples": 4}}  # fmt: skip
+    swept = sweep(case | {"sweep": {"start": {"sphere": {"count": 40, "seed": 3}}}})
+    assert swept.attitude.shape == (40, 4)
+    assert re.search(r"side by side(, [01] of 40|$)", swept.attrs["method_reason"])
+    size = np.linalg.norm([A[i] * w for i, w in enumerate(B.values())])
     for i in (0, 7, 23):
-        motion, _ = classified(member(case, i, samples=4))
-        assert apart(values["attitude"][i], attitudes(motion)[-1]) < 1e-13
+        omega = (swept.start_vector.values[i] * size / A).tolist()
+        motion, _ = classified(Case.of(case | {"initial": dict(zip("pqr", omega, strict=True))}))
+        assert apart(swept.attitude.values[i], attitudes(motion)[-1]) < 1e-13
         assert in_space(motion)[0, :2] == pytest.approx([0, 0], abs=1e-14)
 
 

@@ -26,7 +26,6 @@ from hodo_cli.models import catalogue
 from hodo_cli.models.base import Event
 from hodo_cli.models.top import lagrange, nutation
 from hodo_cli.models.top.torques import cubic_dissipation
-from hodo_cli.sweeps.chunk import Chunk, compute
 
 pytestmark = pytest.mark.engines
 
@@ -464,13 +463,11 @@ def test_the_nodes_of_the_quadrature_adapt_to_the_motion(
 
 
 def test_members_whose_quadrature_is_too_coarse_are_refined() -> None:
-    text = (
-        "cases:\n  c: {model: Lagrange-averaged, form: averaged-quadrature, mu: 0.5, a: [0.1], "
-        "inertia: {A: 1.5, C: 1}, b: [0.1], initial: {theta: 1, r: 1}, time: {end: 2}, nodes: 4, "
-        "error: off, sweep: {initial.theta: {linspace: [0.5, 1.5, 3]}}}\n"
-    )
-    swept = parse(text, "test").cases["c"]
-    found = compute(Chunk(swept, 0, 3)).variables["H"].data
+    top = {"model": "Lagrange-averaged", "form": "averaged-quadrature", "mu": 0.5, "a": [0.1],
+           "inertia": {"A": 1.5, "C": 1}, "b": [0.1], "initial": {"theta": 1, "r": 1},
+           "time": {"end": 2}, "nodes": 4, "error": "off"}  # fmt: skip
+    axis = {"initial.theta": {"linspace": [0.5, 1.5, 3]}}
+    found = hodo.sweep({**top, "sweep": axis}).H.values
     for value, theta in zip(found, (0.5, 1.0, 1.5), strict=True):
         one = case(initial=f"{{theta: {theta}, r: 1}}", a="[0.1]", b="[0.1]", time="{end: 2}")
         assert value == pytest.approx(integrate(one).variables["H"][-1], rel=1e-12)

@@ -4,104 +4,29 @@ every engine, at every scale, as single cases and side by side, against the inte
 HODO_FUZZ sets the number of motions of each engine (default 6).
 """
 
+import json
 import math
 import os
 import random
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
-from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 
+import h5py
 import mpmath
 import numpy as np
 import pytest
 import series
-from conftest import classified
+from conftest import ROOT, run_hodo
 
-from hodo_cli import Case, models
-from hodo_cli.cases import keys
 from hodo_cli.engines import have_taylor
-from hodo_cli.models.base import Constants, Label
-from hodo_cli.models.rigid_body import INERTIA, INITIAL, BodyFrame
-from hodo_cli.schema.kinds import Choice, Key, Number, vector
-from hodo_cli.sweeps import chunk
 
 pytestmark = pytest.mark.engines
 
 COUNT = int(os.environ.get("HODO_FUZZ", "6"))
-
-LAWS = {
-    "falling": lambda x, e: (1 + x) ** -2,
-    "polynomial": lambda x, e: 1 - x + x * x / 2,
-    "exponential": lambda x, e: e ** (-x),
-}
-
-
-@dataclass(frozen=True)
-class Timed(BodyFrame):
-    """A body under damping, a torque constant in it and one constant in space, all with one law of
-    rate t; gamma is the direction of the torque in space."""
-
-    damping: tuple[float, float, float]
-    torque: float
-    force: float
-    rate: float
-    law: str
-
-    name = "timed"
-    form = "full"
-    keys: ClassVar[dict[str, Key]] = {
-        "inertia": INERTIA,
-        "damping": Key(vector(3), "lambda"),
-        "torque": Key(Number(), "N3"),
-        "force": Key(Number(), "F"),
-        "rate": Key(Number(), "of the law"),
-        "law": Key(Choice(*LAWS), "f(rate t)"),
-        "initial": INITIAL,
-    }
-    degree: ClassVar[dict[str, int]] = {"g": 2, "lam": 1, "n": 0, "F": 0}
-    state = ("p", "q", "r", "g1", "g2", "g3")
-    state_degree: ClassVar[dict[str, int]] = {"g1": 0, "g2": 0, "g3": 0}
-    variables: ClassVar[dict[str, Label]] = BodyFrame.variables | {
-        "gamma": Label(("time", "axis"), "direction of the force")
-    }
-
-    @staticmethod
-    def rhs(t: Any, y: Any, k: Any) -> tuple[Any, ...]:
-        p, q, r, g1, g2, g3 = y
-        f = LAWS[k.law](k.rate * t, k.e)
-        return (
-            (k.g * (k.A2 - k.A3) * q * r + k.F * f * g1) / k.A1 - k.lam[0] * f * p,
-            (k.g * (k.A3 - k.A1) * p * r + k.F * f * g2) / k.A2 - k.lam[1] * f * q,
-            (k.g * (k.A1 - k.A2) * p * q + k.F * f * g3 + k.n * f) / k.A3 - k.lam[2] * f * r,
-            k.g * (g2 * r - g3 * q),
-            k.g * (g3 * p - g1 * r),
-            k.g * (g1 * q - g2 * p),
-        )
-
-    @staticmethod
-    def output(t: np.ndarray, y: np.ndarray, k: SimpleNamespace) -> dict[str, np.ndarray]:
-        return {"omega": y[:, :3], "gamma": y[:, 3:]}
-
-    @property
-    def start(self) -> tuple[float, ...]:
-        return (*super().start, 0.0, 0.6, 0.8)
-
-    @cached_property
-    def constants(self) -> Constants:
-        own = {"lam": self.damping, "n": self.torque, "F": self.force, "rate": self.rate}
-        return {**super().constants, **own, "law": self.law, "e": math.e}
-
-
-@pytest.fixture(autouse=True)
-def timed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The model, known as one of hodo's own."""
-    monkeypatch.setitem(models.catalogue(), "timed", {"full": Timed})
-    yield
-    keys.keys_of.cache_clear()
-    keys.all_keys.cache_clear()
+TIMED = ROOT / "tests" / "own_models" / "timed.py"
+LAWS = ["falling", "polynomial", "exponential"]
 
 
 def random_body(seed: int, torques: bool) -> dict[str, Any]:
@@ -115,7 +40,7 @@ def random_body(seed: int, torques: bool) -> dict[str, Any]:
         "torque": draw.uniform(-0.01, 0.01) * torques,
         "force": draw.uniform(-0.01, 0.01) * torques,
         "rate": draw.uniform(0.01, 0.03),
-        "law": draw.choice([*LAWS]),
+        "law": draw.choice(LAWS),
         "initial": {name: draw.uniform(-1, 1) for name in "pqr"},
         "time": {"start": draw.choice([0.0, draw.uniform(0, 200)])},
     }
@@ -194,80 +119,136 @@ def test_the_reference_is_right() -> None:
     assert exactly(body, [100])[0, :3] == pytest.approx(known, rel=1e-15)
 
 
-@pytest.mark.parametrize("size", [0, 7, -20, 500, -500])
+SIZES = [0, 7, -20, 500, -500]
+BOUNDS = {
+    ("taylor", "double"): 3e-13,
+    ("taylor", "extended"): 1e-15,
+    ("collocation", "double"): 3e-13,
+    ("collocation", "extended"): 1e-15,
+    ("DOP853", "double"): 1e-9,
+    ("Radau", "double"): 1e-4,
+}
+"""What each method is right to, by its precision."""
+
+
+def seeds(method: str) -> range:
+    return range(COUNT // 3 if method in ("collocation", "Radau") else COUNT)
+
+
+def ruled(method: str, seed: int) -> dict[str, Any]:
+    """A body under a law of the time, also from a late start."""
+    body = random_body(seed, torques=seed % 2 == 0)
+    slow = method in ("collocation", "Radau")
+    span = random.Random(seed).uniform(5, 15 if slow else 60)
+    body["time"] |= {"end": body["time"]["start"] + span, "samples": 3}
+    return body
+
+
+MEMBER_SIZES = [0, 12, -16, 400]
+RATES = np.linspace(0, 0.05, 32)
+"""The second coefficients of damping of members, at size 0."""
+
+TRIED = (0, 13, 31)
+"""The members that are tried as single cases too."""
+
+
+def swept(seed: int, torques: bool) -> dict[str, Any]:
+    body = random_body(seed, torques)
+    body["time"] |= {"end": body["time"]["start"] + 40, "samples": 2}
+    return body
+
+
+def cases() -> Iterator[tuple[str, dict[str, Any]]]:
+    """All that is tried, by what comes before the first hyphen, and by what tells it apart."""
+    for method, precision in BOUNDS:
+        for size in SIZES:
+            for seed in seeds(method):
+                options = {"method": method, "precision": precision}
+                case = scaled(ruled(method, seed), size, **options)
+                yield f"{method}-{precision}-{size}-{seed}", case
+    for size in MEMBER_SIZES:
+        for torques in (False, True):
+            for seed in range(COUNT // 2):
+                body, name = swept(seed, torques), f"{size}-{torques}-{seed}"
+                axis = {"damping.1": {"values": (RATES * 2.0**size).tolist()}}
+                yield f"members-{name}", scaled(body, size, sweep=axis)
+                for i in TRIED:
+                    damping = [body["damping"][0], RATES[i], body["damping"][2]]
+                    yield f"member-{name}-{i}", scaled(body | {"damping": damping}, size)
+    still = random_body(1, False) | {"damping": [3.0, 3.0, 3.0], "law": "polynomial", "rate": 0.0}
+    still["time"] = {"end": 2000.0, "samples": 5}
+    yield "stopping", scaled(still, 0)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Iterator[h5py.File]:
+    """The motions, integrated and classified as a user does it."""
+    folder = tmp_path_factory.mktemp("timed")
+    apart = set() if have_taylor() else {"taylor", "members", "member"}
+    given = {name: case for name, case in cases() if name.split("-")[0] not in apart}
+    (folder / "t.yaml").write_text(json.dumps({"cases": given}), encoding="utf-8")
+    for command in ("run", "classify"):
+        done = run_hodo(folder, "--models", TIMED, command, "t.yaml")
+        assert done.returncode == 0, done.stderr
+    with h5py.File(folder / "runs" / "t.h5") as file:
+        yield file
+
+
+@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(
-    ("method", "precision", "bound"),
-    [
-        pytest.param("taylor", "double", 3e-13, marks=pytest.mark.heyoka),
-        pytest.param("taylor", "extended", 1e-15, marks=pytest.mark.heyoka),
-        ("collocation", "double", 3e-13),
-        ("collocation", "extended", 1e-15),
-        ("DOP853", "double", 1e-9),
-        ("Radau", "double", 1e-4),
-    ],
+    ("method", "precision"),
+    [pytest.param(*key, marks=[pytest.mark.heyoka] * (key[0] == "taylor")) for key in BOUNDS],
 )
 def test_a_law_of_time_is_that_of_the_case(
-    method: str, precision: str, bound: float, size: int
+    result: h5py.File, method: str, precision: str, size: int
 ) -> None:
-    """At every scale, by every method, also from a late start: each variable is right to the bound,
-    and no worse than the stated error says."""
-    slow = method in ("collocation", "Radau")
-    for seed in range(COUNT // 3 if slow else COUNT):
-        body = random_body(seed, torques=seed % 2 == 0)
-        start = body["time"]["start"]
-        end = start + random.Random(seed).uniform(5, 15 if slow else 60)
-        body["time"] |= {"end": end, "samples": 3}
-        case = Case.of(scaled(body, size, method=method, precision=precision))
-        motion, _ = classified(case)
-        times = [Fraction(t) * Fraction(2) ** size - Fraction(start) for t in motion.time[1:]]
+    """At every scale, by every method: each variable is right to the bound, and no worse than the
+    stated error says."""
+    bound = BOUNDS[method, precision]
+    for seed in seeds(method):
+        body, motion = ruled(method, seed), result[f"{method}-{precision}-{size}-{seed}"]
+        start = Fraction(body["time"]["start"])
+        times = [Fraction(t) * Fraction(2) ** size - start for t in motion["time"][1:]]
         right = exactly(body, times)
-        assert motion.status == "ok"
+        assert motion.attrs["status"] == "ok"
         for name, columns in (("omega", slice(3)), ("gamma", slice(3, 6))):
             unit = 2.0**size if name == "omega" else 1
-            seen, known = motion.variables[name][1:] / unit, right[:, columns]
+            seen, known = motion[name][1:] / unit, right[:, columns]
             off = np.linalg.norm(seen - known, axis=1) / np.linalg.norm(known, axis=1)
-            assert off.max() < min(bound, 4 * motion.errors[name] + 2e-15), (seed, name)
+            assert off.max() < min(bound, 4 * motion[name].attrs["error"] + 2e-15), (seed, name)
 
 
 @pytest.mark.heyoka
-@pytest.mark.parametrize("size", [0, 12, -16, 400])
+@pytest.mark.parametrize("size", MEMBER_SIZES)
 @pytest.mark.parametrize("torques", [False, True])
-def test_members_know_the_time_too(size: int, torques: bool) -> None:
+def test_members_know_the_time_too(result: h5py.File, size: int, torques: bool) -> None:
     """Side by side, in spans of 1e-2 to 1e6 and at a far scale, with crossings."""
-    assert have_taylor()
     for seed in range(COUNT // 2):
-        body = random_body(seed, torques)
-        start = body["time"]["start"]
-        body["time"] |= {"end": start + 40, "samples": 2}
-        values = np.linspace(0, 0.05, 32) * 2.0**size
-        case = Case.of(scaled(body, size, sweep={"damping.1": {"values": values.tolist()}}))
-        group = chunk.compute(chunk.Chunk(case, 0, len(values)))
-        columns = {name: variable.data for name, variable in group.variables.items()}
-        assert group.attributes["rejections"].sum() <= 2
-        for i in (0, 13, 31):
-            own = body | {
-                "damping": [body["damping"][0], values[i] / 2.0**size, body["damping"][2]]
-            }
-            _, found = classified(Case.of(scaled(own, size)))
-            right = exactly(own, [Fraction(body["time"]["end"]) - Fraction(start)])[0]
-            seen = np.array([*columns["omega"][i] / 2.0**size, *columns["gamma"][i]])
+        body, name = swept(seed, torques), f"{size}-{torques}-{seed}"
+        members, start = result[f"members-{name}"], body["time"]["start"]
+        assert re.fullmatch(r"side by side(, [012] of 32 .*)?", members.attrs["method_reason"])
+        for i in TRIED:
+            damping = [body["damping"][0], RATES[i], body["damping"][2]]
+            time = Fraction(body["time"]["end"]) - Fraction(start)
+            right = exactly(body | {"damping": damping}, [time])[0]
+            seen = np.array([*members["omega"][i] / 2.0**size, *members["gamma"][i]])
             assert seen == pytest.approx(right, rel=0, abs=3e-13), (seed, i)
-            assert columns["crossings"][i] == len(found.crossings)
-            for crossing in found.crossings[:1]:
-                allowed = 2 * (columns["crossing_error"][i] + crossing.error)
-                assert abs(columns["crossing_time"][i] - crossing.time) <= allowed
+            single = result[f"member-{name}-{i}"]
+            assert members["crossings"][i] == len(single["crossing_time"])
+            if members["crossings"][i]:
+                errors = members["crossing_error"][i] + single["crossing_error"][0]
+                off = abs(members["crossing_time"][i] - single["crossing_time"][0])
+                assert off <= 2 * errors
 
 
-def test_a_variable_without_a_unit_keeps_its_value_at_rest() -> None:
+def test_a_variable_without_a_unit_keeps_its_value_at_rest(result: h5py.File) -> None:
     """Of a body that has stopped, beyond the smallest number that a motion may have, the direction
     stays."""
-    body = random_body(1, False) | {"damping": [3.0, 3.0, 3.0], "law": "polynomial", "rate": 0.0}
-    body["time"] = {"end": 2000.0, "samples": 5}
-    motion, _ = classified(Case.of(scaled(body, 0)))
-    assert not motion.variables["omega"][-1].any()
-    gamma = motion.variables["gamma"]
+    motion = result["stopping"]
+    assert not motion["omega"][-1].any()
+    gamma = motion["gamma"][()]
     # Collocation takes 1,789 steps in the place of the series' few, each right to 32 ulps.
     bound = 1e-13 if have_taylor() else 1e-12
     assert np.linalg.norm(gamma, axis=1) == pytest.approx(1, abs=bound)
     assert gamma[-1] == pytest.approx(gamma[1], abs=bound)
-    assert motion.error < bound
+    assert motion.attrs["error"] < bound
