@@ -20,6 +20,10 @@ from click.shell_completion import CompletionItem
 from . import BatchError, HodoError, __version__
 from .machine import RESOURCES
 
+# Before numpy loads. The largest matrices have a hundred rows or two: several threads take longer
+# than one, and the last digits would depend on how many the machine has.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 def _end(number: int, frame: object) -> NoReturn:
     """End the process at a signal, at once.

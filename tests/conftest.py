@@ -13,7 +13,6 @@ from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 from hypothesis import settings
@@ -39,6 +38,8 @@ def pytest_configure(config: pytest.Config) -> None:
     state = tempfile.TemporaryDirectory()  # where the user's secret is made
     config.add_cleanup(state.cleanup)
     os.environ["XDG_STATE_HOME"] = state.name
+    # Matrices of a hundred rows: the threads of several workers only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if config.getoption("--no-heyoka"):
         sys.modules["heyoka"] = None  # type: ignore[assignment]
         hidden = str(ROOT / "tests" / "without_heyoka")
@@ -109,7 +110,9 @@ def classified(case: Any) -> tuple[Any, Any]:
     return motion, classify(case, motion.method, motion.tol, motion.error, omega)
 
 
-def exact_motion(case: Any, times: np.ndarray) -> np.ndarray:
+def exact_motion(case: Any, times: Any) -> Any:
     """The angular velocity (n, 3) at times (n,) of a `Case` with a closed form."""
+    import numpy as np  # late, as it reads the number of threads when it loads
+
     state, exponent = case.system.exact_states(times - case.time.start)
     return np.asarray(np.ldexp(state, exponent[:, np.newaxis]))

@@ -246,6 +246,20 @@ def test_processes_give_what_one_gives(config: Path, hodo: Hodo) -> None:
     assert serial["order"] == ["a", "b", "c", "d"]
 
 
+def test_the_digits_do_not_depend_on_the_number_of_threads(config: Path, hodo: Hodo) -> None:
+    """Of several processors; on one there is nothing to see."""
+    config.write_text(
+        "cases: {a: {model: torques, damping: 0.01, attitude: yes, method: collocation,"
+        " inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 20}}}"
+    )
+    unset = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    for out, threads in (("any", {}), ("one", {"OPENBLAS_NUM_THREADS": "1"})):
+        done = hodo("run", config, "--out", out, env={**unset, **threads})
+        assert done.returncode == 0, done.stderr
+    several, single = (everything(config.parent / out / "four.h5") for out in ("any", "one"))
+    assert several == single
+
+
 def test_failures_are_said_at_once_and_at_the_end(config: Path) -> None:
     config.write_text(FAILING)
     done = run(config, "-v")
