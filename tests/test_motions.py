@@ -11,6 +11,7 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import mpmath
 import numpy as np
 import pytest
 import series
@@ -299,7 +300,12 @@ def nodding(rng: random.Random) -> Known:
         | by_any_method(rng)
     )
     system = series.lagrange(A, C, mu, epsilon, a, b)
-    start = (*case.system.start, 0)
+    # The angle is what the case gives; its sine and cosine are not doubles.
+    theta, bits = mpmath.mpf(case.data["initial"]["theta"]), 280
+    with mpmath.workprec(bits + 20):
+        numbers = (mpmath.ldexp(f(theta), bits) for f in (mpmath.sin, mpmath.cos))
+        vertical = [Fraction(int(mpmath.floor(x)), 1 << bits) for x in numbers]
+    start = (*case.system.start[:4], *vertical, 0)
     return Known(case, system, start, lambda y: {"omega": y[:3], "gamma": y[3:6]})
 
 

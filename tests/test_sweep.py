@@ -538,6 +538,18 @@ cases:
     assert decayed["warnings"] == "2 of 2 members have no measured error: they end below 1e-290"
 
 
+def test_members_with_a_rotor_that_cross_have_an_error() -> None:
+    case = one("model: torques, rotor: [0, 0, 0.2], damping: [0.005, 0.004, 0.003], "
+               "inertia: [1, 0.8, 0.6], initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 200}, "
+               "sweep: {damping.2: {values: [0.003]}}")  # fmt: skip
+    values = computed(case)
+    assert values["crossing_time"] == pytest.approx([161.139094418748968], rel=1e-12)
+    end = summary.member_end(chunk.Chunk(case, 0, 1), values, 0)
+    (error,) = summary.probe(case, [end])
+    assert error.final < 1e-11
+    assert error.problem == ""
+
+
 @pytest.mark.heyoka
 def test_an_error_is_measured() -> None:
     """A probe sees an error that is put in, in the state and in the time."""

@@ -537,3 +537,36 @@ def test_the_stop_of_a_body_is_printed_and_drawn(tmp_path: Path) -> None:
     svg = (tmp_path / "runs/figures/braked/braked.svg").read_text()
     assert "204.428" in svg
     assert "undetermined" not in svg
+
+
+@pytest.mark.parametrize("size", [2.0**-300, 2.0**20, 2.0**100, 2.0**300])
+@pytest.mark.parametrize(
+    "others", [{"kappa": 0.02}, {"kappa": 0.02, "damping": 0.004}, {"rotor": [0.0, 0.0, 0.1]}]
+)
+def test_how_heavy_a_body_is_costs_its_brake_no_digit(others: dict[str, Any], size: float) -> None:
+    """Every torque grows with the moments of inertia: the motion, its stop and its label are the
+    same to the last digit."""
+
+    def motion(size: float) -> Any:
+        kappa = {name: x * size for name, x in others.items() if name == "kappa"}
+        rotor = {name: [h * size for h in x] for name, x in others.items() if name == "rotor"}
+        moments = [size, 0.8 * size, 0.6 * size]
+        return hodo.run(
+            {
+                "model": "torques",
+                "inertia": moments,
+                "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+                "brake": 0.01 * size,
+                "time": {"end": 300, "samples": 13},
+                "max_steps": 10_000,
+            }
+            | others
+            | kappa
+            | rotor
+        )
+
+    known, seen = motion(1.0), motion(size)
+    assert seen["event_time"].values == pytest.approx(known["event_time"].values, rel=1e-13)
+    assert seen["event_from"].values == known["event_from"].values != 0
+    assert seen["omega"].values == pytest.approx(known["omega"].values, abs=1e-12)
+    assert seen.attrs["error"] < 1e-11

@@ -160,7 +160,13 @@ def passages_apart(motion: Trajectory, reference: Trajectory) -> float:
     if len(times[0]) != len(times[1]):
         return math.inf
     start = motion.case.time.start
-    return max((abs(a - b) / (b - start) for a, b in zip(*times, strict=True)), default=0.0)
+    return max((time_error(a, b, start) for a, b in zip(*times, strict=True)), default=0.0)
+
+
+def time_error(time: float, better: float, start: float) -> float:
+    """The error of a time against a better one, relative to the time since the start; no less than
+    what rounding to a double may cost, where both are the same double."""
+    return max(abs(time - better), math.ulp(better) / 2) / (better - start)
 
 
 def subtracted(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -119,7 +119,7 @@ def margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray
 def _margin(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
     """`margin`, in the arithmetic of its arguments."""
     D, total, most = scaled_separatrix(A, np.moveaxis(omega, -1, 0), order)
-    return share_of(np.sqrt(most * total), D)
+    return share_of(np.sqrt(most) * np.sqrt(total), D)  # moments to the fourth leave the doubles
 
 
 def near_middle_axis(A: Any, omega: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:

@@ -296,7 +296,7 @@ class Torques(BodyUnderTorques, LookedUp):
     def starts(self, omega: np.ndarray) -> np.ndarray:
         w = np.moveaxis(omega, -1, 0)
         extra = {
-            "brake": [np.linalg.norm(self.momentum(omega), axis=-1)],
+            "brake": [np.linalg.norm(self.momentum(omega), axis=-1) / self.moments[0]],
             "quadratic_axes": [*np.sign(w)],
             "space_torque": [np.full(w.shape[1:], x) for x in self.direction],
         }
@@ -432,8 +432,12 @@ def averaged_stop(t: Any, y: Sequence[Any], k: SimpleNamespace) -> EventOutcome:
 
 
 def leg_end(leg: int, t: Any, y: Sequence[Any], k: Any) -> Any:
-    """|G|^2 less what it is where a leg of braking ends, in units of that at its start."""
-    G = angular_momentum_of(y[:3], k)
+    """|G|^2 less what it is where a leg of braking ends, in units of A1^2.
+
+    The state holds |G|/A1 as the leg began: an engine's tolerance is a part of the largest variable
+    or event, and |G| itself would be the largest by far of a heavy body.
+    """
+    G = [x / k.A1 for x in angular_momentum_of(y[:3], k)]
     return G[0] * G[0] + G[1] * G[1] + G[2] * G[2] - y[leg] * y[leg] / FALL**2
 
 
@@ -452,7 +456,7 @@ def braked_leg(
     force = coefficient_at(k, "brake", t) - torque_at_rest(others, t, extra, k)
     last = 2 * k.momentum_at_start / FALL ** (LEGS_WITH_ROTOR if hasattr(k, "h1") else LEGS)
     if not (force > 0 and size < last):
-        state[leg] = size
+        state[leg] = size / k.A1
         return EventOutcome(float(t), None, state, t)
     details = stop_details(np.array(G, float), label_at_stop(np.array(y[:3], float), k))
     state[:3], state[leg] = (0 * size + x for x in resting(k)), 0 * size

@@ -16,7 +16,7 @@ from ..engines import extended
 from ..engines.protocol import PRECISION, Status
 from ..integration.choice import choose
 from ..integration.crossings import time_to_zero
-from ..integration.error import references
+from ..integration.error import references, time_error
 from ..integration.solve import refined, solve
 from ..integration.trajectory import Trajectory
 from ..models.attitude import angle_apart
@@ -86,15 +86,16 @@ def member_error(case: Case, single: Case, end: MemberEnd) -> MemberError:
     finer, crossing = refined(single, single.system), end.crossing_time
     method = choose(single)[0] if reason_alone(case) else "taylor"
     tol = case.tol or PRECISION[case.precision]
-    # nan where there is no crossing, and then the comparison is false.
-    crossings = [crossing] if crossing < case.time.end else []
+    # nan where there is no crossing, and then the comparison is false. A rotor's separatrix is no
+    # zero of a function of the state alone.
+    crossings = [crossing] if crossing < case.time.end and single.system.class_events else []
     times = np.array([case.time.start, *crossings, case.time.end])
     for by in references(single, method, tol):
         reference = replace(solve(finer, by.method, by.precision, by.tol, times), case=single)
         if reference.whole:
             shift = crossing_error(reference) if crossings else math.nan
             return MemberError(final_error(end.final, reference), shift, by.kind)
-    return MemberError()
+    return MemberError(problem="no better computation reached their end")
 
 
 def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float:
@@ -103,9 +104,9 @@ def final_error(final: Mapping[str, np.ndarray], reference: Trajectory) -> float
     end, since it may vanish, of the time to that since the start."""
     errors = [0.0]
     if "event_time" in final:
-        last = reference.events[-1].time if reference.events else math.inf
-        off = abs(float(final["event_time"]) - last)
-        errors.append(off / (last - reference.case.time.start))
+        time, start = float(final["event_time"]), reference.case.time.start
+        better = reference.events[-1].time if reference.events else None
+        errors.append(math.inf if better is None else time_error(time, better, start))
     for name in reference.variables.keys() & final.keys():
         values, off = reference.variables[name], final[name] - reference.variables[name][-1]
         if name == "attitude":

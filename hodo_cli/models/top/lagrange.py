@@ -432,6 +432,14 @@ class FullTop(Top):
         p = sqrt(max(2 * self.mu_at_start * (x - self.nutation.Z) / A - q * q, 0.0))
         return p, q, r, 0.0, sine, 1 - x
 
+    @property
+    def extended_start(self) -> np.ndarray:
+        y = super().extended_start
+        if self.initial["theta"] is not None:
+            theta = np.longdouble(self.initial["theta"])
+            y[4:6] = np.sin(theta), np.cos(theta)
+        return y
+
 
 @dataclass(frozen=True)
 class AveragedQuadrature(AveragedTop):
