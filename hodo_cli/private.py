@@ -1,11 +1,11 @@
-"""Files that belong to the user alone: a secret, and compiled code."""
+"""Files that belong to the user alone: a secret, compiled code, and models that were used."""
 
 import hmac
 import os
 import pickle
 import stat
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -30,6 +30,9 @@ def private_folder(variable: str, default: str) -> Path:
     return folder
 
 
+STATE = "XDG_STATE_HOME", ".local/state"
+"""Where the private folder is that is no cache, as `private_folder` takes it."""
+
 SECRET_SIZE = 32
 
 
@@ -41,7 +44,7 @@ def secret() -> bytes:
     """
     with suppress(OSError, RuntimeError):
         try:
-            file = private_folder("XDG_STATE_HOME", ".local/state") / "secret"
+            file = private_folder(*STATE) / "secret"
             if not file.exists():
                 _make_secret(file)
             if len(content := file.read_bytes()) == SECRET_SIZE:
@@ -70,6 +73,30 @@ def _draft(file: Path, content: bytes) -> Path:
         stream.flush()
         os.fsync(stream.fileno())
     return draft
+
+
+def keep_model(digest: str, texts: Mapping[str, bytes]) -> str:
+    """Keep the files of a model that the user has named, by their paths; what `kept_models` finds
+    them by."""
+    with suppress(OSError, RuntimeError, ValueError):
+        folder = private_folder(*STATE) / "models" / digest
+        draft = folder.with_name(f"{digest}.{os.urandom(4).hex()}")
+        for name, text in {} if folder.exists() else texts.items():
+            (draft / name).parent.mkdir(parents=True, exist_ok=True)
+            (draft / name).write_bytes(text)
+        with suppress(FileNotFoundError):
+            draft.rename(folder)
+    return f"{digest}/{next(iter(texts))}"
+
+
+def kept_models(names: Iterable[str]) -> list[str]:
+    """The files of models that `keep_model` has kept. A result names them, which may be a
+    stranger's: none is taken that the user has not once named."""
+    with suppress(OSError, RuntimeError, ValueError):
+        folder = (private_folder(*STATE) / "models").resolve()
+        files = [(folder / name).resolve() for name in names]
+        return [str(file) for file in files if file.is_relative_to(folder) and file.is_file()]
+    return []
 
 
 MOST_CODE = 256 << 20

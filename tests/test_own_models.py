@@ -38,7 +38,7 @@ def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder:
         speeds = [sum(file[name]["omega"][-1] ** 2) for name in ("known", "one", "two")]
         assert speeds[0] > speeds[1] > speeds[2] > 0
         assert list(file["swept/status"]) == [0, 0]
-    # What is stored can be shown without its model; to run or to draw it, the file has to be named.
+    # To run it, the file has to be named; what is stored can be shown without.
     assert hodo("show", "runs/a.h5").returncode == 0
     assert "got 'quadratic-drag' (from a file of your own: hodo --models" in hodo("run", "a").stderr
     planned = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout
@@ -47,6 +47,24 @@ def test_a_model_of_ones_own_runs_in_processes_and_is_hashed(hodo: Hodo, folder:
     lines = hodo("--models", "drag.py", "run", "a.yaml", "--dry-run").stdout.splitlines()
     changed = [line for line in lines if "the code that computes it has changed" in line]
     assert [line.split(":")[0] for line in changed] == ["one", "two", "swept"]
+
+
+def test_a_result_is_shown_and_drawn_without_naming_its_model_again(
+    hodo: Hodo, folder: Path
+) -> None:
+    assert hodo("--models", "drag.py", "run", "a.yaml").returncode == 0
+    # As it was when the result was made, whatever becomes of the file.
+    (folder / "drag.py").write_text("raise SystemExit(7)")
+    for command in ("show", "classify", "plot"):
+        done = hodo(command, "a.yaml")
+        assert done.returncode == 0, done.stderr
+    # A result may name no file that the user has not once named himself.
+    with h5py.File(folder / "runs" / "a.h5", "a") as file:
+        del file.attrs["checksum"]  # as a stranger's file has none
+        file.attrs["own_models"] = f"{folder / 'drag.py'}\n../models/../secret"
+    done = hodo("plot", "runs/a.h5")
+    assert done.returncode == 2
+    assert "got 'quadratic-drag' (from a file of your own: hodo --models" in done.stderr
 
 
 def test_the_schema_has_it_and_the_environment_names_it(hodo: Hodo, folder: Path) -> None:
@@ -217,7 +235,8 @@ def test_keys_of_a_model_that_is_not_there_are_no_mistakes_of_their_own(
 ) -> None:
     assert hodo("--models", "drag.py", "run", "a.yaml").returncode == 0
     for command in (("run", "a.yaml"), ("classify", "runs/a.h5")):
-        lines = hodo(*command).stderr.splitlines()
+        elsewhere = {**os.environ, "XDG_STATE_HOME": str(folder)}  # where no model has been named
+        lines = hodo(*command, env=elsewhere).stderr.splitlines()
         assert lines
         assert all("expected" in line and "hodo --models FILE.py" in line for line in lines)
     # A typo in the word itself leaves a case without a model.

@@ -14,7 +14,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import NOT_OF_A_CASE, HodoError
+from .. import NOT_OF_A_CASE, HodoError, models
 from ..batch.digests import digest
 from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
@@ -27,7 +27,7 @@ from ..results.layout import SUMMARY, case_group
 from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.group import Group
 from ..storage.hdf5 import open_run
-from ..storage.provenance import history_line, root_attributes, typed
+from ..storage.provenance import OWN_MODELS, history_line, root_attributes, typed
 from ..storage.staging import check_writable, chunks_in, staging_folders
 from ..storage.writer import Writer
 from ..text import NAMES_LISTED, abridged, file_name_fault
@@ -193,7 +193,8 @@ class Plan:
         config = self.config
         history = history_line(f"hodo run {config.path}")
         made = root_attributes(config.title, config.references, config.text, history)
-        return {**made, CONFIG_PATH: path_from(config, self.path)}
+        own = {OWN_MODELS: names} if (names := models.kept_own_models()) else {}
+        return {**made, **own, CONFIG_PATH: path_from(config, self.path)}
 
     def _rows(self, reached: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
         """How the cases asked for have ended: now, or when they were stored."""

@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from .. import HodoError
+from ..private import keep_model
 from .added.mistakes import equations_mistake, with_source_line
 from .added.sources import AddedModule, texts_of
 from .base import Model
@@ -104,6 +105,12 @@ def added_models_digest(name: str = "") -> str:
     """The digest of the sources of models that are not hodo's, and of what they import from their
     own folders: of those with a name, or of all; empty if there are none."""
     return " ".join(item.digest for item in (_modules_with(name) if name else _added_modules()))
+
+
+def kept_own_models() -> str:
+    """The names, a line each, by which `private.kept_models` finds the user's own files as they are
+    now; empty without any."""
+    return "\n".join(keep_model(item.digest, item.texts) for item in _own_modules)
 
 
 def added_source(name: str) -> str:

@@ -16,6 +16,10 @@ FORMAT_VERSION = 1
 """The version of the result files' format, which is raised when older readers would misread newer
 files."""
 
+OWN_MODELS = "own_models"
+"""The attribute of a result that names the models of the user's own, as `private.keep_model` has
+kept them."""
+
 # A dataset that xarray has read from a file has numpy's numbers for attributes.
 TYPE_NAMES = {str: ("text", str), int: ("whole number", Integral), float: ("number", Real)}
 
