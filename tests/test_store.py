@@ -28,7 +28,7 @@ from hodo_cli import BatchError, HodoError
 from hodo_cli.storage import writer as writing
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
-from hodo_cli.storage.hdf5 import open_run
+from hodo_cli.storage.hdf5 import ResultFile, open_run
 from hodo_cli.storage.update import update
 from hodo_cli.storage.writer import Writer
 
@@ -880,6 +880,29 @@ def test_update_of_a_result_replaced_meanwhile(path: Path) -> None:
             False,
             False,
         ]
+
+
+def test_update_reads_a_case_once_unless_the_result_is_replaced(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(path, {"a": group(), "b": group(seed=1)})
+    names: list[str] = []
+    read = ResultFile.read
+
+    def noted(run: ResultFile, name: str) -> Group:
+        names.append(name)
+        return read(run, name)
+
+    monkeypatch.setattr(ResultFile, "read", noted)
+    with update(path) as changes:
+        changes.write("a", labels())
+    assert names == ["a"]
+    with update(path) as changes:
+        changes.write("b", labels())
+        with update(path) as others:
+            others.write("b", Group({"warnings": "theirs"}, {"more": Variable((), np.array(1.0))}))
+    with open_run(path) as run:
+        assert {"more", "enclosed_axis"} <= run.read("b").variables.keys()
 
 
 def test_changed_cases_keep_their_places(path: Path) -> None:

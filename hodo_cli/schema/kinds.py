@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 KeyPath = tuple[str | int, ...]
@@ -267,6 +267,7 @@ class Number(Kind):
     most: float | None = None
     word: ClassVar[str] = "number"
 
+    @cached_property
     def bounds(self) -> list[tuple[float, str, str, Holds]]:
         """The bounds that are set: value, sign, JSON Schema's word, and when it holds."""
         bounds = ((getattr(self, name), *details) for name, *details in BOUNDS)
@@ -274,7 +275,7 @@ class Number(Kind):
 
     def allows(self, number: float) -> bool:
         """Whether a number is within the bounds."""
-        return all(holds(number, bound) for bound, _, _, holds in self.bounds())
+        return all(holds(number, bound) for bound, _, _, holds in self.bounds)
 
     def check(self, value: Any) -> float:
         number = as_finite(value)
@@ -285,10 +286,10 @@ class Number(Kind):
         return number
 
     def schema(self) -> dict[str, Any]:
-        return {"type": self.word} | {rule: bound for bound, _, rule, _ in self.bounds()}
+        return {"type": self.word} | {rule: bound for bound, _, rule, _ in self.bounds}
 
     def __str__(self) -> str:
-        signs = (f"{sign} {bound:g}" for bound, sign, _, _ in self.bounds())
+        signs = (f"{sign} {bound:g}" for bound, sign, _, _ in self.bounds)
         limits = ", ".join(sign for sign in signs if sign != "> 0")
         return f"{'positive ' if self.above == 0 else ''}{self.word} {limits}".rstrip()
 

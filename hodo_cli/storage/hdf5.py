@@ -404,12 +404,17 @@ def _attribute(item: h5py.HLObject, name: str) -> Any:
     """The value of one attribute, as a plain one where it is one."""
     stored = h5a.open(item.id, encoded(name))
     kind = stored.get_type()
-    # `attrs` takes four times as long for a text, and most are one. The shape is asked for first:
-    # HDF5 writes as many values as there are, whatever room they are given.
-    if stored.shape == () and isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
-        text = np.empty((), STRING)
-        stored.read(text, mtype=TEXT_IN_MEMORY)
-        return text.item().decode("utf-8", "surrogateescape")
+    # `attrs` takes four times as long, and most are one text or one number. The shape is asked for
+    # first: HDF5 writes as many values as there are, whatever room they are given.
+    if stored.shape == ():
+        if isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():
+            text = np.empty((), STRING)
+            stored.read(text, mtype=TEXT_IN_MEMORY)
+            return text.item().decode("utf-8", "surrogateescape")
+        if isinstance(kind, h5t.TypeIntegerID | h5t.TypeFloatID) and is_number(kind.dtype):
+            number = np.empty((), kind.dtype)
+            stored.read(number)
+            return number.item()
     value = item.attrs[name]
     # Other programs store an empty text so.
     value = "" if isinstance(value, h5py.Empty) else value

@@ -10,18 +10,25 @@ import numpy as np
 
 from .finished_cases import resume_attributes
 from .group import Group
-from .hdf5 import ResultFile, open_run
+from .hdf5 import ResultFile, open_run, size_of
 from .output import amend, create
-from .staging import Staging, check_writable, os_errors_as, publish
+from .staging import Staging, check_writable, identity, os_errors_as, publish
 from .writer import KEPT, longer, publish_finished
+
+HELD = 64 << 20
+"""Bytes of cases that are held to be written once more with what is added to them: to read a short
+case again takes as long as to integrate it."""
 
 
 class Update:
-    """Changes to a result; made by `update`."""
+    """Changes to a result, whose file had this identity before it was opened; made by `update`."""
 
-    def __init__(self, run: ResultFile) -> None:
+    def __init__(self, run: ResultFile, file_identity: tuple[int, int] | None) -> None:
         self.run = run
         self.additions: dict[str, Group] = {}
+        self.held: dict[str, Group] = {}
+        self.file_identity = file_identity
+        self._room = HELD
 
     def write(self, name: str, addition: Group, old: Group | None = None) -> None:
         """Add attributes and variables to a case, or replace them; a group that begins with `_` is
@@ -32,6 +39,9 @@ class Update:
             old = self.run.read(name)
         if old is None or not holds(old, addition, is_complete=name.startswith("_")):
             self.additions[name] = addition
+            if old and (size := size_of(old)) < self._room:
+                self._room -= size
+                self.held[name] = old
 
 
 @contextmanager
@@ -44,8 +54,9 @@ def update(path: Path | str, history: str = "") -> Iterator[Update]:
     """
     path = Path(path)
     publish_finished(path)
+    before = identity(path)
     with open_run(path) as run, Staging(path) as staging:
-        changes = Update(run)
+        changes = Update(run, before)
         yield changes
         if changes.additions:
             with os_errors_as(path, KEPT):
@@ -62,10 +73,13 @@ def _rewrite(file: Path, result: ResultFile, changes: Update, history: str) -> N
 
     # Bytes of a case that cannot be read are kept: they may be all that is left of it.
     is_amended = any(name in result.damaged for name in result.cases())
+    # Looked at when both are open: a name that passes to another file later changes neither.
+    is_latest = identity(result.path) == changes.file_identity
 
     def is_the_same(name: str) -> bool:
-        return name in result and resume_attributes(result, name) == resume_attributes(
-            changes.run, name
+        return is_latest or (
+            name in result
+            and resume_attributes(result, name) == resume_attributes(changes.run, name)
         )
 
     def applies(name: str) -> bool:
@@ -88,7 +102,8 @@ def _rewrite(file: Path, result: ResultFile, changes: Update, history: str) -> N
                 if not is_amended and name not in result.damaged:
                     output.copy(result, name)
             else:
-                old = Group({}, {}) if name.startswith("_") else result.read(name)
+                held = changes.held.get(name) if is_latest else None
+                old = Group({}, {}) if name.startswith("_") else held or result.read(name)
                 output.write(name, old.with_addition(additions[name]))
 
 
