@@ -305,11 +305,6 @@ def variation(case: Case, changes: Mapping[str, Any]) -> Case:
     return checked_case(case.name, merged(case.entries, changes))
 
 
-def check_sweep(case: Case, sweep: Mapping[str, Any]) -> Iterator[Mistake]:
-    """The mistakes of a sweep that is not the case's own, such as a claim's."""
-    return check_axes(sweep, type(case.system), case.data)
-
-
 def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
     """Mistakes: an end that is missing, lies before the start, or so far behind it that the span is
     no double; stored times that do not rise, or stand beside an end. Values set end and samples."""

@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from ..schema.kinds import (
     within,
 )
 from .figure_block import FORMULA
-from .sweep_block import SWEEP, axes_of
+from .sweep_block import SWEEP, axes_of, check_axes
 
 REPRODUCED, PLOTTING, CONTRADICTED = "reproduced", "reproduced to plotting accuracy", "contradicted"
 UNDERDETERMINED, NOT_TESTED = "under-determined", "not tested"
@@ -317,9 +318,6 @@ CaseOf = Callable[[Any], Any]
 """The case of an entry of `cases:`; None for one that has mistakes of its own. Raises Wrong for an
 entry that describes no case."""
 
-SweepCheck = Callable[[Any, Mapping[str, Any]], Iterable[Mistake]]
-"""The mistakes of a sweep of a case."""
-
 
 def readings(claim: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """The claim under each of its readings, by name; under none, the claim itself."""
@@ -341,16 +339,14 @@ def case_name(case: Any) -> str:
     return str(case["case"] if isinstance(case, Mapping) else case)
 
 
-def cross_check(
-    claims: Any, errata: Any, case_of: CaseOf, check_sweep: SweepCheck
-) -> Iterator[Mistake]:
+def cross_check(claims: Any, errata: Any, case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes that only several keys of the claims and errata show together: ids given twice,
     cases that are not there, checks that every motion meets or none, sweeps that a case cannot
     make."""
     ids: dict[str, list[str]] = {"errata": [], "claims": []}
     entries = [*_entries("errata", errata, ERRATUM_KEYS), *_entries("claims", claims, CLAIM)]
     for (section, i), entry in entries:
-        mistakes = [*_check_entry(section, entry, case_of, check_sweep)]
+        mistakes = [*_check_entry(section, entry, case_of)]
         if (name := entry.get("id", "")) in ids[section]:
             mistakes.append((("id",), f"a second entry {name!r}"))
         ids[section].append(name)
@@ -368,9 +364,7 @@ def _entries(
             yield (name, i), check_keys(keys, item)[0]
 
 
-def _check_entry(
-    section: str, entry: Mapping[str, Any], case_of: CaseOf, check_sweep: SweepCheck
-) -> Iterator[Mistake]:
+def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Iterator[Mistake]:
     """The mistakes of one claim or erratum, under each of its readings."""
     # A key that is wrong by itself has been noted; nothing follows from its absence here.
     if not {"readings", "cases", "check"} <= entry.keys():
@@ -399,7 +393,7 @@ def _check_entry(
         cases, mistakes = _check_cases(named, case_of, is_swept=check["kind"] == "average")
         yield from within(prefix, mistakes)
         yield from within(paths["check"], _check_models(check, cases))
-        yield from within(paths["over"], _check_over(over or {}, cases, check_sweep))
+        yield from within(paths["over"], _check_over(over or {}, cases))
         yield from _check_members(reading, over)
 
 
@@ -488,13 +482,12 @@ MOST_MEMBERS = 100_000
 """Members that a claim may have: some milliseconds each make minutes of them."""
 
 
-def _check_over(
-    ranges: Mapping[str, Any], cases: Iterable[Any], check_sweep: SweepCheck
-) -> Iterator[Mistake]:
+def _check_over(ranges: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mistake]:
     """The sweep of a claim against each of its cases; a mistake in several is noted once."""
     if math.prod(map(len, axes_of(ranges))) > MOST_MEMBERS:
         yield (), f"more than {MOST_MEMBERS:,} members, each of which is integrated by itself"
     elif ranges:
-        by_path = dict(mistake for case in cases for mistake in check_sweep(case, ranges))
+        mistakes = (check_axes(ranges, type(case.system), case.data) for case in cases)
+        by_path = dict(chain.from_iterable(mistakes))
         # A case's own sweep stands at `sweep`, a claim's at `over`.
         yield from ((path[1:], message) for path, message in by_path.items())

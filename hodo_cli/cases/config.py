@@ -29,7 +29,6 @@ from .case import (
     NAME,
     NAME_RULE,
     Case,
-    check_sweep,
     merged,
     note,
     noted_case,
@@ -190,18 +189,10 @@ def parse(text: str, name: str, overrides: Sequence[str] = (), stored: bool = Fa
     }
     figures, figure_faults = _figures(sections.get("figures") or {}, named, sections.get("style"))
     figure_faults += _figure_mistakes(figures, cases, steady=not overrides)
-    faults += [
-        *case_faults,
-        *_default_mistakes(defaults, blocks.values()),
-        *figure_faults,
-    ]
+    faults += [*case_faults, *_default_mistakes(defaults, blocks.values()), *figure_faults]
     if not stored:
-        faults += claim_block.cross_check(
-            present.get("claims"),
-            present.get("errata"),
-            partial(_case_named, cases, named),
-            check_sweep,
-        )
+        case_named = partial(_case_named, cases, named)
+        faults += claim_block.cross_check(present.get("claims"), present.get("errata"), case_named)
     note(faults, document, (), Place(1, 1), mistakes)
     mistakes.raise_any()
     return Config(

@@ -17,7 +17,7 @@ from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..progress import Progress
 from ..results.layout import MOMENTUM, RECORDED, label_group
-from ..results.motion import motion_of
+from ..results.motion import Motion, motion_of
 from ..results.units import sentence_of_case, units_of_case
 from ..storage.group import Group, Report
 from ..storage.provenance import history_line, typed
@@ -83,19 +83,13 @@ def classified(name: str, group: Group) -> tuple[Group | None, dict[str, Any]]:
     if case.time.steps == "yes":
         case = replace(case, time=case.time.listed(group.variables["time"].data))
     labelled = classify(case, recorded["method"], recorded["tol"], recorded["error"], omega)
-    row = row_of(name, labelled, case) | {"events": events_of(group)}
+    events = Motion(case, group.variables).events
+    row = row_of(name, labelled, case)
+    row["events"] = [{"kind": kind, "time": time} for kind, time in events]
     if (status := group.attributes.get("status")) != Status.OK:
         # The last label of a motion that was broken off is not the one that it ends with.
         row["warnings"].append(f"{status}: to t = {group.variables['time'].data[-1]:.6g} only")
     return label_group(labelled, case), row
-
-
-def events_of(group: Group) -> list[dict[str, Any]]:
-    """The events that a stored motion has by itself, by kind and time."""
-    if "event_kind" not in group.variables:
-        return []
-    kinds, times = (group.variables[name].data.tolist() for name in ("event_kind", "event_time"))
-    return [{"kind": str(kind), "time": t} for kind, t in zip(kinds, times, strict=True)]
 
 
 def end_before_time(group: Group) -> tuple[str, ...]:

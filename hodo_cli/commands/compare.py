@@ -51,15 +51,6 @@ the two cannot be compared.
 """
 
 
-def comparison_row(case: str, variable: str, scaled: float, place: str) -> ComparisonRow:
-    """The row of the table for one variable of a case."""
-    # So that nan differs.
-    differs = not scaled <= 1
-    return {
-        "case": case, "variable": variable, "scaled": scaled, "place": place, "differs": differs
-    }  # fmt: skip
-
-
 def compare_results(a: Path, b: Path, tolerance: Tolerance) -> list[ComparisonRow]:
     """The result `a` against the reference `b`, as `compare` does it; each may be named by its
     config."""
@@ -85,7 +76,9 @@ def compare(a: ResultFile, b: ResultFile, tolerance: Tolerance) -> list[Comparis
             lines = compared_case(sound(a, name), sound(b, name), tolerance)
         else:
             lines = [("", math.inf, f"missing in {(b if name in ours else a).path}")]
-        rows += [comparison_row(name, *line) for line in lines]
+        for variable, scaled, place in lines:
+            row = {"case": name, "variable": variable, "scaled": scaled, "place": place}
+            rows.append(row | {"differs": not scaled <= 1})  # so that nan differs
     return rows
 
 

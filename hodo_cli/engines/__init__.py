@@ -10,12 +10,7 @@ import numpy as np
 
 from .. import HodoError
 from ..models.base import Event, Model
-from ..models.constants import (
-    event_of_leg_time,
-    of_leg_time,
-    structure,
-    structure_of_leg_time,
-)
+from ..models.constants import of_leg_time, structure
 from .protocol import Engine
 
 
@@ -59,11 +54,10 @@ def engine_for(
 
     Raises HodoError if it needs what is not installed, or cannot work in that precision.
     """
-    model = type(system)
+    model, form = type(system), structure(system.constants)
     if is_timed:
         # The engines' time is that of a leg, in units that fit the motion.
-        model = of_leg_time(model)  # type: ignore[arg-type]
-        events = tuple(map(event_of_leg_time, events))
+        model, form, events = of_leg_time(model, form, events)
     if method == "taylor":
         if not have_taylor():
             # Only heyoka's arithmetic is quadruple: no other method would do.
@@ -80,8 +74,6 @@ def engine_for(
                 "precision quadruple needs heyoka with real128, which the installed one was built "
                 "without: pip install 'heyoka>=7.13' on Linux, or precision: extended"
             )
-        form = structure(system.constants)
-        form = structure_of_leg_time(form) if is_timed else form
         return taylor.compiled(model, form, events, tol, precision)  # type: ignore[arg-type]
     if method == "collocation":
         if precision == "quadruple":

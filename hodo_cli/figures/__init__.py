@@ -17,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import NOT_OF_A_CASE, HodoError
 from ..cases.figure_block import Drawable, DrawnFigure, check_drawn, merged_style
-from ..results.dataset import MOTION_DIMS, Cases, case_in, is_sweep, motions_of, sweep_axes
+from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axes
 from ..results.motion import Motion
 from ..results.resolution import OF_SAMPLES, coarse_curves
 from ..schema.kinds import Wrong, unknown
@@ -104,7 +104,7 @@ def with_time_symbol(spec: Mapping[str, Any], cases: Cases) -> Mapping[str, Any]
 
 def remarks_on(spec: Mapping[str, Any], cases: Cases) -> list[str]:
     """The remarks for a figure's caption: that its curves are polygons. Warns of it, too."""
-    names = [name for name in spec.get("cases", ()) if not is_sweep(cases[name])]
+    names = [name for name in spec.get("cases", ()) if not sweep_axes(cases[name])]
     remarks = coarse_curves(spec, motions_of(cases, names)) if spec["kind"] in OF_SAMPLES else []
     for remark in remarks:
         warnings.warn(remark, stacklevel=3)
@@ -115,7 +115,7 @@ def column_units(spec: Mapping[str, Any], cases: Cases) -> Callable[[str], str]:
     """The units of a column of a figure's values by its name: the units of its motions, which all
     share them; "1" for a sweep, whose values are plain numbers."""
     name = next(iter(spec.get("cases", ())), "")
-    if not name or is_sweep(cases[name]):
+    if not name or sweep_axes(cases[name]):
         return lambda column: "1"
     return Motion(case_in(cases[name], f"case {name}"), cases[name].variables).units
 

@@ -353,16 +353,10 @@ def standing(system: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarr
     A, h = system.moments, system.rotor_momentum
     if h is not None:
         region = region_of(A, h, omega)
-        return nearest_margin(region.margin), region.label
+        return region.nearest, region.label
     order = inertia_order(A)
     signed = margin(A, omega, order)
     return signed, np.where(signed > 0, order[0] + 1, order[2] + 1)
-
-
-def nearest_margin(margins: np.ndarray) -> np.ndarray:
-    """The size (n,) of the smaller margin (n, 2); infinite without a saddle."""
-    sizes = np.abs(margins).astype(float)
-    return np.asarray(np.where(np.isnan(sizes), np.inf, sizes).min(-1))
 
 
 @dataclass
@@ -431,12 +425,12 @@ class RegionSearch(CrossingSearch):
         square = (G * G).sum(-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             size = np.linalg.norm(region.gradient, axis=-1) * np.linalg.norm(w, axis=-1)[:, None]
-            sizes = np.where(np.isnan(region.margin), np.inf, np.abs(region.margin))
-            nearest = np.take_along_axis(np.abs(slope) / size, sizes.argmin(-1)[:, None], 1)[:, 0]
+            saddle = np.abs(region.margin).argmin(-1)[:, None]
+            nearest = np.take_along_axis(np.abs(slope) / size, saddle, 1)[:, 0]
             falling = np.abs((G * A * change).sum(-1)) / square
         rate = np.where(region.label == UNSEPARATED, falling, nearest)
-        margin, momentum = nearest_margin(region.margin), np.sqrt(square).astype(float)
-        return StepView(region.label, margin, momentum, rate, region.value, slope)
+        momentum = np.sqrt(square).astype(float)
+        return StepView(region.label, region.nearest, momentum, rate, region.value, slope)
 
 
 def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -136,18 +136,16 @@ def in_leg_unit(rhs: Callable[..., Any], s: Any, y: Sequence[Any], k: Any) -> An
     return [rate * k.time_unit for rate in in_leg_time(rhs, s, y, k)]
 
 
+def of_leg_time(
+    model: type[Model], form: Structure, events: tuple[Event, ...]
+) -> tuple[type[Model], Structure, tuple[Event, ...]]:
+    """The same equations, constants and events, as functions of the time of a leg."""
+    of_leg = (event._replace(function=Bound(in_leg_time, (event.function,))) for event in events)
+    form = tuple({**dict(form), START: 0, UNIT: 0}.items())
+    return _of_leg_time(model), form, tuple(of_leg)  # type: ignore[arg-type]
+
+
 @cache
-def of_leg_time(model: type[Model]) -> type[Model]:
-    """The same equations as a model whose rates are functions of the time of a leg."""
+def _of_leg_time(model: type[Model]) -> type[Model]:
     rhs = Bound(in_leg_time if model.degree else in_leg_unit, (model.rhs,))
     return type(f"{model.__name__}OfLegTime", (model,), {"rhs": staticmethod(rhs)})
-
-
-def event_of_leg_time(event: Event) -> Event:
-    """The same event as a function of the time of a leg."""
-    return event._replace(function=Bound(in_leg_time, (event.function,)))
-
-
-def structure_of_leg_time(form: Structure) -> Structure:
-    """The structure of the constants that such equations take."""
-    return tuple({**dict(form), START: 0, UNIT: 0}.items())

@@ -127,17 +127,13 @@ def case_in(data: xr.Dataset, owner: str) -> Case:
     return case if case_data is case.data else replace(case, data=case_data)
 
 
-def is_sweep(data: xr.Dataset) -> bool:
-    """Whether a dataset has members: an axis that single motions do not have."""
-    return bool(sweep_axes(data))
-
-
 MOTION_DIMS = ("time", "axis", "quaternion", "crossing", "event")
 """The dimensions of the variables of a single motion."""
 
 
 def sweep_axes(data: xr.Dataset) -> list[str]:
-    """The dimensions over which a dataset has members, in the order of their status."""
+    """The dimensions over which a dataset has members, in the order of their status; none of a
+    single motion."""
     status = data.variables.get("status")
     if status is not None:
         return [str(dim) for dim in status.dims]
@@ -158,7 +154,7 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
     case = replace(case_in(data, owner), name=name)
     typed(data.attrs, SHOWN, owner)
     data = ordered(data, owner)
-    if problem := wrong_labels(data.variables) if is_sweep(data) else damage(data.variables):
+    if problem := wrong_labels(data.variables) if sweep_axes(data) else damage(data.variables):
         raise HodoError(f"{owner} is damaged ({problem})")
     motion = Motion(case, data.variables, data.attrs, label or name, source if stored else "")
     if (status := data.attrs["status"]) != "ok" and motion.sampled:

@@ -42,7 +42,7 @@ class Output:
         self._disk.check()
         if name in self._file:
             del self._file[name]
-        target = _new_group(self._file.id, name)
+        target = h5g.create(self._file.id, name.encode(), LINK, GROUP_CREATION)
         _set_attributes(target, group.attributes)
         sizes: dict[str, int] = {}
         items: dict[str, h5d.DatasetID] = {}
@@ -202,10 +202,6 @@ LINK.set_char_encoding(h5t.CSET_UTF8)
 
 # The calls that h5py has for everybody take twice the time of these: a case has five datasets and
 # forty attributes, which is half of what it costs to run a short one.
-
-
-def _new_group(parent: H5Object, name: str) -> h5g.GroupID:
-    return h5g.create(parent, name.encode(), LINK, GROUP_CREATION)
 
 
 def _new_dataset(

@@ -130,9 +130,8 @@ def compute(chunk: Chunk) -> Group:
     began = thread_time()
     case, taken = chunk.case, chunk.taken
     values = blank_columns(case, len(taken), Status.INVALID)
-    rejection = np.where(taken, 0, Rejection.EVENTS.code)
-    if not reason_alone(case):
-        rejection = integrated_together(chunk, values)
+    # Where all go alone for a reason of the case, no `Rejection` tells more.
+    rejection = np.where(taken, 0, 1) if reason_alone(case) else integrated_together(chunk, values)
     methods = {"taylor"} if (values["status"] == Status.OK.code).any() else set()
     alone = np.flatnonzero(rejection)
     for i in alone.tolist():

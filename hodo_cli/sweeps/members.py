@@ -3,7 +3,7 @@
 import math
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
@@ -155,19 +155,14 @@ def velocities(
             continue
         own, A = combination == i, np.array(data["inertia"])
         start = np.array(system.velocity(data["inertia"], data["initial"]))
-        if has_own_momentum(system):
-            # G is linear in omega.
+        if isinstance(system, BodyFrame) and not system.is_plain:
+            # G, which is not A omega along the axes of the case, is linear in omega.
             zero, unit = system.momentum(np.zeros(3)), system.momentum(np.eye(3))
             G = np.linalg.norm(system.momentum(start)) * direction[own]
             omega[own] = np.linalg.solve((unit - zero).T, (G - zero).T).T
         else:
             omega[own] = np.linalg.norm(A * start, axis=-1) * direction[own] / A
     return omega
-
-
-def has_own_momentum(system: Model) -> TypeGuard[BodyFrame]:
-    """Whether G of a body is not A omega along the axes of its case."""
-    return isinstance(system, BodyFrame) and not system.is_plain
 
 
 def member(case: Case, number: int, samples: int = 2) -> Case:

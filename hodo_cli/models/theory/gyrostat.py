@@ -129,9 +129,9 @@ class HodographRegion(NamedTuple):
     `value` is 2T less that of either saddle (n, 2), `size` the sum of the sizes of its terms,
     `gradient` its derivative by omega (n, 2, 3). `margin` (n, 2) is how far they are from either
     hodograph, relative to |omega|, to first order, positive above it: an error of that size may
-    change the side. Without a saddle all are not a number. `label` (n,), as int8, is the axis 1, 2,
-    3 that the hodograph of G goes round, BOTH, UNSEPARATED, 0 for the separatrix, and -1 where G is
-    0 to its rounding or not finite.
+    change the side. Without a saddle it is infinite, and the others are not a number. `label` (n,),
+    as int8, is the axis 1, 2, 3 that the hodograph of G goes round, BOTH, UNSEPARATED, 0 for the
+    separatrix, and -1 where G is 0 to its rounding or not finite.
     """
 
     value: np.ndarray
@@ -139,6 +139,11 @@ class HodographRegion(NamedTuple):
     gradient: np.ndarray
     margin: np.ndarray
     label: np.ndarray
+
+    @property
+    def nearest(self) -> np.ndarray:
+        """The size (n,) of the smaller margin, in double precision."""
+        return np.asarray(np.abs(self.margin).astype(float).min(-1))
 
 
 def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> HodographRegion:
@@ -163,6 +168,7 @@ def region_of(A: Any, h: Any, omega: Any, band: Any = 0.0) -> HodographRegion:
         smallest + 1: (margin > 0).all(-1),
     }
     label = np.select([*conditions.values()], [*conditions], BOTH).astype(np.int8)
+    margin = np.where(np.isnan(margin), np.inf, margin)
     return HodographRegion(value, np.abs(terms).sum(-1), gradient, margin, label)
 
 
