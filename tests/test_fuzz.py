@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from hodo_cli import HodoError
 from hodo_cli.cases.case import dump, parse_case
 from hodo_cli.cases.config import parse
-from hodo_cli.schema.document import read
+from hodo_cli.schema.document import read, write
 from hodo_cli.schema.mistakes import Mistakes
-from hodo_cli.schema.write import write
 
 COUNT = settings(max_examples=int(os.environ.get("HODO_FUZZ", "150")))
 CONFIGS = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "configs").glob("*.yaml"))]

@@ -72,7 +72,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
         ("sweeps/columns.py", {"swept"}),
         ("cases/sweep_block.py", {"swept"}),
         ("cases/case.py", set()),
-        ("schema/write.py", set()),
+        ("schema/document.py", set()),
         ("progress.py", set()),
         ("results/layout.py", set()),
         ("claims/checks.py", set()),

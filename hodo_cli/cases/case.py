@@ -20,7 +20,7 @@ from .. import HodoError, models
 from ..models.attitude import KEY, check_attitude, keys_of_form, system_of
 from ..models.base import Model
 from ..models.rigid_body import BodyFrame
-from ..schema.document import Block, locate, read
+from ..schema.document import Block, locate, read, write
 from ..schema.frozen import frozen
 from ..schema.kinds import (
     Key,
@@ -34,7 +34,6 @@ from ..schema.kinds import (
     unknown_names,
 )
 from ..schema.mistakes import Mistakes, Place
-from ..schema.write import write
 from .keys import COMMON, REMARKS, all_keys, keys_in
 from .sweep_block import check_axes, first_values, storable
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import HodoError
-from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block
+from ..schema.document import MAX_BYTES, YAML_SUFFIXES, Block, write
 from ..schema.kinds import (
     KeyPath,
     Mistake,
@@ -22,7 +22,6 @@ from ..schema.kinds import (
     within,
 )
 from ..schema.mistakes import Mistakes, Place
-from ..schema.write import write
 from ..text import file_name_fault
 from . import claim_block
 from .case import (
@@ -58,8 +57,7 @@ class Config:
     def figure(self, name: str) -> dict[str, Any]:
         """One entry of the `figures:` block. Raises HodoError if there is none of this name."""
         if name not in self.figures:
-            message = unknown(f"figure {name!r}", name, self.figures)
-            raise HodoError(f"{self.path}: {message}")
+            raise HodoError(f"{self.path}: {unknown(f'figure {name!r}', name, self.figures)}")
         return self.figures[name]
 
     def matching(self, globs: Sequence[str]) -> list[str]:

@@ -9,8 +9,8 @@ from .. import models
 from ..models.attitude import keys_of_form
 from ..models.base import Model
 from ..schema import kinds
+from ..schema.document import write
 from ..schema.kinds import Choice, Either, Key, Table, Variant
-from ..schema.write import write
 from ..text import markdown
 from . import claim_block, figure_block
 from .case import NAME

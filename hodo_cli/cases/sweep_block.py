@@ -274,8 +274,7 @@ def check_axes(
             if path in swept:
                 yield range_path, f"{key} varies along {swept[path]} already"
             swept[path] = axis.name
-            mistakes = _check_range(value_range, key, model.keys, data)
-            yield from within(range_path, mistakes)
+            yield from within(range_path, _check_range(value_range, key, model.keys, data))
     if math.prod(map(len, axes)) > MOST:
         yield ("sweep",), f"more than {MOST:.0e} members"
 

@@ -235,8 +235,7 @@ def largest_at(
     if a.ndim != b.data.ndim:
         return f"{a.ndim} dimensions, not {b.data.ndim}"
     if a.shape != b.data.shape:
-        what = b.dims[0] if b.dims else "value"
-        return f"{len(a)} along {what}, not {len(b.data)}"
+        return f"{len(a)} along {b.dims[0] if b.dims else 'value'}, not {len(b.data)}"
     if not index:
         return ""
     where = [

@@ -131,8 +131,7 @@ def between(zeros: Zeros, row: int) -> np.ndarray:
     chosen = zeros.row == row
     low, high = ((zeros.x + side * zeros.width / 2)[chosen] for side in (-1, 1))
     unsure = np.append(low, high)[np.tile(~zeros.sure[chosen], 2)]
-    middles = (high[:-1] + low[1:]) / 2
-    inner = np.concatenate((middles, unsure))
+    inner = np.concatenate(((high[:-1] + low[1:]) / 2, unsure))
     return np.unique(np.concatenate(([0], inner[(inner > 0) & (inner < 1)], [1]))).astype(low.dtype)
 
 

@@ -272,10 +272,9 @@ def axis_handles(motions: Sequence[Motion]) -> list[Line2D]:
     moving = (motion.labels[motion.time <= motion.stop] for motion in motions)
     present = {int(label) for labels in moving for label in np.unique(labels)}
     words = {0: "separatrix", -1: "undetermined", 4: "about both", 5: "unseparated"}
-    order = sorted(present, key=lambda label: (label < 1, label))
     return [
         Line2D([], [], color=AXIS_COLOUR[x], lw=1.5, label=words.get(x, f"about $x_{x}$"))
-        for x in order
+        for x in sorted(present, key=lambda label: (label < 1, label))
     ]
 
 

@@ -116,7 +116,7 @@ def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     moments = spec["moments"] or film.time[[0, len(film.time) // 2, -1]].tolist()
     for vector in ("omega_space", "G_space", *(f"x{i}_space" for i in (1, 2, 3))):
         names = [f"{vector}.{axis}" for axis in "xyz"]
-        sheet.record(vector, motion.label, {"time": motion.time, **motion.columns(*names)})
+        sheet.record(motion.label, {"time": motion.time, **motion.columns(*names)})
     columns = min(4, len(moments))
     rows = -(-len(moments) // columns)
     panels = sheet.panels(PAGE, rows * (PAGE / columns + 0.2), len(moments), columns)

@@ -47,7 +47,7 @@ def error_order(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         names.append(f"{label}, order {slope:.2f}")
         axes.loglog(small, errors, marker="o", ms=3, color=style["color"], ls="")
         axes.loglog(small, np.exp(start) * small**slope, **style)
-        sheet.record("error", label, {"small": small, "error": errors})
+        sheet.record(label, {"small": small, "error": errors})
     axes.set(xlabel=f"${spec['parameter']}$", ylabel="largest relative error of $T$ and $G^2$")
     sheet.legend = case_handles(names, spec["styles"])
 
@@ -73,7 +73,7 @@ def cost(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         costs = {name: np.array([m.attrs[name] for m in motions]) for name in ("steps", "run_time")}
         for axes, values in zip((steps, seconds), costs.values(), strict=True):
             axes.loglog(small, values, marker="o", ms=3, **style)
-        sheet.record("cost", label, {"small": small, **costs})
+        sheet.record(label, {"small": small, **costs})
     for axes, name in ((steps, "steps"), (seconds, "run time [s]")):
         axes.set(xlabel=f"${spec['parameter']}$", ylabel=name)
     sheet.legend = case_handles(names, spec["styles"])
@@ -106,8 +106,8 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         counted = np.array([np.mean(times <= t) for t in points])
         axes.plot(line, foreseen, **style)
         axes.plot(points, counted, mec=style["color"], **MONTE_CARLO, clip_on=False, zorder=4)
-        sheet.record("share", names[-1], {"time": line, "averaged": foreseen})
-        sheet.record("share", names[-1], {"time": points, "full": counted})
+        sheet.record(names[-1], {"time": line, "averaged": foreseen})
+        sheet.record(names[-1], {"time": points, "full": counted})
     axes.set(xlabel=f"${spec['time']}$", ylabel="share of starts that have crossed")
     axes.margins(x=0)
     foreseen_as = Line2D([], [], color=BLACK, label="averaged, in closed form")
@@ -148,7 +148,6 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
             x, y = time[i, j][done], np.maximum(error[i, j][done], LEAST_ERROR)
             # A mark a point would make most of the file; a method with one point needs it.
             axes.loglog(x, y, marker="o" if len(x) == 1 else "", ms=2, **style)
-            sheet.record(case, method, {"run_time": x, "error": y})
         axes.axhline(max(floor[i].max(), LEAST_ERROR), **SEPARATRIX)
         axes.set(title=case, ylim=(LEAST_ERROR, 10))
         axes.tick_params(which="minor", left=False, right=False, bottom=False, top=False)
@@ -182,7 +181,5 @@ def status_map(sheet: Sheet, trials: Group, verdicts: Sequence[str]) -> None:
     axes.set_xticks(range(len(methods)), methods)
     axes.set_yticks(range(len(cases)), cases, fontsize=5.5)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)
-    for case, row in zip(cases, code, strict=True):
-        sheet.record(case, "verdict", {name: row[[j]] for j, name in enumerate(methods)})
     handles = [Line2D([], [], ls="", marker="s", color=colour) for colour in VERDICT_COLOUR]
     sheet.figure.legend(handles, verdicts, loc="outside lower center", ncols=3)

@@ -98,8 +98,7 @@ def clearest(points: np.ndarray, candidates: np.ndarray, enough: float = math.in
     thinned = points[:: max(1, len(points) * len(candidates) // 2_000_000)]
     thinned, candidates = thinned[:, :2], candidates[:, :2]
     # |c - p|^2 = |c|^2 + (|p|^2 - 2 c p), by one product of matrices.
-    square = (thinned**2).sum(axis=-1)
-    terms = np.stack([-2 * thinned[:, 0], -2 * thinned[:, 1], square])
+    terms = np.stack([-2 * thinned[:, 0], -2 * thinned[:, 1], (thinned**2).sum(axis=-1)])
     nearest = (np.column_stack([candidates, np.ones(len(candidates))]) @ terms).min(axis=1)
     apart = np.sqrt(np.maximum(nearest + (candidates**2).sum(axis=-1), 0))
     return int(np.minimum(apart, enough).argmax())

@@ -81,11 +81,11 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     labels, handles = [*spec["labels"], *[""] * len(cells)], dict[str, Handle]()
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
         axes.set_title(label or ", ".join(position(swept, key, i) for key, i in indices.items()))
-        drawn = (map_sphere if flat else map_image)(sheet, axes, swept, spec, value, look)
-        places, lines = drawn
+        draw_panel = map_sphere if flat else map_image
+        places, lines = draw_panel(sheet, axes, swept, spec, value, look)
         handles |= {str(line.get_label()): line for line in lines}
         values_drawn = {**places, name: value.ravel()}
-        sheet.record(swept.name, plain_name(swept, indices, label, len(sweeps)), values_drawn)
+        sheet.record(plain_name(swept, indices, label, len(sweeps)), values_drawn)
     if np.isnan(all_values).any():
         handles["gap"] = Patch(fc=GAP, ec=GREY, lw=0.4, label=absence(name))
     words = words_of_values(meaning, labelled, all_values)
@@ -437,7 +437,7 @@ def curve_of(
     (crosses,) = axes.plot(x[missing], bottom, transform=axes.get_xaxis_transform(), **look)
     # Whole at the ends of the axis too; without a cross they would take room as if at the origin.
     crosses.set_in_layout(False)
-    sheet.record(swept.name, name, shown)
+    sheet.record(name, shown)
     return bool(missing.any())
 
 

@@ -78,9 +78,7 @@ def quadrants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     for motion in motions:
         p, r = "pqr"[motion.order[0]], "pqr"[motion.order[2]]
         across, up = points[motion.name].T
-        sheet.record(
-            "quadrants", motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up}
-        )
+        sheet.record(motion.label, {"time": motion.time, f"{p}^2": across, f"K {r}^2": up})
     others = motions_of(cases, spec["scale_cases"])
     limits = [
         1.05 * max(float(curve.max()) for curve in [*points.values(), *map(squares, others)]) or 1.0
@@ -131,8 +129,7 @@ def regions(
     for name, axis, sign in (("A", largest, 1), ("B", smallest, -1)):
         inside = candidates[farthest][sign * side[farthest] > room]
         centre = inside[clearest(points / limit, inside, half + 0.06)]
-        text = form.format(name, axis + 1)
-        axes.annotate(text, pair(centre), ha="center", va="center", **look)
+        axes.annotate(form.format(name, axis + 1), pair(centre), ha="center", va="center", **look)
     p, r = "pqr"[largest], "pqr"[smallest]
     axes.set(
         xlabel=f"${p}^2$ {unit(motion, 'omega', 2)}", ylabel=f"$K{r}^2$ {unit(motion, 'omega', 2)}"
@@ -150,7 +147,6 @@ def quadrant_sketch(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None
     for axes, body, label in zip_longest(panels, bodies, spec["labels"][:n]):
         title = label or "$A_i$ = {:g}, {:g}, {:g}".format(*body)
         sheet.record(
-            "sketch",
             title,
             {f"A{i + 1}": np.array([A]) for i, A in enumerate(body)}
             | {"K": np.array([slope(body)])},
@@ -264,11 +260,11 @@ def series_curve(
     """A variable of a motion over its time or the span of the figure, with its marks."""
     samples = within_span(motion, spec["span"])
     times, values = motion.time[samples], motion[variable][samples]
-    sheet.record(panel, motion.label, {"time": times, variable: values})
+    sheet.record(motion.label, {"time": times, variable: values})
     axes.plot(times, values, **style)
     if law := spec["formula"].get(variable):
         values = formula_values(motion, law)[samples]
-        sheet.record(panel, f"{motion.label}, {law}", {"time": times, variable: values})
+        sheet.record(f"{motion.label}, {law}", {"time": times, variable: values})
         axes.plot(times, values, **LAW_LOOK)
     if spec["passages"] == "yes":
         passage_marks(axes, motion, variable, style)
@@ -384,7 +380,7 @@ def inset(
         drawn = looks.get(name, looks.get(motion.name, look))
         times, values = motion.time[samples], motion[name][samples]
         axes.plot(times, values, **drawn, lw=0.9)
-        sheet.record("inset", motion.name, {"time": times, name: values})
+        sheet.record(motion.name, {"time": times, name: values})
     symbols = [f"${symbol(name)}$" for name in spec["variables"]]
     # A panel of one case names it already.
     case_name = [] if panel.get_title() == motion.label else [motion.label]
@@ -399,7 +395,7 @@ def phase(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     (axes,) = sheet.panels(COLUMN, 0.9 * COLUMN)
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         across, up = motion[x], motion[y]
-        sheet.record("phase", motion.label, {"time": motion.time, x: across, y: up})
+        sheet.record(motion.label, {"time": motion.time, x: across, y: up})
         axes.plot(across, up, **style)
         points = np.stack([across, up], axis=-1)
         mark_points(axes, points[[0, -1]], motion.at_crossings(points))
@@ -424,7 +420,7 @@ def invariants(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     energy, square, ratio = sheet.panels(COLUMN, 1.75 * COLUMN, 3, sharex=True)
     for motion, style in zip(motions, styles(len(motions), spec["styles"]), strict=True):
         shown = motion.columns("T", "G2", "D/2T")
-        sheet.record("invariants", motion.label, {"time": motion.time, **shown, "D": motion["D"]})
+        sheet.record(motion.label, {"time": motion.time, **shown, "D": motion["D"]})
         for axes, values in zip((energy, square, ratio), shown.values(), strict=True):
             axes.plot(motion.time, values, **style, zorder=3)
         energy_bounds(energy, square, motion)

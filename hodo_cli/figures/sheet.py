@@ -4,7 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -48,9 +48,8 @@ SCREEN = 150
 
 @dataclass(frozen=True)
 class DrawnCurve:
-    """One curve of a figure: the panel that holds it, its name, and the values drawn."""
+    """One curve of a figure: its name, and the values drawn."""
 
-    panel: str
     curve: str
     values: Mapping[str, np.ndarray]
 
@@ -102,11 +101,9 @@ class Drawing(Figure):
     film: Any = None
     """The `body.Film` of a figure that moves."""
 
-    @contextmanager
-    def styled(self) -> Iterator[None]:
-        """Within the figure's own parameters."""
-        with matplotlib.style.context(["default", self.parameters]):
-            yield
+    def styled(self) -> AbstractContextManager[None]:
+        """The context in which the figure's own parameters count."""
+        return matplotlib.style.context(["default", self.parameters])
 
     def draw(self, renderer: Any) -> None:
         """Draw the figure, its ticks too, which take their look when they are first drawn."""
@@ -160,11 +157,10 @@ class Sheet:
             spare.remove()
         return list(places[:count])
 
-    def record(self, panel: str, curve: str, values: Mapping[str, np.ndarray]) -> None:
+    def record(self, curve: str, values: Mapping[str, np.ndarray]) -> None:
         """Note the values of a curve by the names of what they are."""
-        self.shown.append(
-            DrawnCurve(panel, curve, {name: np.asarray(value) for name, value in values.items()})
-        )
+        arrays = {name: np.asarray(value) for name, value in values.items()}
+        self.shown.append(DrawnCurve(curve, arrays))
 
     def scene(self, axes: Axes, view: View, names: Sequence[str], **kind: Any) -> Scene:
         """A panel that shows space in a view, with the names of its coordinates; see `Scene`."""

@@ -59,9 +59,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     planes, zoom = spec["projections"], spec["zoom"]
     for motion in motions:
         G1, G2, G3 = motion.G.T
-        sheet.record(
-            "hodograph", motion.label, {"time": motion.time, "G.x1": G1, "G.x2": G2, "G.x3": G3}
-        )
+        sheet.record(motion.label, {"time": motion.time, "G.x1": G1, "G.x2": G2, "G.x3": G3})
     up, down = (
         np.max([(sign * motion.G).max(axis=0) for motion in motions], axis=0) for sign in (1, -1)
     )
@@ -74,8 +72,7 @@ def hodograph(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     names = [axis_label(f"G.x{i}", motions[0]) for i in (1, 2, 3)]
     space(main, sheet.scene(main, view, names), motions, spec, reach, frame)
     if zoom is not None:
-        nearest = min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions)
-        check_zoom(zoom, nearest)
+        check_zoom(zoom, min(float(np.abs(motion.G).max(axis=1).min()) for motion in motions))
         window = np.array([[-1.25, 1.25], [-1.25, 1.25]]) * zoom
         near = np.full((2, 3), zoom)
         near[0] = clear_lengths(view, near[0], seen, 2.5 * zoom)
@@ -331,7 +328,7 @@ def draw_sphere(
     for curve in curves:
         times = {"time": curve.motion.time}
         components = zip(curve.columns, curve.directions.T, strict=True)
-        sheet.record(spec["kind"], curve.label, times | dict(components))
+        sheet.record(curve.label, times | dict(components))
         colours, code = palette(curve.motion, spec["colour"], curve.style, spec["styles"])
         samples: Look = {"name": curve.label, "time": curve.motion.time, "lw": 1.1}
         points = scene.add(curve.directions, colours, code, **samples)
@@ -351,9 +348,8 @@ def draw_sphere(
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
     motions = [curve.motion for curve in curves]
-    # Curves have their names beside them.
-    by_case = spec["colour"] == "case"
-    handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
+    # Curves of one colour each have their names beside them.
+    handles = [] if spec["colour"] == "case" else colour_handles(sheet, [axes], motions, spec)
     rotor = any(motion.has_rotor for motion in motions)
     # Of a body with a rotor that is no sign of D, and there may be none.
     if spec["kind"] == "sphere" and (circles or not rotor):
@@ -376,7 +372,6 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         G = np.array([motion[f"G_space.{axis}"][0] for axis in SPACE_AXES])
         points = omega @ across(G).T
         sheet.record(
-            "herpolhode",
             motion.label,
             {"time": motion.time, **dict(zip(PLANE, points.T, strict=True))},
         )

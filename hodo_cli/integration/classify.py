@@ -394,5 +394,4 @@ def relative_distance(a: np.ndarray, b: np.ndarray) -> float:
     scale = np.where(size > 0, size, 1)
     with np.errstate(invalid="ignore"):  # infinite where both have outgrown the largest double
         apart = np.where(a == b, 0, a / scale - b / scale)
-    off = np.sqrt(np.vecdot(apart, apart))
-    return float(np.max(off, initial=0))
+    return float(np.max(np.sqrt(np.vecdot(apart, apart)), initial=0))

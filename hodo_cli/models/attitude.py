@@ -74,8 +74,7 @@ def keys_of_form(form: type[Model]) -> dict[str, Key]:
 
 def system_of(form: type[Model], data: Mapping[str, Any]) -> Model:
     """The object of a form with these data, with an attitude where they name one."""
-    plain_data = {name: value for name, value in data.items() if name != KEY}
-    system = form.of(plain_data)
+    system = form.of({name: value for name, value in data.items() if name != KEY})
     if data.get(KEY) in (None, "no"):
         return system
     return with_attitude(type(system))(**data)  # type: ignore[arg-type]

@@ -585,5 +585,4 @@ def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
         "opposing": frozenset({"brake"}),
         "stops": terms.BRAKE in chosen,
     }
-    form = type("Torques", (Torques,), attributes_of)
-    return dataclass(frozen=True)(form)
+    return dataclass(frozen=True)(type("Torques", (Torques,), attributes_of))

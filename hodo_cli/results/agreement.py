@@ -120,8 +120,7 @@ def located_difference(b: ReferenceValues) -> np.ndarray:
 def vector_agreement(b: ReferenceValues) -> np.ndarray:
     """A vector is judged by its largest component at its own time, so that the late samples of a
     decayed motion count as much as the early ones."""
-    axis = b.variable.dims.index("axis")
-    return b.of_size(np.max(b.size, axis=axis, keepdims=True, initial=0))
+    return b.of_size(b.size.max(axis=b.variable.dims.index("axis"), keepdims=True, initial=0))
 
 
 def series_agreement(b: ReferenceValues) -> np.ndarray:

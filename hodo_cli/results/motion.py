@@ -321,8 +321,7 @@ def formula_values(motion: Motion, text: str) -> np.ndarray:
     """
     tree = parse_expression(text, FORMULA.names)
     values = {name: motion.time if name == "t" else motion[name] for name in names_in(tree)}
-    value = evaluate(tree, values)
-    return np.broadcast_to(np.asarray(value, dtype=float), motion.time.shape)
+    return np.broadcast_to(np.asarray(evaluate(tree, values), float), motion.time.shape)
 
 
 def names_in(tree: Tree) -> set[str]:

@@ -107,8 +107,7 @@ def truth(case: Case) -> ReferenceMotion:
     if method == "taylor" and have_quadruple() and taylor_steps(case) < AFFORDABLE:
         motion = solve(case, method, "quadruple", times=times)
     crossings = cross(case, method, "extended", None)[1] if classifiable(case) else []
-    changes = drifts(motion)
-    conserved = tuple(i for i, change in enumerate(changes) if change <= UNCHANGED)
+    conserved = tuple(i for i, change in enumerate(drifts(motion)) if change <= UNCHANGED)
     return ReferenceMotion(motion, floor, tuple(crossings), conserved)
 
 

@@ -9,6 +9,7 @@ limited, and tags are refused: what a value is, follows from how it is written.
 Source: YAML 1.2.2, section 10.3 (core schema).
 """
 
+import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
@@ -209,8 +210,8 @@ class _Reader:
     def scalar(self, event: Any, path: KeyPath, place: Place) -> Any:
         if _UNPRINTABLE.search(event.value):
             self.mistakes.add(place, "control characters are not allowed in text", path)
-        is_unquoted = event.implicit[0]
-        return resolve_scalar(event.value) if is_unquoted else event.value
+        # What is quoted is a text, whatever it looks like.
+        return resolve_scalar(event.value) if event.implicit[0] else event.value
 
     def alias(self, event: Any, path: KeyPath, place: Place) -> Any:
         anchored = self.anchors.get(event.anchor)
@@ -303,3 +304,41 @@ def resolve_scalar(text: str) -> Any:
     # Too small for a double is as wrong as too large: it stays text, which no number is.
     number = float(text)
     return text if number == 0 and text.lower().partition("e")[0].strip("+-.0") else number
+
+
+def write(value: Any) -> str:
+    """A plain value as YAML in one line (flow style); numbers keep every bit. Tuples are written as
+    lists."""
+    match value:
+        case dict():
+            return (
+                "{"
+                + ", ".join(f"{write(str(key))}: {write(item)}" for key, item in value.items())
+                + "}"
+            )
+        case list() | tuple():
+            return "[" + ", ".join(map(write, value)) + "]"
+        case None | bool() | int():
+            return json.dumps(value)
+        case float():
+            return repr(value)
+        case str():
+            return (
+                value
+                if _PLAIN.fullmatch(value) and isinstance(resolve_scalar(value), str)
+                else _quoted(value)
+            )
+    raise TypeError(f"no plain value: {shown(value)}")
+
+
+# Only words that no reader, of YAML 1.1 or 1.2, could take for a number, a date or a comment.
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.+-]*")
+# Beside what is unprintable: line breaks of YAML 1.1 (85, 2028, 2029) and byte order marks.
+_ESCAPED = re.compile(
+    "[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
+)
+
+
+def _quoted(text: str) -> str:
+    text = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    return '"' + _ESCAPED.sub(lambda match: f"\\u{ord(match[0]):04x}", text) + '"'

@@ -124,8 +124,7 @@ def crossing_error(reference: Trajectory) -> float:
     system, second = reference.case.system, reference.at(slice(1, 2))
     (event,) = system.class_events
     state, k = extended(second.state).T, system.constants
-    distance = time_to_zero(event, type(system), k, second.time, state, second.exponent)
-    return float(distance[0])
+    return float(time_to_zero(event, type(system), k, second.time, state, second.exponent)[0])
 
 
 class Summary:

@@ -86,8 +86,7 @@ class SweepView:
 
     def at(self, positions: Mapping[str, int]) -> Case:
         """The case with the values that vary along axes as they are at positions there."""
-        varying = self.data[swept_names(self.data)]
-        return case_in(varying.isel(positions), f"case {self.name}")
+        return case_in(self.data[swept_names(self.data)].isel(positions), f"case {self.name}")
 
     @property
     def sphere(self) -> str:

@@ -179,8 +179,7 @@ def share_that_crosses(body: Body, lam: Sequence[float], by: np.ndarray) -> np.n
     u, times = crossing_table(lam, side)
     if not len(u):
         return np.zeros(len(by))
-    farthest = farthest_that_crosses(lam, side)
-    reached = np.interp(by, times, u, right=farthest)
+    reached = np.interp(by, times, u, right=farthest_that_crosses(lam, side))
     nearest = share_beyond(body, side, 0.0)
     return np.array([nearest - share_beyond(body, side, value) for value in reached])
 
