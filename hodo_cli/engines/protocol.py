@@ -29,7 +29,16 @@ NORM_BAND = (1 / 8, 8.0)
 """The norm of a scaled state that needs no new units."""
 
 
-class Status(StrEnum):
+class Coded(StrEnum):
+    """Words, which sweeps store by their places in the order in which they are listed."""
+
+    @property
+    def code(self) -> int:
+        """Its place."""
+        return list(type(self)).index(self)
+
+
+class Status(Coded):
     """How a motion ended; the values are what is stored."""
 
     OK = "ok"
@@ -39,11 +48,6 @@ class Status(StrEnum):
     """Of a member of a sweep that is no body, or has no start."""
     UNDECIDED = "undecided"
     """Of a member of a sweep whose crossings its error hides; its motion is right."""
-
-    @property
-    def code(self) -> int:
-        """Its place in the order above, as sweeps store it."""
-        return list(Status).index(self)
 
 
 class Hit(NamedTuple):

@@ -143,7 +143,7 @@ def work_precision(sheet: Sheet, trials: Group) -> None:
     names = ("error", "run_time", "status", "floor")
     error, time, status, floor = (trials.variables[name].data for name in names)
     for i, (axes, case) in enumerate(zip(panels, cases, strict=True)):
-        for j, (method, style) in enumerate(zip(methods, styles(len(methods)), strict=True)):
+        for j, style in enumerate(styles(len(methods))):
             done = np.isfinite(error[i, j]) & (status[i, j] != "timeout")
             x, y = time[i, j][done], np.maximum(error[i, j][done], LEAST_ERROR)
             # A mark a point would make most of the file; a method with one point needs it.

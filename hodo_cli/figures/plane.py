@@ -53,7 +53,7 @@ from .sheet import Look, Sheet
 def squares(motion: Motion) -> np.ndarray:
     """(w_l^2, K w_s^2) (n, 2): the separatrix is the diagonal, and D > 0 below it. Raises HodoError
     where K is inf."""
-    if motion.has_rotor:
+    if motion.rotor is not None:
         raise HodoError(f"case {motion.name} has a rotor: its hodographs have no quadrants")
     K = slope(motion.inertia)
     if math.isinf(K):
@@ -191,7 +191,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     panels = series_panels(sheet, spec, len(groups), time_label(spec, motions[0]))
     for axes, (group, curves) in zip(panels, groups.items(), strict=True):
         for (motion, name), style in zip(curves, looks, strict=True):
-            series_curve(sheet, axes, spec, group, motion, name, style)
+            series_curve(sheet, axes, spec, motion, name, style)
         axes.margins(x=0.02, y=0.08)
         if not by_case:
             widen_constant(axes, curves)
@@ -252,7 +252,6 @@ def series_curve(
     sheet: Sheet,
     axes: Axes,
     spec: Mapping[str, Any],
-    panel: str,
     motion: Motion,
     variable: str,
     style: Mapping[str, Any],

@@ -257,9 +257,7 @@ def common_circles(motions: Sequence[Motion]) -> list[np.ndarray]:
     first = motions[0]
     if of_other_body(motions):
         return []
-    rotor, momentum = np.zeros(3), 1.0
-    if first.has_rotor:
-        rotor, momentum = getattr(first.case.system, "rotor_momentum"), first["G"][0]  # noqa: B009
+    rotor, momentum = (np.zeros(3), 1.0) if first.rotor is None else (first.rotor, first["G"][0])
     curves = separatrix_curves(first.inertia, rotor, momentum)
     return [curve @ first.principal_axes for curve in curves]
 
@@ -350,7 +348,7 @@ def draw_sphere(
     motions = [curve.motion for curve in curves]
     # Curves of one colour each have their names beside them.
     handles = [] if spec["colour"] == "case" else colour_handles(sheet, [axes], motions, spec)
-    rotor = any(motion.has_rotor for motion in motions)
+    rotor = any(motion.rotor is not None for motion in motions)
     # Of a body with a rotor that is no sign of D, and there may be none.
     if spec["kind"] == "sphere" and (circles or not rotor):
         label = "separatrix" if rotor else "separatrix, $D = 0$"

@@ -194,10 +194,6 @@ EVENT_DETAILS = {
 """Further columns of events, `event_NAME` by the names in `Occurrence.details`; nan where an event
 lacks the detail. Passages in averaged motions have them."""
 
-MEMBER_STATUS = {
-    "status": Stored("how the member ended", (), "i1", flags=flags(dict(enumerate(Status))))
-}
-
 MEMBER_CLASSIFIED = {
     "crossing_time": Stored("time of the first passage through the separatrix", units="time"),
     "crossing_error": Stored("error that crossing_time may have", units="time"),
@@ -223,7 +219,11 @@ MEMBER_PASSED = {
 """The columns of a sweep's members where the motion stores its axis and its passages; `event_NAME`
 belongs to the last event."""
 
-MEMBER_STEPS = {"steps": Stored("steps of the integration", (), "i4")}
+MEMBER = {
+    "steps": Stored("steps of the integration", (), "i4"),
+    "status": Stored("how the member ended", (), "i1", flags=flags(dict(enumerate(Status)))),
+}
+"""The columns of every sweep."""
 
 MEMBER_EVENT = {"event_time": Stored("time of the event that ended the motion", units="time")}
 

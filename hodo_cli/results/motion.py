@@ -28,7 +28,7 @@ from ..models.top.torques import with_mu
 from ..schema.expression import Tree, parse_expression
 from ..storage.provenance import typed
 from .in_space import OF_ATTITUDE
-from .layout import CROSSING_COLUMNS, EVENT_COLUMNS, has_rotor
+from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 from .units import INERTIA, units_of_case
 
 
@@ -148,7 +148,7 @@ class Motion:
             return vectors
         if self.axes == BODY_AXES and self.frame:
             return vectors | {"G": self.frame.momentum(vectors["omega"])}
-        if self.has_rotor or self.is_turned:
+        if self.rotor is not None or self.is_turned:
             return vectors  # each component of G needs all of omega
         moments = self.inertia[[BODY_AXES.index(axis) for axis in self.axes]]
         return vectors | {"G": rigid_body.angular_momentum(moments, vectors["omega"])}
@@ -165,9 +165,9 @@ class Motion:
         return *self.inertia.tolist(), turned, self.case.data.get("rotor")
 
     @cached_property
-    def has_rotor(self) -> bool:
-        """Whether the body has a rotor."""
-        return has_rotor(self.case)
+    def rotor(self) -> np.ndarray | None:
+        """The momentum (3,) of a rotor along the principal axes; None without."""
+        return self.frame.rotor_momentum if self.frame else None
 
     @cached_property
     def is_turned(self) -> bool:
@@ -426,7 +426,7 @@ def _energy(m: Motion) -> np.ndarray:
 
 def _separatrix(m: Motion) -> np.ndarray:
     """D = G^2 - 2 T A_middle, without the cancellation of this difference."""
-    if m.has_rotor:
+    if m.rotor is not None:
         raise HodoError(
             f"case {m.name} has a rotor: the sign of D then says nothing; its labels do"
         )

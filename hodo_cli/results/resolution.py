@@ -32,10 +32,9 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     The rates belong to a free body, beside which a torque turns G slowly.
     """
     omega, A = motion.principal_omega, motion.inertia
-    rotor = getattr(motion.case.system, "rotor_momentum") if motion.has_rotor else 0.0  # noqa: B009
     size = np.abs(omega).max(initial=0) or 1.0
     w = omega / size
-    G = A * w + rotor / size
+    G = A * w if motion.rotor is None else A * w + motion.rotor / size
     rate = np.cross(G, w)
     bend = np.cross(rate, w) + np.cross(G, rate / A)
     speed = np.linalg.norm(rate, axis=-1)

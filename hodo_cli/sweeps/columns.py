@@ -14,11 +14,10 @@ from ..models.base import LENGTHS
 from ..models.rigid_body import UNDETERMINED
 from ..results.layout import (
     CROSSING_COLUMNS,
+    MEMBER,
     MEMBER_CLASSIFIED,
     MEMBER_EVENT,
     MEMBER_PASSED,
-    MEMBER_STATUS,
-    MEMBER_STEPS,
     MEMBER_STOPPED,
     UNASKED,
     Stored,
@@ -39,7 +38,7 @@ def columns(case: Case) -> dict[str, Stored]:
     reduced = MEMBER_CLASSIFIED | (MEMBER_STOPPED if model.stops else {})
     if model.no_axis_reason:
         reduced = MEMBER_EVENT | (MEMBER_PASSED if "enclosed_axis" in model.variables else {})
-    return final | reduced | MEMBER_STEPS | MEMBER_STATUS
+    return final | reduced | MEMBER
 
 
 def stored_columns(case: Case) -> dict[str, Stored]:

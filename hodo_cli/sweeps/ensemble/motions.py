@@ -1,13 +1,13 @@
 """An ensemble of motions, and what became of them."""
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...engines.protocol import Coded
 from ...integration.trajectory import Occurrence
 from ...models.base import Event, Model
 from ...models.constants import UNIT, VELOCITY, Structure, moving, namespace
@@ -21,7 +21,7 @@ no ensemble was off by more than three tolerances. It leaves one random motion i
 single cases, so that a finer bound would gain nothing."""
 
 
-class Rejection(StrEnum):
+class Rejection(Coded):
     """Why a motion is not accepted, in the words of a result."""
 
     NONE = ""
@@ -34,11 +34,6 @@ class Rejection(StrEnum):
     COARSE = "equations that need finer data"
     UNCERTAIN = "the sign of an event's function is uncertain"
     PASSAGE = "a step beyond the passage of an event"
-
-    @property
-    def code(self) -> int:
-        """Its position in the order above."""
-        return list(Rejection).index(self)
 
 
 class Passages(NamedTuple):
