@@ -39,10 +39,8 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def remarks(row: Mapping[str, Any]) -> list[str]:
     """How a case ended, unless well and at its time, and its warnings."""
-    ended = [row["message"]] if row["message"] else []
-    if row["status"] != "ok":
-        ended = [f"{row['status']}: {row['message']}"]
-    return [*ended, *row["warnings"].splitlines()]
+    ended = row["message"] if row["status"] == "ok" else f"{row['status']}: {row['message']}"
+    return [*filter(None, [ended]), *row["warnings"].splitlines()]
 
 
 def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:

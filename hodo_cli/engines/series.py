@@ -43,6 +43,11 @@ class Series:
     def _new(self, rule: CoefficientRule) -> "Series":
         return type(self)(rule)
 
+    def _solving(self, rule: Callable[["Series", int], Any]) -> "Series":
+        """The series whose coefficient k is rule(series, k), which asks for those before."""
+        solution: Series = self._new(lambda k: rule(solution, k))
+        return solution
+
     def functions(
         self,
         values: Callable[[Any], Sequence[Any]],
@@ -104,34 +109,32 @@ class Series:
             multiple: Series = self * (1.0 / other)
             return multiple
 
-        def rule(k: int) -> Any:
+        def rule(quotient: Series, k: int) -> Any:
             # q = a/b from a = q b: the new coefficient is the only unknown of order k.
             known = [other[i] * quotient[k - i] for i in outwards(k) if i]
             return (self[k] - total(known) if known else self[k]) * (1.0 / other[0])
 
-        quotient = self._new(rule)
-        return quotient
+        return self._solving(rule)
 
     def __rtruediv__(self, other: Any) -> "Series":
         quotient: Series = self._new(partial(constant, other)) / self
         return quotient
 
     def _root(self) -> "Series":
-        def rule(k: int) -> Any:
+        def rule(root: Series, k: int) -> Any:
             if k == 0:
                 return self[0] ** 0.5
             # From root^2 = y: a third of the operations of another power.
             rest = self[k] - root._square(k, 1) if k > 1 else self[k]
             return rest * (0.5 / root[0])
 
-        root = self._new(rule)
-        return root
+        return self._solving(rule)
 
     def __pow__(self, exponent: Any) -> "Series":
         if isinstance(exponent, float) and exponent == 0.5:
             return self._root()
 
-        def rule(k: int) -> Any:
+        def rule(power: Series, k: int) -> Any:
             if k == 0:
                 return self[0] ** exponent
             # From y P' = exponent y' P for P = y^exponent, order by order.
@@ -140,8 +143,7 @@ class Series:
             ]
             return total(terms) * (1.0 / self[0])
 
-        power = self._new(rule)
-        return power
+        return self._solving(rule)
 
     def __rpow__(self, base: Any) -> "Series":
         return self._exponential(lambda x: base**x, arithmetic.log(base))
@@ -151,25 +153,22 @@ class Series:
         return self._exponential(arithmetic.exp, 1.0)
 
     def _exponential(self, first: Callable[[Any], Any], rate: Any) -> "Series":
-        def rule(k: int) -> Any:
-            # From P' = rate y' P.
-            return rate * self._slope_times(power, k) if k else first(self[0])
-
-        power = self._new(rule)
-        return power
+        # From P' = rate y' P.
+        return self._solving(
+            lambda power, k: rate * self._slope_times(power, k) if k else first(self[0])
+        )
 
     def log(self) -> "Series":
         """The natural logarithm."""
 
-        def rule(k: int) -> Any:
+        def rule(logarithm: Series, k: int) -> Any:
             if k == 0:
                 return arithmetic.log(self[0])
             # From y' = L' y: the new coefficient is the only unknown of order k.
             known = [i / k * logarithm[i] * self[k - i] for i in outwards(k) if 0 < i < k]
             return (self[k] - total(known) if known else self[k]) * (1.0 / self[0])
 
-        logarithm = self._new(rule)
-        return logarithm
+        return self._solving(rule)
 
     def sqrt(self) -> "Series":
         """The square root."""

@@ -114,9 +114,8 @@ def propagate(
         constants = units.constants(model, k)
         # Asked until it is not so: what becomes small on the way stays so, since it decays.
         is_uneven = is_uneven and uneven(y[rows].astype(float))
-        control.longest = math.inf
-        if is_uneven:
-            control.longest = longest_step(model, constants, float(clock.high), y.astype(float))
+        limits = model, constants, float(clock.high), y.astype(float)
+        control.longest = longest_step(*limits) if is_uneven else math.inf
         leg = engine.leg(constants | clock.constants if timed else constants, y, grid, control)
         if observer is not None:
             observer.flush()

@@ -83,9 +83,7 @@ class Trajectory:
     def variables(self) -> dict[str, np.ndarray]:
         """The stored variables (n, ...) by name, in double precision and true size."""
         system, store = self.case.system, self.case.store
-        state = self.state.astype(float)
-        if system.degree:
-            state = rescaled(type(system), state, self.exponent)
+        state = rescaled(type(system), self.state.astype(float), self.exponent)
         output = system.output(self.time, state, attributes(system.constants))
         return {name: values for name, values in output.items() if not store or name in store}
 

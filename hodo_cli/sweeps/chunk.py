@@ -225,9 +225,7 @@ def output_of(
 ) -> dict[str, np.ndarray]:
     """The variables (n, s, ...) of some motions (n,) at times (s,) from their states (m, n, s) in
     units of 2**exponent (n, s)."""
-    y = np.moveaxis(states, 0, -1)
-    if e.model.degree:
-        y = rescaled(e.model, y, exponent)
+    y = rescaled(e.model, np.moveaxis(states, 0, -1), exponent)
     n, s = len(motions), len(times)
     k = e.named(np.repeat(motions, s))
     flat = e.model.output(np.tile(times, n), y.reshape(n * s, y.shape[-1]), k)

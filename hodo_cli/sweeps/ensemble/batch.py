@@ -208,7 +208,7 @@ class BatchState:
         now, params = self.now[:, [column]], self.params[:, [column]]
         (number,), size, _ = split_params(params)
         end = float(params[END, 0])
-        state = rescaled(e.model, now[:m].T, size) if e.model.degree else now[:m].T
+        state = rescaled(e.model, now[:m].T, size)
         k = namespace(e.structure, e.constants[:, number].tolist())
         assert event is not None
         assert event.passage is not None
