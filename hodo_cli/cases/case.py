@@ -233,7 +233,7 @@ def checked_case(name: Any, block: Block) -> Case:
     if time["samples"] is None:
         assert system is not None
         swept = bool(values.get("sweep"))
-        time["samples"] = FEWEST if swept else smooth(system, time["end"] - time["start"])
+        time["samples"] = FEWEST if swept else smooth_samples(system, time["end"] - time["start"])
     common = {key: values[key] for key in COMMON} | {"time": Time(**time)}
     return Case(name=name, model=model.name, form=model.form, data=data, **common)
 
@@ -246,7 +246,7 @@ SAMPLE_TURN = math.radians(12)
 degrees."""
 
 
-def smooth(system: Model, span: float) -> int:
+def smooth_samples(system: Model, span: float) -> int:
     """The number of samples of a span that makes the hodograph of a body which turns as at the
     start a smooth line: it turns no faster than about the axis of the largest moment, with all of
     the energy about the axis of the smallest."""
@@ -305,8 +305,9 @@ def variation(case: Case, changes: Mapping[str, Any]) -> Case:
 
 
 def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
-    """Mistakes: an end that is missing, lies before the start, or so far behind it that the span is
-    no double; stored times that do not rise, or stand beside an end. Values set end and samples."""
+    """The mistakes that several keys of `time:` make: an end that is missing, lies before the
+    start, or so far behind it that the span is no double; stored times that do not rise, or stand
+    beside an end. Times that are listed set end and samples."""
     if time is None:
         return
     values, start = time["values"] or (), time["start"]
@@ -328,7 +329,7 @@ def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
 
 
 def _store_mistakes(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Mistakes: variables that the model does not have."""
+    """A mistake for each variable to be stored that the model does not have."""
     valid = storable(model) if values.get("sweep") else list(model.variables)
     named: dict[KeyPath, str] = {("store", i): x for i, x in enumerate(values.get("store", ()))}
     return unknown_names("variable", named, valid)

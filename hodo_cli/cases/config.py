@@ -259,7 +259,7 @@ def _entries(section: str, named: Mapping[str, Any]) -> tuple[dict[str, Block], 
 
 
 def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mistake]:
-    """Mistakes: defaults that no case takes."""
+    """A mistake for each of the defaults that no case takes."""
     models_of_blocks = [(block, *keys_in(block)) for block in blocks]
     if any(model is None and "model" in block for block, model, _ in models_of_blocks):
         return  # it may have keys of its own
@@ -276,7 +276,8 @@ def _default_mistakes(defaults: Block, blocks: Iterable[Block]) -> Iterator[Mist
 def _figure_mistakes(
     figures: Mapping[str, Mapping[str, Any]], cases: Mapping[str, Case], steady: bool
 ) -> Iterator[Mistake]:
-    """Mistakes that keep figures from drawing their cases; none where a case is wrong itself."""
+    """The mistakes that keep figures from drawing their cases; none where a case is itself
+    wrong."""
     known = {name: drawable(case) for name, case in cases.items()}
     for name, values in figures.items():
         if all(case in cases for case in values.get("cases", ())):

@@ -392,7 +392,7 @@ def merged_style(*styles: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Mistakes in keys of a figure that are each right by themselves."""
+    """The mistakes in keys of a figure that are each right by themselves."""
     kind, style = values.get("kind"), values.get("style") or {}
     named = "bodies" if kind == "quadrant-sketch" else "cases"
     n, labels, axis = (
@@ -428,7 +428,7 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from unknown_names("colour or line", {("styles", i): line or "solid"}, LINE_NAMES)
     formulas: dict[KeyPath, str] = {("formula", WrongKey(x)): x for x in values.get("formula", ())}
     yield from unknown_names("variable", formulas, values.get("variables", ()))
-    if kind in KINDS_WITHOUT_SCALES or _is_flat(values):
+    if kind in KINDS_WITHOUT_SCALES or _is_map_of_sphere(values):
         message = f"the panels of a {kind} have no scales"
         yield from ((("style", key), message) for key in SCALES if style.get(key) is not None)
     for logarithmic in style.get("log") or ():
@@ -471,7 +471,7 @@ KINDS_IN_SPACE = ("herpolhode", "axis-trace", "body")
 def check_drawn(
     values: Mapping[str, Any], cases: Mapping[str, Drawable], steady: bool
 ) -> Iterator[Mistake]:
-    """Mistakes that keep a figure from drawing its cases: the one set of rules, for a case file as
+    """The mistakes that keep a figure from drawing its cases: one set of rules, for a case file as
     it is read and for datasets as they are drawn.
 
     Unless `steady`, the times of cases and the lengths of axes may be others for a single run, and
@@ -519,7 +519,7 @@ def _unfit(kind: str | None, case: Drawable) -> str:
 
 
 def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
-    """Mistakes: variables that motions cannot have, each reported for its first case."""
+    """A mistake for each variable that motions cannot have, about the first of its cases."""
     drawn: list[tuple[KeyPath, str, Sequence[Drawable]]] = [
         (("variables", i), name, cases) for i, name in enumerate(values.get("variables", ()))
     ]
@@ -557,7 +557,7 @@ def _parts(name: str) -> str:
 
 
 def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Mistakes: panels and cases named by insets that their figure does not have."""
+    """A mistake for each panel and case that an inset names and its figure does not have."""
     for i, inset in enumerate(values.get("insets", ())):
         panels = values["cases" if values["panels"] == "case" else "variables"]
         for key, valid in (("panel", panels), ("case", values["cases"])):
@@ -565,7 +565,7 @@ def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
-    """Mistakes: spans that lie outside the times of a case drawn over them."""
+    """A mistake for each span that lies outside the times of a case drawn over it."""
     spans: list[tuple[KeyPath, Any, str]] = [
         (("span",), values.get("span"), name) for name in values.get("cases", ())
     ]
@@ -578,7 +578,7 @@ def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> 
 
 
 def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
-    """Mistakes: variables, axes and positions that a sweep does not have."""
+    """A mistake for each variable, axis and position that a sweep does not have."""
     if message := _wrong_swept_variable(values, case):
         yield ("variable",), message
     for key in AXIS_KEYS:
@@ -586,7 +586,7 @@ def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> 
             yield (key,), f"axis {name} of sweep {case.name} is a sphere, which has no scale"
         elif name is not None and name not in case.axes:
             yield (key,), unknown(f"axis {name!r} of sweep {case.name}", name, list(case.axes))
-    if _is_flat(values) and not case.sphere:
+    if _is_map_of_sphere(values) and not case.sphere:
         yield (), f"sweep {case.name} has no sphere: name the axes x and y"
     counted = values.get(_axis_of_positions(values))
     if steady and counted is not None and counted in case.axes:
@@ -617,7 +617,7 @@ def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> lis
     return [name for name in axes if name not in drawn]
 
 
-def _is_flat(values: Mapping[str, Any]) -> bool:
+def _is_map_of_sphere(values: Mapping[str, Any]) -> bool:
     """Whether a figure is a map of the sphere."""
     return values.get("kind") == "map" and values.get("x") is None and values.get("y") is None
 
@@ -628,7 +628,7 @@ def _axis_of_positions(values: Mapping[str, Any]) -> str:
 
 
 def _axis_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Mistakes: axes of a map that are missing, and axes that are drawn twice."""
+    """The mistakes of axes: one of a map is missing, or one is drawn twice."""
     given = {key: values[key] for key in AXIS_KEYS if values.get(key) is not None}
     if values["kind"] == "map" and len(pair := given.keys() & {"x", "y"}) == 1:
         (missing,) = {"x", "y"} - pair

@@ -282,8 +282,8 @@ def check_axes(
 def _check_range(
     value_range: Mapping[str, Any], key: str, keys: Mapping[str, Key], data: Any
 ) -> Iterator[Mistake]:
-    """Mistakes: a key that is not there or takes no number, and values of a range that it does not
-    take."""
+    """The mistakes of one range: its key is not there or takes no number, or does not take some of
+    the values."""
     declared: Kind | None = Table(keys)
     for step in path_of(key):
         declared, data = _within(declared, step, data) if declared else (None, None)

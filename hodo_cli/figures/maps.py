@@ -65,8 +65,8 @@ Handle = Line2D | Patch
 def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     """A variable of sweeps over two axes, or over the directions of the start, a panel for each
     position asked for."""
-    flat, name = spec["x"] is None, spec["variable"]
-    across = () if flat else (spec["x"], spec["y"])
+    of_sphere, name = spec["x"] is None, spec["variable"]
+    across = () if of_sphere else (spec["x"], spec["y"])
     sweeps = sweeps_of(cases, spec, *across)
     rows = [positions(swept, spec["panels"], spec["at"]) for swept in sweeps]
     cells = [(swept, at) for swept, row in zip(sweeps, rows, strict=True) for at in row]
@@ -77,11 +77,11 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     scale, colours = colour_scale_of(spec, all_values, labelled)
     # Rasterized: a million cells as vectors make a file that no reader opens.
     look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
-    panels = map_panels(sheet, [len(row) for row in rows], flat)
+    panels = map_panels(sheet, [len(row) for row in rows], of_sphere)
     labels, handles = [*spec["labels"], *[""] * len(cells)], dict[str, Handle]()
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
         axes.set_title(label or ", ".join(position(swept, key, i) for key, i in indices.items()))
-        draw_panel = map_sphere if flat else map_image
+        draw_panel = map_sphere if of_sphere else map_image
         places, lines = draw_panel(sheet, axes, swept, spec, value, look)
         handles |= {str(line.get_label()): line for line in lines}
         values_drawn = {**places, name: value.ravel()}
@@ -165,7 +165,7 @@ def colour_bar(sheet: Sheet, scale: ScalarMappable, label: str) -> None:
         bar.set_ticks(np.arange(math.ceil(first), behind).tolist())
 
 
-def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
+def map_panels(sheet: Sheet, rows: Sequence[int], of_sphere: bool) -> list[Axes]:
     """Panels for sweeps with so many positions each: a row a sweep, or up to three in a row."""
     n, longest = sum(rows), max(rows)
     # A row for each of several sweeps; else three panels fill the width of a page.
@@ -174,9 +174,9 @@ def map_panels(sheet: Sheet, rows: Sequence[int], flat: bool) -> list[Axes]:
         columns = 2  # two by two, rather than three and one
     lines = -(-n // columns)
     width = COLUMN if columns == 1 else PAGE
-    height = lines * width / columns * (0.6 if flat else 0.85) + 0.55
-    look = {"projection": "hammer"} if flat else {}
-    shared = {"sharex": not flat, "sharey": not flat}
+    height = lines * width / columns * (0.6 if of_sphere else 0.85) + 0.55
+    look = {"projection": "hammer"} if of_sphere else {}
+    shared = {"sharex": not of_sphere, "sharey": not of_sphere}
     return sheet.panels(width, height, n, columns, **shared, subplot_kw=look)
 
 
@@ -225,7 +225,7 @@ def map_image(
     axes.set(xlabel=axis_name(swept, spec["x"]), ylabel=axis_name(swept, spec["y"]))
     axes.label_outer()
     across, up = (grid.ravel() for grid in np.meshgrid(x, y, indexing="ij"))
-    return {column(swept, spec["x"]): across, column(swept, spec["y"]): up}, handles
+    return {axis_column(swept, spec["x"]): across, axis_column(swept, spec["y"]): up}, handles
 
 
 def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndarray]:
@@ -420,7 +420,7 @@ def curve_of(
     label, name = names
     x, _ = swept.ticks(spec["x"])
     values = swept.values(spec["variable"], [spec["x"]], indices)
-    shown = {column(swept, spec["x"]): x, spec["variable"]: values}
+    shown = {axis_column(swept, spec["x"]): x, spec["variable"]: values}
     # A line between few values would pass for a result.
     width = {"lw": 0.4, "ms": 5} if len(x) < FEW_VALUES else {"ms": 3}
     axes.plot(x, values, **style, **width, marker=".", label=label)
@@ -429,7 +429,7 @@ def curve_of(
         axes.errorbar(x, values, shown[error], fmt="none", ecolor=style["color"])
     # The numbers that tell this curve from the others, in each of its rows.
     shown |= {
-        column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in indices.items()
+        axis_column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in indices.items()
     }
     missing = ~np.isfinite(values)
     look = {"ls": "", "marker": "x", "ms": 4, "color": style["color"], "clip_on": False}
@@ -472,7 +472,7 @@ def axis_name(swept: SweepView, name: str) -> str:
     return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "")
 
 
-def column(swept: SweepView, name: str) -> str:
+def axis_column(swept: SweepView, name: str) -> str:
     """The name of an axis in tables and pages, with its unit where the result has another."""
     unit = swept.unit(name)
     return name if unit in ("", "rad") else f"{name} [{unit}]"

@@ -167,7 +167,7 @@ class ResultFile:
                     return
         except DAMAGE as error:
             if reason := refusal(error):
-                raise _kind(error)(f"{self.path} cannot be read: {reason}") from error
+                raise _error_class(error)(f"{self.path} cannot be read: {reason}") from error
             raise HodoError(f"{self.path}: {name} is damaged ({_first_line(error)})") from error
         raise HodoError(f"{self.path}: there is no case {name!r}")
 
@@ -311,7 +311,7 @@ def _opened(path: Path) -> h5py.File:
         # case.
         return h5py.File(path, "r", locking="best-effort")
     except (OSError, ValueError) as error:
-        raise _kind(error)(f"{path}: {_why_closed(path, error)}") from None
+        raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
 
 
 def _damage(path: Path) -> Mapping[str, str]:
@@ -325,7 +325,7 @@ def _damage(path: Path) -> Mapping[str, str]:
             raise HodoError(f"{path} is a pipe or a device, not a file")
         return _looked_at(path, status.st_ino, status.st_mtime_ns, status.st_size)
     except OSError as error:
-        raise _kind(error)(f"{path}: {_why_closed(path, error)}") from None
+        raise _error_class(error)(f"{path}: {_why_closed(path, error)}") from None
 
 
 INTACT: Mapping[str, str] = {}
@@ -357,7 +357,7 @@ ROOT = "/"
 """The name under which the root attributes are looked at; no group has it."""
 
 
-def _kind(error: BaseException) -> type[HodoError | BatchError]:
+def _error_class(error: BaseException) -> type[HodoError | BatchError]:
     """What an error in reading a file means: the machine lacks something, or the file is wrong."""
     # In a damaged file HDF5 asks for impossible addresses, and is refused by the system as well. A
     # file that another program has locked is no lack either.

@@ -71,9 +71,9 @@ def combinations(
     index = np.unravel_index(members, shape(case))
     plain = [(axis, i) for axis, i in zip(axes, index, strict=True) if axis.sphere is None]
     sizes = [len(axis) for axis, _ in plain] or [1]
-    flat = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
+    place = np.ravel_multi_index([i for _, i in plain] or [np.zeros_like(members)], sizes)
     # The members of a sphere have their data in common.
-    occurring, combination = np.unique(flat, return_inverse=True)
+    occurring, combination = np.unique(place, return_inverse=True)
     varying = [
         (path, axis.values(j, along))
         for (axis, _), along in zip(plain, np.unravel_index(occurring, sizes), strict=bool(plain))
