@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .cases.claim_block import MISPRINTS, VERDICTS
+from .grouping import grouped
 from .text import NAMES_LISTED, abridged, magnitude, seconds, table
 
 
@@ -49,10 +50,7 @@ def table_of_crossings(rows: Sequence[Mapping[str, Any]]) -> str:
     reason, the cases without labels."""
     header = ("case", "start", "end", "growth of a tilt", "predicted", "crossings")
     lines = [crossings_line(row) for row in rows if row["warnings"] != [row.get("unlabelled")]]
-    names: dict[str, list[str]] = {}
-    for row in rows:
-        if "unlabelled" in row:
-            names.setdefault(row["unlabelled"], []).append(row["case"])
+    names = grouped((row["unlabelled"], row["case"]) for row in rows if "unlabelled" in row)
     paragraphs = [table(header, lines, optional=header[3:])] if lines else []
     for reason, cases in names.items():
         paragraphs.append(f"no labels: {reason}: {', '.join(abridged(cases, NAMES_LISTED))}")

@@ -6,6 +6,7 @@ from itertools import chain
 from typing import Any
 
 from .. import models
+from ..grouping import grouped
 from ..models.attitude import keys_of_form
 from ..models.base import Model
 from ..schema import kinds
@@ -50,10 +51,7 @@ def _table(keys: Mapping[str, Key]) -> list[Row]:
 
 def _model(forms: list[str], keys: list[list[Row]]) -> list[Row]:
     """The keys of a model; a key that only some forms take names them."""
-    takers: dict[Row, list[str]] = {}
-    for form, rows in zip(forms, keys, strict=True):
-        for row in rows:
-            takers.setdefault(row, []).append(form)
+    takers = grouped((row, form) for form, rows in zip(forms, keys, strict=True) for row in rows)
     return [
         row if taking == forms else (f"{row[0]} (form {', '.join(taking)})", *row[1:])
         for row, taking in takers.items()

@@ -13,6 +13,7 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, variation
 from ..cases.sweep_block import Axis, axes_of
+from ..grouping import grouped
 from ..integration.classify import body_of
 from ..models import rigid_body
 from ..results.motion import Motion
@@ -65,10 +66,8 @@ def named(axes: Sequence[Axis], index: Sequence[Any]) -> str:
 def starting_axes(cases: Sequence[Case]) -> list[str]:
     """The axes that the hodographs of body-frame cases enclose at the start."""
     names = [""] * len(cases)
-    bodies: dict[Any, list[int]] = {}
-    for i, case in enumerate(cases):
-        bodies.setdefault((case.data["inertia"], case.data.get("rotor")), []).append(i)
-    for places in bodies.values():
+    bodies = [(case.data["inertia"], case.data.get("rotor")) for case in cases]
+    for places in grouped(zip(bodies, range(len(cases)), strict=True)).values():
         body = body_of(cases[places[0]])
         omega = np.array([cases[i].system.start[:3] for i in places])
         labels = body.enclosed(body.to_principal(omega), ROUNDING)

@@ -33,6 +33,7 @@ from ..cases.claim_block import (
     cases_of,
     readings,
 )
+from ..grouping import grouped
 from ..results.motion import Motion, case_of, motion_of
 from ..schema.frozen import frozen
 from ..storage.hdf5 import ResultFile
@@ -145,9 +146,7 @@ class Judge:
 def by_reading(words: Mapping[str, str], of_all: str) -> str:
     """Words under each reading by its name, once where several have the same, and after `of_all`
     where all have."""
-    names: dict[str, list[str]] = {}
-    for name, text in words.items():
-        names.setdefault(text, []).append(name)
+    names = grouped((text, name) for name, text in words.items())
     if len(names) == 1:
         return f"{of_all}{next(iter(names))}"
     return "; ".join(f"{' / '.join(same)}: {text}" for text, same in names.items())

@@ -18,6 +18,7 @@ from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench
 from ..figures.files import save
+from ..grouping import grouped
 from ..integration.integrate import ASKED
 from ..progress import Progress
 from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
@@ -128,11 +129,11 @@ def messages_of_trials(
     trials: Sequence[Trial], asked: Iterable[tuple[str, float]]
 ) -> Iterator[str]:
     """Each message of a trial, behind the methods and tolerances that were asked for there."""
-    tried: dict[str, list[str]] = {}
-    for trial, (method, tol) in zip(trials, asked, strict=True):
-        if trial.message:
-            at = "" if math.isnan(tol) else f" at {tol:g}"
-            tried.setdefault(trial.message, []).append(f"{method}{at}")
+    tried = grouped(
+        (trial.message, method if math.isnan(tol) else f"{method} at {tol:g}")
+        for trial, (method, tol) in zip(trials, asked, strict=True)
+        if trial.message
+    )
     return (f"{', '.join(names)}: {message}" for message, names in tried.items())
 
 

@@ -20,6 +20,7 @@ from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..cases.case import Case, dump
 from ..cases.config import Config, no_case
+from ..grouping import grouped
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress
@@ -182,11 +183,9 @@ class Plan:
         for line in self.lines():
             (progress.say if line.endswith(LEFT) else progress.detail)(line)
         # Before the run: a motion that the data feed energy into may take until its last step.
-        warned: dict[str, list[str]] = {}
-        for name in self.reasons:
-            for warning in foreseen(self.config.cases[name]):
-                warned.setdefault(warning, []).append(name)
-        for warning, names in warned.items():
+        cases = self.config.cases
+        warned = ((text, name) for name in self.reasons for text in foreseen(cases[name]))
+        for warning, names in grouped(warned).items():
             progress.say(f"{', '.join(abridged(names, NAMES_LISTED))}: warning: {warning}")
 
     def _root_attributes(self) -> dict[str, str | int]:

@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from .. import HodoError
+from ..grouping import grouped
 from ..private import keep_model
 from .added.mistakes import equations_mistake, with_source_line
 from .added.sources import AddedModule, texts_of
@@ -45,12 +46,12 @@ def _forms(module: ModuleType) -> list[type[Model]]:
 def _own_modules_of() -> Mapping[str, Sequence[str]]:
     """The modules in this folder and those in it, by the names of the models whose forms they
     define: their texts tell these, so that only the modules of the models in use are loaded."""
-    folder, modules = Path(__file__).parent, dict[str, list[str]]()
-    for path in sorted(folder.rglob("*.py")):
-        module = ".".join(path.relative_to(folder).with_suffix("").parts)
-        for name in dict.fromkeys(STATED_NAME.findall(path.read_text("utf-8"))):
-            modules.setdefault(name, []).append(f"{__name__}.{module}")
-    return modules
+    folder = Path(__file__).parent
+    return grouped(
+        (name, ".".join([__name__, *path.relative_to(folder).with_suffix("").parts]))
+        for path in sorted(folder.rglob("*.py"))
+        for name in dict.fromkeys(STATED_NAME.findall(path.read_text("utf-8")))
+    )
 
 
 @cache

@@ -1,7 +1,7 @@
 """The members of a sweep: their data, and any one of them as a single case."""
 
 import math
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from ..arithmetic import BranchDivergence, Column, of_members
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
 from ..engines.protocol import EPS
+from ..grouping import grouped
 from ..models.base import Model
 from ..models.constants import UNIT, contains_time, flatten, structure
 from ..models.rigid_body import BodyFrame
@@ -130,9 +131,7 @@ def prepared_by_branch(
 
 def alike(groups: Iterable[PreparedMembers]) -> list[PreparedMembers]:
     """Groups of members, joined where they can share a compiled step."""
-    kinds: dict[Hashable, list[PreparedMembers]] = {}
-    for positions, e in groups:
-        kinds.setdefault((e.structure, e.events), []).append((positions, e))
+    kinds = grouped(((group[1].structure, group[1].events), group) for group in groups)
     return [joined(kind) for kind in kinds.values()]
 
 

@@ -1,18 +1,19 @@
 """Single cases of one kind, integrated side by side."""
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..cases.case import Case
+from ..grouping import grouped
 from ..integration.crossings import Crossing
 from ..integration.solve import sample_times
 from ..integration.trajectory import Trajectory
 from .chunk import crossing_columns, other_method
 from .ensemble.advance import advance, step_of
 from .ensemble.motions import Ensemble
-from .members import PreparedMembers, alike, ensemble_of
+from .members import alike, ensemble_of
 
 FEWEST = 32
 """Single cases of one kind, below which each by itself takes less time than compiling the step."""
@@ -47,11 +48,14 @@ def side_by_side(cases: Sequence[Case]) -> list[CrossedMotion | None]:
 def ensembles_of(cases: Sequence[Case]) -> Iterator[tuple[np.ndarray, Ensemble]]:
     """The ensembles that single cases make, where there are enough of one kind, with the
     positions (n,) of their motions among the cases."""
-    kinds: dict[Hashable, list[PreparedMembers]] = {}
-    for i, case in enumerate(cases):
-        if watches_separatrix(case):
-            single = np.array([i]), ensemble_of(case, case.system, 1, case.system.start)
-            kinds.setdefault((type(case.system), case.time, case.tol), []).append(single)
+    kinds = grouped(
+        (
+            (type(case.system), case.time, case.tol),
+            (np.array([i]), ensemble_of(case, case.system, 1, case.system.start)),
+        )
+        for i, case in enumerate(cases)
+        if watches_separatrix(case)
+    )
     for singles in kinds.values():
         yield from (group for group in alike(singles) if len(group[0]) >= FEWEST)
 
