@@ -12,11 +12,12 @@ def case_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Cases with their method, cost, error and warnings; below them, once each, the warnings that
     several cases share, and what cases assume where that is known."""
     header = ("case", "model", "form", "method", "steps", "run time", "error", "warnings")
-    names: dict[str, list[str]] = {}
-    for row in rows:
-        assumed = [f"assumes {row['assumes']}"] if row.get("assumes") else []
-        for text in (*remarks(row), *assumed):
-            names.setdefault(text, []).append(row["case"])
+    names = grouped(
+        (text, row["case"])
+        for row in rows
+        for text in [*remarks(row), f"assumes {row['assumes']}" if row.get("assumes") else ""]
+        if text
+    )
     lines = [
         [
             row["case"],

@@ -519,9 +519,11 @@ def test_the_error_of_members_that_stop_is_that_of_the_time(tmp_path: Path) -> N
     case = one(f"{body}, damping: 0.004, brake: 0.01, time: {{start: -50, end: 400}}, "
                "sweep: {brake: {values: [0.01]}}")  # fmt: skip
     end = summary.member_end(chunk.Chunk(case, 0, 1), computed(case), 0)
-    right = summary.member_error(case, end).final
+    (single,) = members.members_as_cases(case, np.array([0]), samples=2)
+    right = summary.member_error(case, single, end).final
     time = end.final["event_time"]
-    off = summary.member_error(case, end._replace(final={"event_time": time + 84e-9})).final
+    late = end._replace(final={"event_time": time + 84e-9})
+    off = summary.member_error(case, single, late).final
     assert (right < 1e-14, off) == (True, pytest.approx(1e-9, rel=1e-3))
     text = f"""\
 title: t
