@@ -67,9 +67,10 @@ def _cases() -> Groups:
     head = {"model": Key(Choice(*catalogue), "equations of motion")}
     yield "Every case", _table(head | COMMON)
     for model, forms in catalogue.items():
-        form = {"form": keys_of(model, None)[1]["form"]}
-        form_rows = [_table({**form, **keys_of_form(cls)}) for cls in forms.values()]
-        yield f"Model `{model}`", _model(list(forms), form_rows)
+        _, keys_of_first = keys_of(model, None)
+        head = {"form": keys_of_first["form"]}
+        tables = [_table({**head, **keys_of_form(form)}) for form in forms.values()]
+        yield f"Model `{model}`", _model(list(forms), tables)
 
 
 def _figures() -> Groups:

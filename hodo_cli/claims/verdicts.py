@@ -56,9 +56,9 @@ class Judge:
 
         Raises HodoError if a case is not classified, or does not have what the check needs.
         """
-        verdicts = {name: self._reading(reading) for name, reading in readings(claim).items()}
         if not claim["readings"]:
-            return verdicts[""]
+            return self._reading(claim)
+        verdicts = {name: self._reading(reading) for name, reading in readings(claim).items()}
         first = next(iter(verdicts.values()))
         decisions = {name: f"{v.verdict} ({v.evidence})" for name, v in verdicts.items()}
         evidence = by_reading(decisions, "every reading: ")

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,9 @@ def sweep_map(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     # Rasterized: a million cells as vectors make a file that no reader opens.
     look: Look = {"norm": scale, "cmap": colours, "rasterized": True}
     panels = map_panels(sheet, [len(row) for row in rows], of_sphere)
-    labels, handles = [*spec["labels"], *[""] * len(cells)], dict[str, Handle]()
+    handles: dict[str, Handle] = {}
+    # Panels behind those that `labels` names are named by their positions.
+    labels = chain(spec["labels"], repeat(""))
     for axes, (swept, indices), value, label in zip(panels, cells, values, labels, strict=False):
         axes.set_title(label or ", ".join(position(swept, key, i) for key, i in indices.items()))
         draw_panel = map_sphere if of_sphere else map_image
@@ -367,7 +370,8 @@ def sweep_curve(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         (swept, indices) for swept in sweeps for indices in positions(swept, spec["by"], spec["at"])
     ]
     (axes,) = sheet.panels(COLUMN, 0.85 * COLUMN)
-    labels = [*spec["labels"], *[""] * len(curves)]
+    # Curves behind those that `labels` names are named by what they are.
+    labels = chain(spec["labels"], repeat(""))
     lacking = False
     for (swept, indices), given_label, style in zip(
         curves, labels, styles(len(curves)), strict=False

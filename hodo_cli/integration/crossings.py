@@ -176,30 +176,28 @@ class CrossingSearch(StepObserver):
         """Note the ends of steps, the zeros of both forms, and their extrema, at which a pair of
         zeros shows how far it is from a touch."""
         n, fp = len(b), b.dtype
-        rows = [np.arange(n), np.arange(n)]
         # Both ends are noted too: a step with a certain side at one end needs no more.
-        places, vanish = (
-            [np.zeros(n, dtype=fp), np.ones(n, dtype=fp)],
-            [np.zeros(2 * n, dtype=bool)],
-        )
+        found = [
+            (np.arange(n), np.full(n, end, dtype=fp), np.zeros(n, dtype=bool)) for end in (0, 1)
+        ]
         forms = np.concatenate(
             rigid_body.separatrix_forms(self.A.astype(fp), b.swapaxes(0, 1), self.order)
         )
         # A difference of two coefficients has the rounding of both.
         for polynomials, bound in ((forms, noise), (np.diff(forms, axis=1), 2 * noise)):
             zeros = isolate(polynomials, np.tile(bound, 2))
-            rows.append(zeros.row % n)
-            places.append(zeros.x)
-            vanish.append(np.full(len(zeros.x), polynomials is forms))
-        row, x, vanishes = np.concatenate(rows), np.concatenate(places), np.concatenate(vanish)
+            vanishes = np.full(len(zeros.x), polynomials is forms)
+            found.append((zeros.row % n, zeros.x, vanishes))
+        row, x, vanishes = map(np.concatenate, zip(*found, strict=True))
         order = np.lexsort((x, row))
         self._note(*with_middles(row[order], x[order], vanishes[order]), b, times)
 
     def _note(
         self, row: np.ndarray, x: np.ndarray, vanishes: np.ndarray, b: np.ndarray, times: np.ndarray
     ) -> None:
-        """Note the motion at places x (k,), in any order, in steps with the Bernstein coefficients
-        b (n, 3, degree + 1)."""
+        """Note the motion at places x (k,), in any order, of the steps in `row` (k,), and whether
+        D `vanishes` (k,) there. All steps have the Bernstein coefficients b (n, 3, degree + 1) and
+        the ends `times` (n, 2)."""
         order = np.lexsort((x, row))
         row, x, vanishes = row[order], x[order], vanishes[order]
         view = self._view(b, row, x)

@@ -46,12 +46,12 @@ def namespace(of: Structure, numbers: Iterable[Any]) -> SimpleNamespace:
     """The constants as attributes, their numbers (or symbols) taken in order."""
     supply = iter(numbers)
 
-    def value(size: int | str) -> Any:
-        if isinstance(size, str):
-            return size
-        return tuple(islice(supply, size)) if size else next(supply)
+    def constant(length: int | str) -> Any:
+        if isinstance(length, int):
+            return tuple(islice(supply, length)) if length else next(supply)
+        return length  # where the constant is a string, its structure is this string
 
-    return SimpleNamespace(**{name: value(size) for name, size in of})
+    return SimpleNamespace(**{name: constant(length) for name, length in of})
 
 
 def state_powers(model: type[Model]) -> np.ndarray:

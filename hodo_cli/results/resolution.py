@@ -63,10 +63,9 @@ def coarse(
     empty text if they are enough."""
     if len(motion.time[drawn]) < 3:
         return ""
-    angle, distance = (values[drawn] for values in (turns_in_space if in_space else turns)(motion))
-    size = np.abs(motion.G[drawn]).max(initial=0)
-    seen = angle[distance > VISIBLE * size]
-    worst = float(seen.max(initial=0))
+    angle, distance = turns_in_space(motion) if in_space else turns(motion)
+    is_seen = distance[drawn] > VISIBLE * np.abs(motion.G[drawn]).max(initial=0)
+    worst = float(angle[drawn][is_seen].max(initial=0))
     if worst <= limit:
         return ""
     samples = math.ceil((len(motion.time) - 1) * worst / FINE) + 1
