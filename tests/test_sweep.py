@@ -1003,7 +1003,7 @@ def test_chunks_are_boxes_in_order(sizes: list[int], most: int) -> None:
 
 
 def test_the_columns_that_say_which_axis_are_those_that_have_no_mean() -> None:
-    stored = layout.MEMBER_CLASSIFIED | layout.MEMBER_PASSED
+    stored = layout.MEMBER_CLASSIFIED | layout.MEMBER_PASSED | layout.MEMBER_STOPPED
     assert {name for name, column in stored.items() if column.flags} == {*sweep_block.AXIS_LABELS}
 
 
