@@ -16,13 +16,12 @@ from ..cases.case import Case
 from ..claims.finding import (
     Check,
     Finding,
-    Trend,
     agreement,
     if_true,
     in_groups,
     listed,
 )
-from ..claims.quantities import end_of_spin, integrated_motion, number, quantity
+from ..claims.quantities import end_of_spin, integrated_motion, quantity
 from ..claims.variations import changed
 from ..models.constants import attributes
 from ..models.terms.fluid import reynolds
@@ -137,19 +136,3 @@ def averaging_is_exact(motions: Sequence[Motion]) -> Finding:
         _, i, j = np.intersect1d(full.time.round(9), averaged.time.round(9), return_indices=True)
         pairs += [(quantity(full, n)[i], quantity(averaged, n)[j]) for n in ("x", "y")]
     return agreement(pairs, 1e-10)
-
-
-@Trend
-def ratio_to_1(members: Sequence[Sequence[Motion]]) -> Finding:
-    """The limit of x falls all the way as A/C falls to 1; decided by the A/C at which it turns,
-    which is 1 if it does not.
-    """
-    ratios = [m.inertia[0] / m.inertia[2] for (m,) in members]
-    limits = [number(m, "x") for (m,) in members]
-    # Where the limit falls with A/C it is smallest at the smallest ratio.
-    least = int(np.argmin(limits))
-    shown = sorted({0, least, len(limits) - 1})
-    x, ratio = (listed(values[i] for i in shown) for values in (limits, ratios))
-    falls, words = ratios[least] == min(ratios), f"x = {x} at A/C = {ratio}"
-    contrary = "a least x at another A/C than the smallest"
-    return Finding(if_true(falls), float(ratios[least]), words, contrary)

@@ -41,13 +41,12 @@ def equation_1_3(motions: Sequence[Motion]) -> Finding:
     """
     pairs = []
     for m in motions:
-        A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
-        u = m.stored("gamma")[:, 2]
-        u1, u3 = other_roots(A, C, mu, float(u[0]), float(m.omega[0, 2]))
-        k2, alpha = (u[0] - u1) / (u3 - u1), math.sqrt(mu * (u3 - u1) / (2 * A))
-        _, cn, dn = sn_cn_dn(alpha * (m.time - m.time[0]), math.sqrt(1 - k2))
+        u1, u2, u3 = roots_of_1_5(m, integrals_at_start(m))
+        alpha = math.sqrt(m.case.data["mu"] * (u3 - u1) / (2 * m.inertia[0]))
+        modulus1 = math.sqrt((u3 - u2) / (u3 - u1))
+        _, cn, dn = sn_cn_dn(alpha * (m.time - m.time[0]), modulus1)
         # sn(v + K) = cn v/dn v.
-        pairs.append((u, u1 + (u[0] - u1) * (cn / dn) ** 2))
+        pairs.append((m.stored("gamma")[:, 2], u1 + (u2 - u1) * (cn / dn) ** 2))
     # sn^2 runs through several periods, which carry the rounding of the roots along.
     return agreement(pairs, 1e-9)
 
@@ -58,7 +57,7 @@ def equation_2_7(motions: Sequence[Motion]) -> Finding:
     # Smaller by far than the distance of two roots, by which their derivatives change.
     step, pairs = 1e-6, []
     for m in motions:
-        start = np.array([quantity(m, name)[0] for name in INTEGRALS])
+        start = integrals_at_start(m)
         sides = [
             roots_of_1_5(m, start + step * row) - roots_of_1_5(m, start - step * row)
             for row in np.eye(3)
@@ -66,6 +65,11 @@ def equation_2_7(motions: Sequence[Motion]) -> Finding:
         pairs.append((np.stack(sides, axis=-1) / (2 * step), coefficients_2_7(m, start)))
     # A central difference is right to about the square of the step, as a part of that distance.
     return agreement(pairs, 1e-6)
+
+
+def integrals_at_start(m: Motion) -> np.ndarray:
+    """Gz, H and r (3,) at the start of a motion."""
+    return np.array([quantity(m, name)[0] for name in INTEGRALS])
 
 
 def roots_of_1_5(m: Motion, integrals: np.ndarray) -> np.ndarray:
@@ -319,27 +323,19 @@ def comes_back(motions: Sequence[Motion], multiple: int) -> Finding:
     let go at u2."""
     pairs = []
     for m in motions:
-        A, C, mu = m.inertia[0], m.inertia[2], m.case.data["mu"]
         u, t = m.stored("gamma")[:, 2], (m.time - m.time[0]) / m.case.data["epsilon"]
-        shift = multiple * half_period(A, C, mu, float(u[0]), float(m.omega[0, 2]))
+        shift = multiple * half_period(m)
         earlier = t + shift <= t[-1]
         pairs.append((u[earlier], np.interp(t[earlier] + shift, t, u)))
     # Between samples u is taken as linear.
     return agreement(pairs, 1e-4)
 
 
-def other_roots(A: float, C: float, mu: float, u2: float, r: float) -> tuple[float, float]:
-    """u1 and u3 of a top released at u2 with spin r, p = q = 0."""
-    # u1 + u3 and u1 u3 by (1.5), where u2 is known.
-    c = (C * r) ** 2 / (2 * A * mu)
-    u1, u3 = sorted(np.roots([1.0, -c, c * u2 - 1]).real)
-    return float(u1), float(u3)
-
-
-def half_period(A: float, C: float, mu: float, u2: float, r: float) -> float:
-    """K(k)/alpha by (1.3) for a top released at u2 with spin r, p = q = 0."""
-    u1, u3 = other_roots(A, C, mu, u2, r)
+def half_period(m: Motion) -> float:
+    """K(k)/alpha by (1.3) at the start of a motion."""
+    u1, u2, u3 = roots_of_1_5(m, integrals_at_start(m))
     a, b = 1.0, math.sqrt((u3 - u2) / (u3 - u1))
     while abs(a - b) > 1e-15:
         a, b = (a + b) / 2, math.sqrt(a * b)
-    return float(math.pi / (2 * a) / math.sqrt(mu * (u3 - u1) / (2 * A)))
+    alpha = math.sqrt(m.case.data["mu"] * (u3 - u1) / (2 * m.inertia[0]))
+    return float(math.pi / (2 * a * alpha))
