@@ -35,6 +35,7 @@ ROUNDS = 3
 MEMBERS = 200_000
 FEW = 2_000
 COLUMNS = 8_000
+SHORT, WHOLE = 2_000, 20_000
 CHAINS, CHAIN = 10, 100
 GROWING = (1_000, 10_000, 100_000, 1_000_000)
 TOL = 1e-12
@@ -113,6 +114,31 @@ for start in (G / np.linalg.norm(G, axis=0) / np.array([[1], [0.8], [0.6]])).T:
 """
 
 
+# The motion of one case and its reference, as a user of heyoka would write them.
+SCRIPT = """
+import heyoka as hy
+import numpy as np
+
+p, q, r = hy.make_vars("p", "q", "r")
+rhs = [(p, 0.2 * q * r - 0.005 * p), (q, -0.5 * p * r - 0.004 * q), (r, p * q / 3 - 0.003 * r)]
+times, motions = np.linspace(0, 1000, 1001), []
+for fp in (np.float64, np.longdouble):
+    ta = hy.taylor_adaptive(rhs, np.array([0.8, 0.5, 0.74], dtype=fp), fp_type=fp)
+    motions.append(ta.propagate_grid(times.astype(fp))[-1])
+np.save("motion.npy", motions[0])
+print(np.abs(motions[0] - motions[1]).max())
+"""
+
+CASES = """
+title: short cases
+defaults:
+  model: linear-diag
+  inertia: [1, 0.8, 0.6]
+  damping: [0.005, 0.004, 0.003]
+cases:
+"""
+
+
 class Cost(NamedTuple):
     """Seconds of a command, by the clock and of the processors, and its largest process in
     bytes."""
@@ -153,8 +179,12 @@ def sweep(
     case = f"{FORMS[form] % members}, tol: {tol:g}, error: {error}"
     text = f"title: speed of a sweep\ncases:\n  a: {{{case}}}\n"
     (folder / "sweep.yaml").write_text(text, encoding="utf-8")
-    hodo = str(Path(sys.executable).with_name("hodo"))
-    return cost([hodo, "run", "sweep.yaml", "--force", "--quiet", "-j", str(jobs)], folder)
+    return hodo(folder, "run", "sweep.yaml", "--force", "--quiet", "-j", str(jobs))
+
+
+def hodo(folder: Path, *arguments: str) -> Cost:
+    """A command of hodo."""
+    return cost([str(Path(sys.executable).with_name("hodo")), *arguments], folder)
 
 
 def plain(folder: Path, model: str, members: int, events: str) -> Cost:
@@ -173,6 +203,10 @@ def main(members: int, rounds: int, growing: list[int]) -> None:
     # Workers that outlive their command are then those of this process.
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
     with tempfile.TemporaryDirectory() as name:
+        # heyoka's own cache takes longer to open the more it holds: 0.3 s if it is full.
+        os.environ["XDG_CACHE_HOME"] = str(Path(name, "cache"))
+        processes(Path(name), rounds)
+        print()
         beside(Path(name), members, rounds)
         print()
         peak(Path(name), members)
@@ -227,6 +261,47 @@ def forms(folder: Path, members: int) -> None:
     for form in FORMS:
         sweep(folder, form, members)  # fills the compiler's cache
         row("{what} | {rate:,.0f} | {cpu:.1f}", form, sweep(folder, form, members), members)
+
+
+def processes(folder: Path, rounds: int) -> None:
+    """Print the table of whole processes: one case beside a script, many short ones, and a sweep
+    whose step is compiled first."""
+    span, start = "time: {end: 1000, samples: 1001}", "initial: {p: 0.8, q: 0.5, r: 0.74}"
+    (folder / "one.yaml").write_text(f"{CASES}  a: {{{start}, {span}}}\n", encoding="utf-8")
+    (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
+    starts = np.random.default_rng(1).uniform(-1, 1, (SHORT, 3)).tolist()
+    lines = [
+        f"  c{i}: {{initial: {{p: {p}, q: {q}, r: {r}}}, time: {{end: 100, samples: 101}}}}\n"
+        for i, (p, q, r) in enumerate(starts)
+    ]
+    (folder / "many.yaml").write_text(CASES + "".join(lines), encoding="utf-8")
+    script = partial(cost, [sys.executable, "script.py"], folder)
+    single = partial(hodo, folder, "run", "one.yaml", "--force", "--quiet")
+    top = partial(sweep, folder, "top, averaged-quadrature (32 nodes)", WHOLE)
+    cold = top()
+    for command in (script, single):
+        command()  # fills the compiler's cache
+    pairs = [(script(), single()) for _ in range(rounds)]
+    ratio = statistics.median(own.cpu / other.cpu for other, own in pairs)
+    costs = {
+        "one case and its error: a script of heyoka alone": middle([pair[0] for pair in pairs]),
+        f"one case and its error: `hodo run`, {ratio:.2f} times": middle(
+            [pair[1] for pair in pairs]
+        ),
+        f"top, averaged-quadrature: {WHOLE:,} members, nothing compiled yet": cold,
+        f"top, averaged-quadrature: {WHOLE:,} members, compiled before": top(),
+        f"{SHORT:,} short cases: `hodo run`": hodo(folder, "run", "many.yaml", "--quiet"),
+        f"{SHORT:,} short cases: `hodo run`, nothing to do": hodo(
+            folder, "run", "many.yaml", "--quiet"
+        ),
+        f"{SHORT:,} short cases: `hodo classify`": hodo(folder, "classify", "many.yaml"),
+        f"{SHORT:,} short cases: `hodo classify`, nothing to do": hodo(
+            folder, "classify", "many.yaml"
+        ),
+    }
+    print("| whole processes | CPU time, s |\n|---|---|")
+    for what, spent in costs.items():
+        print(f"| {what} | {spent.cpu:.2f} |")
 
 
 def peak(folder: Path, members: int) -> None:
