@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .cases.claim_block import MISPRINTS, VERDICTS
-from .grouping import grouped
-from .text import NAMES_LISTED, abridged, magnitude, seconds, table
+from .text import NAMES_LISTED, abridged, grouped, magnitude, seconds, table
 
 
 def case_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -1,10 +1,13 @@
-"""Plain tables and numbers for the terminal."""
+"""Plain tables, lists and numbers."""
 
 import json
 import math
 import re
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Any, TypeVar
+
+_Kind = TypeVar("_Kind", bound=Hashable)
+_Item = TypeVar("_Item")
 
 
 def table(
@@ -71,6 +74,14 @@ def magnitude(value: float) -> str:
 
 NAMES_LISTED = 5
 """The most names of cases in a line about all of them."""
+
+
+def grouped(pairs: Iterable[tuple[_Kind, _Item]]) -> dict[_Kind, list[_Item]]:
+    """The items of each kind, from pairs of a kind and an item, in the order in which they come."""
+    groups: dict[_Kind, list[_Item]] = {}
+    for kind, item in pairs:
+        groups.setdefault(kind, []).append(item)
+    return groups
 
 
 def abridged(items: Sequence[str], most: int, remark: str = "") -> list[str]:

@@ -1,6 +1,7 @@
 """The layers of the package: imports go down only, and every folder is small."""
 
 import ast
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,7 @@ PACKAGE = ROOT / "hodo_cli"
 
 # From the ground up; what stands in one row does not see its neighbours.
 LAYERS = (
-    "text schema progress arithmetic grouping machine private",
+    "text schema progress arithmetic machine private",
     "models storage",
     "cases",
     "engines",
@@ -78,3 +79,21 @@ def test_every_folder_has_a_floor_and_says_what_it_is() -> None:
         assert (
             3 <= len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= 9
         ), folder.name
+
+
+def test_every_public_name_belongs_to_one_module() -> None:
+    """A name that stands in two is read as the same thing, which it is not."""
+    modules: dict[str, set[str]] = defaultdict(set)
+    for path in MODULES:
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                names = [node.name]
+            elif isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                names = [target.id for target in targets if isinstance(target, ast.Name)]
+            else:
+                continue
+            for name in names:
+                if not name.startswith("_"):
+                    modules[name].add(path.relative_to(PACKAGE).as_posix())
+    assert not {name: files for name, files in modules.items() if len(files) > 1}

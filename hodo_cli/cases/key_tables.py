@@ -6,13 +6,12 @@ from itertools import chain
 from typing import Any
 
 from .. import models
-from ..grouping import grouped
 from ..models.attitude import keys_of_form
 from ..models.base import Model
 from ..schema import kinds
 from ..schema.document import write
 from ..schema.kinds import Choice, Either, Key, Table, Variant
-from ..text import markdown
+from ..text import grouped, markdown
 from . import claim_block, figure_block
 from .case import NAME
 from .keys import COMMON, SECTIONS, keys_of

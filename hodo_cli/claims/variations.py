@@ -13,7 +13,6 @@ import numpy as np
 from .. import HodoError
 from ..cases.case import Case, variation
 from ..cases.sweep_block import Axis, axes_of
-from ..grouping import grouped
 from ..integration.classify import body_of
 from ..models import rigid_body
 from ..results.motion import Motion
@@ -21,6 +20,7 @@ from ..schema.frozen import FrozenDict
 from ..schema.kinds import Wrong
 from ..sweeps.members import members_as_cases
 from ..sweeps.single_cases import side_by_side
+from ..text import grouped
 from .finding import ROUNDING
 from .quantities import integrated_motion, sampled_motion
 

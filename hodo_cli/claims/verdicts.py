@@ -33,10 +33,10 @@ from ..cases.claim_block import (
     cases_of,
     readings,
 )
-from ..grouping import grouped
 from ..results.motion import Motion, case_of, motion_of
 from ..schema.frozen import frozen
 from ..storage.hdf5 import ResultFile
+from ..text import grouped
 from .checks import MOTION_CHECKS, averages
 from .finding import Check, Finding, Trend, Verdict, part_of
 from .variations import Motions, changed, members

@@ -18,7 +18,6 @@ from ..cases.case import Case
 from ..cases.config import Config, no_case
 from ..figures.costs import draw_bench
 from ..figures.files import save
-from ..grouping import grouped
 from ..integration.integrate import ASKED
 from ..progress import Progress
 from ..results.trials import SLACK, TRIAL_VERDICTS, ULPS, Trial, trials_of
@@ -26,7 +25,7 @@ from ..storage.group import Group, Variable
 from ..storage.output import create
 from ..storage.provenance import history_line, root_attributes
 from ..storage.staging import replacing
-from ..text import magnitude, markdown, seconds, table
+from ..text import grouped, magnitude, markdown, seconds, table
 
 DIGITS = (3, 6, 9, 12)
 """The numbers of right digits for which the fastest method is named."""

@@ -20,7 +20,6 @@ from ..batch.memory import check_disk, check_memory
 from ..batch.pool import Pool, pool
 from ..cases.case import Case, dump
 from ..cases.config import Config, no_case
-from ..grouping import grouped
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress
@@ -31,7 +30,7 @@ from ..storage.hdf5 import open_run
 from ..storage.provenance import OWN_MODELS, history_line, root_attributes, typed
 from ..storage.staging import check_writable, chunks_in, staging_folders
 from ..storage.writer import Writer
-from ..text import NAMES_LISTED, abridged, file_name_fault
+from ..text import NAMES_LISTED, abridged, file_name_fault, grouped
 from .resume import (
     CONFIG_PATH,
     FORCED,

@@ -220,7 +220,7 @@ def time_series(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     sheet.legend = handles
 
 
-ROUNDING = 1000
+CONSTANT_WITHIN = 1000
 """A quantity that changes by less than so many times the stated error of its motion is constant for
 the eye: it is computed from several values with such errors, which grow along a motion."""
 
@@ -232,7 +232,7 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     size = max(largest_length(motion, name) for motion, name in curves)
     # A motion whose error is not measured has some rounding.
     error = max(np.fmax(motion.attrs.get("error", 0.0), EPS) for motion, _ in curves)
-    if not np.ptp(values) <= ROUNDING * error * size:
+    if not np.ptp(values) <= CONSTANT_WITHIN * error * size:
         return
     middle, half = values.mean(), 0.1 * size or 1.0
     axes.set_ylim(middle - half, middle + half)

@@ -41,7 +41,7 @@ def integrate(case: Case) -> Trajectory:
     errors, kind = measured_error(motion) if judged else ({}, "none")
     return motion.judged(
         message=motion.message or early_end(motion),
-        warnings=(*model_warnings(motion), *remarks(motion, errors)),
+        warnings=(*model_warnings(motion), *motion_remarks(motion, errors)),
         errors=errors,
         error_kind=kind,
     )
@@ -66,7 +66,7 @@ def model_warnings(motion: Trajectory) -> list[str]:
     return system.warnings + system.validity_warnings(motion.time, state, motion.tol)
 
 
-def remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[str]:
+def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[str]:
     """Remarks on a motion with these errors: an error larger than was asked for, or unknown, a
     probability far from its limit, and infinite values."""
     case, worst = motion.case, max(errors.values(), default=math.nan)

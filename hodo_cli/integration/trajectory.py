@@ -79,7 +79,7 @@ class Trajectory:
         return self.state[:, :3]
 
     @cached_property
-    @np.errstate(over="ignore")  # `remarks` says so
+    @np.errstate(over="ignore")  # `motion_remarks` says so
     def variables(self) -> dict[str, np.ndarray]:
         """The stored variables (n, ...) by name, in double precision and true size."""
         system, store = self.case.system, self.case.store

@@ -16,8 +16,8 @@ from types import ModuleType
 from typing import Any
 
 from .. import HodoError
-from ..grouping import grouped
 from ..private import keep_model
+from ..text import grouped
 from .added.mistakes import equations_mistake, with_source_line
 from .added.sources import AddedModule, texts_of
 from .base import Model

@@ -27,7 +27,7 @@ from .terms.laws import (
     coefficient_at,
     coefficient_kind,
     coefficients_kind,
-    first_values,
+    dimensional_values,
     is_law,
     laws_begun_too_soon,
     least_value,
@@ -318,7 +318,7 @@ class Torques(BodyUnderTorques, LookedUp):
         for axis, entry in enumerate(self.quadratic_axes or ()):
             sign_row = self.state.index(f"s{axis + 1}")
             # A component that stays 0 would meet its event all the time.
-            if any(first_values(entry)) and self.start[sign_row]:
+            if any(dimensional_values(entry)) and self.start[sign_row]:
                 zero = Bound(component, (axis, sign_row))
                 events.append(Event("turned", zero, True, Bound(turned_over, (axis, sign_row))))
         if self.brake is not None:

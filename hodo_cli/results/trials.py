@@ -18,7 +18,7 @@ from ..integration.choice import best, choose, taylor_steps
 from ..integration.classify import body_of, cross, principal_omega
 from ..integration.crossings import Crossing
 from ..integration.error import errors_against, measured_error, thinned
-from ..integration.integrate import ASKED, remarks, solved
+from ..integration.integrate import ASKED, motion_remarks, solved
 from ..integration.solve import sample_times, solve
 from ..integration.trajectory import Trajectory
 from ..models import rigid_body
@@ -225,7 +225,7 @@ def verdict(motion: Trajectory, error: float, floor: float) -> str:
         return "limited by the data"
     # Measured only now: a result that is right needs no warning.
     errors, _ = measured_error(motion)
-    return "inaccurate, as stated" if any(remarks(compared(motion), errors)) else "SILENT"
+    return "inaccurate, as stated" if any(motion_remarks(compared(motion), errors)) else "SILENT"
 
 
 def error_of_crossings(motion: Trajectory, sure: ReferenceMotion) -> float:

@@ -11,11 +11,11 @@ from ..arithmetic import BranchDivergence, Column, of_members
 from ..cases.case import Case
 from ..cases.sweep_block import axes_of, put
 from ..engines.protocol import EPS
-from ..grouping import grouped
 from ..models.base import Model
 from ..models.constants import UNIT, contains_time, flatten, structure
 from ..models.rigid_body import BodyFrame
 from ..schema.kinds import KeyPath
+from ..text import grouped
 from .columns import shape
 from .ensemble.motions import Ensemble
 

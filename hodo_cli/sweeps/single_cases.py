@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..cases.case import Case
-from ..grouping import grouped
 from ..integration.crossings import Crossing
 from ..integration.solve import sample_times
 from ..integration.trajectory import Trajectory
+from ..text import grouped
 from .chunk import crossing_columns, other_method
 from .ensemble.advance import advance, step_of
 from .ensemble.motions import Ensemble

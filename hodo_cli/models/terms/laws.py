@@ -196,7 +196,7 @@ def relative_slope(of: tuple[str, tuple[Any, ...], tuple[Any, ...]]) -> tuple[fl
     return 0.0, 0.0
 
 
-def first_values(coefficient: Any) -> tuple[Any, ...]:
+def dimensional_values(coefficient: Any) -> tuple[Any, ...]:
     """The numbers of a law that carry the unit of its coefficient."""
     return law(coefficient)[1]
 

@@ -16,7 +16,7 @@ from ..constants import attributes
 from ..terms.laws import (
     coefficient_at,
     coefficient_kind,
-    first_values,
+    dimensional_values,
     law,
     law_constants,
     laws_begun_too_soon,
@@ -151,7 +151,7 @@ class Top(Model):
         return [
             f"{name} has a negative coefficient: where {name}(tau) < 0 the torque feeds energy in"
             for name, coefficient in (("a", self.a), ("b", self.b))
-            if min(first_values(coefficient)) < 0
+            if min(dimensional_values(coefficient)) < 0
         ]
 
 
