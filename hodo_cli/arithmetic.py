@@ -136,7 +136,7 @@ def abs(x: Any) -> Any:
         return operator.abs(x)
     raise HodoError(
         "abs has a corner, which no Taylor series passes: write it without abs, or let a state"
-        " variable of rate 0 be the sign, which an event turns over"
+        " variable of rate 0 have the sign, which an event reverses"
     )
 
 

@@ -32,7 +32,7 @@ def _end(number: int, frame: object) -> NoReturn:
     destructor or a callback of HDF5, it is lost.
     """
     # Not click's echo: a signal may arrive while the stream is locked.
-    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; what is finished is kept\n")
+    os.write(2, (b"\n" if os.isatty(2) else b"") + b"interrupted; finished cases are kept\n")
     os._exit(128 + number)
 
 
@@ -147,7 +147,7 @@ def _say(message: object) -> None:
     "own",
     multiple=True,
     metavar="FILE.py",
-    help="Use your own models from a file too (repeatable).",
+    help="Add the models of a file of yours (repeatable).",
 )
 def main(traceback: bool, own: tuple[str, ...]) -> None:
     """Run rigid-body rotation experiments from case files; classify, plot and check the results.

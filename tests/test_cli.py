@@ -446,7 +446,7 @@ def test_what_cannot_be_merged_is_one_line_and_writes_nothing(two_results: Path)
         assert call(two_results, "run", f"{name}.yaml").returncode == 0
     for names, words in (
         (("a.yaml", "c.yaml"), "turns is in runs/a.h5 and runs/c.h5 with different results"),
-        (("a.yaml", "d.yaml"), "runs/d.h5: another result has another figure path"),
+        (("a.yaml", "d.yaml"), "runs/d.h5: another result has another figure path: rename"),
         (("a.yaml", "runs/e.h5"), "runs/e.h5: no such file or directory"),
     ):
         done = call(two_results, "merge", *names, "--out", "new.h5")

@@ -234,7 +234,7 @@ def test_what_no_body_has_is_refused(terms: Any, message: str) -> None:
 
 def test_D_of_a_body_with_a_rotor_is_refused() -> None:
     ds = run(10, rotor=[0, 0, 0.2])
-    with pytest.raises(HodoError, match="the sign of D then says nothing"):
+    with pytest.raises(HodoError, match="the sign of D says nothing then"):
         hodo.plot(ds, kind="series", variables=["D"])
     with pytest.raises(HodoError, match="no quadrants"):
         hodo.plot(ds, kind="quadrants")

@@ -95,7 +95,7 @@ class Dask(Executor):
     def _gone(self, error: object) -> BatchError:
         reason = str(error).partition("\n")[0]
         return BatchError(
-            f"the dask scheduler at {self._address} has failed: {reason}; what is finished is kept"
+            f"the dask scheduler at {self._address} has failed: {reason}; finished work is kept"
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:

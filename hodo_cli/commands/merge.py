@@ -76,7 +76,9 @@ def merged_text(runs: Sequence[ResultFile], stored: Mapping[str, FinishedCase]) 
                 raise HodoError(f"{config.path}: its case {name} differs from the stored one")
         for name, figure in (document.get("figures") or {}).items():
             if figures.setdefault(name, figure) != figure:
-                raise HodoError(f"{config.path}: another result has another figure {name}")
+                raise HodoError(
+                    f"{config.path}: another result has another figure {name}: rename one"
+                )
     statements = {
         section: unique([entry for document in documents for entry in document.get(section) or ()])
         for section in ("claims", "errata")

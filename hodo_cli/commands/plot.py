@@ -214,7 +214,9 @@ class Folder:
         for name in self._chosen:
             kind = config.figure(name)["kind"]
             if names and {*formats} <= {"gif", "mp4"} and kind != "body":
-                raise HodoError(f"figure {name} does not move: films are of the kind body")
+                raise HodoError(
+                    f"figure {name} does not move: only a figure of kind body makes a film"
+                )
         kept = {} if force else {name: self._kept(name) for name in self._chosen}
         self.drawn = {name: drawn for name, drawn in kept.items() if drawn}
         self.to_draw = [name for name in self._chosen if name not in self.drawn]

@@ -88,7 +88,7 @@ def share(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     stored = "crossing_time" in swept.data and "damping" in swept.case.data
     if body is None or not sphere or not stored or len(swept.axes) != 2:
         raise HodoError(
-            "a figure of shares wants a sweep of one damped body with a sphere of starts, another "
+            "a figure of shares needs a sweep of one damped body with a sphere of starts, another "
             "axis, and crossing_time stored"
         )
     other = next(name for name in swept.axes if name != sphere)

@@ -250,7 +250,7 @@ def balance(swept: SweepView, x: str, y: str) -> tuple[list[np.ndarray], np.ndar
                 not isinstance(body, BodyFrame)
                 or len(terms := body.dissipations(time.start, time.end)) != 1
             ):
-                raise HodoError(f"sweep {swept.name} has torques for which no sense is foretold")
+                raise HodoError(f"no theorem predicts the sense of crossings of sweep {swept.name}")
             momentum = np.linalg.norm(body.momentum(np.array(body.start[:3])))
             ratios[row, column] = momentum / turning_momenta(*terms).mean
     return places, ratios

@@ -147,7 +147,7 @@ def attempted(
             engine, system, case.time.start, times, control, observer or monitor, events
         )
     except ArithmeticError as error:
-        raise HodoError(f"{case.name}: its numbers lead beyond the range of doubles") from error
+        raise HodoError(f"{case.name}: its numbers exceed the range of doubles") from error
     motion = trajectory(case, method, engine.tol, samples, control, began)
     return motion, monitor is None or monitor.everywhere
 

@@ -428,7 +428,7 @@ def _separatrix(m: Motion) -> np.ndarray:
     """D = G^2 - 2 T A_middle, without the cancellation of this difference."""
     if m.rotor is not None:
         raise HodoError(
-            f"case {m.name} has a rotor: the sign of D then says nothing; its labels do"
+            f"case {m.name} has a rotor: the sign of D says nothing then: take its labels"
         )
     outer, inner = rigid_body.separatrix_terms(m.inertia, m.principal_omega.T, m.order)
     return np.asarray(outer - inner)

@@ -154,13 +154,16 @@ def unknown_names(
 DECIMALS = "; decimals are written with a point, as 1.5"
 
 OTHER_WORDS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("lambda", "lambda1", "lambdas", "friction"), ("damping", "resistance")),
+    **dict.fromkeys(
+        ("lambda", "lamda", "lambda1", "lambdas", "friction"), ("damping", "resistance")
+    ),
     "damping": ("resistance",),
     "resistance": ("damping",),
     **dict.fromkeys(("i", "j", "a", "a1", "moments"), ("inertia",)),
     **dict.fromkeys(("omega1", "omega_1", "omega_x", "w1", "wx"), ("p",)),
     **dict.fromkeys(("omega2", "omega_2", "omega_y", "w2", "wy"), ("q",)),
     **dict.fromkeys(("omega3", "omega_3", "omega_z", "w3", "wz"), ("r",)),
+    **dict.fromkeys(("formula", "formulas", "equations", "rhs", "moment"), ("expression",)),
     **dict.fromkeys(("t", "t_end", "tmax", "t_max", "tspan", "t_span"), ("time", "end")),
     **dict.fromkeys(("stop", "t1", "final"), ("end",)),
     **dict.fromkeys(("n", "dt", "step", "points"), ("samples",)),
@@ -399,9 +402,9 @@ class ListOf(Kind):
         if self.alone and self.kind.takes(value):
             return (self.kind.check(value),) * (self.length or 1)
         if not is_list(value) or not self.least <= len(value) == (self.length or len(value)):
-            # YAML takes [0,005, 0,004, 0,003] for six numbers.
-            is_numbers = isinstance(self.kind, Number) and is_list(value)
-            is_split = is_numbers and len(value) == 2 * (self.length or -1)
+            # YAML takes [0,005, 0,004, 0,003] for six numbers, and [1, 0,8, 0,6] for five.
+            is_numbers = isinstance(self.kind, Number) and is_list(value) and 0 in value
+            is_split = is_numbers and len(value) > (self.length or len(value))
             raise expected(self, value, DECIMALS if is_split else "")
         parts = ((i, self.kind, item) for i, item in enumerate(value))
         return tuple(all_right(*check_parts(parts)).values())
