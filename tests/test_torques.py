@@ -364,6 +364,15 @@ POWER = {"law": "power", "rate": 0.1, "exponent": 1}
         ({"damping": [fading(0.005), 0, [0.001, 1e-6]]}, []),
         ({"quadratic_axes": fading(0.01)}, ["one crossing at most, x3 to x1"]),
         ({"resistance": {"diagonal": fading(0.01), "off_diagonal": 0}}, ["one crossing"]),
+        # In other axes the laws of a tensor are none.
+        (
+            {
+                "inertia": [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]],
+                "resistance": {"diagonal": fading(0.01), "off_diagonal": 0},
+                "kappa": 0.01,
+            },
+            [],
+        ),
         # 0 at both ends of the case, to the last digit.
         ({"resistance": {"diagonal": 0.01, "off_diagonal": [0, 120 / 2**20, -1 / 2**20]}}, []),
         ({"damping": 0.01, "torque": [[0, -0.1, 1e-3], 0, 0]}, []),

@@ -100,9 +100,10 @@ class BodyUnderTorques(BodyFrame):
         return frozenset(term for term, entries in given if any(map(is_law, entries)))
 
     def dissipations(self, start: float, end: float) -> tuple[Dissipation, ...]:
-        if self.term_coefficients.keys() & NOT_COVERED:
+        times = self.decisive_times(start, end)
+        if self.term_coefficients.keys() & NOT_COVERED or any(map(math.isnan, times)):
             return ()
-        return tuple(map(self.dissipation_at, self.decisive_times(start, end)))
+        return tuple(map(self.dissipation_at, times))
 
     def dissipation_at(self, t: float) -> Dissipation:
         """The torques at a time, all of them covered by the theorems."""

@@ -110,23 +110,23 @@ def turning_momenta(terms: Dissipation) -> SenseReversal:
 def possible_crossings(terms: Dissipation) -> CrossingPattern:
     """The crossings that a motion can have.
 
-    For negative damping beside fluid less is known, and nothing where a coefficient is not a
-    number.
+    kappa and the quadratic coefficients are at least 0; for negative damping beside fluid less is
+    known.
     """
     c, b, a = np.sort(np.asarray(terms.inertia, float))
     if a == b or b == c:
         return CrossingPattern.NONE
-    if not terms.covered or np.any(terms.torque) or not terms.kappa >= 0:
+    if not terms.covered or np.any(terms.torque):
         return CrossingPattern.UNKNOWN
     largest, smallest = outer_axes(terms.inertia)
     by_axes = np.multiply(terms.quadratic_axes, axis_weights(terms.inertia)["quadratic_axes"])
     media = [x[largest] - x[smallest] for x in (terms.damping, terms.quadratic, by_axes)]
     damping, quadratic, across = media
     has_fluid = terms.kappa > 0
-    if np.max(media) <= 0:
+    if max(media) <= 0:
         turns_up = has_fluid or min(media) < 0
         return CrossingPattern.TO_LARGEST if turns_up else CrossingPattern.NONE
-    if not has_fluid and np.min(media) >= 0:
+    if not has_fluid and min(media) >= 0:
         return CrossingPattern.TO_SMALLEST
     # |G| alone tells which of fluid and damping is the stronger, and it falls.
     is_two_sided = has_fluid and damping > 0 and not quadratic and not across
