@@ -83,7 +83,7 @@ def stretches_about(m: Motion, axis: int, least: float = 0.0) -> list[slice]:
     return [slice(first, end) for first, end in itertools.pairwise(edges)][::2]
 
 
-def most_turns(m: Motion, axis: int, least: float = 0.0) -> float:
+def most_turns(m: Motion, axis: int, least: float) -> float:
     """The most turns that G makes about an axis in one of its `stretches_about`."""
     turns = [abs(swept_angle(m, axis, stretch)) for stretch in stretches_about(m, axis, least)]
     return max(turns, default=0.0)

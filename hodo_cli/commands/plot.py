@@ -99,9 +99,9 @@ def draw_results(
     names: Sequence[str],
     formats: Sequence[str],
     out: Path,
-    jobs: int = 1,
-    force: bool = False,
-    alone: Path | None = None,
+    jobs: int,
+    force: bool,
+    alone: Path | None,
 ) -> Iterator[tuple[str, bool]]:
     """Draw the figures of result files, all or those named, and then a page with all of them, which
     `alone` holds once more with its pictures; what is drawn already is kept, unless `force`.

@@ -306,7 +306,7 @@ ELSEWHERE = ": write elsewhere (--out), or over them (--force)"
 """The two ways out for a run that finds other results in its way."""
 
 
-def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
+def result_name(config: Config, overrides: Sequence[str]) -> str:
     """The file of a config's results: NAME.h5 or, with overrides, NAME,CASE.KEY=VALUE.h5, so that a
     trial does not replace the results of the config as it is."""
     # Of two for one key the last counts.
@@ -317,9 +317,7 @@ def result_name(config: Config, overrides: Sequence[str] = ()) -> str:
     return ",".join(filter(None, [Path(config.path).stem, changes])) + ".h5"
 
 
-def plan_of(
-    config: Config, path: Path, globs: Sequence[str], force: bool, prune: bool = False
-) -> Plan:
+def plan_of(config: Config, path: Path, globs: Sequence[str], force: bool, prune: bool) -> Plan:
     """Which cases of a config run, and why; those that `globs` leave out stay as they are stored.
 
     Raises HodoError as `finished_cases` does, or, without `force`, as `check_origin` does.

@@ -78,8 +78,8 @@ def propagate(
     start: float,
     times: np.ndarray,
     control: StepControl,
-    observer: StepObserver | None = None,
-    events: tuple[Event, ...] = (),
+    observer: StepObserver | None,
+    events: tuple[Event, ...],
 ) -> SampleBuffer:
     """Integrate a system from `start` through `times`, changing units whenever the motion has
     outgrown them.

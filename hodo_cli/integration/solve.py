@@ -164,7 +164,7 @@ def trajectory(
     )  # fmt: skip
 
 
-def closed_form(case: Case, times: np.ndarray, precision: str = "double") -> Trajectory:
+def closed_form(case: Case, times: np.ndarray, precision: str) -> Trajectory:
     """The motion of a case from its closed form, in double or extended precision.
 
     Raises HodoError if the case has none, or for another precision.

@@ -87,9 +87,7 @@ class Units:
             fitted = np.maximum(fitted, -np.frexp(moment.span)[1])
         return cls(most.size, fitted)
 
-    def pace(
-        self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, t: Any = 0.0
-    ) -> np.ndarray:
+    def pace(self, model: type[Model], k: Mapping[str, Any], y: np.ndarray, t: Any) -> np.ndarray:
         """How fast motions at a state y in these units, and their derivatives, change at the time
         t; 0 where they do not.
 

@@ -56,9 +56,7 @@ def longer_intervals(time: np.ndarray) -> np.ndarray:
     return np.maximum(steps[:-1], steps[1:])
 
 
-def coarse(
-    motion: Motion, drawn: slice, limit: float = LARGEST_TURN, in_space: bool = False
-) -> str:
+def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
     """The remark on a motion whose samples are too few for a curve of G, or for one in space; an
     empty text if they are enough."""
     if len(motion.time[drawn]) < 3:

@@ -117,7 +117,7 @@ class FreeTurn(NamedTuple):
     gyroscopic: tuple[Any, ...]
 
 
-def free_turn(A: np.ndarray, omega0: np.ndarray, fp: Any = np.float64) -> FreeTurn | None:
+def free_turn(A: np.ndarray, omega0: np.ndarray, fp: Any) -> FreeTurn | None:
     """How G turns in a free body with |omega0| near 1, in numbers of the type `fp`; None for a
     rotation about an axis, or of a sphere, for which n would be 0 or 0/0."""
     # Doubles are rational numbers, so D, Y and the moduli are exact until the one rounding in
