@@ -66,9 +66,11 @@ def judge_results(paths: Iterable[Path]) -> dict[str, Rows]:
                 rows = judged(stated, changes.run)
                 if unknown := unknown_checks(stated):
                     digest = ""  # verdicts that are not kept are given, with the warning, each time
-                    message = f"this version has no check {', '.join(map(repr, unknown))}"
-                    remedy = "hodo run with the case file of this version renews its statements"
-                    warnings.warn(f"{path}: {message}: {remedy}", stacklevel=2)
+                    warnings.warn(
+                        f"{path}: this version has no check {', '.join(map(repr, unknown))}: "
+                        "hodo run with the case file of this version renews its statements",
+                        stacklevel=2,
+                    )
                 report = Report(digest, json.dumps(rows))
                 for table, (name, columns) in TABLES.items():
                     if rows[table]:
