@@ -46,6 +46,23 @@ print(f"{int((sweep.crossings > 0).sum())} of {sweep.crossings.size} members tur
 print(f"the first of them at {float(turned.min()):.2f}")
 
 # %% [markdown]
+# Any sum of torques: a brake beside drag and a fluid. The stop is an event of the motion.
+
+# %%
+braked = hodo.run(
+    {
+        "model": "torques",
+        "inertia": [2, 1.5, 1],
+        "quadratic": 0.01,
+        "kappa": 0.02,
+        "brake": 0.004,
+        "initial": {"p": 0.3, "q": 0.7, "r": -0.9},
+        "time": {"end": 300},
+    }
+)
+print(f"{braked.attrs['predictions']}; stops at {braked.event_time.item():.6f}")
+
+# %% [markdown]
 # Mistakes name the key.
 
 # %%
