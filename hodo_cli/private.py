@@ -44,15 +44,22 @@ def secret() -> bytes:
     """
     with suppress(OSError, RuntimeError):
         try:
-            file = private_folder(*STATE) / "secret"
-            if not file.exists():
-                _make_secret(file)
-            if len(content := file.read_bytes()) == SECRET_SIZE:
-                return content
-            raise ValueError(f"{file} is not used: it has not {SECRET_SIZE} bytes")
+            return _kept_secret()
         except ValueError as error:
             warnings.warn(str(error), stacklevel=2)
     return os.urandom(SECRET_SIZE)
+
+
+def _kept_secret() -> bytes:
+    """The content of the user's file, which is made when first asked for. Raises ValueError if it
+    has another size, and as `private_folder`."""
+    file = private_folder(*STATE) / "secret"
+    if not file.exists():
+        _make_secret(file)
+    content = file.read_bytes()
+    if len(content) != SECRET_SIZE:
+        raise ValueError(f"{file} is not used: it has not {SECRET_SIZE} bytes")
+    return content
 
 
 def _make_secret(file: Path) -> None:

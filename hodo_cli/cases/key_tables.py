@@ -107,13 +107,11 @@ def key_tables() -> str:
 
 def _closed(form: dict[str, Any], classes: Iterable[type[Model]]) -> dict[str, Any]:
     """JSON Schema of a case of one of some forms of a model."""
-    rules_of_key: dict[str, list[dict[str, Any]]] = {}
-    for name, key in (item for form_class in classes for item in keys_of_form(form_class).items()):
-        if (rule := key.schema()) not in rules_of_key.setdefault(name, []):
-            rules_of_key[name].append(rule)
-    rules = {
-        name: some[0] if len(some) == 1 else {"anyOf": some} for name, some in rules_of_key.items()
-    }
+    rules = {}
+    keys = (item for form_class in classes for item in keys_of_form(form_class).items())
+    for name, of_forms in grouped((name, key.schema()) for name, key in keys).items():
+        distinct = [rule for i, rule in enumerate(of_forms) if rule not in of_forms[:i]]
+        rules[name] = distinct[0] if len(distinct) == 1 else {"anyOf": distinct}
     return {
         "properties": dict.fromkeys(("model", *COMMON), True) | form | rules,
         "additionalProperties": False,

@@ -304,12 +304,12 @@ def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
 def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]:
     """The columns (1,) of the labels and events of a single case, and whether its labels are
     certain."""
-    case, omega = motion.case, motion.variables["omega"]
-    classification = classify(case, motion.method, motion.tol, motion.error, omega)
+    case, true_omega = motion.case, motion.variables["omega"]
+    classification = classify(case, motion.method, motion.tol, motion.error, true_omega)
     body = body_of(case)
     # In true size only where a rotor sets a scale: elsewhere a decayed motion would be 0 there.
-    end = motion.omega[-1] if body.rotor_momentum is None else motion.variables["omega"][-1]
-    nearest = body.separation(np.array([body.start[:3], end], dtype=float)).min()
+    omega = motion.omega if body.rotor_momentum is None else true_omega
+    nearest = body.separation(np.array([body.start[:3], omega[-1]], dtype=float)).min()
     member = np.zeros(len(classification.crossings), dtype=np.int64)
     stored = columns_of(CROSSING_COLUMNS, classification.crossings)
     crossings = {name: variable.data for name, variable in stored.items()}
