@@ -224,6 +224,11 @@ LINES = [
         ("damping: [0, 0, 1e400]", 21, ".damping.2: expected a finite number, got inf"),
         ("damping: [0, -.inf, 0]", 18, ".damping.1: expected a finite number, got -inf"),
         ("damping: [0, 0]", 14, ".damping: expected 3 numbers or one for all, got a list of 2"),
+        ("damping: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]", 14,
+         ".damping: expected 3 numbers or one for all; "
+         "a tensor is a key of other models, as torques"),
+        ("damping: [0.1, 0,2, 0.3]", 14, ".damping: expected 3 numbers or one for all, got "
+         "a list of 4; decimals are written with a point, as 1.5"),
         ("damping: {x: 1}", 14, ".damping: expected 3 numbers or one for all, got a mapping"),
         ("inertia: [1, 0, 1]", 18, ".inertia.1: expected a positive number, got 0"),
         ("inertia: [1, 2, 4]", 21,

@@ -96,7 +96,7 @@ def own_page(
     shell, elements, *scripts = (
         (Path(__file__).parent / name).read_text(encoding="utf-8") for name in names
     )
-    link = f'<p><a href="{escape(back)}">All figures</a> <b>{escape(title)}</b></p>'
+    link = f'<p><a href="{escape(back)}">All figures</a></p><h1>{escape(title)}</h1>'
     return Template(shell).substitute(
         title=escape(title),
         head=link if back else "",

@@ -120,12 +120,13 @@ def section_html(section: Section) -> str:
     cards = "".join(card(section, figure) for figure in section["figures"])
     data = f'<a href="{address(section["file"])}">{escape(Path(section["file"]).name)}</a>'
     tables = (
-        html_table("What the text says", STATEMENTS, statement_rows(section)),
-        html_table("Errata", ERRATA, erratum_rows(section)),
-        html_table(
-            "Enclosed axes and crossings of the separatrix", CROSSINGS, crossing_rows(section)
-        ),
-        html_table("Cases", CASE_COLUMNS, map(case_row, cases)),
+        html_table(title, header, rows, section["title"])
+        for title, header, rows in (
+            ("What the text says", STATEMENTS, statement_rows(section)),
+            ("Errata", ERRATA, erratum_rows(section)),
+            ("Enclosed axes and crossings of the separatrix", CROSSINGS, crossing_rows(section)),
+            ("Cases", CASE_COLUMNS, map(case_row, cases)),
+        )
     )
     return (
         f'<section id="{anchor(name)}"><h2>{escape(section["title"])}</h2>'
@@ -285,13 +286,16 @@ def cell(text: str, kind: str = "", place: str = "") -> str:
     return f"<td{attributes}>{escape(text)}</td>"
 
 
-def html_table(title: str, header: Sequence[str], rows: Iterable[Cells]) -> str:
-    """A table under its title, which is its caption too; nothing without rows."""
+def html_table(title: str, header: Sequence[str], rows: Iterable[Cells], section: str) -> str:
+    """A table under its title, which is its caption too; nothing without rows. With the title of
+    its section, it is told from the others of the page."""
     body = [*rows]
-    return f"<h3>{title}</h3>{bare_table(header, body, title)}" if body else ""
+    return f"<h3>{title}</h3>{bare_table(header, body, title, section)}" if body else ""
 
 
-def bare_table(header: Sequence[str], rows: Iterable[Cells], title: str = "") -> str:
+def bare_table(
+    header: Sequence[str], rows: Iterable[Cells], title: str = "", section: str = ""
+) -> str:
     """A table that scrolls by itself."""
     caption = f"<caption>{title}</caption>" if title else ""
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in header)
@@ -305,7 +309,8 @@ def bare_table(header: Sequence[str], rows: Iterable[Cells], title: str = "") ->
         )
         for row in rows
     )
-    label = f' role="region" tabindex="0" aria-label="{title}"' if title else ""
+    name = escape(f"{title}: {section}")
+    label = f' role="region" tabindex="0" aria-label="{name}"' if title else ""
     inner = f"{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
     return f'<div class="scroll"{label}><table>{inner}</table></div>'
 

@@ -121,7 +121,7 @@ def _check_words(text: str, names: tuple[str, ...]) -> None:
             what = "no decimal number; a product needs its *" if is_digit else what
             raise _wrong(word.start(), what)
         if name and name not in valid:
-            raise _wrong(word.start(), unknown("name", name, valid))
+            raise _wrong(word.start(), unknown(f"name {name!r}", name, valid))
         if number and not math.isfinite(float(number)):
             raise _wrong(word.start(), "a number too large for a double")
 

@@ -406,6 +406,8 @@ class ListOf(Kind):
             is_numbers = isinstance(self.kind, Number) and is_list(value) and 0 in value
             is_split = is_numbers and len(value) > (self.length or len(value))
             raise expected(self, value, DECIMALS if is_split else "")
+        if self.length == 3 and isinstance(self.kind, Number) and all(map(is_list, value)):
+            raise Wrong(((), f"expected {self}; a tensor is a key of other models, as torques"))
         parts = ((i, self.kind, item) for i, item in enumerate(value))
         return tuple(all_right(*check_parts(parts)).values())
 
