@@ -15,13 +15,16 @@ from ..rigid_body import BodyFrame
 from .capture import AT_SEPARATRIX, REGIONS, Bands, Pair, Region, SeparatrixRates
 from .forms import MEAN_START, AveragedTurns, Roots, Turn, either
 from .free_turn import LANDEN, Body, SlowVariables, free_motion_by_phase, turning_body
-from .means import NODES, Torque, mean_rates, nodes_for, periodic_part, turn_means
+from .means import NODES, Torque, mean_rates, nodes_for, periodic_part, rates_over_turn, turn_means
 
 NEAR, NEARER = 1e-9, 1e-13
 """Two values of 1 - m whose mean rates tell those at the separatrix: both are r0 + r1/K there."""
 
 EVEN = 1e-9
 """The part of a torque up to which two of its values are equal."""
+
+LOOKS = 16
+"""Phases of a turn at which the size of a torque is looked at, for a warning."""
 
 AT_ONCE = 2048
 """Samples whose periodic parts are computed at once: each takes a row of nodes."""
@@ -175,6 +178,14 @@ class QuadratureTurns(AveragedTurns):
             sum_o += across * cn * rate[2] - sense * middle * sn * rate[1]
         weight = 2 / len(nodes)
         return weight * sum_e / root_e, weight * sum_o / root_o
+
+    def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
+        # What has no mean has to be weak too.
+        X_e, X_o = turn.root_e**2, turn.root_o**2
+        X, Y = np.where(turn.side > 0, (X_e, X_o), (X_o, X_e))
+        slow = SlowVariables(X, Y, turn.side, 1 - turn.m, turn.sense, 0 * turn.side)
+        rates = rates_over_turn(turning_body(k), torque_of(self.full.rhs, t, k), slow, LOOKS)
+        return np.abs(rates).max(axis=(0, -1)) / (2 * X_e)
 
     @classmethod
     def bands(cls, t: float, body: Body, roots: Roots, k: Any) -> Bands:

@@ -339,17 +339,18 @@ class AveragedTurns(BodyFrame):
         near = "the start is so near the separatrix that it is taken for its own mean element"
         return [*super().warnings, near]
 
-    def smallness(self, y: np.ndarray) -> np.ndarray:
-        """Averaging's parameter at states (n, 5): the perturbation's rate in quarter turns K/n."""
+    def smallness(self, t: Any, y: np.ndarray) -> np.ndarray:
+        """Averaging's parameter at times (n,) and states (n, 5): the perturbation's rate in
+        quarter turns K/n."""
         k = self.numbers
         turn = Turn.of([*y.T], k)
         # K is pi/(2 <dn>)
-        rate = self.torque_rate(0.0, turn, k)
+        rate = self.torque_rate(t, turn, k)
         return np.asarray(rate * np.pi / 2 / (turn.frequency(k) * turn.mean.pace))
 
     def validity_warnings(self, t: np.ndarray, y: np.ndarray, tol: float) -> list[str]:
         with np.errstate(all="ignore"):  # where nothing turns any more the ratio is infinite
-            ratio = self.smallness(y)
+            ratio = self.smallness(t, y)
         large = np.flatnonzero(~(ratio <= LARGE_RATIO))
         if not len(large):
             return []

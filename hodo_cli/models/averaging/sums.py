@@ -186,6 +186,16 @@ class ClosedMeans(AveragedTurns):
             by_e, by_o = by_e + term_e, by_o + term_o
         return by_e, by_o
 
+    def torque_rate(self, t: Any, turn: Turn, k: Any) -> Any:
+        rate = super().torque_rate(t, turn, k)
+        if "torque" not in self.averaged_terms:
+            return rate
+        # About the other two axes a constant torque has no mean, and averaging needs it weak too.
+        above, middle, below = constant_torque(t, k)
+        others = middle, either(turn.side, below, above)
+        sizes = (np.abs(component) / turn.root_e for component in others)
+        return np.maximum.reduce(np.broadcast_arrays(rate, *sizes))
+
 
 class ClosedTurns(ClosedMeans):
     """An averaged form in closed form throughout."""
