@@ -23,7 +23,7 @@ NEAR, NEARER = 1e-9, 1e-13
 EVEN = 1e-9
 """The part of a torque up to which two of its values are equal."""
 
-LOOKS = 16
+PHASES_SEEN = 16
 """Phases of a turn at which the size of a torque is looked at, for a warning."""
 
 AT_ONCE = 2048
@@ -184,7 +184,7 @@ class QuadratureTurns(AveragedTurns):
         X_e, X_o = turn.root_e**2, turn.root_o**2
         X, Y = np.where(turn.side > 0, (X_e, X_o), (X_o, X_e))
         slow = SlowVariables(X, Y, turn.side, 1 - turn.m, turn.sense, 0 * turn.side)
-        rates = rates_over_turn(turning_body(k), torque_of(self.full.rhs, t, k), slow, LOOKS)
+        rates = rates_over_turn(turning_body(k), torque_of(self.full.rhs, t, k), slow, PHASES_SEEN)
         return np.abs(rates).max(axis=(0, -1)) / (2 * X_e)
 
     @classmethod
