@@ -580,3 +580,36 @@ def test_how_heavy_a_body_is_costs_its_brake_no_digit(others: dict[str, Any], si
     assert seen["event_from"].values == known["event_from"].values != 0
     assert seen["omega"].values == pytest.approx(known["omega"].values, abs=1e-12)
     assert seen.attrs["error"] < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("model", "key", "label"),
+    [
+        ("torques", "kappa.rate", r"\kappa\,[\mathrm{rate}]"),
+        ("torques", "damping.0.1", r"\lambda_1\,[\mathrm{1}]"),
+        ("torques", "resistance.1.1", "I_{22}"),
+        ("torques", "rotor.2", "h_3"),
+        ("torques", "brake.1", "b_1"),
+        ("linear-diag", "attitude.euler.0", r"\mathrm{euler}_0"),
+    ],
+)
+def test_a_swept_number_has_the_symbol_of_its_coefficient(model: str, key: str, label: str) -> None:
+    of_model: dict[str, Any] = {
+        "torques": {
+            "kappa": fading(0.01),
+            "resistance": [[0.001, 0, 0], [0, 0.002, 0], [0, 0, 0.003]],
+            "brake": [0.001, 1e-5],
+            **({"rotor": [0, 0, 0.1]} if key == "rotor.2" else {}),
+        },
+        "linear-diag": {"attitude": {"euler": [0.1, 0.2, 0.3], "sequence": "ZXZ"}},
+    }
+    swept = hodo.sweep(
+        {
+            "model": model, "inertia": BODY, "initial": C, "time": {"end": 1},
+            "damping": [[0.004, 1e-6], 0.002, 0.003] if model == "torques" else 0.004,
+            **of_model[model], "sweep": {key: {"values": [0.001, 0.002]}},
+        }
+    )  # fmt: skip
+    variable = "end_axis" if "end_axis" in swept else "crossings"
+    figure = hodo.plot(swept, kind="curve", variable=variable, x=key)
+    assert figure.axes[0].get_xlabel().startswith(f"${label}$")

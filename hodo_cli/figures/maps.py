@@ -500,6 +500,7 @@ def plain_name(swept: SweepView, indices: Mapping[str, int], label: str, sweep_c
 
 KEY_SYMBOLS = {
     "initial.theta": r"\theta",
+    "resistance": "I",
     "resistance.diagonal": "I_{ii}",
     "resistance.off_diagonal": "I_{ij}",
     "epsilon": r"\varepsilon",
@@ -512,18 +513,34 @@ KEY_SYMBOLS = {
     "quadratic": "c",
     "quadratic_axes": "c",
     "brake": "b",
+    "rotor": "h",
+    "space_torque.size": "F",
+    "space_torque.direction": "e",
 }
+
+BY_AXIS = {
+    "damping", "inertia", "torque", "quadratic", "quadratic_axes", "rotor", "space_torque.direction"
+}  # fmt: skip
+"""The keys of lists of one entry an axis; the axes count from one."""
+
+PARTS_OF_LAWS = frozenset(("value", "rate", "exponent"))
 
 
 def key_symbol(key: str) -> str:
-    """The symbol of a key in TeX: damping.2 is lambda_3."""
+    """The symbol of a key in TeX: damping.2 is lambda_3, resistance.0.1 is I_12; of a number of a
+    law or of another list that of the whole, and which number it is."""
     if key in KEY_SYMBOLS:
         return KEY_SYMBOLS[key]
     head, _, last = key.rpartition(".")
-    if head in KEY_SYMBOLS and last.isdecimal():
+    if head in BY_AXIS and last.isdecimal():
         return f"{KEY_SYMBOLS[head]}_{int(last) + 1}"
-    if last.isdecimal():  # of a matrix, whose places count from one, or of a polynomial
-        name, *places = head.split(".")
-        row = "".join(str(int(place) + 1) for place in places)
-        return f"I_{{{row}{int(last) + 1}}}" if row else f"{name}_{last}"
+    if place := re.fullmatch(r"(resistance|inertia)\.(\d)\.(\d)", key):
+        matrix, row, column = place.groups()
+        return f"{KEY_SYMBOLS[matrix]}_{{{int(row) + 1}{int(column) + 1}}}"
+    if head and (last.isdecimal() or last in PARTS_OF_LAWS):
+        # a.1 is a_1, the coefficient of t; the symbol of an entry has its own index already.
+        whole, is_index = key_symbol(head), last.isdecimal()
+        return (
+            f"{whole}_{last}" if is_index and "_" not in whole else rf"{whole}\,[\mathrm{{{last}}}]"
+        )
     return last if re.fullmatch(r"[A-Za-z]\w?", last) else rf"\mathrm{{{last}}}".replace("_", r"\_")
