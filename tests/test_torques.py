@@ -273,6 +273,13 @@ def test_the_models_of_one_torque_are_sums_of_one(model: str, terms: Any) -> Non
             "damping: the base of its power law is 0 at t = -1",
         ),
         (
+            {
+                "damping": {"law": "power", "value": 1, "rate": 1, "exponent": -1},
+                "time": {"start": -1, "end": 1},
+            },
+            "damping: the base of its power law is 0 at t = -1: start later",
+        ),
+        (
             {"quadratic_axes": 1, "form": "averaged"},
             "quadratic_axes: form averaged does not take this torque",
         ),
