@@ -868,6 +868,21 @@ def test_a_sweep_that_grows_computes_its_new_members_only(
 
 
 @pytest.mark.heyoka
+def test_an_earlier_result_that_another_run_has_grown_is_not_read(tmp_path: Path) -> None:
+    text = f"{FIG4}, {BALL}, sweep: {{d: {{sphere: {{count: NEW}}}}}}"
+    few, many = (f"title: t\ncases:\n  a: {{{text.replace('NEW', n)}}}\n" for n in ("9", "20"))
+    path = results(tmp_path, few, pool(1))
+    (tmp_path / "a.yaml").write_text(many, encoding="utf-8")
+    (plan,) = run.plans([load(tmp_path / "a.yaml")], tmp_path, (), False)
+    earlier, case = plan.earlier("a"), plan.config.cases["a"]
+    results(tmp_path, many, pool(1))
+    assert earlier is not None
+    with pytest.raises(HodoError, match="another run has replaced a: run it again"):
+        earlier.completed(case, 0, 20, Group({}, {}))
+    assert path.exists()
+
+
+@pytest.mark.heyoka
 def test_a_sweep_that_changes_otherwise_is_computed_anew(tmp_path: Path) -> None:
     axes = "{damping.2: {values: [0.001, 0.002]}, d: {sphere: {count: 9}}}"
     text = f"{FIG4}, {BALL}, sweep: {axes}"

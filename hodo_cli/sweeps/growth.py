@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import HodoError
 from ..cases.case import Case, dump, parse_case
 from ..cases.sweep_block import Axis, axes_of
 from ..storage.finished_cases import FinishedCase
@@ -46,7 +47,7 @@ class Earlier:
 
     def completed(self, case: Case, first: int, last: int, group: Group) -> Group:
         """The group of a chunk with the stored columns of the members that the earlier result
-        holds. Raises HodoError if that cannot be read any more."""
+        holds. Raises HodoError if that cannot be read, or is another one by now."""
         taken = self.holds(first, last)
         if not taken.any():
             return group
@@ -55,6 +56,9 @@ class Earlier:
         box = tuple(map(slice, corner, positions.max(axis=1) + 1))
         variables = dict(group.variables)
         with open_run(self.file) as run:
+            # Another run may have grown it too: its members then stand in other places.
+            if run.summary(self.name, ("hash",))["hash"] != self.attributes["hash"]:
+                raise HodoError(f"{self.file}: another run has replaced {self.name}: run it again")
             for name, values in run.blocks(self.name, stored_columns(case), box):
                 data = variables[name].data.copy()
                 data[taken] = values[tuple(positions - corner[:, None])]
