@@ -98,6 +98,12 @@ def schema() -> dict[str, Any]:
     return dict(json.loads(call(ROOT, "schema").stdout))
 
 
+def figure_kinds() -> set[str]:
+    """The kinds of figure that a case file may have."""
+    kinds = schema()["properties"]["figures"]["additionalProperties"]["oneOf"]
+    return {keys["properties"]["kind"]["enum"][0] for keys in kinds}
+
+
 @lru_cache(maxsize=64)
 def classified(case: Any) -> tuple[Any, Any]:
     """A `Case` integrated and classified: its `Trajectory` and its `Classification`, made once."""

@@ -26,10 +26,10 @@ from hodo_cli.batch.pool import pool
 from hodo_cli.cases.config import parse
 from hodo_cli.cli import main
 from hodo_cli.commands import run as run_command
-from hodo_cli.commands.run import IS_KEPT
 from hodo_cli.storage.group import Group
 from hodo_cli.storage.writer import Writer
 
+KEPT = "is kept: nothing that it depends on has changed"
 DEFAULTS = (
     "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 400, samples: 21},"
     " initial: {p: 0.8, q: 0.5, r: 0.74}}\n"
@@ -335,7 +335,7 @@ def test_white_space_and_comments_change_nothing(config: Path) -> None:
     config.write_text(
         "# a comment\n\n" + CONFIG.replace("{damping: ", "{damping:    ").replace("0.004", "4e-3")
     )
-    assert run(config, "--dry-run").stdout.splitlines() == [f"{name}: {IS_KEPT}" for name in "abcd"]
+    assert run(config, "--dry-run").stdout.splitlines() == [f"{name}: {KEPT}" for name in "abcd"]
 
 
 def test_a_case_that_has_left_the_config_stays_until_it_is_pruned(config: Path) -> None:
@@ -363,7 +363,7 @@ def test_what_an_interrupted_batch_has_finished_is_taken_in_at_once(config: Path
         raise KeyboardInterrupt
     assert not result.exists()
     done = run(config, "--case", "a", "-v")
-    assert f"a: {IS_KEPT}" in done.stderr.splitlines()
+    assert f"a: {KEPT}" in done.stderr.splitlines()
     with h5py.File(result) as file:
         assert list(file) == ["a", "b"]
     assert "c: will run" in run(config, "--dry-run").stdout

@@ -13,7 +13,6 @@ from conftest import Hodo
 
 from hodo_cli.cases.config import parse
 from hodo_cli.commands import bench
-from hodo_cli.engines.protocol import Status
 from hodo_cli.integration import solve
 from hodo_cli.results import trials
 
@@ -35,10 +34,9 @@ def test_each_verdict() -> None:
     motion = solve.solve(replace(CASES["a"], tol=1e-4), "DOP853", tol=1e-4)
     assert trials.verdict(motion, 9e-4, 0.0) == "accurate"
     assert trials.verdict(motion, 1e-2, 1e-3) == "limited by the data"
-    assert trials.verdict(replace(motion, status=Status.TIMEOUT), 0.0, 0.0) == "timeout"
-    assert (
-        trials.verdict(replace(motion, status=Status.FAILED), 0.0, 0.0) == "failed with a message"
-    )
+    for status, words in (("timeout", "timeout"), ("failed", "failed with a message")):
+        ended = replace(motion, status=type(motion.status)(status))
+        assert trials.verdict(ended, 0.0, 0.0) == words
     # Its own measuring finds an error of some 1e-4, as it is, which is what was asked for: a larger
     # one is silent.
     assert trials.verdict(motion, 1e-2, 0.0) == "SILENT"

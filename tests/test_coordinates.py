@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import figure_kinds
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.figure import Figure
 
 import hodo_cli as hodo
 from hodo_cli import HodoError
-from hodo_cli.cases.figure_block import FIGURE_KINDS
 
 FIG4 = {
     "model": "linear-diag",
@@ -105,7 +105,7 @@ OTHER_FIGURES = {"order", "cost", "map", "curve", "share", "quadrant-sketch"}
 
 
 def test_every_kind_is_tried() -> None:
-    assert {*MOTION_FIGURES, *OTHER_FIGURES} == set(FIGURE_KINDS)
+    assert {*MOTION_FIGURES, *OTHER_FIGURES} == figure_kinds()
 
 
 def artists(figure: Figure) -> list[np.ndarray]:

@@ -24,7 +24,6 @@ from faults import CONFIG, Motions, hodo
 from hodo_cli import BatchError, HodoError
 from hodo_cli.batch.pool import pool
 from hodo_cli.storage import disk, hdf5, writer
-from hodo_cli.storage.disk import BufferedFile
 from hodo_cli.storage.finished_cases import finished_cases
 from hodo_cli.storage.group import Group, Variable
 from hodo_cli.storage.hdf5 import open_run
@@ -714,18 +713,18 @@ def test_what_a_disk_holds_and_what_it_refused_is_read_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # HDF5 reads its own file while it writes: the count of bytes must be that of the buffer.
-    with BufferedFile(tmp_path / "a") as disk:
-        disk.write(b"abcdef")
-        disk.seek(2)
+    with disk.BufferedFile(tmp_path / "a") as buffered:
+        buffered.write(b"abcdef")
+        buffered.seek(2)
         buffer = bytearray(3)
-        assert disk.readinto(buffer) == 3
+        assert buffered.readinto(buffer) == 3
         assert buffer == b"cde"
-        monkeypatch.setattr(disk, "error", OSError(28, "No space left on device"))
-        disk.seek(6)
-        assert disk.write(b"gh") == 2  # kept in memory
-        disk.seek(4)
+        monkeypatch.setattr(buffered, "error", OSError(28, "No space left on device"))
+        buffered.seek(6)
+        assert buffered.write(b"gh") == 2  # kept in memory
+        buffered.seek(4)
         buffer = bytearray(6)
-        assert disk.readinto(buffer) == 6
+        assert buffered.readinto(buffer) == 6
         assert buffer == b"efgh\0\0"
         with pytest.raises(OSError, match="No space"):
-            disk.check()
+            buffered.check()

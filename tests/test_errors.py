@@ -20,7 +20,7 @@ from conftest import Hodo
 
 from hodo_cli import NOT_OF_A_CASE, BatchError, HodoError
 from hodo_cli.cli import main
-from hodo_cli.storage.disk import BufferedFile, append_checksum
+from hodo_cli.storage import disk as disks
 from hodo_cli.storage.hdf5 import open_run
 
 CONFIG = """\
@@ -224,7 +224,7 @@ class Busy(io.FileIO):
         return None
 
 
-class BusyDisk(BufferedFile, Busy):
+class BusyDisk(disks.BufferedFile, Busy):
     """A result on such a file."""
 
 
@@ -266,7 +266,7 @@ def test_one_dataset_under_many_names_is_refused(folder: Path) -> None:
         for i in range(200):
             result["a"][f"omega{i}"] = result["a/omega"]
     with (folder / "x.h5").open("r+b", buffering=0) as file:
-        append_checksum(file)
+        disks.append_checksum(file)
     done = hodo("classify", "x.h5")
     assert done.exit_code == 1
     assert "a is damaged (omega has other names too)" in done.stderr

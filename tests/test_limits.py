@@ -10,7 +10,6 @@ import pytest
 from hodo_cli import Case, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.engines import protocol
-from hodo_cli.engines.protocol import Status
 from hodo_cli.integration.integrate import integrate
 
 pytestmark = pytest.mark.engines
@@ -96,7 +95,7 @@ def test_equations_that_leave_the_real_numbers_end_the_motion(method: str) -> No
     engine = engines.engine_for(method, Outflow(), (), 1e-6, "double")  # type: ignore[arg-type]
     control = protocol.StepControl(max_steps=10_000)
     leg = engine.leg({}, np.array([1.0]), np.linspace(0, 4, 17), control)
-    assert control.status == Status.FAILED
+    assert control.status == "failed"
     assert float(leg.time[0]) < 2.2
     times = np.linspace(0, 4, 17)[: len(leg.rows)]
     assert leg.rows[:, 0] == pytest.approx((1 - times / 2) ** 2, abs=1e-4)

@@ -12,8 +12,6 @@ from typing import Any
 import pytest
 from conftest import call
 
-from hodo_cli.cases.figure_block import PAGE_DATA
-
 CONFIG = """
 title: {title}
 references: {title}
@@ -108,7 +106,7 @@ def page_in(folder: Path) -> Reader:
 
 def data_in(folder: Path, name: str) -> dict[str, Any]:
     """What a folder keeps for the page."""
-    return dict(json.loads((folder / "runs" / "figures" / name / PAGE_DATA).read_text()))
+    return dict(json.loads((folder / "runs" / "figures" / name / "page.json").read_text()))
 
 
 def test_the_page_asks_no_network_and_escapes_what_files_say(drawn: Path) -> None:
@@ -207,7 +205,7 @@ def test_a_page_leaves_out_what_it_cannot_read(place: Path) -> None:
     data, folder = data_in(place, "alpha"), place / "runs" / "figures"
     (folder / "old").mkdir()
     for text in ("[]", "{", '{"title": ""}', json.dumps({**data, "figures": 1}), "[" * 100_000):
-        (folder / "old" / PAGE_DATA).write_text(text)
+        (folder / "old" / "page.json").write_text(text)
         assert call(place, "plot", "paper.yaml").returncode == 1
         assert sections_in(place) == ["paper", "alpha", "beta"]
 
@@ -241,7 +239,7 @@ def test_a_page_runs_nothing_that_another_folder_brings(place: Path) -> None:
         for figure in file["figures"]:
             figure["problem"] = ""
             figure["files"] = [text, f"{text}.png", f"{text}.html"]
-        (folder / f"old{i}" / PAGE_DATA).write_text(json.dumps(file))
+        (folder / f"old{i}" / "page.json").write_text(json.dumps(file))
     assert call(place, "plot", "paper.yaml").returncode == 1
     page = page_in(place)
     assert page.text.count("<h2>") == 3 + len(STRANGE)

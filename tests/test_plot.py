@@ -16,7 +16,7 @@ import matplotlib.style
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import ROOT, Hodo
+from conftest import ROOT, Hodo, figure_kinds
 from drawings import Drawings, drawings_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -26,7 +26,6 @@ from matplotlib.ticker import ScalarFormatter
 import hodo_cli as api
 from hodo_cli import HodoError, figures
 from hodo_cli.cases.config import load, parse
-from hodo_cli.cases.figure_block import FIGURE_KINDS
 from hodo_cli.cli import main
 from hodo_cli.figures.geometry import places_beside
 
@@ -77,7 +76,7 @@ def refused(call: Callable[[], object]) -> str:
 
 
 def test_every_kind_that_is_declared_is_drawn() -> None:
-    assert set(figures.DRAW) == set(FIGURE_KINDS)
+    assert set(figures.DRAW) == figure_kinds()
 
 
 @pytest.fixture(scope="module")

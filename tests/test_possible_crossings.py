@@ -13,15 +13,14 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
+from hodo_cli.models.theory import steady_spin
 from hodo_cli.models.theory.possible_crossings import (
     CrossingPattern,
     Dissipation,
     axes_kept,
-    outer_axes,
     possible_crossings,
     turning_momenta,
 )
-from hodo_cli.models.theory.steady_spin import driven_spin, tilt_growth_rates
 
 MEMBERS = int(os.environ.get("HODO_SUMS", "300"))
 P1 = (1.0, 0.8, 0.6)
@@ -83,6 +82,11 @@ def member(terms: Dissipation, n: int) -> Dissipation:
     """One of many sums."""
     spread = terms._asdict() | {"torque": np.zeros((n + 1, 3)), "covered": [True] * (n + 1)}
     return Dissipation(**{name: values[n] for name, values in spread.items()})
+
+
+def outer_axes(A: Any) -> tuple[int, int]:
+    """The axes of the largest and the smallest moment."""
+    return int(np.argmax(A)), int(np.argmin(A))
 
 
 def sides(A: Any, states: Any) -> Any:
@@ -276,18 +280,15 @@ def test_a_tilt_grows_at_the_rate_of_the_sum(outer: int) -> None:
     measured = np.log(distance(w) / distance(first)) / (h * steps)
     # The speed changes by some per cent meanwhile: that of the middle stands for all.
     speeds = np.broadcast_to(((first + w) / 2)[at, axis][:, None], (n, 3))
-    assert np.abs(measured - tilt_growth_rates(terms, speeds)[at, axis]).max() < 5e-6
+    assert np.abs(measured - steady_spin.tilt_growth_rates(terms, speeds)[at, axis]).max() < 5e-6
 
 
 def test_equal_rates_cancel_and_the_middle_axis_has_none() -> None:
-    growth = tilt_growth_rates(Dissipation(P1, (0.1 + 0.2, 0.3, 0.3)), np.ones(3))
+    growth = steady_spin.tilt_growth_rates(Dissipation(P1, (0.1 + 0.2, 0.3, 0.3)), np.ones(3))
     assert growth[[0, 2]].tolist() == [-0.15 + 0.15, 0]
     assert np.isnan(growth[1])
-    assert np.isnan(tilt_growth_rates(Dissipation((1, 1, 0.6)), np.ones(3))).tolist() == [
-        True,
-        True,
-        False,
-    ]
+    symmetric = steady_spin.tilt_growth_rates(Dissipation((1, 1, 0.6)), np.ones(3))
+    assert np.isnan(symmetric).tolist() == [True, True, False]
 
 
 def test_a_driven_rotation_is_stable_where_its_eigenvalues_say_so() -> None:
@@ -301,7 +302,7 @@ def test_a_driven_rotation_is_stable_where_its_eigenvalues_say_so() -> None:
         for body, rates, N in zip(A, damping, torque, strict=True)
     ]
     omega, stable = np.array(
-        [[driven_spin(terms, i) for i in range(3)] for terms in sums]
+        [[steady_spin.driven_spin(terms, i) for i in range(3)] for terms in sums]
     ).transpose(2, 0, 1)
     for axis in range(3):
         w = np.zeros((n, 3))

@@ -15,7 +15,6 @@ from conftest import Hodo
 
 import hodo_cli
 from hodo_cli import progress
-from hodo_cli.progress import Progress
 
 SWEEP = {
     "model": "linear-diag",
@@ -51,7 +50,7 @@ def test_a_terminal_shows_what_runs_and_how_far_it_is(monkeypatch: pytest.Monkey
     monkeypatch.setattr(warnings, "showwarning", lambda said, *_: print(said, file=terminal.file))
     monkeypatch.setattr(progress, "BRIEF", 0.0)
     monkeypatch.setattr(progress, "TICK", 0.01)
-    with Progress(4) as shown:
+    with progress.Progress(4) as shown:
         shown.report("fig4", 0.75)
         terminal.wait_for("| 19 %, ")
         terminal.wait_for("fig4 75 %")
@@ -76,12 +75,12 @@ def test_a_terminal_of_unknown_width_shows_it_too(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(sys, "stderr", terminal.file)
     monkeypatch.setattr(progress, "BRIEF", 0.0)
     monkeypatch.setattr(progress, "TICK", 0.01)
-    with Progress(4) as shown:
+    with progress.Progress(4) as shown:
         assert list(shown.starting(["fig4", "fig5"])) == ["fig4", "fig5"]
         terminal.wait_for("fig4, fig5")
 
 
-class Heard(Progress):
+class Heard(progress.Progress):
     """Notes what is reported."""
 
     def __init__(self, total: int) -> None:
@@ -102,7 +101,7 @@ def test_each_item_is_a_task_of_its_own() -> None:
 
 def test_a_sweep_says_how_far_it_is_chunk_by_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = Heard(1)
-    monkeypatch.setattr(Progress, "report", lambda _, *said: shown.report(*said))
+    monkeypatch.setattr(progress.Progress, "report", lambda _, *said: shown.report(*said))
     hodo_cli.sweep(SWEEP | {"error": "off"}, name="ball")
     assert shown.heard == [("ball", i / 3) for i in range(4)]
     shown.heard.clear()

@@ -1,6 +1,7 @@
 """What makes a stored result stale: a line changed anywhere in what computes it, and nothing
 else."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -10,17 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, call
 
 from hodo_cli import BatchError
 from hodo_cli.batch import digests, pool
-from hodo_cli.cases.config import load, parse
+from hodo_cli.cases.config import parse
 from hodo_cli.commands import run
-from hodo_cli.commands.classify import classify_results
 from hodo_cli.commands.resume import case_digest
-from hodo_cli.commands.run import IS_KEPT
 from hodo_cli.integration import choice
-from hodo_cli.progress import Progress
 
 CONFIG = """\
 defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], time: {end: 10, samples: 3},
@@ -30,6 +28,7 @@ cases:
   swept: {method: collocation, error: off, sweep: {damping.0: {values: [0.005, 0.006]}}}
 """
 CODE = "will run: the code that computes it has changed"
+KEPT = "is kept: nothing that it depends on has changed"
 
 
 class Copy:
@@ -89,7 +88,7 @@ def test_one_line_in_a_folder_reruns_what_it_computes(
     try:
         path.write_text(before + "CHANGED = True\n")
         assert copy.plan() == [
-            f"{name}: {CODE if name in reruns else IS_KEPT}" for name in ("single", "swept")
+            f"{name}: {CODE if name in reruns else KEPT}" for name in ("single", "swept")
         ]
     finally:
         path.write_text(before)
@@ -112,7 +111,7 @@ def test_remarks_and_captions_rerun_nothing(copy: Copy) -> None:
             + CONFIG.replace("single: {", "single: {note: remark, ")
             + "figures: {f: {kind: hodograph, cases: [single], caption: new}}\n"
         )
-        assert copy.plan() == [f"single: {IS_KEPT}", f"swept: {IS_KEPT}"]
+        assert copy.plan() == [f"single: {KEPT}", f"swept: {KEPT}"]
         (copy.folder / "a.yaml").write_text(CONFIG.replace("0.003", "0.0031"))
         assert copy.plan() == [
             f"{name}: will run: its case has changed" for name in ("single", "swept")
@@ -136,13 +135,17 @@ def test_another_version_of_a_library_reruns(monkeypatch: pytest.MonkeyPatch) ->
     assert case_digest(case) == before
 
 
-def test_nothing_is_integrated_to_see_what_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_integrated_to_see_what_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def no_integration(*arguments: object) -> None:
         raise AssertionError("integrated")
 
     monkeypatch.setattr(choice, "solve", no_integration)
     text = CONFIG.replace("method: collocation", "method: auto").replace("0.005, 0.004", "1e7, 1")
-    assert case_digest(parse(text, "x").cases["single"])
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8")
+    done = call(tmp_path, "run", "a.yaml", "--dry-run")
+    assert done.stdout.count("will run: it has no result yet") == 2
 
 
 def compute(task: int) -> int:
@@ -171,10 +174,8 @@ def test_the_labels_that_a_run_drops_are_looked_for_once(
     found = run.labelled
     monkeypatch.setattr(run, "labelled", labelled)
     for _ in range(2):
-        (plan,) = run.plans([load(tmp_path / "a.yaml")], tmp_path, (), force=True)
-        with pool.pool(1) as workers, Progress(2, quiet=True) as progress:
-            plan.execute(workers, progress)
-        rows, _ = classify_results([tmp_path / "a.h5"])
+        assert call(tmp_path, "run", "a.yaml", "--force", "-j", "1").returncode == 0
+        rows = json.loads(call(tmp_path, "classify", "a.yaml", "--json").stdout)
     assert len(rows) == 2
     # Before and after each run, not for each case.
     assert asked == [[], [], ["single", "again"], ["single", "again"]]
