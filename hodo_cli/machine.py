@@ -6,7 +6,6 @@ import platform
 import sys
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -61,6 +60,8 @@ def processor() -> str:
 @cache
 def library_version(library: str) -> str:
     """The version of a library that is installed, loaded or not; looking it up takes 10 ms."""
+    from importlib.metadata import PackageNotFoundError, version  # late: half of `hodo --help`
+
     try:
         return version(library)
     except PackageNotFoundError:
