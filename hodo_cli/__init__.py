@@ -5,9 +5,19 @@ from time import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import Case, open, plot, run, sweep
+    from .api import Case, derive, open, plot, run, sweep
 
-__all__ = ["BatchError", "Case", "HodoError", "__version__", "open", "plot", "run", "sweep"]
+__all__ = [
+    "BatchError",
+    "Case",
+    "HodoError",
+    "__version__",
+    "derive",
+    "open",
+    "plot",
+    "run",
+    "sweep",
+]
 
 __version__ = "0.2.0"
 
@@ -31,7 +41,7 @@ NOT_OF_A_CASE = (BatchError, OSError, ModuleNotFoundError)
 """What no case, figure or task is to blame for. Who catches every exception lets these pass."""
 
 
-LATE = ("Case", "open", "plot", "run", "sweep")
+LATE = ("Case", "derive", "open", "plot", "run", "sweep")
 """The names of the Python API, whose libraries load when the first of them is used."""
 
 

@@ -19,15 +19,24 @@ from . import HodoError
 from .batch.memory import check_memory
 from .cases.case import Case
 from .cases.config import composed_text, parse
+from .cases.derived import DERIVED
 from .cases.figure_block import FIGURE, FIGURE_KINDS, check_figure
 from .commands.classify import classified, classify_results
 from .commands.run import execute, finished_case, plans
 from .figures import draw
 from .figures.artists import user_parameters
-from .results.dataset import StoredCases, cases_of_file, dataset
-from .schema.kinds import Wrong
+from .results.dataset import (
+    StoredCases,
+    cases_of_file,
+    dataset,
+    labelled,
+    motion_from,
+    sweep_axes,
+)
+from .schema.kinds import Wrong, unknown
+from .sweeps.view import SweepView
 
-__all__ = ["Case", "open", "plot", "run", "sweep"]
+__all__ = ["Case", "derive", "open", "plot", "run", "sweep"]
 
 Given = Mapping[str, Any] | Case
 
@@ -157,6 +166,23 @@ def plot(data: xr.Dataset | Iterable[xr.Dataset], kind: str = "hodograph", **key
     if mistakes := [*mistakes, *check_figure(spec)]:
         raise HodoError(str(Wrong(*mistakes)))
     return draw(spec, cases, rc=user_parameters()).figure
+
+
+def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
+    """A dataset with quantities that follow from its variables, such as `T`, `G_space` or `psi`, by
+    the names of docs/results.md; of a sweep, at the ends of its members.
+
+    Raises HodoError for a name that is no quantity, or one that the dataset lacks variables for.
+    """
+    if strange := [name for name in names if name not in DERIVED]:
+        raise HodoError(unknown(f"quantity {strange[0]!r}", strange[0], DERIVED))
+    if sweep_axes(data):
+        view = SweepView.of("sweep", data)
+        return data.assign({name: view.derived(name) for name in names})
+    motion = motion_from(data, "case")
+    arrays = {name: labelled(name, motion.quantity(name), ["time"], motion.case) for name in names}
+    # By their times, whose order in a dataset may be another.
+    return data.assign({name: x.assign_coords(time=motion.time) for name, x in arrays.items()})
 
 
 def _case(case: Given, name: str) -> Case:

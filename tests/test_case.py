@@ -19,7 +19,7 @@ import hodo_cli
 from hodo_cli import Case, HodoError
 from hodo_cli.cases.case import Time, dump, parse_case
 from hodo_cli.cases.config import load, parse
-from hodo_cli.cases.figure_block import DERIVED
+from hodo_cli.cases.derived import DERIVED
 from hodo_cli.models import catalogue
 from hodo_cli.results.motion import QUANTITIES
 from hodo_cli.schema import document, kinds

@@ -31,9 +31,10 @@ from ..schema.kinds import (
     check_keys,
     other_word,
     shown,
-    unknown_names,
+    unknown,
 )
 from ..schema.mistakes import Mistakes, Place
+from .derived import DERIVED, constants_of, missing
 from .keys import COMMON, REMARKS, all_keys, keys_in
 from .sweep_block import check_axes, first_values, storable
 
@@ -129,6 +130,11 @@ class Case:
         """
         return system_of(models.find(self.model, self.form), self.data)
 
+    def rests_on(self, variable: str) -> bool:
+        """Whether a variable of its model is stored, or quantities are that may follow from it."""
+        stored = self.store or (variable,)
+        return variable in stored or not self.system.variables.keys() >= {*stored}
+
     @property
     def entries(self) -> dict[str, Any]:
         """The keys of a case file that describe it, complete, but for its name."""
@@ -220,7 +226,7 @@ def checked_case(name: Any, block: Block) -> Case:
     # The class that stands in for a form with these data decides which variables are stored.
     system = None if mistakes else system_of(model, data)
     concrete_model = type(system) if system else model
-    mistakes += _store_mistakes(concrete_model, values)
+    mistakes += _store_mistakes(concrete_model, system, values)
     if system and (message := models.mistake_in(system)):
         mistakes.append((("model",), message))
     if values.get("sweep") and values.get("time", {}).get("steps") == "yes":
@@ -328,11 +334,25 @@ def _time_mistakes(time: dict[str, Any] | None) -> Iterator[Mistake]:
         yield ("time", "end"), f"the span from {start:g} to {time['end']:g} is not possible"
 
 
-def _store_mistakes(model: type[Model], values: Mapping[str, Any]) -> Iterator[Mistake]:
-    """A mistake for each variable to be stored that the model does not have."""
-    valid = storable(model) if values.get("sweep") else list(model.variables)
-    named: dict[KeyPath, str] = {("store", i): x for i, x in enumerate(values.get("store", ()))}
-    return unknown_names("variable", named, valid)
+def _store_mistakes(
+    form: type[Model], system: Model | None, values: Mapping[str, Any]
+) -> Iterator[Mistake]:
+    """Mistakes: variables that the model does not have, and quantities that do not follow from
+    them. Without a system it is not known which do."""
+    is_swept = bool(values.get("sweep"))
+    valid = storable(form) if is_swept else list(form.variables)
+    sources = {*form.variables, *(constants_of(system, values) if system else ())}
+    lacks = {name: missing(name, sources) if system else "" for name in DERIVED}
+    derived = [name for name in DERIVED if not (is_swept or lacks[name])]
+    for i, name in enumerate(values.get("store", ())):
+        if name in valid:
+            continue
+        if name not in DERIVED:
+            yield ("store", i), unknown(f"variable {name!r}", name, [*valid, *derived])
+        elif is_swept:
+            yield ("store", i), f"figures and averages derive {name} of what a sweep stores"
+        elif lacks[name]:
+            yield ("store", i), f"{name} needs {lacks[name]}, which this case does not have"
 
 
 def _entries_taken(

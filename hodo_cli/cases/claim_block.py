@@ -30,6 +30,7 @@ from ..schema.kinds import (
     unknown_names,
     within,
 )
+from .derived import COMPONENTS
 from .figure_block import FORMULA
 from .sweep_block import SWEEP, axes_of, check_axes
 
@@ -46,20 +47,7 @@ CONFIRMED, NOT_CONFIRMED, BY_READING = "confirmed", "not confirmed", "by reading
 MISPRINTS = (CONFIRMED, BY_READING, NOT_CONFIRMED, NOT_TESTED)
 """The verdicts on an erratum; a wrong number of an equation, say, is seen by reading."""
 
-OVER_TIME = {
-    "p": "angular velocity about x1",
-    "q": "angular velocity about x2",
-    "r": "angular velocity about x3",
-    "G": "|G|",
-    "T": "kinetic energy",
-    "x1_direction": "|G1|/|G|, 1 where G lies along x1",
-    "tilt": "angle between G and x3, in radians",
-    "separatrix_distance": "|D|/G^2",
-    "speed": "|omega|",
-    "x": "p^2 + q^2",
-    "y": "r^2",
-    "Gz": "vertical angular momentum",
-    "H": "energy",
+OVER_TIME = COMPONENTS | {
     "u1": "first root of the cubic of cos theta",
     "u2": "second root",
     "u3": "third root",

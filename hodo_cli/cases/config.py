@@ -34,6 +34,7 @@ from .case import (
     read_mapping,
     variation,
 )
+from .derived import DERIVED, constants_of
 from .figure_block import FIGURE, Drawable, check_drawn, check_figure, merged_style
 from .keys import SECTIONS, all_keys, keys_in
 from .override import apply_override
@@ -286,28 +287,27 @@ def _figure_mistakes(
 
 def drawable(case: Case) -> Drawable:
     """The properties of a case on which figures rest."""
-    variables = case.system.variables
-    # Of an attitude only what follows from it is a number.
-    labels = {name: label for name, label in variables.items() if "quaternion" not in label.dims}
-    vectors = [name for name, label in labels.items() if "axis" in label.dims]
+    labels = {name: "".join(x.dims[1:]) for name, x in case.system.variables.items()}
     if case.sweep:
         asked = [name for name in case.store if name != "trajectory"]
         # Of the variables of a trajectory a member has no single value.
         without = {"trajectory", *(labels if "trajectory" in case.store else ())}
         stored = [name for name in asked or storable(type(case.system)) if name not in without]
-        vectors.append("share")
+        labels["share"] = "axis"
     else:
         # Labels are stored by `classify`, whatever the model.
         stored = list(dict.fromkeys([*(case.store or labels), "enclosed_axis", "time"]))
-    if "omega" in vectors:
-        vectors.append("G")
+        labels = {name: quantity.dim for name, quantity in DERIVED.items()} | labels
+    variables = {name: labels.get(name, "") for name in stored}
+    if "omega" in variables and not case.sweep:
+        variables["G"] = "axis"
     axes = axes_of(case.sweep or {})
     sphere = next((axis.name for axis in axes if axis.sphere is not None), "")
     lengths = {axis.name: len(axis) for axis in axes}
     times = case.time.start, case.time.end
     units = {"time": case.time.unit, "moments of inertia": case.inertia_unit}
-    attitude = "attitude" in (case.store or variables)
-    return Drawable(case.name, stored, vectors, times, units, lengths, sphere, attitude)
+    constants = constants_of(case.system, case.data)
+    return Drawable(case.name, variables, constants, times, units, lengths, sphere)
 
 
 def _figures(

@@ -31,6 +31,7 @@ from ..schema.kinds import (
     unknown_names,
     vector,
 )
+from .derived import COMPONENTS, DERIVED, SCALARS, component_names, missing
 from .sweep_block import AXIS_LABELS
 
 PAGE_DATA = "page.json"
@@ -49,26 +50,8 @@ class DrawnFigure:
     warnings: tuple[str, ...] = ()
 
 
-IN_BODY = (
-    *("p", "q", "r", "G", "G2", "T", "J", "D", "D/2T", "x", "y", "Gz", "H", "speed"),
-    *("x1_direction", "tilt", "separatrix_distance"),
-)
-BY_ATTITUDE = (
-    *("psi", "theta", "phi", *(f"attitude.{part}" for part in "abcd")),
-    *(
-        f"{name}_space.{axis}"
-        for name in ("G", "omega", "x1", "x2", "x3", "total")
-        for axis in "xyz"
-    ),
-)
-DERIVED = IN_BODY + BY_ATTITUDE
-"""The quantities that `results.motion` computes from the samples of a motion: from its state, and
-from where the body points in space."""
-
-FORMULA = Expression(("t", *filter(str.isidentifier, DERIVED), "u1", "u2", "u3"))
+FORMULA = Expression(("t", *filter(str.isidentifier, SCALARS), "u1", "u2", "u3"))
 """A formula in the time and the variables of a motion."""
-
-BODY_AXES = ("x1", "x2", "x3")
 
 COLOUR_NAMES = ("blue", "orange", "green", "sky", "red", "purple", "black", "grey")
 LINE_NAMES = ("solid", "dashed", "dotted")
@@ -441,18 +424,21 @@ def check_figure(values: Mapping[str, Any]) -> Iterator[Mistake]:
 @dataclass(frozen=True)
 class Drawable:
     """The properties of a case on which figures rest, known before it is run and from its dataset:
-    its name, its variables and which of them are vectors, its first and last time, its units of
-    time and of moments of inertia, the lengths of a sweep's axes and which of them is a sphere, and
-    whether it has an attitude."""
+    its name, its variables with the dimension of their components (empty for a number), the
+    constants on which quantities rest, its first and last time, its units of time and of moments of
+    inertia, the lengths of a sweep's axes and which of them is a sphere."""
 
     name: str
-    stored: Sequence[str]
-    vectors: Sequence[str]
+    variables: Mapping[str, str]
+    constants: Collection[str]
     times: tuple[float, float]
     units: Mapping[str, str]
     axes: Mapping[str, int]
     sphere: str
-    attitude: bool
+
+    def lacks(self, quantity: str) -> str:
+        """What it does not have that a derived quantity needs; an empty string if it has all."""
+        return missing(quantity, {*self.variables, *self.constants})
 
 
 SWEPT_KINDS = ("map", "curve", "share")
@@ -464,8 +450,8 @@ AXIS_KEYS = ("x", "y", "by", "panels")
 KINDS_OF_BODIES = ("hodograph", "sphere", "quadrants", "invariants")
 """The kinds that draw what follows from the angular velocity in body axes."""
 
-KINDS_IN_SPACE = ("herpolhode", "axis-trace", "body")
-"""The kinds that draw where the body points."""
+KINDS_IN_SPACE = {"herpolhode": "G_space", "axis-trace": "x1_space", "body": "G_space"}
+"""The kinds that draw where the body points, and what they need."""
 
 
 def check_drawn(
@@ -499,7 +485,9 @@ def check_drawn(
 
 def _unfit(kind: str | None, case: Drawable) -> str:
     """Why a kind of figure cannot draw a case; an empty string if it can."""
-    is_swept, has_omega = kind in SWEPT_KINDS, "omega" in {*case.stored} & {*case.vectors}
+    is_swept, has_omega = kind in SWEPT_KINDS, case.variables.get("omega") == "axis"
+    lacks = case.lacks(KINDS_IN_SPACE[kind]) if kind in KINDS_IN_SPACE else ""
+    remedy = ": write `attitude: yes` in it" if lacks == "attitude" else ""
     reasons = (
         (is_swept and not case.axes, "is no sweep"),
         (
@@ -510,10 +498,7 @@ def _unfit(kind: str | None, case: Drawable) -> str:
             kind in KINDS_OF_BODIES and not has_omega,
             f"stores no angular velocity in body axes, which a {kind} needs",
         ),
-        (
-            kind in KINDS_IN_SPACE and not case.attitude,
-            f"stores no attitude, which {kind} needs: write `attitude: yes` in it",
-        ),
+        (bool(lacks), f"stores no {lacks}, which {kind} needs{remedy}"),
     )
     return next((f"case {case.name} {reason}" for is_wrong, reason in reasons if is_wrong), "")
 
@@ -530,30 +515,29 @@ def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> 
         names = enumerate(inset["variables"])
         drawn += [(("insets", i, "variables", j), name, enlarged) for j, name in names]
     for path, name, owners in drawn:
-        faults = filter(None, (_wrong_variable(name, case, DERIVED) for case in owners))
+        faults = filter(None, (_wrong_variable(name, case) for case in owners))
         yield from ((path, message) for message in islice(faults, 1))
 
 
-def _wrong_variable(name: str, case: Drawable, derived: Collection[str] = ()) -> str:
+def _wrong_variable(name: str, case: Drawable) -> str:
     """Why a name stands for no number that a case stores, or that is derived from it; an empty
     string if it does. A vector needs a component, and a number has none."""
-    base, dot, axis = name.partition(".")
-    if name in derived and name in BY_ATTITUDE and not case.attitude and name not in case.stored:
-        return f"case {case.name} stores no attitude, which {name} needs: write `attitude: yes`"
-    valid = list(dict.fromkeys([*derived, *case.stored]))
-    if name in derived or (base in case.vectors and base in valid and axis in BODY_AXES):
+    base = name.partition(".")[0]
+    dims = [case.variables[base]] if base in case.variables else []
+    if base in DERIVED and not (lacks := case.lacks(base)):
+        dims.append(DERIVED[base].dim)
+    if any(name in component_names(base, dim) for dim in dims):
         return ""
-    if base not in valid:
-        its_own = [name for name in valid if case.attitude or name not in BY_ATTITUDE]
-        return unknown(f"variable {name!r} of case {case.name}", base, its_own)
-    if base in case.vectors:
-        return f"{base} is a vector: name a component, {_parts(base)}"
-    return f"{base} is no vector, and has no component {axis!r}" if dot else ""
-
-
-def _parts(name: str) -> str:
-    """The parts of a vector, or the shares of a label."""
-    return ", ".join(f"{name}.{axis}" for axis in BODY_AXES)
+    if not dims and base in DERIVED:
+        remedy = ": write `attitude: yes`" if lacks == "attitude" else ""
+        return f"case {case.name} stores no {lacks}, which {name} needs{remedy}"
+    if not dims:
+        derived = [x for x in COMPONENTS if not case.lacks(x.partition(".")[0])]
+        valid = dict.fromkeys([*derived, *case.variables])
+        return unknown(f"variable {name!r} of case {case.name}", base, list(valid))
+    if dim := next(filter(None, dims), ""):
+        return f"{base} is a vector: name a component, {', '.join(component_names(base, dim))}"
+    return f"{base} is no vector, and has no component {name.partition('.')[2]!r}"
 
 
 def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -565,7 +549,7 @@ def _inset_mistakes(values: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> Iterator[Mistake]:
-    """A mistake for each span that lies outside the times of a case drawn over it."""
+    """A mistake for each span or moment that lies outside the times of a case drawn over it."""
     spans: list[tuple[KeyPath, Any, str]] = [
         (("span",), values.get("span"), name) for name in values.get("cases", ())
     ]
@@ -575,6 +559,11 @@ def _span_mistakes(values: Mapping[str, Any], cases: Mapping[str, Drawable]) -> 
         start, end = cases[name].times if name in cases else (-math.inf, math.inf)
         if span and (span[1] < start or span[0] > end):
             yield path, f"holds no time of case {name}, which goes from {start:g} to {end:g}"
+        first, last = max(start, span[0]) if span else start, min(end, span[1]) if span else end
+        for i, moment in enumerate(values.get("moments", ())):
+            if not first <= moment <= last:
+                shown = f"shown from {first:g} to {last:g}"
+                yield ("moments", i), f"{moment:g} is no time of case {name}, {shown}"
 
 
 def _swept_mistakes(values: Mapping[str, Any], case: Drawable, steady: bool) -> Iterator[Mistake]:
@@ -600,13 +589,13 @@ def _wrong_swept_variable(values: Mapping[str, Any], case: Drawable) -> str:
     """Why a figure's variable is one that a sweep lacks, or not a number; an empty string if it is
     right, or wrong by itself."""
     base, dot, label = (name := values.get("variable", "")).partition(".")
-    if base not in {*AXIS_LABELS} & {*case.stored}:
+    if base not in {*AXIS_LABELS} & {*case.variables}:
         return _wrong_variable(name, case) if name else ""
     is_mean = bool(dot or averaged(values, case.axes, case.sphere))
     if not is_mean or label in rigid_body.LABELS.values():
         return ""
     message = f"{base} is a label, without a mean: name the one whose share is to be drawn"
-    return f"{message}, {_parts(base)}"
+    return f"{message}, {', '.join(component_names(base, 'axis'))}"
 
 
 def averaged(values: Mapping[str, Any], axes: Iterable[str], sphere: str) -> list[str]:

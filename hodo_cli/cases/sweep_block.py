@@ -51,7 +51,7 @@ DRAWN_AT_ONCE = 4096
 """Directions that are drawn from one generator, so that any part of a sphere can be drawn by
 itself."""
 
-RESERVED = ("time", "axis", "quaternion", "member")
+RESERVED = ("time", "axis", "quaternion", "space", "member")
 
 REDUCED = (
     "crossing_time",

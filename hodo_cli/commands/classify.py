@@ -11,12 +11,14 @@ import numpy as np
 from .. import HodoError
 from ..batch.memory import check_memory
 from ..cases.case import Case, parse_case
+from ..cases.derived import MOMENTUM
 from ..cases.keys import METHODS
 from ..engines.protocol import Status
 from ..integration.classify import Classification, classify
 from ..models import rigid_body
 from ..progress import Progress
-from ..results.layout import MOMENTUM, RECORDED, label_group
+from ..results.groups import label_group
+from ..results.layout import RECORDED
 from ..results.motion import Motion, motion_of
 from ..results.units import sentence_of_case, units_of_case
 from ..storage.group import Group, Report

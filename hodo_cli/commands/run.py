@@ -23,7 +23,8 @@ from ..cases.config import Config, no_case
 from ..integration.integrate import integrate
 from ..integration.trajectory import Trajectory
 from ..progress import Progress
-from ..results.layout import SUMMARY, case_group
+from ..results.groups import case_group
+from ..results.layout import SUMMARY
 from ..storage.finished_cases import FinishedCase, finished_cases
 from ..storage.group import Group
 from ..storage.hdf5 import open_run

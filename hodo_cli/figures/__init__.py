@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .. import NOT_OF_A_CASE, HodoError
+from ..cases.derived import PARTS, constants_of
 from ..cases.figure_block import Drawable, DrawnFigure, check_drawn, merged_style
 from ..results.dataset import MOTION_DIMS, Cases, case_in, motions_of, sweep_axes
 from ..results.motion import Motion
@@ -135,18 +136,18 @@ def check(spec: Mapping[str, Any], cases: Cases) -> None:
 def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
     """The properties of a dataset that figures are checked by."""
     axes = {axis: data.sizes[axis] for axis in sweep_axes(data)}
-    inner = {"axis", *axes} if axes else {"time", "axis"}
-    stored = {
-        str(key): variable.dims
+    outer = {*axes} if axes else {"time"}
+    variables = {
+        str(key): "".join(map(str, inner))
         for key, variable in (data.data_vars if axes else data.variables).items()
-        if set(variable.dims) <= inner and set(variable.dims) - {"axis"}
+        if outer & {*variable.dims} and (inner := {*variable.dims} - outer) <= PARTS.keys()
     }
     beyond = {str(dim) for v in data.variables.values() if "time" in v.dims for dim in v.dims}
     if not axes and (others := sorted(beyond - {*MOTION_DIMS})):
         raise HodoError(f"case {name} is several motions: select one along {' and '.join(others)}")
-    vectors = [key for key, dims in stored.items() if "axis" in dims]
     case = case_in(data, f"case {name}")
-    vectors += ["G"] if "omega" in vectors and not axes else []
+    if variables.get("omega") == "axis" and not axes:
+        variables["G"] = "axis"
     times, unit = (math.nan, math.nan), case.time.unit
     if not axes and "time" in data.variables:
         time = data.variables["time"]
@@ -154,9 +155,9 @@ def drawable_of(name: str, data: "xr.Dataset") -> Drawable:
         if values.size and values.dtype.kind in "fiu":
             times = float(values.min()), float(values.max())
     sphere = next((axis for axis in axes if f"{axis}_vector" in data.variables), "")
-    attitude = not axes and "attitude" in data.variables
     units = {"time": unit, "moments of inertia": case.inertia_unit}
-    return Drawable(name, list(stored), vectors, times, units, axes, sphere, attitude)
+    constants = constants_of(case.system, case.data)
+    return Drawable(name, variables, constants, times, units, axes, sphere)
 
 
 def render(

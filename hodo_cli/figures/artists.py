@@ -92,7 +92,12 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
 
 
-VECTORS = {"gamma": r"\gamma", "omega": r"\omega", "total": r"(G-\kappa\dot\omega)"}
+VECTORS = {
+    "gamma": r"\gamma",
+    "omega": r"\omega",
+    "total": r"(G-\kappa\dot\omega)",
+    "rotation": r"\mathrm{rotation}",
+}
 """The symbols of stored vectors whose name is not theirs."""
 
 
@@ -120,7 +125,7 @@ def symbol(name: str) -> str:
         index = f"{vector[1]},{axis}" if vector[1:].isdigit() else axis
         return rf"{{{VECTORS.get(vector, vector[0])}}}_{{{index}}}"
     if axis:
-        return f"{VECTORS.get(base, base)}_{axis[1:]}"
+        return f"{VECTORS.get(base, base)}_{axis.removeprefix('x') or axis}"
     if re.fullmatch(r"[A-Za-z]\w{2,}", name):
         # A word, not a product of letters, nor an index.
         return rf"\mathrm{{{name}}}".replace("_", r"\ ")

@@ -452,7 +452,7 @@ SHARE = "share of members: "
 def map_label(sweeps: Sequence[SweepView], spec: Mapping[str, Any]) -> str:
     """The label of a map's colours, or of a curve's height."""
     name, _, component = spec["variable"].partition(".")
-    attributes = sweeps[0].data[name].attrs
+    attributes = sweeps[0].variable(name).attrs
     meaning = str(attributes.get("long_name", name))
     if component in str(attributes.get("flag_meanings", "")).split():
         return f"{SHARE}{component} is the {meaning}"

@@ -11,9 +11,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
+from ..cases.derived import SPACE_AXES
 from ..models.theory.gyrostat import separatrix_curves
 from ..results.dataset import Cases, motions_of
-from ..results.in_space import SPACE_AXES
 from ..results.motion import Motion
 from .artists import (
     BLACK,

@@ -135,7 +135,7 @@ def errors_against(case: Case, motion: Trajectory, reference: Trajectory) -> dic
     # One of the two may be called at rest a step before the other.
     resting = (np.minimum(*sizes) <= -LIMIT) & (np.maximum(*sizes) < -LIMIT / 2)
     for name, variable in system.variables.items():
-        if case.store and name not in case.store:
+        if not case.rests_on(name):
             continue
         a, b = judged[name], better[name]
         if a.dtype.kind == "i":  # a label has no error

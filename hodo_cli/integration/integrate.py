@@ -84,7 +84,7 @@ def motion_remarks(motion: Trajectory, errors: Mapping[str, float]) -> Iterator[
     if case.error == "on" and math.isnan(worst):
         yield "the error could not be measured"
     for name, values in motion.variables.items():
-        if not np.isfinite(values).all():
+        if case.rests_on(name) and not np.isfinite(values).all():
             yield f"{name} has outgrown the largest double, and is stored as infinite or nan there"
 
 

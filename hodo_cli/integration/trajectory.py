@@ -81,11 +81,10 @@ class Trajectory:
     @cached_property
     @np.errstate(over="ignore")  # `motion_remarks` says so
     def variables(self) -> dict[str, np.ndarray]:
-        """The stored variables (n, ...) by name, in double precision and true size."""
-        system, store = self.case.system, self.case.store
+        """The variables (n, ...) of its model by name, in double precision and true size."""
+        system = self.case.system
         state = rescaled(type(system), self.state.astype(float), self.exponent)
-        output = system.output(self.time, state, attributes(system.constants))
-        return {name: values for name, values in output.items() if not store or name in store}
+        return system.output(self.time, state, attributes(system.constants))
 
     def judged(self, **judgement: Any) -> "Trajectory":
         """The same motion with other errors, warnings or message."""

@@ -16,7 +16,7 @@ Constants = Mapping[str, float | tuple[float, ...] | str]
 """Numbers and tuples of numbers by name; a string is structure, which chooses between equations."""
 
 
-LENGTHS = {"axis": 3, "quaternion": 4, "principal": 3}
+LENGTHS = {"axis": 3, "quaternion": 4, "principal": 3, "space": 3}
 """The lengths of the dimensions that a variable of a motion may have besides its time."""
 
 

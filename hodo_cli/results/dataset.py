@@ -17,7 +17,7 @@ import xarray as xr
 
 from .. import HodoError
 from ..cases.case import Case
-from ..cases.figure_block import BODY_AXES
+from ..cases.derived import BODY_AXES, DERIVED, PARTS
 from ..cases.sweep_block import axes_of, path_of, put
 from ..schema.kinds import unknown
 from ..storage.finished_cases import open_batch
@@ -26,6 +26,7 @@ from ..storage.hdf5 import ResultFile
 from ..storage.provenance import typed
 from .layout import SHOWN
 from .motion import Motion, case_of, damage, wrong_labels
+from .units import units_of_case
 
 Cases = Mapping[str, xr.Dataset]
 """Datasets by the names of their cases."""
@@ -86,8 +87,7 @@ def ordered(data: xr.Dataset, owner: str) -> xr.Dataset:
         if (np.diff(times) < 0).any():
             data = data.isel(crossing=np.argsort(times, kind="stable"))
     transposed = any(v.dims[1:] == ("time",) for v in data.variables.values())
-    order = "time", "axis", "quaternion"
-    return data.transpose(..., *order, missing_dims="ignore") if transposed else data
+    return data.transpose(..., "time", *PARTS, missing_dims="ignore") if transposed else data
 
 
 def sorted_along(data: xr.Dataset, dim: str, values: np.ndarray, owner: str) -> xr.Dataset:
@@ -127,7 +127,7 @@ def case_in(data: xr.Dataset, owner: str) -> Case:
     return case if case_data is case.data else replace(case, data=case_data)
 
 
-MOTION_DIMS = ("time", "axis", "quaternion", "crossing", "event")
+MOTION_DIMS = ("time", *PARTS, "crossing", "event")
 """The dimensions of the variables of a single motion."""
 
 
@@ -161,6 +161,15 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
         end = f"{float(motion.time[-1]):.6g}"
         warnings.warn(f"{name}: {status}: drawn to t = {end} only", stacklevel=2)
     return motion
+
+
+def labelled(name: str, values: np.ndarray, dims: Sequence[str], case: Case) -> xr.DataArray:
+    """The values of a quantity of `DERIVED` over some dimensions and its own components, with its
+    meaning and units."""
+    quantity = DERIVED[name]
+    parts = {quantity.dim: [*PARTS[quantity.dim]]} if quantity.dim else {}
+    words = {"long_name": quantity.long_name, "units": units_of_case(quantity.units, case)}
+    return xr.DataArray(values, parts, (*dims, *parts), attrs=words)
 
 
 def lacks_labels(data: xr.Dataset) -> bool:

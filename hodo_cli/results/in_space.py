@@ -1,5 +1,6 @@
 """What follows from a stored attitude: the body's vectors in space, and Euler angles."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -7,8 +8,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from .motion import Motion
-
-SPACE_AXES = ("x", "y", "z")
 
 POLE = 1e-7
 """The sine of theta below which phi and psi have lost half of their digits: they are not numbers
@@ -20,6 +19,9 @@ def rotations(m: "Motion") -> Any:
     from scipy.spatial.transform import Rotation  # late: it takes longer than most pictures
 
     return Rotation.from_quat(np.roll(m.stored("attitude"), -1, axis=1))
+
+
+VECTORS_IN_SPACE = ("G", "total", "omega", "x1", "x2", "x3")
 
 
 def vector_in_space(m: "Motion", name: str) -> np.ndarray:
@@ -39,15 +41,15 @@ def momentum_with_fluid(m: "Motion") -> np.ndarray:
     return np.asarray(m.G - m.case.system.constants["kappa"] * acceleration)
 
 
-def component_in_space(name: str, axis: str, m: "Motion") -> np.ndarray:
-    """The component (n,) of a vector along a space axis."""
-    return vector_in_space(m, name)[:, SPACE_AXES.index(axis)]
+def rotation_vector(m: "Motion") -> np.ndarray:
+    """The rotation vector (n, 3), which is the same along the axes of body and of space."""
+    return np.asarray(rotations(m).as_rotvec())
 
 
 def euler_angle(name: str, m: "Motion") -> np.ndarray:
     """psi, theta or phi (n,) of the turns by psi about z, theta about x1 and phi about x3, one
-    after another: precession, nutation and spin. psi and phi are unwrapped, by less than half a
-    turn from sample to sample, and no numbers where theta is 0 or pi."""
+    after another: precession, nutation and spin. psi and phi are at most half a turn, and no
+    numbers where theta is 0 or pi."""
     turned = rotations(m)
     axis = turned.apply(np.eye(3)[2])
     sine = np.hypot(axis[:, 0], axis[:, 1])
@@ -55,24 +57,15 @@ def euler_angle(name: str, m: "Motion") -> np.ndarray:
         return np.asarray(np.arctan2(sine, axis[:, 2]))
     vertical = turned.inv().apply(np.eye(3)[2])
     x, y = (axis[:, 0], -axis[:, 1]) if name == "psi" else (vertical[:, 0], vertical[:, 1])
-    known = sine > POLE
-    angle = np.full(len(sine), np.nan)
-    angle[known] = np.unwrap(np.arctan2(x, y)[known])
-    return angle
+    return np.where(sine > POLE, np.arctan2(x, y), np.nan)
 
 
-def quaternion_part(letter: str, m: "Motion") -> np.ndarray:
-    """a, b, c or d (n,) of the attitude."""
-    return m.stored("attitude")[:, "abcd".index(letter)]
+EULER_ANGLES = ("psi", "theta", "phi")
+ANGLES_THAT_TURN = ("psi", "phi")
 
-
-IN_SPACE = {
-    f"{name}_space.{axis}": partial(component_in_space, name, axis)
-    for name in ("G", "omega", "x1", "x2", "x3", "total")
-    for axis in SPACE_AXES
+OF_ATTITUDE: dict[str, Callable[..., np.ndarray]] = {
+    **{f"{name}_space": partial(vector_in_space, name=name) for name in VECTORS_IN_SPACE},
+    **{name: partial(euler_angle, name) for name in EULER_ANGLES},
+    "rotation": rotation_vector,
 }
-ANGLES_IN_SPACE = {name: partial(euler_angle, name) for name in ("psi", "theta", "phi")}
-PARTS = {f"attitude.{part}": partial(quaternion_part, part) for part in "abcd"}
-
-OF_ATTITUDE = IN_SPACE | ANGLES_IN_SPACE | PARTS
-"""Quantities over time (n,) by name, of a motion that stores its attitude."""
+"""The quantities of `cases.derived` that follow from a stored attitude."""

@@ -15,17 +15,17 @@ import numpy as np
 
 from .. import models
 from ..cases.case import Case, dump
+from ..cases.derived import BODY_AXES, MOMENTUM, PARTS, SPACE_AXES
 from ..cases.sweep_block import PASSED
 from ..engines.protocol import Status
-from ..integration.classify import Classification
 from ..integration.crossings import Crossing
-from ..integration.trajectory import Occurrence, Trajectory
+from ..integration.trajectory import Occurrence
 from ..models import rigid_body
 from ..models.attitude import CONVENTION, VARIABLE
 from ..models.base import Label
 from ..models.rigid_body import BodyFrame
-from ..storage.group import Attribute, Group, Variable
-from .units import sentence_of_case, units_of_case
+from ..storage.group import Attribute, Variable
+from .units import units_of_case
 
 # Attributes
 
@@ -118,28 +118,17 @@ ROTOR_FLAGS = flags(rigid_body.LABELS)
 """The meanings of labels, and of those of a body with a rotor."""
 
 INNER = {
-    "axis": (Stored("principal axis of inertia", ("axis",), "O"), ["x1", "x2", "x3"]),
-    "quaternion": (Stored("part of a quaternion", ("quaternion",), "O"), ["a", "b", "c", "d"]),
-    "principal": (Stored("principal axis of inertia", ("principal",), "O"), ["x1", "x2", "x3"]),
+    "axis": (Stored("principal axis of inertia", ("axis",), "O"), [*BODY_AXES]),
+    "quaternion": (Stored("part of a quaternion", ("quaternion",), "O"), [*PARTS["quaternion"]]),
+    "principal": (Stored("principal axis of inertia", ("principal",), "O"), [*BODY_AXES]),
+    "space": (Stored("axis of space", ("space",), "O"), [*SPACE_AXES]),
 }
 """The coordinates of what has several numbers at a time, and their values."""
 
 TIME = Stored("time", ("time",), units="time")
 PLAIN_TIME = Label(TIME.dims, TIME.long_name, TIME.units)
 
-MOMENTUM = "moment of inertia / time"
-
 ENCLOSED_AXIS = Stored("axis that the hodograph of G encloses", ("time",), "i1", flags=AXIS_FLAGS)
-
-PRINCIPAL = {
-    "principal_axes": Stored(
-        "principal axis of inertia, in the axes of the case", ("principal", "axis")
-    ),
-    "principal_moments": Stored(
-        "principal moment of inertia", ("principal",), units="moment of inertia"
-    ),
-}
-"""What is stored of a body that is given by its full tensor of inertia: labels name these axes."""
 
 CROSSING_COLUMNS = {
     "crossing_time": (
@@ -158,14 +147,6 @@ CROSSING_COLUMNS = {
     "crossing_G": ("momentum", Stored("|G| at the passage", ("crossing",), units=MOMENTUM)),
 }
 """The columns of crossings: the field of `Crossing` that each holds, and how it is stored."""
-
-GROWTH_RATE = Stored(
-    "rate at which a small tilt away from the axis grows, on the mean over a turn",
-    ("axis",),
-    units="1/time",
-)
-
-FINAL_AXIS = Stored("axis enclosed in the end, predicted from the data", (), "i1", flags=AXIS_FLAGS)
 
 EVENT_COLUMNS = {
     "event_time": ("time", Stored("time of the event", ("event",), units="time")),
@@ -346,59 +327,3 @@ def with_units(variables: Mapping[str, Variable], case: Case) -> dict[str, Varia
 def has_rotor(case: Case) -> bool:
     """Whether the body of a case has a rotor, which brings labels of its own."""
     return isinstance(case.system, BodyFrame) and case.system.rotor_momentum is not None
-
-
-def principal_variables(case: Case) -> dict[str, Variable]:
-    """The principal axes and moments of a body that is given by its full tensor of inertia."""
-    body = case.system
-    if not isinstance(body, BodyFrame) or body.principal_axes is None:
-        return {}
-    values = body.principal_axes, body.moments
-    stored = {
-        name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
-    }
-    # The components of what else is stored are not along these.
-    axis = INNER["axis"][0]._replace(long_name="axis of the body, as the case gives it")
-    return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(INNER["axis"][1])}
-
-
-def case_group(trajectory: Trajectory, mark: str) -> Group:
-    """A case as it is stored, with `mark` for its hash."""
-    case = trajectory.case
-    attributes = case_attributes(
-        case,
-        mark,
-        method=trajectory.method,
-        method_reason=trajectory.method_reason,
-        tol=trajectory.tol,
-        steps=trajectory.steps,
-        run_time=trajectory.run_time,
-        error=trajectory.error,
-        error_kind=trajectory.error_kind,
-        status=trajectory.status,
-        message=trajectory.message,
-        warnings="\n".join(trajectory.warnings),
-    )
-    variables = case_variables(
-        case.system.variables,
-        trajectory.time,
-        trajectory.variables,
-        trajectory.events,
-        trajectory.errors,
-    )
-    return Group(attributes, with_units(variables | principal_variables(case), case))
-
-
-def label_group(labelled: Classification, case: Case) -> Group:
-    """The group that `classify` adds to a stored case."""
-    variables = label_variables(labelled.labels, labelled.crossings)
-    if labelled.growth is not None:
-        variables["growth_rate"] = GROWTH_RATE.holding(labelled.growth)
-        variables |= inner_coordinates(variables.values())
-    if labelled.final is not None:
-        variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
-    texts = {
-        "classify_warnings": "\n".join(labelled.warnings),
-        "predictions": "\n".join(sentence_of_case(words, case) for words in labelled.predictions),
-    }
-    return Group(texts, with_units(variables, case))

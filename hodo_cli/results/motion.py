@@ -1,13 +1,11 @@
 """A motion as figures and claims see it: the view of one dataset, by its coordinates, with every
 quantity that follows from its samples.
 
-`QUANTITIES` is the one table of derived quantities: |G|, T, D and the others are computed from the
-samples, here alone, when they are asked for.
+The quantities of `cases.derived`, as |G|, T and D, are computed here alone, when asked for.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
@@ -17,7 +15,15 @@ import numpy as np
 from .. import HodoError
 from ..arithmetic import evaluate
 from ..cases.case import Case, parse_case
-from ..cases.figure_block import BODY_AXES, FORMULA
+from ..cases.derived import (
+    BODY_AXES,
+    COMPONENTS,
+    DERIVED,
+    PARTS,
+    constants_of,
+    missing,
+)
+from ..cases.figure_block import FORMULA
 from ..cases.sweep_block import AXIS_LABELS
 from ..integration.crossings import Crossing
 from ..models import rigid_body
@@ -26,8 +32,9 @@ from ..models.rigid_body import BodyFrame
 from ..models.top.nutation import first_integrals
 from ..models.top.torques import with_mu
 from ..schema.expression import Tree, parse_expression
+from ..storage.group import Attribute, Variable
 from ..storage.provenance import typed
-from .in_space import OF_ATTITUDE
+from .in_space import ANGLES_THAT_TURN, OF_ATTITUDE
 from .layout import CROSSING_COLUMNS, EVENT_COLUMNS
 from .units import INERTIA, units_of_case
 
@@ -66,22 +73,43 @@ class Motion:
         return self.case.name
 
     def __getitem__(self, variable: str) -> np.ndarray:
-        """Values over time (n,): a stored variable, a name of `QUANTITIES`, or a component such as
+        """Values over time (n,): a stored variable, a quantity of `DERIVED`, or a component such as
         "omega.x1".
 
         Raises HodoError if the case has no such variable.
         """
         if self._over_time(variable):
             return self.stored(variable)
-        name, _, axis = variable.partition(".")
-        try:
-            if variable in QUANTITIES:
-                return QUANTITIES[variable](self)
-            if axis in BODY_AXES and name in self.vectors:
-                return self.component(name, axis)
-        except KeyError as missing:
-            raise HodoError(f"case {self.name} has no {missing}, which {variable} needs") from None
-        raise HodoError(f"case {self.name} has no variable {variable!r}: {self._hint(name)}")
+        name, _, part = variable.partition(".")
+        if part in BODY_AXES and name in self.vectors:
+            return self.component(name, part)
+        dims = self.data[name].dims if name in self.data else ()
+        if dims[:1] == ("time",) and part in (parts := PARTS.get("".join(dims[1:]), ())):
+            return self.stored(name)[:, parts.index(part)]
+        if variable not in COMPONENTS:
+            raise HodoError(f"case {self.name} has no variable {variable!r}: {self._hint(name)}")
+        values = self.quantity(name)
+        return values[:, PARTS[DERIVED[name].dim].index(part)] if part else values
+
+    def quantity(self, name: str) -> np.ndarray:
+        """A quantity of `DERIVED` (n,), or (n, 3) where it has components, from what is stored;
+        angles that turn on are unwrapped, by less than half a turn from sample to sample.
+
+        Raises HodoError if the case lacks what it needs.
+        """
+        if lacks := missing(name, self._sources):
+            raise HodoError(f"case {self.name} has no {lacks!r}, which {name} needs")
+        values = QUANTITIES[name](self)
+        if name in ANGLES_THAT_TURN:
+            known = np.isfinite(values)
+            values[known] = np.unwrap(values[known])
+        return values
+
+    def derived_variable(self, name: str) -> Variable:
+        """A quantity of `DERIVED` as it is stored."""
+        quantity = DERIVED[name]
+        words: dict[str, Attribute] = {"long_name": quantity.long_name, "units": quantity.units}
+        return Variable(quantity.dims, self.quantity(name), words)
 
     def stored(self, name: str) -> np.ndarray:
         """The values of a stored variable. Raises KeyError if it is not stored."""
@@ -125,14 +153,14 @@ class Motion:
         """The units of a variable or quantity in the units of the case; "1" for a number."""
         name = variable.partition(".")[0]
         attrs = self.data[name].attrs if name in self.data else {}
-        return units_of_case(str(attrs.get("units", UNITS.get(name, "1"))), self.case)
+        return units_of_case(str(attrs.get("units", units_in_words(name))), self.case)
 
     def lacks_unit(self, variable: str) -> bool:
         """Whether nothing says what units a quantity has: it carries a moment of inertia, and only
         the time of its case has a unit."""
         name, case = variable.partition(".")[0], self.case
         label = case.system.variables.get(name)
-        words = label.units if label else UNITS.get(name, "1")
+        words = label.units if label else units_in_words(name)
         return INERTIA in words and case.inertia_unit == "1" != case.time.unit
 
     @cached_property
@@ -196,16 +224,13 @@ class Motion:
             )
         has = [f"{vector}.{axis}" for vector in self.vectors for axis in BODY_AXES]
         has += [str(name) for name in self.data if name != "time" and self._over_time(str(name))]
-        return f"it has {', '.join([*has, *self._derived()])}"
+        has += [x for x in COMPONENTS if not missing(x.partition(".")[0], self._sources)]
+        return f"it has {', '.join(dict.fromkeys(has))}"
 
-    def _derived(self) -> list[str]:
-        """The names of `QUANTITIES` that this case has what they need for."""
-        names = []
-        for name, quantity in QUANTITIES.items():
-            with suppress(KeyError, HodoError):
-                quantity(self)
-                names.append(name)
-        return [name for name in names if not self._over_time(name)]
+    @cached_property
+    def _sources(self) -> set[str]:
+        """The variables and constants that it has for quantities to follow from."""
+        return {*map(str, self.data)} | constants_of(self.case.system, self.case.data)
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -468,37 +493,10 @@ QUANTITIES: dict[str, Derive] = {
     "H": lambda m: _first_integral(m, "H"),
     **OF_ATTITUDE,
 }
-"""Quantities over time (n,) by name, from the stored variables of a motion that stores none of this
-name. Each raises KeyError with the stored variable that it needs and the case does not have."""
+"""How each quantity of `DERIVED` follows from a motion that has what it needs: (n,), or (n, 3)
+where it has components."""
 
-UNITS = {
-    "p": "1/time",
-    "q": "1/time",
-    "r": "1/time",
-    "G": "moment of inertia / time",
-    "G2": "moment of inertia^2 / time^2",
-    "T": "moment of inertia / time^2",
-    "J": "moment of inertia",
-    "D": "moment of inertia^2 / time^2",
-    "D/2T": "moment of inertia",
-    "x1_direction": "1",
-    "tilt": "rad",
-    "separatrix_distance": "1",
-    "speed": "1/time",
-    "x": "1/time^2",
-    "y": "1/time^2",
-    "Gz": "moment of inertia / time",
-    "H": "moment of inertia / time^2",
-    "G_space": "moment of inertia / time",
-    "total_space": "moment of inertia / time",
-    "omega_space": "1/time",
-    "x1_space": "1",
-    "x2_space": "1",
-    "x3_space": "1",
-    "attitude": "1",
-    "psi": "rad",
-    "theta": "rad",
-    "phi": "rad",
-}
-"""The units of `QUANTITIES` in words, of components by their vector; stored variables have their
-own."""
+
+def units_in_words(name: str) -> str:
+    """The units of a quantity of `DERIVED`, or of a component of one; "1" for any other name."""
+    return DERIVED[name].units if name in DERIVED else "1"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cases.figure_block import KINDS_IN_SPACE
-from .in_space import ANGLES_IN_SPACE
+from .in_space import EULER_ANGLES
 from .motion import Motion
 
 # A polygon of 24 sides is a circle to within 0.9 % of its radius, some widths of a line.
@@ -85,7 +85,7 @@ OSCILLATING = ("p", "q", "r", "x", "y", "x1_direction")
 
 def oscillates(name: str) -> bool:
     """Whether a quantity oscillates with the turns, and does not follow their mean."""
-    return name in OSCILLATING or name in ANGLES_IN_SPACE or "." in name
+    return name in OSCILLATING or name in EULER_ANGLES or "." in name
 
 
 def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[str]:
@@ -96,7 +96,7 @@ def coarse_curves(spec: Mapping[str, Any], motions: Sequence[Motion]) -> list[st
         return []
     limit = OSCILLATION if kind == "series" else LARGEST_TURN
     # The angles count the turns of the body in space, of which few samples lose whole ones.
-    in_space = kind in KINDS_IN_SPACE or any(name in ANGLES_IN_SPACE for name in names)
+    in_space = kind in KINDS_IN_SPACE or any(name in EULER_ANGLES for name in names)
     remarks = [
         coarse(motion, samples_within(motion, spec.get("span")), limit, in_space)
         for motion in motions

@@ -11,11 +11,11 @@ import numpy as np
 
 from .. import HodoError
 from ..cases.case import Case
-from ..cases.figure_block import BODY_AXES
+from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, missing
 from ..cases.sweep_block import path_of
 from ..models.rigid_body import BodyFrame
-from ..results.dataset import case_in, ordered, sorted_along, sweep_axes, swept_names
-from ..results.motion import wrong_labels
+from ..results.dataset import case_in, labelled, ordered, sorted_along, sweep_axes, swept_names
+from ..results.motion import QUANTITIES, Motion, wrong_labels
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,6 +31,9 @@ def round_degrees(angle: float) -> float | None:
     rounded = round(degrees, 6)
     return rounded if abs(degrees - rounded) <= 4 * math.ulp(degrees) else None
 
+
+KEYS_OF_MOTION = ("initial", "attitude", "damping", "resistance")
+"""The keys that change a motion and not what follows from its variables."""
 
 EQUAL_STEPS = 1e-9
 """How much, relative to them, steps or ratios along an axis may differ that count as even."""
@@ -131,26 +134,57 @@ class SweepView:
         """A variable, component or share over all axes, the same along one that it does not have,
         and the words of a label: none of a number."""
         name, _, word = variable.partition(".")
-        column = self._stored(name)
+        column = self.variable(name)
         column = column.expand_dims({a: n for a, n in self.axes.items() if a not in column.dims})
         words = str(column.attrs.get("flag_meanings", "")).split()
         labels = dict(zip(words, column.attrs.get("flag_values", ()), strict=False))
+        dim = next((str(dim) for dim in column.dims if dim in PARTS), "")
         # By their coordinate, wherever they stand.
-        components = [*map(str, self.data["axis"].data)] if "axis" in column.dims else []
+        components = [*map(str, column[dim].data)] if dim else []
         if word in labels:
             return (column == labels[word]).astype(float), []
         if word in components:
-            return column.isel(axis=components.index(word)), []
+            return column.isel({dim: components.index(word)}), []
         if word or set(column.dims) > self.axes.keys():
             has = ", ".join(f"{name}.{choice}" for choice in words or components) or name
             raise HodoError(f"the sweep has no {variable!r}: it has {has}")
         return column.astype(float), words
 
-    def _stored(self, name: str) -> "xr.DataArray":
+    def variable(self, name: str) -> "xr.DataArray":
+        """A stored variable, or a quantity that follows from those. Raises HodoError if there is
+        none of this name."""
+        if name not in self.data and name in DERIVED:
+            return self.derived(name)
         if name not in self.data:
             has = [str(key) for key, v in self.data.items() if self.axes.keys() <= {*v.dims}]
             raise HodoError(f"the sweep has no variable {name!r} (it has: {', '.join(has)})")
         return self.data[name]
+
+    def derived(self, name: str) -> "xr.DataArray":
+        """A quantity of `DERIVED` at the ends of the members, by what is stored of them.
+
+        Raises HodoError if the sweep lacks what it needs.
+        """
+        ends = {str(key): v for key, v in self.data.variables.items() if "time" not in v.dims}
+        sources = {*ends} | constants_of(self.case.system, self.case.data)
+        if lacks := missing(name, sources):
+            raise HodoError(f"the sweep has no {lacks!r}, which {name} needs")
+        bodies = [
+            axis
+            for axis in self.axes
+            if any(path_of(key)[0] not in KEYS_OF_MOTION for key in self.keys(axis))
+        ]
+        others = [axis for axis in self.axes if axis not in bodies]
+        pieces = []
+        for index in np.ndindex(*(self.axes[axis] for axis in bodies)):
+            at = dict(zip(bodies, index, strict=True))
+            # The members of one body, as the samples of a motion.
+            flat = self.data[[*ends]].isel(at).stack(time=others, create_index=False)
+            motion = Motion(self.at(at), flat.transpose("time", ...).variables)
+            pieces.append(QUANTITIES[name](motion))
+        sizes = [self.axes[axis] for axis in (*bodies, *others)]
+        values = np.array(pieces).reshape(*sizes, *pieces[0].shape[1:])
+        return labelled(name, values, (*bodies, *others), self.case).transpose(*self.axes, ...)
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
         """This sweep with a variable as its distance from one of another sweep of the same axes;
@@ -158,7 +192,7 @@ class SweepView:
 
         Raises HodoError unless the sweeps have them, over as many members.
         """
-        a, b = self._stored(variable), other._stored(against)
+        a, b = self.variable(variable), other.variable(against)
         if a.shape != b.shape:
             raise HodoError(f"the sweeps have {a.shape} and {b.shape} values of {variable!r}")
         apart = a.data != b.data if "flag_meanings" in a.attrs else np.abs(a.data - b.data)

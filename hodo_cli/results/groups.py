@@ -1,0 +1,95 @@
+"""A case as it is stored: the groups that `run` and `classify` write."""
+
+from ..cases.case import Case
+from ..integration.classify import Classification
+from ..integration.trajectory import Trajectory
+from ..models.rigid_body import BodyFrame
+from ..storage.group import Group, Variable
+from .layout import (
+    AXIS_FLAGS,
+    INNER,
+    Stored,
+    case_attributes,
+    case_variables,
+    inner_coordinates,
+    label_variables,
+    with_units,
+)
+from .motion import Motion
+from .units import sentence_of_case
+
+PRINCIPAL = {
+    "principal_axes": Stored(
+        "principal axis of inertia, in the axes of the case", ("principal", "axis")
+    ),
+    "principal_moments": Stored(
+        "principal moment of inertia", ("principal",), units="moment of inertia"
+    ),
+}
+"""What is stored of a body that is given by its full tensor of inertia: labels name these axes."""
+
+GROWTH_RATE = Stored(
+    "rate at which a small tilt away from the axis grows, on the mean over a turn",
+    ("axis",),
+    units="1/time",
+)
+
+FINAL_AXIS = Stored("axis enclosed in the end, predicted from the data", (), "i1", flags=AXIS_FLAGS)
+
+
+def principal_variables(case: Case) -> dict[str, Variable]:
+    """The principal axes and moments of a body that is given by its full tensor of inertia."""
+    body = case.system
+    if not isinstance(body, BodyFrame) or body.principal_axes is None:
+        return {}
+    values = body.principal_axes, body.moments
+    stored = {
+        name: kind.holding(x) for (name, kind), x in zip(PRINCIPAL.items(), values, strict=True)
+    }
+    # The components of what else is stored are not along these.
+    axis = INNER["axis"][0]._replace(long_name="axis of the body, as the case gives it")
+    return stored | inner_coordinates(stored.values()) | {"axis": axis.holding(INNER["axis"][1])}
+
+
+def case_group(trajectory: Trajectory, mark: str) -> Group:
+    """A case as it is stored, with `mark` for its hash."""
+    case = trajectory.case
+    attributes = case_attributes(
+        case,
+        mark,
+        method=trajectory.method,
+        method_reason=trajectory.method_reason,
+        tol=trajectory.tol,
+        steps=trajectory.steps,
+        run_time=trajectory.run_time,
+        error=trajectory.error,
+        error_kind=trajectory.error_kind,
+        status=trajectory.status,
+        message=trajectory.message,
+        warnings="\n".join(trajectory.warnings),
+    )
+    labels, values, store = case.system.variables, trajectory.variables, case.store
+    kept = {name: data for name, data in values.items() if not store or name in store}
+    variables = case_variables(
+        labels, trajectory.time, kept, trajectory.events, trajectory.errors
+    ) | principal_variables(case)
+    if derived := [name for name in store if name not in labels]:
+        motion = Motion(case, case_variables(labels, trajectory.time, values, (), {}))
+        variables |= {name: motion.derived_variable(name) for name in derived}
+        variables |= inner_coordinates(variables.values()) | principal_variables(case)
+    return Group(attributes, with_units(variables, case))
+
+
+def label_group(labelled: Classification, case: Case) -> Group:
+    """The group that `classify` adds to a stored case."""
+    variables = label_variables(labelled.labels, labelled.crossings)
+    if labelled.growth is not None:
+        variables["growth_rate"] = GROWTH_RATE.holding(labelled.growth)
+        variables |= inner_coordinates(variables.values())
+    if labelled.final is not None:
+        variables["final_axis"] = FINAL_AXIS.holding(labelled.final)
+    texts = {
+        "classify_warnings": "\n".join(labelled.warnings),
+        "predictions": "\n".join(sentence_of_case(words, case) for words in labelled.predictions),
+    }
+    return Group(texts, with_units(variables, case))
