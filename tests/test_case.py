@@ -266,7 +266,7 @@ LINES = [
         (r'note: "a\0b"', 11, ".note: control characters are not allowed in text"),
         ("store: {a: 1}", 12, ".store: expected a name or a list of names, got a mapping"),
         ("store: [omega, omga]", 20,
-         ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega)"),
+         ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega, p, q, "),
         ("sweep: 3", 12, ".sweep: expected a mapping of keys (damping.2) to {linspace: [first, "
                          "last, number]}, logspace, "
          "values, zip or sphere, got 3"),
@@ -1007,8 +1007,8 @@ def test_a_figure_may_name_every_derived_quantity() -> None:
          "to be drawn, end_axis.x1, end_axis.x2, end_axis.x3"),
         ("{kind: map, cases: grid, variable: end_axis.y, x: damping.2, y: damping.0}",
          "figures.f.variable: end_axis is a label"),
-        ("{kind: map, cases: grid, variable: p, x: damping.2, y: damping.0}",
-         "figures.f.variable: unknown variable 'p'"),
+        ("{kind: map, cases: grid, variable: P, x: damping.2, y: damping.0}",
+         "figures.f.variable: unknown variable 'P'"),
         ("{kind: map, cases: paths, variable: omega.x1, x: damping.2, y: damping.0}",
          "figures.f.variable: unknown variable 'omega.x1'"),
         ("{kind: series, cases: [one, late], variables: [T]}",

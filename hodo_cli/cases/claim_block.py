@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ from ..schema.kinds import (
     unknown_names,
     within,
 )
-from .derived import COMPONENTS
+from .derived import COMPONENTS, DERIVED, constants_of, missing
 from .figure_block import FORMULA
 from .sweep_block import SWEEP, axes_of, check_axes
 
@@ -381,6 +381,7 @@ def _check_entry(section: str, entry: Mapping[str, Any], case_of: CaseOf) -> Ite
         cases, mistakes = _check_cases(named, case_of, is_swept=check["kind"] == "average")
         yield from within(prefix, mistakes)
         yield from within(paths["check"], _check_models(check, cases))
+        yield from within(paths["check"], _check_quantities(check, cases, is_stored=not over))
         yield from within(paths["over"], _check_over(over or {}, cases))
         yield from _check_members(reading, over)
 
@@ -425,6 +426,22 @@ def _check_models(check: Mapping[str, Any], cases: Iterable[Any]) -> Iterator[Mi
         if paper_check and paper_check.models and case.model not in paper_check.models:
             models = " or ".join(paper_check.models)
             yield ("name",), f"is for cases of model {models}, and {case.name} is {case.model}"
+
+
+def _check_quantities(
+    check: Mapping[str, Any], cases: Iterable[Any], is_stored: bool
+) -> Iterator[Mistake]:
+    """The mistakes of a check of quantities that do not follow from what its cases store, or from
+    the variables of the model for cases that no result stores."""
+    named = check.get("of", ())
+    names = [named] if isinstance(named, str) else [*named, *check.get("values", ())]
+    for case, name in product(cases, names):
+        variables = (case.store if is_stored else ()) or case.system.variables
+        sources = {*variables, *constants_of(case.system, case.data)}
+        base = name.partition(".")[0]
+        if base in DERIVED and base not in sources and (lacks := missing(base, sources)):
+            yield (), f"case {case.name} stores no {lacks}, which {name} needs"
+            return
 
 
 def _check_members(reading: Mapping[str, Any], over: Any) -> Iterator[Mistake]:

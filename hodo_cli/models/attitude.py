@@ -19,6 +19,9 @@ from .theory.attitude import composed, free_attitude, product
 
 KEY = "attitude"
 
+SEQUENCE = "ZXZ"
+"""The sequence of Euler's angles where none is named: precession, nutation, spin."""
+
 ATTITUDE = Key(
     Either(
         Choice("yes", "no"),
@@ -35,7 +38,7 @@ ATTITUDE = Key(
                     Text(),
                     "axes of the angles: capitals are body axes, small letters space axes, as of"
                     " SciPy's Rotation",
-                    default="ZXZ",
+                    default=SEQUENCE,
                 ),
                 "align": Key(
                     Choice("G"), "G: the space axis z lies along G at the start", default=None
@@ -92,6 +95,8 @@ def check_attitude(form: type[Model], data: Mapping[str, Any]) -> Iterator[Mista
         yield (KEY,), f"give one of initial, euler and align, not {' and '.join(ways) or 'none'}"
     if attitude["initial"] is not None and not any(attitude["initial"]):
         yield (KEY, "initial"), "a quaternion of length 0 is no attitude"
+    elif attitude["euler"] is None and attitude["sequence"] != SEQUENCE:
+        yield (KEY, "sequence"), "orders the angles of `euler`, which is not there"
     if not re.fullmatch(r"(?!.*(.)\1)([XYZ]{3}|[xyz]{3})", attitude["sequence"]):
         message = "expected three of X, Y, Z or of x, y, z, no two neighbours equal"
         yield (KEY, "sequence"), f"{message}, got {attitude['sequence']!r}"
@@ -238,7 +243,12 @@ class Oriented(Model, LookedUp):
 
     @property
     def warnings(self) -> list[str]:
-        return [*super().warnings, *attitude_warnings(self.attitude)]
+        found = [*super().warnings, *attitude_warnings(self.attitude)]
+        if isinstance(self.attitude, Mapping) and self.attitude["align"]:
+            momentum = self.momentum(np.array(self.start[:3]))  # type: ignore[attr-defined]
+            if not momentum.any():
+                found.append("without a G at the start, z lies along x3 there")
+        return found
 
 
 def attitude_warnings(attitude: Any) -> list[str]:

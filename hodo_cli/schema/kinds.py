@@ -337,6 +337,9 @@ class Choice(Kind):
             return str(value)
         raise expected(self, value, nearest(value, self.names) if isinstance(value, str) else "")
 
+    def takes(self, value: Any) -> bool:
+        return isinstance(value, str)
+
     def schema(self) -> dict[str, Any]:
         return {"enum": list(self.names)}
 

@@ -1,0 +1,166 @@
+"""Quantities that follow from what is stored: named in case files, asked of datasets, in
+statements and of sweeps."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Hodo
+from scipy.spatial.transform import Rotation
+
+import hodo_cli
+from hodo_cli import HodoError
+from hodo_cli.cases.config import parse
+from hodo_cli.cases.derived import COMPONENTS, DERIVED
+
+BODY: dict[str, Any] = {
+    "model": "torques",
+    "inertia": [1, 0.8, 0.6],
+    "damping": 0.003,
+    "kappa": 0.02,
+    "attitude": "yes",
+    "initial": {"p": 0.8, "q": 0.5, "r": 0.74},
+    "time": {"end": 20, "samples": 101, "unit": "s"},
+    "inertia_unit": "kg m^2",
+}
+NO_TOP = [name for name in DERIVED if name not in ("Gz", "H")]
+
+
+def test_what_is_stored_is_what_is_derived() -> None:
+    whole = hodo_cli.run(BODY)
+    stored = hodo_cli.run({**BODY, "store": NO_TOP})
+    derived = hodo_cli.derive(whole, *NO_TOP)
+    assert "omega" not in stored
+    assert stored.attrs["error"] == whole.attrs["error"]
+    for name in NO_TOP:
+        np.testing.assert_array_equal(stored[name], derived[name])
+        assert stored[name].dims == derived[name].dims
+        assert stored[name].attrs == derived[name].attrs
+    assert stored.G_space.attrs["units"] == "kg m^2/s"
+    turned = Rotation.from_quat(whole.attitude.data, scalar_first=True)
+    G = turned.apply(whole.omega.data * BODY["inertia"])
+    np.testing.assert_allclose(stored.G_space, G, atol=1e-15)
+    np.testing.assert_allclose(Rotation.from_rotvec(stored.rotation.data).as_matrix(),
+                               turned.as_matrix(), atol=1e-14)  # fmt: skip
+    # What is stored alone is drawn alone.
+    hodo_cli.plot(stored, kind="series", variables=["G_space.z", "rotation.x", "psi", "T"])
+
+
+def test_a_file_holds_them(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    hodo_cli.run({**BODY, "store": ["G_space", "psi"]}, to=path)
+    data = hodo_cli.open(path)["case"]
+    assert data.G_space.dims == ("time", "space")
+    assert [*data.space.data] == ["x", "y", "z"]
+    assert {*data.data_vars} >= {"G_space", "psi"}
+
+
+def test_of_a_sweep_they_are_those_of_its_members() -> None:
+    """Over bodies, whose momenta differ, and over starts."""
+    ranges = {
+        "inertia.2": {"values": [0.6, 0.7]},
+        "initial.p": {"values": [0.5, 0.8, 0.9]},
+        "kappa": {"values": [0.01, 0.02]},
+    }
+    case = {**BODY, "attitude": {"align": "G"}}
+    names = ["total_space", "x3_space", "psi", "T", "rotation"]
+    swept = hodo_cli.derive(hodo_cli.sweep({**case, "sweep": ranges}), *names)
+    for i, j, k in np.ndindex(2, 3, 2):
+        values = [entry["values"][n] for entry, n in zip(ranges.values(), (i, j, k), strict=True)]
+        one = {
+            **case,
+            "inertia": [1, 0.8, values[0]],
+            "initial": {**case["initial"], "p": values[1]},
+            "kappa": values[2],
+        }
+        single = hodo_cli.derive(hodo_cli.run(one, classify=False), *names).isel(time=-1)
+        member = swept.isel({"inertia.2": i, "initial.p": j, "kappa": k})
+        for name in names:
+            off = np.asarray(member[name] - single[name])
+            # An angle of a member is at most half a turn.
+            off = np.angle(np.exp(1j * off)) if name == "psi" else off
+            assert np.abs(off).max() < 1e-12, name
+
+
+SWEPT = """
+cases:
+  one: {model: linear-diag, inertia: [1, 0.8, 0.6], attitude: {align: G}, time: {end: 30},
+        initial: {p: 0.8, q: 0.5, r: 0.74}}
+  some: {model: linear-diag, inertia: [1, 0.8, 0.6], attitude: {align: G}, time: {end: 30},
+         initial: {p: 0.8, q: 0.5, r: 0.74}, sweep: {initial.p: {linspace: [0.7, 0.8, 3]}}}
+figures:
+  parts: {kind: curve, cases: some, variable: attitude.a, x: initial.p}
+  axis: {kind: curve, cases: some, variable: x3_space.z, x: initial.p}
+claims:
+"""
+
+
+@pytest.mark.parametrize("check", [
+    "{kind: conserved, of: [G_space.z]}", "{kind: monotone, of: [psi], sense: rises}",
+    "{kind: bound, of: theta, at: always, least: 0, most: 3}",
+])  # fmt: skip
+def test_statements_and_maps_of_what_moves_in_space(tmp_path: Path, check: str, hodo: Hodo) -> None:
+    claim = f"{{id: a, where: b, statement: c, cases: [one], check: {check}, expect: reproduced}}"
+    (tmp_path / "a.yaml").write_text(f"{SWEPT}  - {claim}\n")
+    for command in ("run", "claims", "plot"):
+        done = hodo(command, "a.yaml")
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "runs" / "figures" / "a" / "axis.png").exists()
+
+
+@pytest.mark.parametrize(("case", "message"), [
+    ("store: [psi]", "case.store.0: psi needs attitude, which this case does not have"),
+    ("attitude: yes, store: [omega, total_space]",
+     "case.store.1: total_space needs kappa, which this case does not have"),
+    ("attitude: yes, store: [G_spac]", "unknown variable 'G_spac'; did you mean 'G_space'?"),
+    ("attitude: yes, store: [psi], sweep: {initial.p: {values: [1, 2]}}",
+     "case.store.0: figures and averages derive psi of what a sweep stores"),
+    ("attitude: {euler: [0, 0, 0], initial: [1, 0, 0, 0]}",
+     "case.attitude: give one of initial, euler and align, not initial and euler"),
+    ("attitude: {align: G, sequence: xyz}",
+     "case.attitude.sequence: orders the angles of `euler`, which is not there"),
+    ("attitude: 3", "case.attitude: expected yes or no, or a mapping of initial, euler, sequence"),
+])  # fmt: skip
+def test_what_cannot_be_stored_is_named_when_the_file_is_read(case: str, message: str) -> None:
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}, time: {end: 1}"
+    with pytest.raises(HodoError) as raised:
+        parse(f"cases:\n  case: {{{body}, {case}}}\n", "a.yaml")
+    assert message in str(raised.value)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(("entry", "message"), [
+    ("figures: {f: {kind: series, cases: one, variables: [psi]}}",
+     "figures.f.variables.0: case one stores no attitude, which psi needs: write `attitude: yes`"),
+    ("figures: {f: {kind: series, cases: moves, variables: [total_space.x]}}",
+     "figures.f.variables.0: case moves stores no kappa, which total_space.x needs"),
+    ("figures: {f: {kind: series, cases: moves, variables: [G_space]}}",
+     "G_space is a vector: name a component, G_space.x, G_space.y, G_space.z"),
+    ("figures: {f: {kind: body, cases: moves, moments: [0, 31]}}",
+     "figures.f.moments.1: 31 is no time of case moves, shown from 0 to 30"),
+    ("figures: {f: {kind: body, cases: moves, span: [3, 5], moments: [1]}}",
+     "figures.f.moments.0: 1 is no time of case moves, shown from 3 to 5"),
+    ("claims: [{id: a, where: b, statement: c, cases: [one], expect: reproduced, check: "
+     "{kind: conserved, of: [G_space.z]}}]",
+     "claims.0.check: case one stores no attitude, which G_space.z needs"),
+])  # fmt: skip
+def test_what_cannot_be_derived_is_named_when_the_file_is_read(entry: str, message: str) -> None:
+    body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}"
+    body += ", time: {end: 30}"
+    cases = f"cases:\n  one: {{{body}}}\n  moves: {{{body}, attitude: yes}}\n"
+    with pytest.raises(HodoError) as raised:
+        parse(f"{cases}{entry}\n", "a.yaml")
+    assert message in str(raised.value)
+
+
+def test_a_dataset_that_lacks_what_is_asked_of_it_says_so() -> None:
+    free = hodo_cli.run({**BODY, "attitude": "no"})
+    with pytest.raises(HodoError, match="case case has no 'attitude', which psi needs"):
+        hodo_cli.derive(free, "psi")
+    with pytest.raises(HodoError, match="unknown quantity 'Gspace'; did you mean 'G_space'"):
+        hodo_cli.derive(free, "Gspace")
+
+
+def test_every_component_belongs_to_a_quantity() -> None:
+    assert {name.partition(".")[0] for name in COMPONENTS} == set(DERIVED)
