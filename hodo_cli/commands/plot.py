@@ -226,6 +226,28 @@ class Folder:
         """The figures that were asked for, in that order, when all are drawn."""
         return [self.drawn[name] for name in self._chosen]
 
+    @property
+    def shown(self) -> list[DrawnFigure]:
+        """The figures as the page shows them: with their files of other formats, too."""
+        return [
+            drawn if drawn.problem else replace(drawn, files=(*drawn.files, *self._others(drawn)))
+            for drawn in self.figures
+        ]
+
+    def _others(self, drawn: DrawnFigure) -> list[Path]:
+        """The files of a figure in formats that were asked for before, as they would be now."""
+        files = (self.path / file for file in self.record if Path(file).stem == drawn.name)
+        return [
+            file
+            for file in files
+            if file not in drawn.files and file.exists() and self._is_current(drawn.name, file.name)
+        ]
+
+    def _is_current(self, name: str, file: str) -> bool:
+        """Whether a file of a figure is as it would be drawn."""
+        entry = self.record.get(file, NEVER_DRAWN)
+        return bool(entry["digest"] == self._digest(name, entry["cases"], file))
+
     def add(self, drawn: DrawnFigure) -> None:
         """Take in a figure that has just been drawn."""
         self.drawn[drawn.name] = drawn
@@ -237,10 +259,9 @@ class Folder:
 
     def _kept(self, name: str) -> DrawnFigure | None:
         """A figure all of whose files are as they would be drawn; None if one is not."""
-        entries = {file: self.record.get(file, NEVER_DRAWN) for file in self._files(name)}
-        for file, entry in entries.items():
-            if entry["digest"] != self._digest(name, entry["cases"], file):
-                return None
+        if not all(self._is_current(name, file) for file in self._files(name)):
+            return None
+        entries = {file: self.record[file] for file in self._files(name)}
         # A kind that does not move has no film.
         files = tuple(self.path / file for file in entries if (self.path / file).exists())
         messages = dict.fromkeys(line for entry in entries.values() for line in entry["warnings"])
@@ -278,7 +299,7 @@ def page_digest(out: Path, folders: Sequence[Folder]) -> str:
     figures = [
         (drawn.name, [file.name for file in drawn.files], drawn.problem)
         for folder in folders
-        for drawn in folder.figures
+        for drawn in folder.shown
     ]
     files = [*sorted(out.glob(f"*/{PAGE_DATA}")), out / PAGE_FILE]
     checksums = [checksum for folder in folders for checksum in folder.checksums.values()]
@@ -293,7 +314,7 @@ def page_written(out: Path, folders: Sequence[Folder]) -> tuple[str, ...]:
     with warnings.catch_warnings(record=True) as caught, ExitStack() as stack:
         warnings.simplefilter("always")
         results = [
-            PageResult(stack.enter_context(open_cases(of.result)), of.config, of.figures)
+            PageResult(stack.enter_context(open_cases(of.result)), of.config, of.shown)
             for of in folders
         ]
         write_page(out / PAGE_FILE, results)

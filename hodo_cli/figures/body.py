@@ -6,7 +6,8 @@ here and the script of the page (`film.js`) know no more than faces, trails and 
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
@@ -18,13 +19,15 @@ from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 
 from .. import HodoError
+from ..cases.derived import SPACE_AXES
 from ..results.dataset import Cases, motions_of
 from ..results.in_space import rotations
 from ..results.motion import Motion
-from .artists import AXIS_COLOUR, BLACK, GREY, PAGE, PURPLE, RED, arrow, pair
+from .artists import AXIS_COLOUR, BLACK, GREY, HALO, PAGE, PURPLE, RED, arrow, pair
 from .files import own_page
 from .geometry import View
 from .plane import within_span
@@ -37,15 +40,25 @@ FRAMES_A_SECOND = 20
 FILM_SIZE, FILM_DPI = 4.0, 120
 """Inches of a side, and pixels an inch: even numbers of pixels, which films want."""
 
-REACH = 1.2
-"""Half the width of a picture; G is 1 where it is largest."""
+REACH, SPACE_AXIS = 1.3, 1.12
+"""Half the width of a picture, and the length of the axes of space; G is 1 where it is largest."""
+
+NAME_ROOM = 0.16
+"""How far apart the names of arrows are: the height of a letter in a narrow panel."""
+
+KEY = {
+    RED: "$G$, its hodograph on the body",
+    PURPLE: r"$\omega$, its herpolhode in space",
+    GREY: "axes of space",
+}
+"""The meanings of the colours; the axes of the body have their names."""
 
 
 @dataclass(frozen=True)
 class MovingPart:
-    """Part of a moving picture: a face of the body, the trail of a point or an arrow from the
-    centre to it, through points (n, 3) in axes of the body or of space; a point a sample, or one
-    that stays."""
+    """Part of a moving picture: a face of the body, the trail of a point, an arrow from the centre
+    to it, or an axis, which is thin; through points (n, 3) in axes of the body or of space; a point
+    a sample, or one that stays."""
 
     role: str
     of_body: bool
@@ -73,6 +86,7 @@ class Film:
             "time": self.time - self.time[0], "start": float(self.time[0]),
             "attitude": self.attitude, "parts": [*map(asdict, self.parts)],
             "view": self.view, "seconds": self.seconds, "words": self.words, "reach": REACH,
+            "room": NAME_ROOM,
         }  # fmt: skip
         return own_page("film", data, title, caption, back)
 
@@ -121,10 +135,8 @@ def body(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     rows = -(-len(moments) // columns)
     panels = sheet.panels(PAGE, rows * (PAGE / columns + 0.2), len(moments), columns)
     for axes, moment in zip(panels, moments, strict=True):
-        if not film.time[0] <= moment <= film.time[-1]:
-            times = f"from {film.time[0]:g} to {film.time[-1]:g}"
-            raise HodoError(f"moments: {moment:g} is no time of case {motion.name}, shown {times}")
         draw_moment(axes, film, int(np.abs(film.time - moment).argmin()))
+    sheet.legend = key_handles()
 
 
 def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
@@ -148,6 +160,10 @@ def film_of(motion: Motion, spec: Mapping[str, Any]) -> Film:
         MovingPart("trail", False, turned.apply(omega), PURPLE),
         MovingPart("arrow", False, turned.apply(omega), PURPLE, "ω"),
         MovingPart("arrow", False, turned.apply(G), RED, "G"),
+        *(
+            MovingPart("axis", False, SPACE_AXIS * axis[None], GREY, name)
+            for axis, name in zip(np.eye(3), SPACE_AXES, strict=True)
+        ),
     ]
     symbol, of = without_tex(f"${spec['time']}$"), motion.units("time")
     words = (f"{symbol} = ", "" if of == "1" else f" {of}")
@@ -175,6 +191,8 @@ def faces(A: np.ndarray, axes: np.ndarray) -> Iterator[MovingPart]:
 def draw_moment(axes: Axes, film: Film, i: int) -> None:
     """Draw the film's sample i into a panel."""
     view = View(film.view)
+    tips: list[np.ndarray] = []
+    arrows: list[MovingPart] = []
     for part in film.parts:
         seen = view(part.points @ film.matrices[i].T if part.of_body else part.points)
         x, y, near = seen.T
@@ -187,17 +205,43 @@ def draw_moment(axes: Axes, film: Film, i: int) -> None:
             axes.plot(x, y, color=part.colour, lw=0.5, alpha=0.3, zorder=2)
             axes.plot(x[: i + 1], y[: i + 1], color=part.colour, lw=0.9, zorder=3)
         else:
-            tip = seen[min(i, len(seen) - 1), :2]
-            arrow(axes, np.zeros(2), tip, part.colour, zorder=5)
-            axes.text(*pair(1.08 * tip), part.name, color=part.colour, ha="center", va="center")
+            tips.append(seen[min(i, len(seen) - 1), :2])
+            arrows.append(part)
+            arrow(axes, np.zeros(2), tips[-1], part.colour, zorder=2 if part.role == "axis" else 5)
+    for part, place in zip(arrows, places_of_names(tips), strict=True):
+        look = {"color": part.colour, "ha": "center", "va": "center", "path_effects": HALO}
+        name = re.sub(r"(\d)", r"_\1", part.name)
+        axes.text(*pair(place), f"${name}$", **look, zorder=6)
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal")
     axes.set_axis_off()
     axes.set_title(f"{film.words[0]}{film.time[i]:.4g}{film.words[1]}", color=BLACK)
 
 
+def places_of_names(tips: Iterable[np.ndarray]) -> list[np.ndarray]:
+    """Places (2,) beyond the tips (2,) of arrows, each so far across its arrow that it is clear of
+    those before it."""
+    places: list[np.ndarray] = []
+    for tip in tips:
+        ahead = tip / max(float(np.hypot(*tip)), math.ulp(0))
+        place, across = tip + 0.08 * ahead, np.array([ahead[1] or 1.0, -ahead[0]])
+        while any(np.hypot(*(place - other)) < NAME_ROOM for other in places):
+            place = place + NAME_ROOM * across
+        places.append(place)
+    return places
+
+
+def key_handles() -> list[Line2D]:
+    """The legend of the colours."""
+    return [Line2D([], [], color=colour, label=words) for colour, words in KEY.items()]
+
+
 def moving_artists(film: Film, figure: Figure) -> Iterator[None]:
     """Draw the pictures of a film into a figure, one after another, at even steps of time."""
-    axes = figure.add_axes((0, 0, 1, 0.94))
+    axes = figure.add_axes((0, 0.06, 1, 0.88))
+    figure.legend(
+        handles=key_handles(), loc="lower center", ncols=3, fontsize="x-small",
+        handlelength=0.8, handletextpad=0.4, columnspacing=1,
+    )  # fmt: skip
     count = max(2, round(film.seconds * FRAMES_A_SECOND))
     for moment in np.linspace(film.time[0], film.time[-1], count):
         axes.clear()

@@ -48,12 +48,12 @@ function line(part, M, first, last, width, alpha) {
   pen.stroke();
   pen.globalAlpha = 1;
 }
-function arrow(part, M, i) {
+function arrow(part, M, i, names) {
   const k = 3 * Math.min(i, part.points.length / 3 - 1), [x, y, z] = part.points.subarray(k, k + 3);
   const right = scale * (M[0][0] * x + M[0][1] * y + M[0][2] * z), up = scale * (M[1][0] * x + M[1][1] * y + M[1][2] * z);
   const angle = Math.atan2(up, right), [tipX, tipY] = [size / 2 + right, size / 2 - up];
   pen.strokeStyle = pen.fillStyle = part.colour;
-  pen.lineWidth = 3;
+  pen.lineWidth = part.role === "axis" ? 1.5 : 3;
   pen.beginPath();
   pen.moveTo(size / 2, size / 2);
   pen.lineTo(tipX, tipY);
@@ -66,7 +66,17 @@ function arrow(part, M, i) {
   pen.font = "italic 30px Georgia, serif";
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  pen.fillText(part.name, size / 2 + 1.08 * right, size / 2 - 1.08 * up);
+  // Across the arrow, so far that it is on no name before it.
+  const length = Math.hypot(right, up) || 1, room = scale * data.room / 2, ahead = 1 + 0.08 * scale / length;
+  let place = [ahead * right, ahead * up];
+  const across = [room * up / length || room, -room * right / length];
+  while (names.some(([x, y]) => Math.hypot(place[0] - x, place[1] - y) < room)) place = place.map((x, j) => x + across[j]);
+  names.push(place);
+  const name = part.name.replace(/\d/, (digit) => "₀₁₂₃"[digit]);
+  pen.lineWidth = 6;
+  pen.strokeStyle = "#ffffff";
+  pen.strokeText(name, size / 2 + place[0], size / 2 - place[1]);
+  pen.fillText(name, size / 2 + place[0], size / 2 - place[1]);
 }
 
 function draw() {
@@ -87,7 +97,8 @@ function draw() {
   }
   // The front is a veil over what is behind it.
   for (const part of role("face")) if (depth(part.points, B) > 0) face(part, B, 0.2);
-  for (const part of role("arrow")) arrow(part, of(part), i);
+  const names = [];
+  for (const part of [...role("arrow"), ...role("axis")]) arrow(part, of(part), i, names);
   const text = data.words[0] + (data.start + time[i]).toPrecision(5) + data.words[1];
   document.getElementById("time").textContent = text;
   moment.setAttribute("aria-valuetext", text);

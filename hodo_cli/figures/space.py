@@ -27,6 +27,7 @@ from .artists import (
     START,
     arrow,
     axis_label,
+    case_handles,
     colour_handles,
     heading,
     line_width,
@@ -346,8 +347,11 @@ def draw_sphere(
     axes.set(xlim=(-1.24, 1.24), ylim=(-1.12, 1.28), aspect="equal")
     axes.set_axis_off()
     motions = [curve.motion for curve in curves]
-    # Curves of one colour each have their names beside them.
-    handles = [] if spec["colour"] == "case" else colour_handles(sheet, [axes], motions, spec)
+    # The curves of a sphere have their names beside them alone.
+    by_case = spec["colour"] == "case"
+    handles = [] if by_case else colour_handles(sheet, [axes], motions, spec)
+    if by_case and spec["kind"] == "axis-trace":
+        handles = case_handles([curve.label for curve in curves], spec["styles"], solid=True)
     rotor = any(motion.rotor is not None for motion in motions)
     # Of a body with a rotor that is no sign of D, and there may be none.
     if spec["kind"] == "sphere" and (circles or not rotor):
@@ -365,10 +369,12 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
     across G."""
     motions = motions_of(cases, spec["cases"], spec["labels"])
     (axes,) = sheet.panels(COLUMN, 1.05 * COLUMN)
+    along_z = True
     for place, motion in enumerate(motions):
         omega = np.stack([motion[f"omega_space.{axis}"] for axis in SPACE_AXES], axis=-1)
         G = np.array([motion[f"G_space.{axis}"][0] for axis in SPACE_AXES])
         points = omega @ across(G).T
+        along_z &= bool(np.abs(across(G) - np.eye(2, 3)).max() < ALONG)
         sheet.record(
             motion.label,
             {"time": motion.time, **dict(zip(PLANE, points.T, strict=True))},
@@ -378,12 +384,19 @@ def herpolhode(sheet: Sheet, spec: Mapping[str, Any], cases: Cases) -> None:
         mark_points(axes, points[[0, -1]], motion.at_crossings(points))
     axes.plot(0, 0, marker="+", ms=6, color=BLACK, ls="")
     axes.autoscale_view()
-    labels = [f"$\\omega_{{{letter}}}$ {unit(motions[0], 'omega')}" for letter in "12"]
+    prime = "" if along_z else "'"
+    labels = [f"$\\omega_{{{letter}{prime}}}$ {unit(motions[0], 'omega')}" for letter in "xy"]
     axes.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     handles = colour_handles(sheet, [axes], motions, spec)
-    handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label="$G$ at the start"))
+    words = "$G$ at the start"
+    if not along_z:
+        words += "; $x'$, $y'$: $x$, $y$ turned as $z$ to it"
+    handles.append(Line2D([], [], marker="+", ms=6, color=BLACK, ls="", label=words))
     sheet.legend = handles + mark_handles(motions, spec["time"])
 
+
+ALONG = 1e-9
+"""The angle from z below which a vector lies along it."""
 
 PLANE = ("omega across G, 1", "omega across G, 2")
 """What the coordinates of a herpolhode are called in tables."""

@@ -15,7 +15,7 @@ from ..arithmetic import cos, hypot, sin
 from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
 from .base import Bound, Event, EventOutcome, Label, LookedUp, Model, Passage
 from .rigid_body import BodyFrame
-from .theory.attitude import composed, free_attitude, product
+from .theory.attitude import Turn, composed, free_attitude, product, turn_of_hodograph
 
 KEY = "attitude"
 
@@ -240,6 +240,22 @@ class Oriented(Model, LookedUp):
         free[:, 1:] = body.from_principal(free[:, 1:])
         Q = product(start[-4:].astype(free.dtype), free)
         return np.concatenate((states, Q), axis=1), exponent
+
+    @property
+    def turn(self) -> Turn | None:
+        """The turn of the hodograph of a free body; None of any other."""
+        along = getattr(self, "along_momentum", None)
+        if along is None or any(along):
+            return None
+        body = cast(BodyFrame, self)
+        return turn_of_hodograph(body.moments, body.to_principal(np.array(self.start[:3])))
+
+    def predictions(self, start: float, end: float) -> list[str]:
+        predicted = super().predictions(start, end)
+        if turn := self.turn:
+            time, angle = f"{turn.period:.9g} [time]", f"{turn.angle:.9g} rad"
+            predicted = [*predicted, f"a turn takes {time}, the body goes {angle} about G"]
+        return predicted
 
     @property
     def warnings(self) -> list[str]:

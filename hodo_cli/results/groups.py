@@ -3,6 +3,7 @@
 from ..cases.case import Case
 from ..integration.classify import Classification
 from ..integration.trajectory import Trajectory
+from ..models.attitude import Oriented
 from ..models.rigid_body import BodyFrame
 from ..storage.group import Group, Variable
 from .layout import (
@@ -27,6 +28,16 @@ PRINCIPAL = {
     ),
 }
 """What is stored of a body that is given by its full tensor of inertia: labels name these axes."""
+
+TURN = {
+    "turn_period": Stored("time of a turn of the hodograph", units="time"),
+    "turn_angle": Stored(
+        "angle by which the body turns about G in a turn of the hodograph, modulo 2 pi", units="rad"
+    ),
+    "turn_m": Stored("parameter m of the elliptic functions of the motion"),
+    "turn_nu": Stored("parameter nu of the elliptic integral of the attitude"),
+}
+"""What is stored of the hodograph of a free body with an attitude."""
 
 GROWTH_RATE = Stored(
     "rate at which a small tilt away from the axis grows, on the mean over a turn",
@@ -77,6 +88,10 @@ def case_group(trajectory: Trajectory, mark: str) -> Group:
         motion = Motion(case, case_variables(labels, trajectory.time, values, (), {}))
         variables |= {name: motion.derived_variable(name) for name in derived}
         variables |= inner_coordinates(variables.values()) | principal_variables(case)
+    if isinstance(case.system, Oriented) and (turn := case.system.turn):
+        variables |= {
+            name: kind.holding(x) for (name, kind), x in zip(TURN.items(), turn, strict=True)
+        }
     return Group(attributes, with_units(variables, case))
 
 

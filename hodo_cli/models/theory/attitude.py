@@ -18,7 +18,7 @@ Source: R. Montgomery, Am. J. Phys. 59 (1991) 394, for psi over a turn.
 """
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,8 +51,7 @@ def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarra
     signs = np.array([1, _parity(turn), 1])
     momentum = (A * omega0)[frame] * signs
     total = np.hypot.reduce(momentum)
-    weight = (A[turn.o] - A[turn.m]) / (A[turn.o] * A[turn.m])  # 1/A_m - 1/A_o
-    psi = total * (t / A[turn.o] + weight * (area - area0) / turn.n)
+    psi = _psi(A, turn, total, t, area - area0)
     y, z = np.eye(3)[1:]
     # The longitude and the angle of the start, then those of t the other way.
     attitude = product(
@@ -61,6 +60,42 @@ def free_attitude(A: np.ndarray, omega0: np.ndarray, t: np.ndarray) -> np.ndarra
     )
     attitude[..., 1 + frame] = attitude[..., 1:] * signs
     return attitude
+
+
+def _psi(A: np.ndarray, turn: FreeTurn, total: Any, t: Any, area: Any) -> Any:
+    """psi (...) after times t (...) in which J grows by `area` (...), with `total` for |G|."""
+    weight = (A[turn.o] - A[turn.m]) / (A[turn.o] * A[turn.m])  # 1/A_m - 1/A_o
+    return total * (t / A[turn.o] + weight * area / turn.n)
+
+
+class Turn(NamedTuple):
+    """A turn of the hodograph of a free body: the time that it takes, the angle psi above, by which
+    the body has turned about G then (modulo 2 pi), and the parameters of the elliptic integrals: m,
+    and nu, which depends on the body alone."""
+
+    period: float
+    angle: float
+    m: float
+    nu: float
+
+
+def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> Turn | None:
+    """The turn of the hodograph of a free body with moments A (3,), in any order, and angular
+    velocity omega0 (3,) at the start; None for a rotation about an axis, and on the separatrix,
+    where it takes for ever.
+
+    Errors are relative, and a few units of the last digit.
+    """
+    size, omega0 = in_own_units(omega0)
+    turn = free_turn(A, omega0, np.longdouble)
+    if turn is None or not turn.complementary:
+        return None
+    A = A.astype(np.longdouble)
+    quarter, area = _quarter_turn(A, turn)
+    period = 4 * quarter / turn.n
+    psi = _psi(A, turn, np.hypot.reduce(A * omega0), period, 4 * area)
+    m, nu = 1 - turn.complementary**2, _characteristic(A, turn) - 1
+    return Turn(*map(float, (np.ldexp(period, -size), psi, m, nu)))
 
 
 def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
@@ -88,45 +123,54 @@ def _rotation(axis: np.ndarray, angle: Any) -> np.ndarray:
 
 def _course(A: np.ndarray, turn: FreeTurn, omega0: np.ndarray, t: np.ndarray) -> np.ndarray:
     """The longitude of g about e, its angle from e, and J (3, n) at times t (n,), the first of them
-    0; continuous in t."""
+    0; continuous in t.
+
+    In one of four mirror images the phase u = n t + u0 grows with the longitude, and cn is positive
+    at the start. There u and J are 0 where cn = 1; they are computed in the half turn about that
+    place, to which the half turns in between are added.
+    """
     e, m, o = turn[:3]
     # Doubles, as the moments and the start were given.
     omega = free_motion(A.astype(float), omega0.astype(float), t)
     sense = np.sign(omega0[e] * turn.gyroscopic[m])
-    # J has a half turn as its period: from where cn is positive at the start the separatrix, an
-    # infinite quarter turn, is never passed.
-    ahead = -1 if omega0[o] < 0 else 1
-    wm, wo = ahead * sense * omega[:, m], ahead * omega[:, o]
+    mirror = -1 if omega0[o] < 0 else 1
+    # A component -0.0 becomes 0.0: half a turn is pi for arctan2 then, and never -pi.
+    wm, wo = mirror * sense * omega[:, m] + 0.0, mirror * omega[:, o] + 0.0
+    half_turns = np.where(wo < 0, np.where(wm < 0, -1, 1), 0)
+    whole_turns = np.zeros_like(half_turns)
     sn, cn = np.sqrt(A[m] * abs(A[m] - A[e])) * wm, np.sqrt(A[o] * abs(A[o] - A[e])) * wo
     length = np.hypot(sn, cn)
-    sn, cn = sn / length, cn / length
-    side = np.where(sn < 0, -1, 1)
-    halves = np.where(cn < 0, side, 0)
-    u, area = _integrals(A, turn, np.where(cn < 0, -sn, sn), np.abs(cn))
-    quarter, whole = _integrals(A, turn, t.dtype.type(1), t.dtype.type(0))
+    u, area = _integrals(A, turn, np.where(wo < 0, -sn, sn) / length, np.abs(cn) / length)
+    # The separatrix, k' = 0, is an infinite quarter turn, which the motion never leaves.
+    if turn.complementary:
+        quarter, area_of_quarter = _quarter_turn(A, turn)
+        u = u + 2 * quarter * half_turns
+        whole_turns = np.rint((u[0] + turn.n * t - u) / (4 * quarter))
+        area = area + 2 * area_of_quarter * (half_turns + 2 * whole_turns)
     pi = 4 * np.arctan(t.dtype.type(1))
-
-    def counted(number: Any, of_a_half: Any) -> Any:
-        return np.where(number == 0, 0, number * of_a_half)
-
-    with np.errstate(invalid="ignore"):
-        u = u + counted(halves, 2 * quarter)
-        turns = np.rint((u[0] + turn.n * t - u) / (4 * quarter))
-        area = area + counted(halves + 2 * turns, 2 * whole)
-    angle = side * np.arctan2(A[m] * np.abs(wm), A[o] * wo) + 2 * pi * turns
-    longitude = _parity(turn) * sense * angle + (pi if ahead < 0 else 0)
+    angle = np.arctan2(A[m] * wm, A[o] * wo) + 2 * pi * whole_turns
+    longitude = _parity(turn) * sense * angle + (pi if mirror < 0 else 0)
     tilt = np.arctan2(np.hypot(A[m] * wm, A[o] * wo), A[e] * omega[:, e])
     return np.stack([longitude, tilt, area])
 
 
+def _characteristic(A: np.ndarray, turn: FreeTurn) -> Any:
+    """1 + nu."""
+    e, m, o = turn[:3]
+    return A[m] * abs(A[e] - A[o]) / (A[o] * abs(A[e] - A[m]))
+
+
 def _integrals(A: np.ndarray, turn: FreeTurn, sn: Any, cn: Any) -> tuple[Any, Any]:
     """F and J (...) from 0 to where sn and cn >= 0 are these (...)."""
-    e, m, o = turn[:3]
-    ratio = A[m] * abs(A[e] - A[o]) / (A[o] * abs(A[e] - A[m]))
-    s, c = sn * sn, cn * cn
+    ratio, s, c = _characteristic(A, turn), sn * sn, cn * cn
     # The last is 1 + nu s without the rounding of nu.
     F, J = carlson(c, c + turn.complementary**2 * s, 1.0, c + ratio * s)
     return sn * F, ratio * s * sn * J / 3
+
+
+def _quarter_turn(A: np.ndarray, turn: FreeTurn) -> tuple[Any, Any]:
+    """F and J of a quarter turn: K, and J up to there."""
+    return _integrals(A, turn, A.dtype.type(1), A.dtype.type(0))
 
 
 def carlson(x: Any, y: Any, z: Any, p: Any) -> tuple[Any, Any]:
