@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
 
 from .. import HodoError
-from ..cases.figure_block import BODY_AXES
+from ..cases.derived import BODY_AXES
 from ..engines.protocol import EPS
 from ..models import rigid_body
 from ..models.rigid_body import slope
