@@ -164,3 +164,31 @@ def test_a_dataset_that_lacks_what_is_asked_of_it_says_so() -> None:
 
 def test_every_component_belongs_to_a_quantity() -> None:
     assert {name.partition(".")[0] for name in COMPONENTS} == set(DERIVED)
+
+
+@pytest.mark.parametrize(("start", "turn"), [
+    ((0.8, 0.5, 0.74),
+     (21.95563180039553, 30.43060357902780, 0.5791351351351351, 5 / 3)),
+    ((0.5, 0.25, 1.4),
+     (14.97125982945529, 17.08344977001511, 0.22897585345545379, 3 / 5)),
+])  # fmt: skip
+def test_a_free_body_stores_the_turn_of_its_hodograph(
+    start: tuple[float, ...], turn: tuple[float, ...]
+) -> None:
+    """Against values of 20 digits by a Taylor series in 176 bits; about the axis of the largest
+    moment and of the smallest, the branch of psi being that of the body's own turns after 2 pi."""
+    case = {
+        "model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": 0, "attitude": "yes",
+        "initial": dict(zip("pqr", start, strict=True)), "time": {"values": [turn[0]]},
+    }  # fmt: skip
+    data = hodo_cli.run(case)
+    names = ("turn_period", "turn_angle", "turn_m", "turn_nu")
+    assert [float(data[name]) for name in names] == pytest.approx(turn, rel=2e-15)
+    assert f"a turn takes {turn[0]:.9g}" in data.attrs["predictions"]
+    # After it the attitude is a turn about G, by this angle.
+    G = np.array(start) * case["inertia"]
+    half = turn[1] / 2
+    expected = -np.r_[np.cos(half), np.sin(half) * G / np.linalg.norm(G)]
+    np.testing.assert_allclose(data.attitude[-1], expected, atol=1e-14)
+    damped = hodo_cli.run({**case, "damping": 0.01})
+    assert "turn_period" not in damped
