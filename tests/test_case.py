@@ -266,8 +266,8 @@ LINES = [
         (r'note: "a\0b"', 11, ".note: control characters are not allowed in text"),
         ("store: {a: 1}", 12, ".store: expected a name or a list of names, got a mapping"),
         ("store: [omega, omga]", 20,
-         ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega, p, q, r, G, G2, T, J, "
-         "D, D/2T, x1_direction, tilt, separatrix_distance, speed, x, y)"),
+         ".store.1: unknown variable 'omga'; did you mean 'omega'? (valid: omega, p, q, r, "
+         "G, G2, T, J, D, D/2T, x1_direction, tilt, separatrix_distance, speed, x, y)"),
         ("sweep: 3", 12, ".sweep: expected a mapping of keys (damping.2) to {linspace: [first, "
                          "last, number]}, logspace, "
          "values, zip or sphere, got 3"),

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Wedge
 
 from .. import HodoError
-from ..cases.derived import BODY_AXES
+from ..cases.derived import BODY_AXES, SPACE_AXES
 from ..engines.protocol import EPS
 from ..models import rigid_body
 from ..models.rigid_body import slope
@@ -243,7 +243,9 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
 def largest_length(motion: Motion, variable: str) -> float:
     """The largest size of a variable; of a component, the length of its vector."""
     name, dot, part = variable.rpartition(".")
-    of_vector = next((parts for parts in (BODY_AXES, "xyz") if dot and part in parts), ())
+    # Of body axes those that a selection has left.
+    axes = motion.axes if part in BODY_AXES else SPACE_AXES
+    of_vector = axes if dot and part in axes else ()
     parts = [motion[f"{name}.{part}"] for part in of_vector] or [motion[variable]]
     return float(np.sqrt(np.square(parts).sum(axis=0)).max())
 
