@@ -29,8 +29,8 @@ from .results.dataset import (
     StoredCases,
     cases_of_file,
     dataset,
-    labelled,
     motion_from,
+    quantity_array,
     sweep_axes,
 )
 from .schema.kinds import Wrong, unknown
@@ -180,7 +180,9 @@ def derive(data: xr.Dataset, *names: str) -> xr.Dataset:
         view = SweepView.of("sweep", data)
         return data.assign({name: view.derived(name) for name in names})
     motion = motion_from(data, "case")
-    arrays = {name: labelled(name, motion.quantity(name), ["time"], motion.case) for name in names}
+    arrays = {
+        name: quantity_array(name, motion.quantity(name), ["time"], motion.case) for name in names
+    }
     # By their times, whose order in a dataset may be another.
     return data.assign({name: x.assign_coords(time=motion.time) for name, x in arrays.items()})
 

@@ -46,7 +46,7 @@ REACH, SPACE_AXIS = 1.3, 1.12
 NAME_ROOM = 0.16
 """How far apart the names of arrows are: the height of a letter in a narrow panel."""
 
-KEY = {
+COLOUR_KEY = {
     RED: "$G$, its hodograph on the body",
     PURPLE: r"$\omega$, its herpolhode in space",
     GREY: "axes of space",
@@ -232,7 +232,7 @@ def places_of_names(tips: Iterable[np.ndarray]) -> list[np.ndarray]:
 
 def key_handles() -> list[Line2D]:
     """The legend of the colours."""
-    return [Line2D([], [], color=colour, label=words) for colour, words in KEY.items()]
+    return [Line2D([], [], color=colour, label=words) for colour, words in COLOUR_KEY.items()]
 
 
 def moving_artists(film: Film, figure: Figure) -> Iterator[None]:

@@ -15,7 +15,7 @@ from ..arithmetic import cos, hypot, sin
 from ..schema.kinds import Angle, Choice, Either, Key, ListOf, Mistake, Table, Text, vector
 from .base import Bound, Event, EventOutcome, Label, LookedUp, Model, Passage
 from .rigid_body import BodyFrame
-from .theory.attitude import Turn, composed, free_attitude, product, turn_of_hodograph
+from .theory.attitude import HodographTurn, composed, free_attitude, product, turn_of_hodograph
 
 KEY = "attitude"
 
@@ -242,7 +242,7 @@ class Oriented(Model, LookedUp):
         return np.concatenate((states, Q), axis=1), exponent
 
     @property
-    def turn(self) -> Turn | None:
+    def turn(self) -> HodographTurn | None:
         """The turn of the hodograph of a free body; None of any other."""
         along = getattr(self, "along_momentum", None)
         if along is None or any(along):

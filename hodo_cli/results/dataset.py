@@ -163,7 +163,7 @@ def motion_from(data: xr.Dataset, name: str, label: str = "") -> Motion:
     return motion
 
 
-def labelled(name: str, values: np.ndarray, dims: Sequence[str], case: Case) -> xr.DataArray:
+def quantity_array(name: str, values: np.ndarray, dims: Sequence[str], case: Case) -> xr.DataArray:
     """The values of a quantity of `DERIVED` over some dimensions and its own components, with its
     meaning and units."""
     quantity = DERIVED[name]

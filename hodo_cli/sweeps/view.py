@@ -14,7 +14,14 @@ from ..cases.case import Case
 from ..cases.derived import BODY_AXES, DERIVED, PARTS, constants_of, missing
 from ..cases.sweep_block import path_of
 from ..models.rigid_body import BodyFrame
-from ..results.dataset import case_in, labelled, ordered, sorted_along, sweep_axes, swept_names
+from ..results.dataset import (
+    case_in,
+    ordered,
+    quantity_array,
+    sorted_along,
+    sweep_axes,
+    swept_names,
+)
 from ..results.motion import QUANTITIES, Motion, wrong_labels
 
 if TYPE_CHECKING:
@@ -184,7 +191,9 @@ class SweepView:
             pieces.append(QUANTITIES[name](motion))
         sizes = [self.axes[axis] for axis in (*bodies, *others)]
         values = np.array(pieces).reshape(*sizes, *pieces[0].shape[1:])
-        return labelled(name, values, (*bodies, *others), self.case).transpose(*self.axes, ...)
+        return quantity_array(name, values, (*bodies, *others), self.case).transpose(
+            *self.axes, ...
+        )
 
     def distance(self, other: "SweepView", variable: str, against: str) -> "SweepView":
         """This sweep with a variable as its distance from one of another sweep of the same axes;

@@ -68,7 +68,7 @@ def _psi(A: np.ndarray, turn: FreeTurn, total: Any, t: Any, area: Any) -> Any:
     return total * (t / A[turn.o] + weight * area / turn.n)
 
 
-class Turn(NamedTuple):
+class HodographTurn(NamedTuple):
     """A turn of the hodograph of a free body: the time that it takes, the angle psi above, by which
     the body has turned about G then (modulo 2 pi), and the parameters of the elliptic integrals: m,
     and nu, which depends on the body alone."""
@@ -79,7 +79,7 @@ class Turn(NamedTuple):
     nu: float
 
 
-def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> Turn | None:
+def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> HodographTurn | None:
     """The turn of the hodograph of a free body with moments A (3,), in any order, and angular
     velocity omega0 (3,) at the start; None for a rotation about an axis, and on the separatrix,
     where it takes for ever.
@@ -95,7 +95,7 @@ def turn_of_hodograph(A: np.ndarray, omega0: np.ndarray) -> Turn | None:
     period = 4 * quarter / turn.n
     psi = _psi(A, turn, np.hypot.reduce(A * omega0), period, 4 * area)
     m, nu = 1 - turn.complementary**2, _characteristic(A, turn) - 1
-    return Turn(*map(float, (np.ldexp(period, -size), psi, m, nu)))
+    return HodographTurn(*map(float, (np.ldexp(period, -size), psi, m, nu)))
 
 
 def composed(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, ...]:
