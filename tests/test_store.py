@@ -256,6 +256,7 @@ def test_other_readers(path: Path, reader: str) -> None:
                 for key, value in item.attributes.items()
             }
             assert read[name]["attributes"].pop("checksum").startswith("sha256:")
+            assert read[name]["attributes"].pop("listed").startswith("{")
             np.testing.assert_equal(read[name]["attributes"], attributes)
             assert read[name]["variables"] == {
                 key: [
@@ -903,6 +904,34 @@ def test_update_reads_a_case_once_unless_the_result_is_replaced(
             others.write("b", Group({"warnings": "theirs"}, {"more": Variable((), np.array(1.0))}))
     with open_run(path) as run:
         assert {"more", "enclosed_axis"} <= run.read("b").variables.keys()
+
+
+def test_summaries_are_the_attributes_as_they_are_stored(path: Path) -> None:
+    """A copy of the short ones serves while the file vouches for it, and never one that another
+    program has written."""
+    odd = {"tiny": 5e-324, "none": np.nan, "many": 2**62, "text": 'a"\n\ud800\0'}
+    array = {"levels": np.array([0.5, 1.0]), "count": np.int64(7), "long": "x" * 5000}
+    attributes = {**group().attributes, **odd, **array}
+    write(path, {"a": replace(group(), attributes=attributes), "b": group()})
+
+    def summaries() -> list[str]:
+        with open_run(path) as run:
+            whole = run.summary("a")
+            assert "listed" not in whole
+            picked = run.summary("a", ["lacking", *reversed(whole)])
+            assert [*picked] == [*reversed(whole)]
+            return [repr({key: found[key] for key in whole}) for found in (whole, picked)]
+
+    first, second = summaries()
+    assert first == second
+    with h5py.File(path, "r+") as file:
+        assert json.loads(file["a"].attrs["listed"]).keys() >= {"tiny", "none", "many", "count"}
+        file["a"].attrs["listed"] = '{"tiny": 1}'
+    assert summaries() == [first, first]
+    with update(path) as changes:
+        changes.write("b", labels())
+    with h5py.File(path) as file:
+        assert "listed" not in file["a"].attrs
 
 
 def test_changed_cases_keep_their_places(path: Path) -> None:

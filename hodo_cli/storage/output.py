@@ -1,5 +1,6 @@
 """Files being written, group by group, as netCDF-4 readers want them."""
 
+import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from .hdf5 import (
     NO_VARIABLE,
     REPORT,
     REPORT_DIGEST,
+    SHORT_ATTRIBUTES,
     STRING,
     ResultFile,
     dimensions,
@@ -73,7 +75,10 @@ class Output:
             item = h5py.Dataset(items[key])
             item[where] = block
             streamed[key].add(np.asarray(block, dtype=item.dtype))
-        _set_attributes(target, {"checksum": checksum_of(group, streamed)})
+        checksum = checksum_of(group, streamed)
+        _set_attributes(
+            target, {"checksum": checksum, SHORT_ATTRIBUTES: short_attributes(group.attributes)}
+        )
         if group.report:
             report = {REPORT_DIGEST: group.report.digest, REPORT: group.report.json}
             _set_attributes(target, report)
@@ -81,19 +86,33 @@ class Output:
     def copy(self, run: ResultFile, name: str) -> None:
         """Copy a group as it is stored. Raises HodoError if it is damaged.
 
-        HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew. A
-        report that another program may have written is left out: the new file would vouch for it.
+        HDF5 breaks the links of datasets to their dimensions when it copies: they are made anew.
+        What another program may have written beside the data is left out: the new file would vouch
+        for it.
         """
         self._disk.check()
         with run.open_group(name) as old:
             h5o.copy(old.id, b".", self._file.id, name.encode(), lcpl=LINK)
             target = h5g.open(self._file.id, name.encode())
             if not run.intact:
-                _delete_attributes(target, REPORT_DIGEST, REPORT)
+                _delete_attributes(target, REPORT_DIGEST, REPORT, SHORT_ATTRIBUTES)
             items = {key: h5d.open(target, encoded(key)) for key in old}
             for item in items.values():
                 _delete_attributes(item, "REFERENCE_LIST", "DIMENSION_LIST")
             _attach(items, dimensions({key: h5d.open(old.id, encoded(key)) for key in old}))
+
+
+MOST_CHARACTERS = 1000
+"""Characters of an attribute that is short."""
+
+
+def short_attributes(attributes: Mapping[str, Attribute]) -> str:
+    """The short texts and numbers among attributes, as they are stored, as JSON."""
+    arrays = {key: np.asarray(value) for key, value in as_stored(attributes).items()}
+    plain = {key: array.item() for key, array in arrays.items() if array.shape == ()}
+    return json.dumps(
+        {key: value for key, value in plain.items() if len(str(value)) <= MOST_CHARACTERS}
+    )
 
 
 def _delete_attributes(item: H5Object, *names: str) -> None:
