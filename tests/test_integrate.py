@@ -14,7 +14,7 @@ from conftest import exact_motion
 from hodo_cli import Case, HodoError, engines
 from hodo_cli.cases.case import Time
 from hodo_cli.integration import choice
-from hodo_cli.integration.integrate import integrate, remarks
+from hodo_cli.integration.integrate import integrate, motion_remarks
 from hodo_cli.integration.solve import solve
 from hodo_cli.integration.trajectory import Trajectory
 from hodo_cli.integration.units import Clock
@@ -220,10 +220,10 @@ def test_where_the_series_fails_auto_takes_collocation(
 def test_what_is_said_of_an_error_that_is_large_or_unknown() -> None:
     case = diagonal((0.02, 0.01, 0.03))
     motion = solve(case, "DOP853", tol=1e-6, times=np.array([1.0]))
-    assert not [*remarks(motion, {"omega": 9e-6})]
-    assert ["exceeds" in line for line in remarks(motion, {"omega": 2e-5})] == [True]
-    assert [*remarks(motion, {})] == ["the error could not be measured"]
-    assert not [*remarks(replace(motion, case=replace(case, error="off")), {})]
+    assert not [*motion_remarks(motion, {"omega": 9e-6})]
+    assert ["exceeds" in line for line in motion_remarks(motion, {"omega": 2e-5})] == [True]
+    assert [*motion_remarks(motion, {})] == ["the error could not be measured"]
+    assert not [*motion_remarks(replace(motion, case=replace(case, error="off")), {})]
 
 
 @pytest.mark.parametrize("size", [2.0**-60, 2.0**60])

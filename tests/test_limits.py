@@ -82,6 +82,7 @@ class Outflow:
     """h' = -sqrt(h) from h(0) = 1, which is empty at t = 2 and has no real rate below 0."""
 
     degree: dict[str, int] = {}
+    constants: dict[str, float] = {}
     state = ("h",)
 
     @staticmethod

@@ -98,6 +98,7 @@ class Swing:
     """x'' = -x from x = 0, x' = 1: x = sin t."""
 
     degree: dict[str, int] = {}
+    constants: dict[str, float] = {}
     state = ("x", "v")
 
     @staticmethod
