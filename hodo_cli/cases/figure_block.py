@@ -487,7 +487,6 @@ def _unfit(kind: str | None, case: Drawable) -> str:
     """Why a kind of figure cannot draw a case; an empty string if it can."""
     is_swept, has_omega = kind in SWEPT_KINDS, case.variables.get("omega") == "axis"
     lacks = case.lacks(KINDS_IN_SPACE[kind]) if kind in KINDS_IN_SPACE else ""
-    remedy = ": write `attitude: yes` in it" if lacks == "attitude" else ""
     reasons = (
         (is_swept and not case.axes, "is no sweep"),
         (
@@ -498,9 +497,14 @@ def _unfit(kind: str | None, case: Drawable) -> str:
             kind in KINDS_OF_BODIES and not has_omega,
             f"stores no angular velocity in body axes, which a {kind} needs",
         ),
-        (bool(lacks), f"stores no {lacks}, which {kind} needs{remedy}"),
+        (bool(lacks), f"stores no {lacks}, which {kind} needs{_remedy(lacks)}"),
     )
     return next((f"case {case.name} {reason}" for is_wrong, reason in reasons if is_wrong), "")
+
+
+def _remedy(lacks: str) -> str:
+    """What makes a case store the variable that it lacks, where one key does."""
+    return ": write `attitude: yes`, and attitude in a `store:`" if lacks == "attitude" else ""
 
 
 def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
@@ -529,8 +533,7 @@ def _wrong_variable(name: str, case: Drawable) -> str:
     if any(name in component_names(base, dim) for dim in dims):
         return ""
     if not dims and base in DERIVED:
-        remedy = ": write `attitude: yes`" if lacks == "attitude" else ""
-        return f"case {case.name} stores no {lacks}, which {name} needs{remedy}"
+        return f"case {case.name} stores no {lacks}, which {name} needs{_remedy(lacks)}"
     if not dims:
         derived = [x for x in COMPONENTS if not case.lacks(x.partition(".")[0])]
         valid = dict.fromkeys([*derived, *case.variables])
