@@ -222,7 +222,8 @@ def everything(path: Path) -> dict[str, object]:
     found: dict[str, object] = {}
 
     def look(name: str, item: h5py.HLObject) -> None:
-        varying = ("run_time", "history", "checksum", "DIMENSION_LIST", "REFERENCE_LIST")
+        # `listed` repeats short attributes, the run time among them.
+        varying = ("run_time", "listed", "history", "checksum", "DIMENSION_LIST", "REFERENCE_LIST")
         found.update(
             {f"{name}.{key}": str(value) for key, value in item.attrs.items() if key not in varying}
         )

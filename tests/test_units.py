@@ -93,7 +93,7 @@ def factor(unit: str) -> float:
 def values_of(motion: Any, name: str) -> np.ndarray | None:
     """A stored variable or a quantity; None of one that the motion does not have."""
     try:
-        return np.asarray(motion.stored(name) if name in motion.data else motion[name])
+        return np.asarray(motion.stored(name) if name in motion.data else motion.quantity(name))
     except (hodo_cli.HodoError, KeyError):
         return None
 
