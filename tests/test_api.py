@@ -325,7 +325,11 @@ def test_keys_of_a_figure_that_do_not_fit_each_other_are_refused() -> None:
         (made, {"labels": ["a", "b"]}, "labels: expected one for each of 1 cases, got 2"),
         (made, {"kind": "series", "variables": ["G"], "span": [3, 2]}, "span: expected the lower"),
         (made, {}, "no labels of the enclosed axis: classify it first"),
-        (made, {"kind": "series", "variables": ["Gz"]}, "case case has no 'gamma', which Gz needs"),
+        (
+            made,
+            {"kind": "series", "variables": ["Gz"]},
+            "case case stores no gamma, which Gz needs",
+        ),
     ):
         with pytest.raises(HodoError, match=message):
             api.plot(data, **keys)  # type: ignore[arg-type]

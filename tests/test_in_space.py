@@ -466,7 +466,7 @@ def test_figures_take_the_momentum_of_body_and_fluid() -> None:
         moved = np.linalg.norm(total - total[0], axis=1).max()
         assert moved == pytest.approx(2.19e-4, rel=3e-2)
     free = run_case({**body, "model": "linear-diag", "damping": 0})
-    with pytest.raises(HodoError, match=r"no 'kappa', which total_space needs"):
+    with pytest.raises(HodoError, match=r"stores no kappa, which total_space.x needs"):
         plot(free, "series", variables=names)
 
 
