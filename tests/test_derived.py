@@ -121,6 +121,7 @@ def test_statements_and_maps_of_what_moves_in_space(tmp_path: Path, check: str, 
     ("attitude: {align: G, sequence: xyz}",
      "case.attitude.sequence: orders the angles of `euler`, which is not there"),
     ("attitude: 3", "case.attitude: expected yes or no, or a mapping of initial, euler, sequence"),
+    ("attitude: 3, store: [omega, attitude]", "case.attitude: expected yes or no, or a mapping"),
 ])  # fmt: skip
 def test_what_cannot_be_stored_is_named_when_the_file_is_read(case: str, message: str) -> None:
     body = "model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 2, r: 3}, time: {end: 1}"

@@ -345,7 +345,8 @@ def _store_mistakes(
     lacks = {name: missing(name, sources) if system else "" for name in DERIVED}
     derived = [name for name in DERIVED if not (is_swept or lacks[name])]
     for i, name in enumerate(values.get("store", ())):
-        if name in valid:
+        # A mistaken attitude makes no system, and would be stored if it were right.
+        if name in valid or (name == KEY and system is None):
             continue
         if name not in DERIVED:
             yield ("store", i), unknown(f"variable {name!r}", name, [*valid, *derived])
