@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -226,9 +226,10 @@ class Folder:
         """The figures that were asked for, in that order, when all are drawn."""
         return [self.drawn[name] for name in self._chosen]
 
-    @property
+    @cached_property
     def shown(self) -> list[DrawnFigure]:
-        """The figures as the page shows them: with their files of other formats, too."""
+        """The figures as the page shows them: with their files of other formats, too. It is asked
+        for once all are drawn."""
         return [
             drawn if drawn.problem else replace(drawn, files=(*drawn.files, *self._others(drawn)))
             for drawn in self.figures

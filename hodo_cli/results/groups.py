@@ -81,13 +81,12 @@ def case_group(trajectory: Trajectory, mark: str) -> Group:
     )
     labels, values, store = case.system.variables, trajectory.variables, case.store
     kept = {name: data for name, data in values.items() if not store or name in store}
-    variables = case_variables(
-        labels, trajectory.time, kept, trajectory.events, trajectory.errors
-    ) | principal_variables(case)
+    variables = case_variables(labels, trajectory.time, kept, trajectory.events, trajectory.errors)
     if derived := [name for name in store if name not in labels]:
         motion = Motion(case, case_variables(labels, trajectory.time, values, (), {}))
         variables |= {name: motion.derived_variable(name) for name in derived}
-        variables |= inner_coordinates(variables.values()) | principal_variables(case)
+        variables |= inner_coordinates(variables.values())
+    variables |= principal_variables(case)
     if isinstance(case.system, Oriented) and (turn := case.system.turn):
         variables |= {
             name: kind.holding(x) for (name, kind), x in zip(TURN.items(), turn, strict=True)
