@@ -30,7 +30,7 @@ from ..schema.kinds import (
     unknown_names,
     within,
 )
-from .derived import COMPONENTS, DERIVED, constants_of, missing
+from .derived import COMPONENTS, DERIVED, constants_of, lack_of, missing
 from .figure_block import FORMULA
 from .sweep_block import SWEEP, axes_of, check_axes
 
@@ -440,7 +440,7 @@ def _check_quantities(
         sources = {*variables, *constants_of(case.system, case.data)}
         base = name.partition(".")[0]
         if base in DERIVED and base not in sources and (lacks := missing(base, sources)):
-            yield (), f"case {case.name} stores no {lacks}, which {name} needs"
+            yield (), f"case {case.name} {lack_of(lacks, name)}"
             return
 
 

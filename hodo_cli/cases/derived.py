@@ -107,3 +107,9 @@ def missing(name: str, sources: Collection[str]) -> str:
     return min(
         (next((need for need in needs if need not in sources), "") for needs in every), key=bool
     )
+
+
+def lack_of(variable: str, name: str) -> str:
+    """What is wrong with a case that lacks a variable which a quantity or a figure needs."""
+    remedy = ": write `attitude: yes`, and attitude in a `store:`" if variable == "attitude" else ""
+    return f"stores no {variable}, which {name} needs{remedy}"

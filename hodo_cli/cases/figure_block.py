@@ -31,7 +31,7 @@ from ..schema.kinds import (
     unknown_names,
     vector,
 )
-from .derived import COMPONENTS, DERIVED, SCALARS, component_names, missing
+from .derived import COMPONENTS, DERIVED, SCALARS, component_names, lack_of, missing
 from .sweep_block import AXIS_LABELS
 
 PAGE_DATA = "page.json"
@@ -497,14 +497,9 @@ def _unfit(kind: str | None, case: Drawable) -> str:
             kind in KINDS_OF_BODIES and not has_omega,
             f"stores no angular velocity in body axes, which a {kind} needs",
         ),
-        (bool(lacks), f"stores no {lacks}, which {kind} needs{_remedy(lacks)}"),
+        (bool(lacks), lack_of(lacks, str(kind))),
     )
     return next((f"case {case.name} {reason}" for is_wrong, reason in reasons if is_wrong), "")
-
-
-def _remedy(lacks: str) -> str:
-    """What makes a case store the variable that it lacks, where one key does."""
-    return ": write `attitude: yes`, and attitude in a `store:`" if lacks == "attitude" else ""
 
 
 def _variable_mistakes(values: Mapping[str, Any], cases: Sequence[Drawable]) -> Iterator[Mistake]:
@@ -533,7 +528,7 @@ def _wrong_variable(name: str, case: Drawable) -> str:
     if any(name in component_names(base, dim) for dim in dims):
         return ""
     if not dims and base in DERIVED:
-        return f"case {case.name} stores no {lacks}, which {name} needs{_remedy(lacks)}"
+        return f"case {case.name} {lack_of(lacks, name)}"
     if not dims:
         derived = [x for x in COMPONENTS if not case.lacks(x.partition(".")[0])]
         valid = dict.fromkeys([*derived, *case.variables])
