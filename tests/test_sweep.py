@@ -695,6 +695,9 @@ def test_a_sweep_says_how_many_members_went_alone_and_why(tmp_path: Path) -> Non
         "each by itself: fewer than 1750 members are not worth compiling their step",
         f"{fast}, max_steps: 900, sweep: {{initial.p: {{values: [0.7, 0.8]}}}}":
         "each by itself: limits of each member",
+        f"{FIG4.replace('linear-diag', 'torques')}, rotor: [0, 0.1, 0], "
+        "initial: {p: 0.8, q: 0.5, r: 0.74}, sweep: {initial.p: {values: [0.7, 0.8]}}":
+        "each by itself: with a rotor the separatrix is no zero of D",
     }  # fmt: skip
     for text, reason in expected.items():
         assert sweep_of(one(text), tmp_path).attributes["method_reason"] == reason

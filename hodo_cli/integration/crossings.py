@@ -341,8 +341,9 @@ VIEWED = 17
 """Places in a step, its ends among them. A step is a part of a turn, in which the distance has few
 extrema."""
 
-SIDE_HALVINGS = 64
-"""Halvings of an interval in search of a change: beyond the digits of a long double."""
+SIDE_HALVINGS, EXTREMUM_HALVINGS = 64, 34
+"""Halvings of an interval in search of a change, beyond the digits of a long double, and of an
+extremum: beside it a value changes by the square of the distance."""
 
 
 def standing(system: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -361,7 +362,8 @@ def standing(system: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarr
 class RegionSearch(CrossingSearch):
     """Searches the steps of a body with a rotor for changes of its label.
 
-    It notes no moment of a step in which every margin stays above `uncertainty` all along.
+    It notes no moment of a step in which every margin stays above `uncertainty` all along. Between
+    two places it is no less than half of theirs but where it may vanish (`_turns`).
     """
 
     def flush(self) -> None:
@@ -373,7 +375,7 @@ class RegionSearch(CrossingSearch):
         b, _ = self._bernstein(self.along_axes(series), times)
         # In double for all: long double is ten times slower.
         view = self._view(b.astype(float), *places_in(n, np.float64))
-        clear = (view.margin > self.uncertainty).reshape(n, VIEWED).all(1)
+        clear = (view.margin > 2 * self.uncertainty).reshape(n, VIEWED).all(1)
         labels = view.label.reshape(n, VIEWED)
         clear &= (labels == labels[:, :1]).all(1) & ~self._turns(view, n).any((1, 2))
         if not clear.all():
@@ -381,11 +383,17 @@ class RegionSearch(CrossingSearch):
 
     def _turns(self, view: StepView, n: int) -> np.ndarray:
         """Whether (n, VIEWED - 1, 2) the value of a saddle comes nearer to 0 after one place, and
-        goes away from it before the next, without a change of sign."""
-        value = view.value.reshape(n, VIEWED, 2)
-        nearing = value * view.slope.reshape(n, VIEWED, 2)
+        goes away from it before the next, without a change of sign, and may lose half of its size
+        in between at twice the steeper of the two slopes."""
+        value, slope = (x.reshape(n, VIEWED, 2) for x in (view.value, view.slope))
+        nearing = value * slope
         same_side = value[:, :-1] * value[:, 1:] > 0
-        return np.asarray((nearing[:, :-1] < 0) & (nearing[:, 1:] > 0) & same_side)
+        smaller, steeper = (
+            choose(np.abs(x[:, :-1]), np.abs(x[:, 1:]))
+            for choose, x in ((np.minimum, value), (np.maximum, slope))
+        )
+        is_near = smaller * (VIEWED - 1) < 4 * steeper
+        return np.asarray((nearing[:, :-1] < 0) & (nearing[:, 1:] > 0) & same_side & is_near)
 
     def _search_steps(self, b: np.ndarray, times: np.ndarray) -> None:
         """Note the places of steps, the extrema between them, and where the label changes."""
@@ -397,7 +405,7 @@ class RegionSearch(CrossingSearch):
             view, at = self._view(b, row, x), np.arange(len(row))
             return np.asarray(view.value[at, saddle] * view.slope[at, saddle] < 0)
 
-        extrema = bisected(nearing, turns[:, 0], low, x[turns[:, 1] + 1])
+        extrema = bisected(nearing, turns[:, 0], low, x[turns[:, 1] + 1], EXTREMUM_HALVINGS)
         row, x = np.concatenate((row, turns[:, 0])), np.concatenate((x, extrema))
         order = np.lexsort((x, row))
         row, x = row[order], x[order]
@@ -407,7 +415,7 @@ class RegionSearch(CrossingSearch):
         def unchanged(rows: np.ndarray, x: np.ndarray) -> np.ndarray:
             return np.asarray(self._view(b, rows, x).label == label[change])
 
-        places = bisected(unchanged, row[change], x[change], x[change + 1])
+        places = bisected(unchanged, row[change], x[change], x[change + 1], SIDE_HALVINGS)
         vanishes = np.repeat((False, True), (len(x), len(places)))
         row, x = np.concatenate((row, row[change])), np.concatenate((x, places))
         self._note(row, x, vanishes, b, times)
@@ -436,9 +444,11 @@ def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.repeat(np.arange(n), VIEWED), np.tile(np.linspace(0, 1, VIEWED, dtype=fp), n)
 
 
-def bisected(holds: Any, row: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def bisected(
+    holds: Any, row: np.ndarray, low: np.ndarray, high: np.ndarray, halvings: int
+) -> np.ndarray:
     """Where (k,) between two places of rows a property of (row, x) ends that holds at the first."""
-    for _ in range(SIDE_HALVINGS if len(row) else 0):
+    for _ in range(halvings if len(row) else 0):
         middle = (low + high) / 2
         still = holds(row, middle)
         low, high = np.where(still, middle, low), np.where(still, high, middle)

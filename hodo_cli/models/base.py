@@ -113,8 +113,8 @@ class Model:
     Three variables of the state may be the body's components of a vector `fixed_in_space`: its
     components in space are those of the start, if an attitude says how the two differ.
 
-    A model is `oriented` if its motions start with an angular velocity in body axes, and integrated
-    not `batchable` if its equations are too large to be compiled for many motions at once.
+    A model is `oriented` if its motions start with an angular velocity in body axes; `alone` says
+    why its motions cannot be integrated side by side, and is empty where they can.
 
     A model is `always_absorbing` if it has `absorbing_axes` whatever the data: no motion crosses
     the separatrix twice, and errors do not grow beside it.
@@ -136,7 +136,7 @@ class Model:
     start_attitude: ClassVar[Any] = None
     fixed_in_space: ClassVar[tuple[str, ...]] = ()
     oriented: ClassVar[bool] = False
-    batchable: ClassVar[bool] = True
+    alone: ClassVar[str] = ""
     always_absorbing: ClassVar[bool] = False
     stops: ClassVar[bool] = False
     no_axis_reason: ClassVar[str] = (

@@ -570,6 +570,11 @@ def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
     given by their principal moments, or by a tensor in any axes."""
     chosen = tuple(TERMS[name] for name in names)
     extra = {name: power for term in chosen for name, power in term.extra.items()}
+    alone = {
+        "each component that changes its sign ends a step": terms.QUADRATIC_AXES in chosen,
+        "with a rotor the separatrix is no zero of D": terms.ROTOR in chosen,
+        "a full tensor of inertia makes too large equations for many motions": in_any_axes,
+    }
     attributes_of = {
         "__module__": __name__,
         "__doc__": Torques.__doc__,
@@ -578,9 +583,7 @@ def sum_of(names: tuple[str, ...], in_any_axes: bool) -> type[Torques]:
         "state": ("p", "q", "r", *extra),
         "state_degree": {name: power for name, power in extra.items() if power != 1},
         "degree": {"g": 2} | {name: n for term in chosen for name, n in term.degree.items()},
-        # One event at most may change the equations of many motions, and they have no other labels
-        # than the sign of D.
-        "batchable": not (terms.QUADRATIC_AXES in chosen or in_any_axes or terms.ROTOR in chosen),
+        "alone": next((why for why, applies in alone.items() if applies), ""),
         "fixed_in_space": tuple(terms.SPACE.extra) if terms.SPACE in chosen else (),
         "opposing": frozenset({"brake"}),
         "stops": terms.BRAKE in chosen,

@@ -119,9 +119,8 @@ def other_method(case: Case) -> str:
         f"{case.precision} precision": case.precision != "double",
         "heyoka is not installed": not have_taylor(),
         "limits of each member": case.max_steps is not None or case.max_seconds is not None,
-        "its steps end at several events, or are too large": not case.system.batchable,
     }
-    return next((reason for reason, applies in reasons.items() if applies), "")
+    return next((reason for reason, applies in reasons.items() if applies), case.system.alone)
 
 
 def compute(chunk: Chunk) -> Group:
