@@ -161,6 +161,9 @@ def test_keys_of_a_sweep_have_units_too() -> None:
     axis = {"kappa": {"values": [0.001, 0.002]}}
     swept = hodo_cli.sweep(body | {"time": {"end": 1, "unit": "s"}, "sweep": axis})
     assert swept.kappa.attrs["units"] == "g cm^2 s"
+    axes = hodo_cli.plot(swept, kind="curve", variable="crossings", x="kappa").axes[0]
+    assert axes.get_xlabel().endswith("[g cm$^{2}$ s]")
+    assert not (axes.get_yticks() % 1).any()
 
 
 def test_figures_files_and_tables_name_the_units(tmp_path: Path) -> None:

@@ -88,8 +88,16 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     if stored == "1" or motion.lacks_unit(variable):
         # With time in seconds T and G are no bare numbers, and no file says what units A has.
         return "[–]" if motion.units("time") == "1" else ""
-    set_in_tex = re.sub(r"\^(-?\d+)", r"$^{\1}$", stored)
-    return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
+    return (
+        f"[{with_superscripts(stored)}]"
+        if power == 1
+        else f"[({with_superscripts(stored)})$^{power}$]"
+    )
+
+
+def with_superscripts(units: str) -> str:
+    """Units with their powers set as such: m^2 as m$^{2}$."""
+    return re.sub(r"\^(-?\d+)", r"$^{\1}$", units)
 
 
 VECTORS = {

@@ -13,6 +13,7 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, ListedColormap,
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 
 from .. import HodoError
 from ..cases.figure_block import averaged
@@ -35,6 +36,7 @@ from .artists import (
     hues,
     pair,
     styles,
+    with_superscripts,
 )
 from .geometry import View, edges, within_separatrix
 from .sheet import Look, Sheet
@@ -436,6 +438,8 @@ def curve_of(
         axis_column(swept, of): np.full(len(x), swept.ticks(of)[0][i]) for of, i in indices.items()
     }
     missing = ~np.isfinite(values)
+    if (values[~missing] % 1 == 0).all():
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     look = {"ls": "", "marker": "x", "ms": 4, "color": style["color"], "clip_on": False}
     bottom = np.full(int(missing.sum()), 0.02)
     (crosses,) = axes.plot(x[missing], bottom, transform=axes.get_xaxis_transform(), **look)
@@ -472,7 +476,7 @@ def meanings(swept: SweepView, variable: str) -> dict[int, str]:
 
 def axis_name(swept: SweepView, name: str) -> str:
     """The text along an axis of a sweep: the symbol of its first key, and its unit."""
-    unit = swept.unit(name)
+    unit = with_superscripts(swept.unit(name))
     return f"${key_symbol(swept.key(name))}$" + (f" [{unit}]" if unit else "")
 
 
@@ -484,7 +488,7 @@ def axis_column(swept: SweepView, name: str) -> str:
 
 def position(swept: SweepView, name: str, i: int) -> str:
     """A position on an axis: symbol = value."""
-    unit = "°" if swept.unit(name) == "deg" else f" {swept.unit(name)}".rstrip()
+    unit = "°" if swept.unit(name) == "deg" else f" {with_superscripts(swept.unit(name))}".rstrip()
     return f"${key_symbol(swept.key(name))} = {swept.ticks(name)[0][i]:.4g}${unit}"
 
 
