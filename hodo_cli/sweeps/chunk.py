@@ -197,12 +197,14 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     ends = output_of(e, accepted, times, end, outcome.exponent[accepted, None])
     final = {name: values[:, 0] for name, values in ends.items()}
     final["steps"] = outcome.steps[accepted]
-    events = [outcome.events.get(i, []) for i in accepted.tolist()]
+    with_events = [i for i in outcome.events if outcome.accepted[i]]
+    rows = np.searchsorted(accepted, with_events).tolist()
+    events = {row: outcome.events[i] for row, i in zip(rows, with_events, strict=True)}
     if "enclosed_axis" in final:
         begin = np.array([e.span[0]])
         start = e.model.output(begin, e.start[:, accepted].T, e.named(accepted))
         axes = start["enclosed_axis"], final["enclosed_axis"]
-        return final | event_columns(events, axes)
+        return final | event_columns(events, len(accepted), axes)
     if e.times.size:
         samples, exponent = outcome.samples[:, accepted], outcome.sample_exponent[accepted]
         final |= output_of(e, accepted, e.times, samples, exponent)
@@ -210,7 +212,7 @@ def reduced_ensemble(e: Ensemble, outcome: Outcome, time: Time) -> dict[str, np.
     row = np.searchsorted(accepted, passed.motion)
     if not e.model.no_axis_reason:
         first, last = (enclosed(e, side[accepted]) for side in (outcome.first, outcome.last))
-        final |= event_columns(events, None)
+        final |= event_columns(events, len(accepted), None)
         crossings = crossing_columns(e, passed)
         final |= label_columns(first, last, row, crossings, final["event_time"], time)
         return final | {"separation": least_separation(e, outcome, accepted)}
@@ -284,7 +286,7 @@ def integrated_alone(case: Case, number: int) -> tuple[Status, str, dict[str, np
     except HodoError:
         return Status.FAILED, "", {}
     axes = None if axis is None else (axis[:1], axis[-1:])
-    return Status.OK, motion.method, final | event_columns([motion.events], axes)
+    return Status.OK, motion.method, final | event_columns({0: motion.events}, 1, axes)
 
 
 def sampled(motion: Trajectory) -> dict[str, np.ndarray]:
@@ -313,6 +315,6 @@ def classified_alone(motion: Trajectory) -> tuple[Status, dict[str, np.ndarray]]
     stored = columns_of(CROSSING_COLUMNS, classification.crossings)
     crossings = {name: variable.data for name, variable in stored.items()}
     first, last = classification.labels[:1], classification.labels[-1:]
-    columns = event_columns([motion.events], None) | {"separation": np.array([nearest])}
+    columns = event_columns({0: motion.events}, 1, None) | {"separation": np.array([nearest])}
     columns |= label_columns(first, last, member, crossings, columns["event_time"], case.time)
     return Status.UNDECIDED if classification.hidden else Status.OK, columns

@@ -84,25 +84,34 @@ def stored_bytes(case: Case) -> int:
 
 
 def event_columns(
-    occurrences: Sequence[Sequence[Occurrence]], axes: tuple[np.ndarray, np.ndarray] | None
+    events: Mapping[int, Sequence[Occurrence]], n: int, axes: tuple[np.ndarray, np.ndarray] | None
 ) -> dict[str, np.ndarray]:
-    """The columns of the events of n members; with the axes (n,) that they enclose at start and
-    end, if the model stores them, those of their passages too."""
-    last = [events[-1] if events else Occurrence("", math.nan) for events in occurrences]
-    filled = {"event_time": np.array([event.time for event in last])}
+    """The columns of the events of n members, by the positions of members that may have some; with
+    the axes (n,) that all enclose at start and end, if the model stores them, those of their
+    passages too."""
+    rows = [row for row, of_member in events.items() if of_member]
+    last = [events[row][-1] for row in rows]
+
+    def column(values: Sequence[float], blank: float = math.nan) -> np.ndarray:
+        filled = np.full(n, blank)
+        filled[rows] = values
+        return filled
+
+    filled = {"event_time": column([event.time for event in last])}
     if axes is None:
         axis = [event.details.get("from", UNDETERMINED) for event in last]
-        return filled | {"event_from": np.array(axis)}
+        return filled | {"event_from": column(axis, UNDETERMINED)}
     for name in MEMBER_PASSED.keys() - MEMBER_CLASSIFIED.keys():
         detail = name.removeprefix("event_")
-        filled[name] = np.array([event.details.get(detail, math.nan) for event in last])
-    crossings = [passages_as_crossings(events, math.nan) for events in occurrences]
+        filled[name] = column([event.details.get(detail, math.nan) for event in last])
+    crossings = [passages_as_crossings(events[row], math.nan) for row in rows]
     none = Crossing(math.nan, 0, 0, math.nan, math.nan)
     first = [passages[0] if passages else none for passages in crossings]
     for name in ("crossing_time", "crossing_from", "crossing_to", "crossing_G"):
         field, _ = CROSSING_COLUMNS[name]
-        filled[name] = np.array([getattr(crossing, field) for crossing in first])
-    filled["crossings"] = np.array([len(passages) for passages in crossings])
+        values = [getattr(crossing, field) for crossing in first]
+        filled[name] = column(values, getattr(none, field))
+    filled["crossings"] = column([len(passages) for passages in crossings], 0)
     return filled | {"start_axis": axes[0], "end_axis": axes[1]}
 
 
