@@ -11,7 +11,7 @@ import numpy as np
 from ... import HodoError
 from ...arithmetic import SYMBOLS
 from ..base import LENGTHS, Model
-from ..constants import VELOCITY, attributes, in_unit, rescaled
+from ..constants import VELOCITY, attributes, in_unit, moving, rescaled, state_powers
 
 HODO = Path(__file__).parents[2]
 """The package, which may stand in the folder of a model."""
@@ -123,10 +123,11 @@ def _fits_degree(system: Model, start: np.ndarray) -> bool:
     k: dict[str, Any] = {**system.constants}
     other = k | {name: in_unit(k[name], 2 * degree - 2) for name, degree in system.degree.items()}
     other |= {VELOCITY: 4.0} if VELOCITY in k else {}
-    size = np.abs(start).max() or 1.0
+    # Each variable by its own unit: a direction does not grow with omega, and numbers stay finite.
+    size = (np.abs(start[moving(type(system))]).max() or 1.0) ** state_powers(type(system))
     # At other times and states too: a term may be 0 at the start, as sin t, or q where q begins.
-    for t, moved in product((0.0, 0.618, 2.399), (0.0, 0.0817 * size)):
-        y = start + moved * np.cos(1 + np.arange(len(start)))
+    for t, moved in product((0.0, 0.618, 2.399), (0.0, 0.0817)):
+        y = start + moved * size * np.cos(1 + np.arange(len(start)))
         scaled = rescaled(type(system), y, -2)
         try:
             rates = np.array(system.rhs(t, y.tolist(), attributes(k)))
