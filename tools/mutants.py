@@ -45,9 +45,6 @@ WATCHED = str(TREE / "hodo_cli"), str(NOTES)
 HOOK = WORK / "hook"
 """What processes load that are watched."""
 
-ROOMS = ("engines", "integration", "models", "sweeps", "results", "storage", "batch", "commands")
-"""The folders of the package that hold numeric, storage and command code."""
-
 SECONDS = 20.0
 """What the tests of one mutant may take together by the map; the longer ones are left out."""
 
@@ -174,11 +171,14 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int]]:
 
 
 def mutants(rooms: list[str]) -> list[Mutant]:
-    """Every change that can be made in these folders."""
+    """Every change that can be made in these folders and modules; in all of them without names."""
     changes = []
-    if unknown := set(rooms) - {path.name for path in (TREE / "hodo_cli").iterdir()}:
-        sys.exit(f"no folders of the package: {', '.join(sorted(unknown))}")
-    for path in sorted(p for room in rooms for p in (TREE / "hodo_cli" / room).rglob("*.py")):
+    package = TREE / "hodo_cli"
+    if unknown := set(rooms) - {path.stem for path in package.iterdir()}:
+        sys.exit(f"no folders or modules of the package: {', '.join(sorted(unknown))}")
+    for path in sorted(package.rglob("*.py")):
+        if rooms and path.relative_to(package).parts[0].removesuffix(".py") not in rooms:
+            continue
         name = str(path.relative_to(TREE))
         every = places(ast.parse(path.read_text(encoding="utf-8")))
         for n, (node, words, function) in enumerate(every):
@@ -250,7 +250,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--map", action="store_true", help="begin anew: clone and map the tests")
-    parser.add_argument("--rooms", default=",".join(ROOMS), help="folders to break, with commas")
+    parser.add_argument("--rooms", default="", help="folders and modules to break, with commas")
     parser.add_argument("tests", nargs="*", default=["tests"], help="those to be mapped")
     options = parser.parse_args()
     if options.map or not TREE.exists():
@@ -266,7 +266,7 @@ def main() -> int:
     tests = tests_by_function()
     FATES.touch()
     known = {tuple(key): end for *key, end in map(json.loads, FATES.open(encoding="utf-8"))}
-    every = mutants(options.rooms.split(","))
+    every = mutants(list(filter(None, options.rooms.split(","))))
     drawn = random.Random(options.seed).sample(every, min(options.count, len(every)))
     fates: Counter[str] = Counter()
     for mutant in drawn:
