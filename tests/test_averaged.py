@@ -3,6 +3,7 @@ order of the small parameter; through the separatrix; where they do not apply.""
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -668,3 +669,45 @@ def test_a_torque_without_a_mean_is_too_strong_as_any_other(torque: dict[str, An
     for torques, warned in ((torque, True), (weak, False)):
         warnings = integrate(Case.of(body | torques)).warnings
         assert any("slow beside the turns" in warning for warning in warnings) == warned
+
+
+STRONG: dict[str, dict[str, tuple[Any, int, int]]] = {
+    "linear-diag": {"damping": ([0.3, 0.4, 0.2], 1, 0)},
+    "tensor": {"resistance": ([[0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.2]], 1, 1)},
+    "cavity+constant": {"kappa": (0.3, -1, 1), "torque": ([0.01, 0.2, 0.05], 2, 1)},
+    "torques": {"damping": (0.1, 1, 0), "torque": ([0.0, 0.2, 0.05], 2, 1), "brake": (0.1, 2, 1)},
+    "torques, expression": {"expression": (["0.1", "0.2", "0.1*q"], 2, 1)},
+    "torques, quadratic": {"quadratic": (0.3, 0, 0), "kappa": (0.2, -1, 1)},
+}
+"""Torques too strong for averaging by the name of their model, each with the powers of the unit of
+velocity and of mass that it carries."""
+
+
+@pytest.mark.parametrize("kind", STRONG)
+def test_how_strong_a_torque_is_does_not_depend_on_units(kind: str) -> None:
+    """A constant torque about the middle axis was measured against the root of a moment."""
+
+    def stated(speed: int, mass: int) -> list[str]:
+        def scaled(value: Any, size: int) -> Any:
+            if isinstance(value, list):
+                return [scaled(item, size) for item in value]
+            if isinstance(value, str):  # q in the unit of velocity of the numbers around it
+                return f"({value.replace('q', f'q*{2.0**-speed}')})*{2.0**size}"
+            return value * 2.0**size
+
+        torques = {k: scaled(x, by_v * speed + by_m * mass) for k, (x, by_v, by_m) in data.items()}
+        body = {
+            "model": kind.split(",")[0],
+            "form": "averaged",
+            "inertia": scaled([1.0, 0.8, 0.6], mass),
+            "initial": {name: x * 2.0**speed for name, x in zip("pqr", (0.8, 0.5, 0.74), strict=True)},
+            "time": {"end": 2.0**-speed, "samples": 2},
+            "error": "off",
+        }
+        warnings = integrate(Case.of(body | torques)).warnings
+        return [found for text in warnings for found in re.findall("K/n is (.*?) at", text)]
+
+    data = STRONG[kind]
+    assert len(stated(0, 0)) == 1
+    for speed, mass in ((0, 1), (0, -40), (3, 0), (-9, 20)):
+        assert stated(speed, mass) == stated(0, 0), (speed, mass)

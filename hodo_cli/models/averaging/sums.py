@@ -192,7 +192,8 @@ class ClosedMeans(AveragedTurns):
             return rate
         # About the other two axes a constant torque has no mean, and averaging needs it weak too.
         above, middle, below = constant_torque(t, k)
-        others = middle, either(turn.side, below, above)
+        _, w_o = self.body.weight(turn.side)
+        others = np.sqrt(w_o) * middle, either(turn.side, below, above)
         sizes = (np.abs(component) / turn.root_e for component in others)
         return np.maximum.reduce(np.broadcast_arrays(rate, *sizes))
 
