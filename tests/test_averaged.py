@@ -695,12 +695,15 @@ def test_how_strong_a_torque_is_does_not_depend_on_units(kind: str) -> None:
                 return f"({value.replace('q', f'q*{2.0**-speed}')})*{2.0**size}"
             return value * 2.0**size
 
-        torques = {k: scaled(x, by_v * speed + by_m * mass) for k, (x, by_v, by_m) in data.items()}
+        powers = {name: v * speed + m * mass for name, (_, v, m) in data.items()}
+        torques = {name: scaled(value, powers[name]) for name, (value, *_) in data.items()}
         body = {
             "model": kind.split(",")[0],
             "form": "averaged",
             "inertia": scaled([1.0, 0.8, 0.6], mass),
-            "initial": {name: x * 2.0**speed for name, x in zip("pqr", (0.8, 0.5, 0.74), strict=True)},
+            "initial": {
+                name: x * 2.0**speed for name, x in zip("pqr", (0.8, 0.5, 0.74), strict=True)
+            },
             "time": {"end": 2.0**-speed, "samples": 2},
             "error": "off",
         }
