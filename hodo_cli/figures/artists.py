@@ -88,11 +88,8 @@ def unit(motion: Motion, variable: str, power: int = 1) -> str:
     if stored == "1" or motion.lacks_unit(variable):
         # With time in seconds T and G are no bare numbers, and no file says what units A has.
         return "[–]" if motion.units("time") == "1" else ""
-    return (
-        f"[{with_superscripts(stored)}]"
-        if power == 1
-        else f"[({with_superscripts(stored)})$^{power}$]"
-    )
+    set_in_tex = with_superscripts(stored)
+    return f"[{set_in_tex}]" if power == 1 else f"[({set_in_tex})$^{power}$]"
 
 
 def with_superscripts(units: str) -> str:
