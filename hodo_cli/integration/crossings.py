@@ -341,9 +341,12 @@ VIEWED = 17
 """Places in a step, its ends among them. A step is a part of a turn, in which the distance has few
 extrema."""
 
-SIDE_HALVINGS, EXTREMUM_HALVINGS = 64, 34
-"""Halvings of an interval in search of a change, beyond the digits of a long double, and of an
-extremum: beside it a value changes by the square of the distance."""
+DIVISIONS = 16
+"""Parts into which an interval is divided at once: to look at one place takes as long as at ten."""
+
+ROUNDS, EXTREMUM_ROUNDS = 16, 9
+"""Divisions in search of a change, beyond the digits of a long double, and of an extremum: beside
+it a value changes by the square of the distance."""
 
 
 def standing(system: BodyFrame, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -399,23 +402,23 @@ class RegionSearch(CrossingSearch):
         """Note the places of steps, the extrema between them, and where the label changes."""
         row, x = places_in(n := len(b), b.dtype.type)
         turns = np.argwhere(self._turns(self._view(b, row, x), n))
-        low, saddle = x[turns[:, 1]], turns[:, 2]
 
-        def nearing(row: np.ndarray, x: np.ndarray) -> np.ndarray:
-            view, at = self._view(b, row, x), np.arange(len(row))
+        def nearing(turn: np.ndarray, x: np.ndarray) -> np.ndarray:
+            rows, _, saddle = turns[turn].T
+            view, at = self._view(b, rows, x), np.arange(len(turn))
             return np.asarray(view.value[at, saddle] * view.slope[at, saddle] < 0)
 
-        extrema = bisected(nearing, turns[:, 0], low, x[turns[:, 1] + 1], EXTREMUM_HALVINGS)
+        extrema = end_of(nearing, x[turns[:, 1]], x[turns[:, 1] + 1], EXTREMUM_ROUNDS)
         row, x = np.concatenate((row, turns[:, 0])), np.concatenate((x, extrema))
         order = np.lexsort((x, row))
         row, x = row[order], x[order]
         label = self._view(b, row, x).label
         change = np.flatnonzero((label[1:] != label[:-1]) & (row[1:] == row[:-1]))
 
-        def unchanged(rows: np.ndarray, x: np.ndarray) -> np.ndarray:
-            return np.asarray(self._view(b, rows, x).label == label[change])
+        def unchanged(i: np.ndarray, x: np.ndarray) -> np.ndarray:
+            return np.asarray(self._view(b, row[change[i]], x).label == label[change[i]])
 
-        places = bisected(unchanged, row[change], x[change], x[change + 1], SIDE_HALVINGS)
+        places = end_of(unchanged, x[change], x[change + 1], ROUNDS)
         vanishes = np.repeat((False, True), (len(x), len(places)))
         row, x = np.concatenate((row, row[change])), np.concatenate((x, places))
         self._note(row, x, vanishes, b, times)
@@ -444,12 +447,14 @@ def places_in(n: int, fp: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.repeat(np.arange(n), VIEWED), np.tile(np.linspace(0, 1, VIEWED, dtype=fp), n)
 
 
-def bisected(
-    holds: Any, row: np.ndarray, low: np.ndarray, high: np.ndarray, halvings: int
-) -> np.ndarray:
-    """Where (k,) between two places of rows a property of (row, x) ends that holds at the first."""
-    for _ in range(halvings if len(row) else 0):
-        middle = (low + high) / 2
-        still = holds(row, middle)
-        low, high = np.where(still, middle, low), np.where(still, high, middle)
+def end_of(holds: Any, low: np.ndarray, high: np.ndarray, rounds: int) -> np.ndarray:
+    """Where a property ends within intervals (k,) at whose first end it holds: `holds` tells of
+    intervals, by their numbers (n,), whether it does at places (n,)."""
+    number, parts = np.arange(len(low)), np.arange(DIVISIONS + 1) / DIVISIONS
+    for _ in range(rounds if len(low) else 0):
+        ends = low[:, None] + (high - low)[:, None] * parts
+        inner = ends[:, 1:-1]
+        is_over = ~holds(np.repeat(number, DIVISIONS - 1), inner.ravel()).reshape(inner.shape)
+        first = np.where(is_over.any(1), is_over.argmax(1), DIVISIONS - 1)
+        low, high = ends[number, first], ends[number, first + 1]
     return high
