@@ -266,8 +266,8 @@ def smooth_samples(system: Model, span: float) -> int:
     rate = math.hypot(*parts) * math.sqrt(fastest)
     if system.rotor_momentum is not None:
         rate += float(np.linalg.norm(system.rotor_momentum)) / A3
-    turned = span * rate / SAMPLE_TURN
-    return max(FEWEST, min(MOST, math.ceil(turned) + 1 if turned < MOST else MOST))
+    intervals = math.ceil(min(span * rate / SAMPLE_TURN, MOST - 1))  # no integer is infinite
+    return max(FEWEST, intervals + 1)
 
 
 KEY_BY_KEY = ("time", "assumes")

@@ -161,7 +161,7 @@ class Motion:
         name, case = variable.partition(".")[0], self.case
         label = case.system.variables.get(name)
         words = label.units if label else units_in_words(name)
-        return INERTIA in words and case.inertia_unit == "1" != case.time.unit
+        return INERTIA in words and case.inertia_unit == "1" and case.time.unit != "1"
 
     @cached_property
     def vectors(self) -> Mapping[str, np.ndarray]:

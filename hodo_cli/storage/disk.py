@@ -159,6 +159,8 @@ def look(
     problems = {"": SILENT}  # until the other process comes to its end
 
     def looked_at() -> Iterator[tuple[str, str]]:
+        """Each part by its name with what is wrong, as far as the process gets: the last that came
+        for a name counts."""
         names: list[str] = []
         with suppress(Exception):  # it cannot be opened: so this process will find, and say why
             names = list_parts()

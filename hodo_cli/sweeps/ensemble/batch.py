@@ -332,11 +332,12 @@ def padded(numbers: np.ndarray) -> np.ndarray:
 def shortened(
     columns: np.ndarray, k: np.ndarray, place: np.ndarray, rate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns and constants with no more time left than `place` (k,), in the arrays given; their
-    unit of time is 2**-rate (k,)."""
-    m = len(columns) - TIME_ROWS
-    k[END] += np.ldexp(place - columns[m], -rate)  # so that the step begins when it did
-    columns[m] = place
+    """Columns and constants, in the arrays given, whose next step ends `place` (k,) behind its
+    beginning, in a unit of time of 2**-rate (k,)."""
+    remaining = columns[len(columns) - TIME_ROWS]
+    # The step begins when it did: at the end of the motion less the time that remains.
+    k[END] += np.ldexp(place - remaining, -rate)
+    remaining[:] = place
     return columns, k
 
 
