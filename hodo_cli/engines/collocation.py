@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..models.base import Event, Model
-from ..models.constants import jacobian, state_powers
+from ..models.constants import jacobian, stacked, state_powers
 from .polynomial import LEGENDRE
 from .stepwise import Stepwise
 
@@ -30,6 +30,10 @@ STAGES = 16
 PRECISIONS = {"double": np.float64, "extended": np.longdouble}
 # RADAU5 gives up after 7; here a failed step costs 16 Jacobians, so three more are cheaper.
 ITERATIONS = 10
+# Some times its own length beyond a step, its polynomial is far from any motion.
+LONGEST_CONTINUED = 2
+"""How much longer than the last step one may be that begins with the continued polynomial."""
+
 SIGNS = (-1.0) ** np.arange(STAGES + 1)
 """Legendre's polynomials at the start of a step."""
 
@@ -156,17 +160,23 @@ class Steps:
         """The largest of some components of the state."""
         return np.abs(self.y[rows]).max()
 
+    def _expected(self, h: Any) -> np.ndarray:
+        """The change of the state (m, STAGES) that Newton's method begins with: that of the last
+        step's polynomial, continued. From no change it takes two iterations more, of five or six.
+        """
+        if self.t == self.t_old or h > LONGEST_CONTINUED * (self.t - self.t_old):
+            return np.zeros((len(self.y), STAGES), dtype=self.y.dtype)
+        return np.asarray(self.dense_output()(self.t + self.points * h) - self.y[:, None])
+
     def _stages(self, h: Any) -> np.ndarray | None:
         """The change of the state (m, STAGES) up to each collocation point, or None if Newton's
         method fails."""
         times, before = self.t + self.points * h, np.inf
         sizes = [float(self._size(rows)) or 1.0 for rows in self.kinds]
-        z = np.zeros((len(self.y), STAGES), dtype=self.y.dtype)
+        z = self._expected(h)
         for _ in range(ITERATIONS):
             y = self.y[:, None] + z
-            rates = np.array(
-                [np.broadcast_to(rate, STAGES) for rate in self.model.rhs(times, list(y), self.k)]
-            )
+            rates = stacked(self.model.rhs(times, list(y), self.k), y)
             self.nfev += STAGES
             slopes = jacobian(self.model, self.k, times.astype(float), y.astype(float))
             # The Jacobian at every stage and iteration, unlike RADAU5's one for several steps:

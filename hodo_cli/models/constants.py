@@ -91,8 +91,17 @@ def jacobian(model: type[Model], k: SimpleNamespace, t: Any, y: np.ndarray) -> n
     # Its square vanishes beside every double, so nothing is truncated, and no difference is taken,
     # so nothing cancels.
     tiny, unit_steps = 1e-100, np.eye(len(y)).reshape(len(y), len(y), *[1] * (y.ndim - 1))
-    rows = model.rhs(t, list(y[:, None] + 1j * tiny * unit_steps), k)
-    return (np.array([np.broadcast_to(row, y.shape) for row in rows]).imag / tiny).astype(float)
+    steps = y[:, None] + 1j * tiny * unit_steps
+    return (stacked(model.rhs(t, list(steps), k), steps).imag / tiny).astype(float)
+
+
+def stacked(rates: Sequence[Any], y: np.ndarray) -> np.ndarray:
+    """The rates of the variables in states y (m, ...), of the same shape: one may be a number for
+    all states."""
+    rows = np.empty_like(y)
+    for i, rate in enumerate(rates):
+        rows[i] = rate
+    return rows
 
 
 # Equations that contain the time, as functions of the time s of a leg, whose units fit the motion:
