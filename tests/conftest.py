@@ -48,6 +48,12 @@ def pytest_configure(config: pytest.Config) -> None:
         )
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Without heyoka, files without a test of that leg are not even imported."""
+    is_test = collection_path.match("test_*.py") and config.getoption("--no-heyoka")
+    return True if is_test and "mark.engines" not in collection_path.read_text("utf-8") else None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if config.getoption("--no-heyoka"):
         # Files, documents and drawings are the same with and without heyoka.

@@ -513,8 +513,9 @@ def random_top(rng: random.Random) -> dict[str, str]:
     }
 
 
-# Those left out take half a minute, or two without heyoka, and no other way than that of 1.
-EVERY_RUN = [seed for seed in range(15) if seed not in (0, 3, 7)]
+# Those left out take half a minute, or two without heyoka, and no other way than that of 1. That
+# takes ten seconds without heyoka, of which the others find a mistake as well.
+EVERY_RUN = [i for i in range(15) if i not in ((0, 3, 7) if have_taylor() else (0, 1, 3, 7))]
 SEEDS = range(int(os.environ["HODO_FUZZ"])) if "HODO_FUZZ" in os.environ else EVERY_RUN
 
 

@@ -131,15 +131,19 @@ BOUNDS = {
 """What each method is right to, by its precision."""
 
 
+def is_slow(method: str) -> bool:
+    """Whether a motion, or the one in long double that its error is measured by, takes long."""
+    return method in ("collocation", "Radau") or not have_taylor()
+
+
 def seeds(method: str) -> range:
-    return range(COUNT // 3 if method in ("collocation", "Radau") else COUNT)
+    return range(COUNT // 3 if is_slow(method) else COUNT)
 
 
 def ruled(method: str, seed: int) -> dict[str, Any]:
     """A body under a law of the time, also from a late start."""
     body = random_body(seed, torques=seed % 2 == 0)
-    slow = method in ("collocation", "Radau")
-    span = random.Random(seed).uniform(5, 15 if slow else 60)
+    span = random.Random(seed).uniform(5, 15 if is_slow(method) else 60)
     body["time"] |= {"end": body["time"]["start"] + span, "samples": 3}
     return body
 

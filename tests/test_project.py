@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
@@ -52,16 +53,19 @@ def imports(path: Path) -> Iterator[str]:
             yield from (f"{module}{separator}{alias.name}" for alias in node.names)
 
 
-MODULES = {
-    path.relative_to(PACKAGE).as_posix(): list(imports(path)) for path in PACKAGE.rglob("*.py")
-}
+@cache
+def modules() -> dict[str, list[str]]:
+    """What each module of the package imports."""
+    return {
+        path.relative_to(PACKAGE).as_posix(): list(imports(path)) for path in PACKAGE.rglob("*.py")
+    }
 
 
 @pytest.mark.parametrize("library", IMPORTERS)
 def test_a_heavy_library_stays_where_it_belongs(library: str) -> None:
     users = {
         name
-        for name, loaded in MODULES.items()
+        for name, loaded in modules().items()
         if any(f"{used}.".startswith(f"{library}.") for used in loaded)
     }
     allowed = tuple(IMPORTERS[library].split())
@@ -71,7 +75,7 @@ def test_a_heavy_library_stays_where_it_belongs(library: str) -> None:
 def test_nothing_imports_the_command_line() -> None:
     assert not [
         name
-        for name, loaded in MODULES.items()
+        for name, loaded in modules().items()
         if any(re.search(r"(^|\.)cli(\.|$)", used) for used in loaded)
     ]
 

@@ -30,6 +30,7 @@ from hodo_cli.cases.config import load, parse
 from hodo_cli.commands import classify, run
 from hodo_cli.engines import protocol
 from hodo_cli.figures import geometry, maps
+from hodo_cli.integration import choice
 from hodo_cli.integration.classify import cross
 from hodo_cli.integration.integrate import integrate
 from hodo_cli.integration.solve import solve
@@ -247,9 +248,10 @@ def test_a_start_of_an_averaged_form_on_the_separatrix_is_marked() -> None:
 
 
 def test_members_of_a_grid_are_single_cases_whatever_the_order_of_their_axes() -> None:
-    sweep = "inertia.1: {linspace: [0.5, 1.2, 3]}, damping.0: {values: [0.001, 0.005]}, "
+    sweep = "inertia.1: {linspace: [0.5, 1.2, 3]}, damping.0: {values: [0.01, 0.05]}, "
     sweep += "d: {sphere: {count: 2, seed: 1}}"
-    case = one(f"{FIG4}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{{sweep}}}")
+    brief = FIG4.replace("end: 1000", "end: 100")
+    case = one(f"{brief}, initial: {{p: 0.8, q: 0.5, r: 0.74}}, sweep: {{{sweep}}}")
     assert_members_are_single_cases(case, list(range(12)))
 
 
@@ -457,6 +459,7 @@ def test_members_have_the_limit_of_steps_that_cases_have(monkeypatch: pytest.Mon
     """1e7 of them take a member to its end or to a timeout in some 10 s."""
     for method in protocol.LAST_STEP:
         monkeypatch.setitem(protocol.LAST_STEP, method, 60)
+    monkeypatch.setattr(choice, "MOST_TRIED", 60)  # `auto` tries for seconds otherwise
     case = one(
         "model: linear-diag, inertia: [1, 0.8, 0.6], damping: [5e-13, 4e-13, 3e-13], "
         "time: {end: 1e12}, error: off, initial: {p: 0.8, q: 0.5, r: 0.74}, "
@@ -480,9 +483,9 @@ def test_the_end_of_spin_of_members() -> None:
 @pytest.mark.parametrize(
     ("torques", "axes"),
     [
-        ("damping: [0.02, 0.01, 0.003]", {1, 3}),
+        ("damping: [0.2, 0.1, 0.03]", {1, 3}),
         ("kappa: 0.3", {1}),
-        ("rotor: [0, 0, 0.1], damping: 0.004", {rigid_body.UNSEPARATED}),
+        ("rotor: [0, 0, 0.1], damping: 0.04", {rigid_body.UNSEPARATED}),
     ],
 )
 def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone: str) -> None:
@@ -490,9 +493,9 @@ def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone:
     member does not stop within it."""
     case = one(
         f"model: torques, inertia: [1, 0.8, 0.6], {torques}, "
-        "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 400}, "
+        "initial: {p: 0.8, q: 0.5, r: 0.74}, time: {end: 40}, "
         "store: [event_time, event_from, end_axis, share], "
-        f"sweep: {{brake: {{values: [0.1, 0.0035, 0.0027, 1e-6]}}}}{alone}"
+        f"sweep: {{brake: {{values: [1, 0.035, 0.027, 1e-5]}}}}{alone}"
     )
     stored = computed(case)
     found = {k: v.tolist() for k, v in stored.items() if k in columns.stored_columns(case)}
@@ -505,7 +508,7 @@ def test_members_stop_as_their_single_cases(torques: str, axes: set[int], alone:
         assert found["event_from"][i] == motion.events[0].details["from"]
         assert found["end_axis"][i] == rigid_body.UNDETERMINED
         if axes <= {1, 2, 3}:  # the others have no share
-            part = found["event_time"][i] / 400
+            part = found["event_time"][i] / 40
             assert sum(found["share"][i]) == pytest.approx(part, rel=1e-12)
 
 
