@@ -470,3 +470,15 @@ def test_methods_are_a_paragraph_for_a_paper(two_results: Path) -> None:
     assert call(two_results, "run", "e.yaml").returncode == 1
     done = call(two_results, "show", "--methods", "e.yaml")
     assert (done.returncode, done.stderr) == (2, "runs/e.h5 holds no case that ended well\n")
+
+
+def test_a_closed_form_has_no_tolerance_in_a_paragraph_for_a_paper(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(
+        "defaults: {model: linear-diag, inertia: [1, 0.8, 0.6], initial: {p: 1, q: 1, r: 1}}\n"
+        "cases:\n  free: {damping: 0, time: {end: 2}}\n"
+        "  damped: {damping: [0.1, 0, 0], time: {end: 2}, method: DOP853, tol: 1e-9}"
+    )
+    assert call(tmp_path, "run", "a.yaml").returncode == 0
+    text = " ".join(call(tmp_path, "show", "--methods", "a.yaml").stdout.split())
+    assert "were computed: 1 in closed form; 1 by DOP853 (SciPy" in text
+    assert "at a relative tolerance of 1e-09. The relative errors" in text

@@ -22,6 +22,7 @@ from conftest import ROOT, Hodo, classified, exact_motion
 from hypothesis import given
 from hypothesis import strategies as st
 
+import hodo_cli
 from hodo_cli import Case, HodoError, models
 from hodo_cli.batch.pool import pool
 from hodo_cli.cases import sweep_block
@@ -1320,6 +1321,37 @@ def test_a_decayed_member_has_the_labels_of_its_case(end: float) -> None:
         assert beside[name].tolist() == alone[name].tolist()
     for name in ("crossing_time", "share", "separation"):
         assert beside[name] == pytest.approx(alone[name], rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.heyoka
+def test_a_motion_has_a_label_until_it_is_at_rest() -> None:
+    """That is below 2^-4096, far beyond the smallest double: a rotation about x3 as a case, at the
+    times when it is 2^-n, and as members that end there."""
+    orders = [4000, 4090, 4095, 4099, 4110]
+    slow = {
+        "model": "linear-diag",
+        "inertia": [1, 0.8, 0.6],
+        "initial": {"p": 1e-3, "q": 0, "r": 1},
+    }
+    times = [n * math.log(2) for n in orders]
+    case = hodo_cli.run(slow | {"damping": [2, 2, 1], "time": {"values": times}})
+    rates = {"damping.2": {"values": [time / times[0] for time in times]}}
+    ends = {"damping": [2, 2, 1], "time": {"end": times[0]}, "sweep": rates}
+    for labels in (case["enclosed_axis"], hodo_cli.sweep(slow | ends)["end_axis"]):
+        assert labels.values.tolist() == [3, 3, 3, -1, -1]
+
+
+@pytest.mark.heyoka
+def test_early_samples_in_a_long_span_have_their_digits() -> None:
+    """Steps count the time that is left, whose digits are those of the span."""
+    body = {"model": "linear-diag", "inertia": [1, 0.8, 0.6], "damping": [0.5, 0.4, 0.3]}
+    body |= {"time": {"values": [3.1, 7.7, 12.9, 1e5]}}
+    starts = [{"p": p, "q": 0.5, "r": 0.99} for p in (0.77, 0.8, 0.83)]
+    axis = {"initial.p": {"values": [start["p"] for start in starts]}}
+    swept = hodo_cli.sweep(body | {"initial": starts[0], "store": ["trajectory"], "sweep": axis})
+    for start, seen in zip(starts, swept["omega"].values, strict=True):
+        known = hodo_cli.run(body | {"initial": start})["omega"].values
+        assert seen[:3] == pytest.approx(known[:3], rel=0, abs=1e-14)
 
 
 @pytest.mark.heyoka
