@@ -323,3 +323,17 @@ def test_many_states_at_once_and_none_without_momentum() -> None:
     long = steady_rotations(A.astype(np.longdouble), h.astype(np.longdouble), np.longdouble(1.1))
     assert long.s.dtype == np.longdouble
     assert np.nanmax(np.abs(long.s - steady_rotations(A, h, 1.1).s)) < 1e-15
+
+
+@pytest.mark.parametrize("h", [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.01, 0.02, 0.03)])
+def test_the_separatrix_has_the_same_curves_in_all_units(h: tuple[float, ...]) -> None:
+    """Two circles without a rotor, whose cone is two planes; else a curve through each saddle."""
+
+    def curves(size: int) -> list[list[float]]:
+        unit = 2.0**size
+        found = gyrostat.separatrix_curves(A * unit, np.array(h) * unit, unit)
+        return sorted(curve.ravel().tolist() for curve in found)
+
+    assert len(curves(0)) == 2
+    for size in (-200, 40, 200):
+        np.testing.assert_allclose(curves(size), curves(0), rtol=0, atol=1e-12)
