@@ -1031,6 +1031,33 @@ def test_the_columns_that_say_which_axis_are_those_that_have_no_mean() -> None:
     assert {name for name, column in stored.items() if column.flags} == {*sweep_block.AXIS_LABELS}
 
 
+START = {"p": 1, "q": 0.2, "r": 0.3}
+DISC = {"form": "averaged", "kappa": 0.1, "torque": [0, 0, -0.1], "initial": {"x": 1, "y": 1}}
+
+
+@pytest.mark.parametrize(
+    ("case", "key", "body"),
+    [
+        ({"model": "linear-diag", "inertia": [1, 0.8, 0.6]}, "initial.p", [1, 0.8, 0.6]),
+        ({"model": "linear-diag", "inertia": [1, 0.8, 0.6]}, "inertia.1", None),
+        (
+            {"model": "torques", "inertia": [[1, 0.1, 0], [0.1, 0.8, 0], [0, 0, 0.6]]},
+            "damping",
+            None,
+        ),
+        ({"model": "cavity+constant", "inertia": [8, 8, 4], **DISC}, "initial.x", [8, 8, 4]),
+    ],
+)
+def test_members_share_a_body_along_its_principal_axes(
+    case: dict[str, Any], key: str, body: list[float] | None
+) -> None:
+    """A separatrix on a sphere is that of this body."""
+    damped = {"damping": 0.01, "initial": START} if "form" not in case else {"epsilon": 0.1}
+    swept = damped | case | {"time": {"end": 1}, "sweep": {key: {"values": [0.9, 0.95]}}}
+    moments = SweepView.of("s", hodo_cli.sweep(swept | {"error": "off"})).body()
+    assert (moments is None) if body is None else moments.tolist() == body
+
+
 def view_of(**variables: Any) -> SweepView:
     return SweepView("s", one(f"{FIG4}, {BALL}"), xr.Dataset(variables))
 
