@@ -402,6 +402,11 @@ def test_a_constant_is_a_polynomial_of_one_coefficient() -> None:
         ({"initial": "{r: 1, H: 1}"}, "give theta and r, or Gz, H and r"),
         ({"initial": "{r: 2, Gz: 1, H: 1.9}"}, "no motion has these"),
         ({"initial": "{r: 1, Gz: 0, H: -5}"}, "no motion has these"),
+        # Its u1 and u2 are by 1e-7 and more above 1.
+        (
+            {"inertia": "{A: 1.5, C: 2.5}", "initial": "{r: 2.2, Gz: 5.501, H: 2}"},
+            "no motion has these",
+        ),
         ({"initial": "{r: 1e200, Gz: 1, H: 1e300}"}, "initial: "),
         ({"initial": "{theta: 1, r: 1e200}"}, "out of range"),
         ({"initial": "{theta: 0, r: 1}"}, "u2 = u3"),
