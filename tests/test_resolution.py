@@ -119,6 +119,17 @@ def test_samples_that_nobody_names_follow_the_motion(
     assert data.time.size <= 50_001
 
 
+@pytest.mark.parametrize(("samples", "coarse"), [(201, True), (20_001, False)])
+def test_a_top_turns_in_the_time_of_which_its_rates_are(samples: int, coarse: bool) -> None:
+    top = {
+        "model": "Lagrange-averaged", "form": "full", "inertia": {"A": 1.5, "C": 1}, "mu": 0.5,
+        "a": 0.1, "b": 0.1, "epsilon": 0.001, "initial": {"theta": 1, "r": 2}, "attitude": "yes",
+    }  # fmt: skip
+    motion = hodo_cli.run(top | {"time": {"end": 1, "samples": samples}})
+    assert is_polygon(motion, "axis-trace") is coarse
+    assert is_polygon(motion, "series", variables=["psi"]) is coarse
+
+
 def test_a_thinned_motion_is_a_polygon() -> None:
     cases = hodo_cli.open(ROOT / "runs" / "reference" / "paper1.h5")
     spec = load(ROOT / "configs" / "paper1.yaml").figure("fig4")

@@ -224,6 +224,10 @@ CONSTANT_WITHIN = 1000
 """A quantity that changes by less than so many times the stated error of its motion is constant for
 the eye: it is computed from several values with such errors, which grow along a motion."""
 
+LARGEST_ROUNDING = 1e-6
+"""The largest change, as a part of the size, that counts as rounding: a larger one is seen, and a
+motion that has died down may state an error of any size."""
+
 
 def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     """Give a panel of constant quantities a scale on which they look so, and say it: on that of
@@ -232,7 +236,7 @@ def widen_constant(axes: Axes, curves: Sequence[tuple[Motion, str]]) -> None:
     size = max(largest_length(motion, name) for motion, name in curves)
     # A motion whose error is not measured has some rounding.
     error = max(np.fmax(motion.attrs.get("error", 0.0), EPS) for motion, _ in curves)
-    if not np.ptp(values) <= CONSTANT_WITHIN * error * size:
+    if not np.ptp(values) <= min(CONSTANT_WITHIN * error, LARGEST_ROUNDING) * size:
         return
     middle, half = values.mean(), 0.1 * size or 1.0
     axes.set_ylim(middle - half, middle + half)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cases.figure_block import KINDS_IN_SPACE
+from ..models.constants import attributes
 from .in_space import EULER_ANGLES
 from .motion import Motion
 
@@ -40,20 +41,23 @@ def turns(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     speed = np.linalg.norm(rate, axis=-1)
     with np.errstate(all="ignore"):  # where G stands still it turns by no angle
         curl = np.linalg.norm(np.cross(rate, bend), axis=-1) / speed**2
-    wide = longer_intervals(motion.time) * size
+    wide = longer_intervals(motion) * size
     return np.where(speed > 0, np.nan_to_num(curl), 0) * wide, speed * wide * size
 
 
 def turns_in_space(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """As `turns`, of what the body carries along: it turns by |omega| times the time."""
-    angle = np.linalg.norm(motion.omega, axis=-1) * longer_intervals(motion.time)
+    angle = np.linalg.norm(motion.omega, axis=-1) * longer_intervals(motion)
     return angle, angle * np.abs(motion.G).max(initial=0)
 
 
-def longer_intervals(time: np.ndarray) -> np.ndarray:
-    """The longer of the intervals (n,) beside each of some times (n,)."""
+def longer_intervals(motion: Motion) -> np.ndarray:
+    """The longer of the intervals (n,) beside each sample, in the time of which omega is a rate:
+    that of the full top is the slow one over its small parameter."""
+    time, system = motion.time, motion.case.system
     steps = np.diff(time, prepend=time[:1], append=time[-1:])
-    return np.maximum(steps[:-1], steps[1:])
+    pace = system.turning(attributes(system.constants)) if system.turning else 1.0
+    return np.asarray(np.maximum(steps[:-1], steps[1:]) * pace)
 
 
 def coarse(motion: Motion, drawn: slice, limit: float, in_space: bool) -> str:
