@@ -77,7 +77,8 @@ class Units:
         for name, degree in model.degree.items():
             if name != "g":  # the gyroscopic terms are of rate |omega|, which is 2**new
                 rate = np.maximum(rate, logs[name] + (degree - 1) * new)
-        most = cls(new.astype(np.int64)[()], np.ceil(rate).astype(np.int64)[()])
+        # Of C's int, because ldexp takes ten times as long by a wider one.
+        most = cls(new.astype(np.intc)[()], np.ceil(rate).astype(np.intc)[()])
         # The bound above may be far too fast: a body that turns steadily about an axis needs no
         # steps.
         state = rescaled(model, y.T, size - most.size).T

@@ -293,9 +293,9 @@ class BatchState:
         self.params[:, columns] = params
 
 
-def split_params(params: np.ndarray) -> np.ndarray:
-    """The number of the motion of each column, and the size and the rate of its units (3, k)."""
-    return params[NUMBER:].astype(np.int64)
+def split_params(params: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The number (k,) of the motion of each column, and the size and the rate (k,) of its units."""
+    return params[NUMBER].astype(np.int64), *params[SIZE:].astype(np.intc)
 
 
 def time_reached(end: Any, remaining: Any, lost: Any, rate: Any) -> tuple[Any, Any]:
