@@ -987,13 +987,11 @@ def test_a_package_outside_a_checkout_without_a_library_says_so(tmp_path: Path) 
     for command in (["git", "init", "-q"], ["git", "add", "pyproject.toml"], commit):
         subprocess.run(command, cwd=tmp_path, check=True)
     code = (
-        "import importlib.metadata as metadata, json\n"
-        "plain = metadata.version\n"
-        "def version(name):\n"
-        "    if name == 'scipy':\n"
-        "        raise metadata.PackageNotFoundError\n"
-        "    return plain(name)\n"
-        "metadata.version = version\n"
+        "import json\n"
+        "from hodo_cli import machine\n"
+        "folders = machine.metadata_folders()\n"
+        "known = [folder for folder in folders if not folder.name.startswith('scipy-')]\n"
+        "machine.metadata_folders = lambda: known\n"
         "from hodo_cli.storage.provenance import versions\n"
         "print(json.dumps(versions()))\n"
     )

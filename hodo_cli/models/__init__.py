@@ -6,16 +6,16 @@ import os
 import re
 import sys
 from collections import UserDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from .. import HodoError
+from ..machine import may_have_entry_points
 from ..private import keep_model
 from ..text import grouped
 from .added.mistakes import equations_mistake, with_source_line
@@ -27,7 +27,7 @@ OWN = "HODO_MODELS"
 inherit it."""
 
 GROUP = "hodo.models"
-"""The entry points of installed packages that name a module with models."""
+"""The group of these entry points."""
 
 STATED_NAME = re.compile(r'^    name = "(.+)"$', re.MULTILINE)
 """How a class states its model's name. One that inherits it from another file repeats it."""
@@ -124,7 +124,7 @@ def added_source(name: str) -> str:
 def _added_modules() -> tuple[AddedModule, ...]:
     """The modules of the user's own files and of installed packages, all with a model."""
     added = list(_own_modules)
-    for point in entry_points(group=GROUP):
+    for point in _entry_points():
         source = f"{point.value} (entry point {point.name})"
         try:
             module = import_module(point.module)
@@ -140,6 +140,15 @@ def _added_modules() -> tuple[AddedModule, ...]:
             if message := _class_mistake(form):
                 raise HodoError(f"{source}: {form.__name__}: {message}")
     return tuple(added)
+
+
+def _entry_points() -> Iterable[Any]:
+    """The entry points of installed packages that name a module with models."""
+    if not may_have_entry_points(GROUP):
+        return ()
+    from importlib.metadata import entry_points  # it takes a tenth of a short run to load
+
+    return entry_points(group=GROUP)
 
 
 def _class_mistake(form: type[Model]) -> str:

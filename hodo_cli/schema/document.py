@@ -334,11 +334,10 @@ def write(value: Any) -> str:
 # Only words that no reader, of YAML 1.1 or 1.2, could take for a number, a date or a comment.
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.+-]*")
 # Beside what is unprintable: line breaks of YAML 1.1 (85, 2028, 2029) and byte order marks.
-_ESCAPED = re.compile(
-    "[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
-)
+# Compiled at its first use, since that takes milliseconds and most texts are words.
+_ESCAPED = "[^\x20-\x7e\xa1-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
 
 
 def _quoted(text: str) -> str:
     text = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
-    return '"' + _ESCAPED.sub(lambda match: f"\\u{ord(match[0]):04x}", text) + '"'
+    return '"' + re.sub(_ESCAPED, lambda match: f"\\u{ord(match[0]):04x}", text) + '"'
